@@ -1,0 +1,38 @@
+# Two commands: `make demo` runs the main job, `make test` runs every check. Both set everything up first, once.
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.PHONY: demo test lint types tests slow pictures clean
+
+demo: $(INSTALLED)
+	$(BIN)/python -m experiments.demo --out out/demo
+
+test: lint types tests
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
+	$(BIN)/pyright
+
+tests: $(INSTALLED)
+	$(BIN)/pytest -n 2
+
+# The tests that take longer than a minute each.
+slow: $(INSTALLED)
+	$(BIN)/pytest -m slow
+
+# The pictures of README and docs.
+pictures: $(INSTALLED)
+	$(BIN)/python -m experiments.pictures --out docs/pictures
+
+# Set up again only when what is to be installed has changed.
+$(INSTALLED): pyproject.toml constraints.txt apt-packages.txt tools/setup.sh
+	tools/setup.sh $(VENV)
+	touch $@
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info

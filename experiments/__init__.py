@@ -1,0 +1,1 @@
+"""The demo, the tables, the figures and the benchmarks."""

@@ -1,0 +1,212 @@
+"""Pinhole cameras, rigid transforms, and moving points between pixels and the world.
+
+Conventions (docs/conventions.md): world in metres, right-handed, +Z up; camera in OpenCV axes, +X right, +Y down,
++Z forward; ``intrinsics`` is K (3, 3) in pixels with pixel centres at integer coordinates; ``camera_to_world`` is
+(4, 4); ``depth_m`` is z-depth in metres, 0 where there is no return.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Turns OpenGL camera axes (+Y up, -Z forward: MuJoCo, nerfstudio) into OpenCV ones and back: it is its own inverse."""
+
+
+def intrinsics_from_fov(width_px: int, height_px: int, fov_x_rad: float) -> Float[np.ndarray, "3 3"]:
+    """Intrinsics of an ideal camera with square pixels and the principal point in the middle of the picture.
+
+    Args:
+        width_px: picture width.
+        height_px: picture height.
+        fov_x_rad: horizontal field of view, from the left edge of the first pixel to the right edge of the last.
+
+    Returns:
+        K, in pixels.
+    """
+    focal_px = 0.5 * width_px / np.tan(0.5 * fov_x_rad)
+    return np.array([[focal_px, 0.0, 0.5 * (width_px - 1)], [0.0, focal_px, 0.5 * (height_px - 1)], [0.0, 0.0, 1.0]])
+
+
+def flip_camera_axes(camera_to_world: Float[np.ndarray, "*views 4 4"]) -> Float[np.ndarray, "*views 4 4"]:
+    """Converts ``camera_to_world`` between OpenGL and OpenCV camera axes (the same operation both ways).
+
+    Used once, at the border: when reading or writing nerfstudio files and when asking MuJoCo for a camera.
+    """
+    return camera_to_world @ OPENGL_TO_OPENCV
+
+
+def is_rigid(transform: Float[np.ndarray, "4 4"], tolerance: float = 1e-3) -> bool:
+    """Whether a 4x4 matrix is a rotation plus a translation: finite, orthonormal, right-handed, last row 0 0 0 1."""
+    if not np.all(np.isfinite(transform)):
+        return False
+    rotation = transform[:3, :3]
+    return bool(
+        np.allclose(rotation @ rotation.T, np.eye(3), atol=tolerance)
+        and np.linalg.det(rotation) > 0
+        and np.allclose(transform[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
+    )
+
+
+def invert_rigid(transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    """Inverse of a rigid transform, without a general matrix inversion."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = transform[:3, :3].T
+    inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return inverse
+
+
+def transform_points(transform: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Applies a 4x4 transform to points; the result has the points' dtype."""
+    rotation = transform[:3, :3].astype(points.dtype)
+    return points @ rotation.T + transform[:3, 3].astype(points.dtype)
+
+
+def look_at(eye: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """Pose of an upright camera at ``eye`` that has ``target`` in the middle of its picture.
+
+    Returns:
+        ``camera_to_world`` (OpenCV axes).
+
+    Raises:
+        ValueError: if the target is at the eye, or straight above or below it (the heading is then undefined).
+    """
+    forward = np.asarray(target, float) - np.asarray(eye, float)
+    distance = np.linalg.norm(forward)
+    if distance < 1e-9:
+        raise ValueError(f"look_at needs a target away from the eye; both are at {np.asarray(eye).tolist()}")
+    forward = forward / distance
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-9:
+        raise ValueError("look_at cannot look straight up or down: the heading is undefined there")
+    right /= np.linalg.norm(right)
+    camera_to_world = np.eye(4)
+    camera_to_world[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    camera_to_world[:3, 3] = eye
+    return camera_to_world
+
+
+def pixel_grid(height_px: int, width_px: int) -> Float[np.ndarray, "n 2"]:
+    """The (x, y) coordinates of all pixel centres, row by row, float64."""
+    x, y = np.meshgrid(np.arange(width_px, dtype=float), np.arange(height_px, dtype=float))
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def unproject(
+    pixels: Float[np.ndarray, "n 2"],
+    depth_m: Float[np.ndarray, "n"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+) -> Float[np.ndarray, "n 3"]:
+    """World points seen at ``pixels`` (x, y) at the given z-depths. Source: thesis A.2.1."""
+    rays = (pixels - intrinsics[:2, 2]) / np.diag(intrinsics)[:2]
+    points = np.concatenate([rays * depth_m[:, None], depth_m[:, None]], axis=1)
+    return transform_points(camera_to_world, points)
+
+
+def unproject_depth(
+    depth_m: Float[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+    """World points of all pixels of a depth image that have a return (depth > 0), row by row.
+
+    Returns:
+        The points, and for each the flat (row-major) index of its pixel.
+    """
+    flat = np.flatnonzero(depth_m.ravel() > 0)
+    y, x = np.divmod(flat, depth_m.shape[1])
+    pixels = np.stack([x, y], axis=1).astype(float)
+    return unproject(pixels, depth_m.ravel()[flat].astype(float), intrinsics, camera_to_world), flat
+
+
+def project(
+    points: Float[np.ndarray, "n 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+    """Pixel coordinates (x, y) and z-depths of world points. Source: thesis equation A.1.
+
+    Points with z-depth <= 0 are behind the camera: their pixel coordinates are NaN.
+    """
+    in_camera = transform_points(invert_rigid(camera_to_world), points)
+    depth_m = in_camera[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = in_camera[:, :2] / depth_m[:, None] * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
+    pixels[depth_m <= 0] = np.nan
+    return pixels, depth_m
+
+
+def splat(
+    points: Float[np.ndarray, "n 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+    height_px: int,
+    width_px: int,
+    point_size_m: float = 0.0,
+) -> tuple[Int[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    """Draws a cloud into a view with a z-buffer: each pixel gets the nearest point that covers it.
+
+    Args:
+        points: world points, metres.
+        intrinsics: K of the view.
+        camera_to_world: pose of the view.
+        height_px: picture height.
+        width_px: picture width.
+        point_size_m: edge length of the camera-facing square that a point covers, metres; 0 covers one pixel.
+
+    Returns:
+        For every pixel the index of the point drawn there (-1: none), and its z-depth (inf: none). Of points at
+        equal depth the one with the lowest index is drawn.
+    """
+    pixels, depth_m = project(points, intrinsics, camera_to_world)
+    index_map = np.full((height_px, width_px), -1, np.int32)
+    depth_map = np.full((height_px, width_px), np.inf)
+    candidates = np.flatnonzero(depth_m > 0)
+    half_px = 0.5 * point_size_m * intrinsics[0, 0] / depth_m[candidates]
+    inside = np.all(
+        (pixels[candidates] > -0.5 - half_px[:, None])
+        & (pixels[candidates] < np.array([width_px, height_px]) - 0.5 + half_px[:, None]),
+        axis=1,
+    )
+    candidates, half_px = candidates[inside], half_px[inside]
+    far_to_near = np.lexsort((-candidates, -depth_m[candidates]))
+    candidates, half_px = candidates[far_to_near], half_px[far_to_near]
+    x, y = np.rint(pixels[candidates]).astype(np.int64).T
+    reach = np.maximum(0, np.rint(half_px - 0.5).astype(np.int64))
+    _paint_squares(index_map, depth_map, x, y, reach, candidates, depth_m[candidates])
+    return index_map, depth_map
+
+
+def _paint_squares(index_map, depth_map, x, y, reach, candidates, depth_m) -> None:
+    """Paints squares of (2 reach + 1)^2 pixels from the farthest to the nearest; later ones overwrite earlier ones.
+
+    Squares are painted one offset at a time, so that the work is a handful of vectorised writes; a point is written
+    only where it is nearer than what stands there, which makes the order of the offsets irrelevant.
+    """
+    height_px, width_px = index_map.shape
+    for dy in range(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1):
+        for dx in range(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1):
+            u, v = x + dx, y + dy
+            drawn = (reach >= max(abs(dx), abs(dy))) & (u >= 0) & (u < width_px) & (v >= 0) & (v < height_px)
+            flat = v[drawn] * width_px + u[drawn]
+            points, depths = candidates[drawn], depth_m[drawn]
+            before_depth, before_index = depth_map.ravel()[flat], index_map.ravel()[flat]
+            nearer = (depths < before_depth) | ((depths == before_depth) & (points < before_index))
+            index_map.ravel()[flat[nearer]] = points[nearer]
+            depth_map.ravel()[flat[nearer]] = depths[nearer]
+
+
+def reproject(
+    depth_m: Float[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    from_camera_to_world: Float[np.ndarray, "4 4"],
+    to_camera_to_world: Float[np.ndarray, "4 4"],
+    mask: Bool[np.ndarray, "h w"],
+) -> Bool[np.ndarray, "h w"]:
+    """Moves the pixels of ``mask`` from one view into another of the same size, with a z-buffer over the whole view."""
+    points, flat = unproject_depth(depth_m, intrinsics, from_camera_to_world)
+    index_map, _ = splat(points, intrinsics, to_camera_to_world, *depth_m.shape)
+    moved = np.zeros(depth_m.shape, bool)
+    drawn = index_map >= 0
+    moved[drawn] = mask.ravel()[flat[index_map[drawn]]]
+    return moved

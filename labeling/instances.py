@@ -1,0 +1,159 @@
+"""What is known about objects in views: detections, ground truth, pseudo-labels, 3-D boxes, and masks as COCO RLE."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+CONFIDENT = 0.9
+"""Detections at least this confident are trusted as sources of labels, unless configured. Source: thesis A.2.2."""
+
+
+@dataclass(frozen=True)
+class Box3d:
+    """An oriented box in the world."""
+
+    centre_m: Float[np.ndarray, "3"]
+    extent_m: Float[np.ndarray, "3"]
+    """Full edge lengths along the box's own axes."""
+    rotation: Float[np.ndarray, "3 3"]
+    """Columns are the box's axes in the world."""
+
+    def corners(self) -> Float[np.ndarray, "8 3"]:
+        """The eight corners in the world, metres."""
+        signs = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), axis=-1).reshape(8, 3)
+        return self.centre_m + (signs * self.extent_m) @ self.rotation.T
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What a detector says about one object in one view."""
+
+    view_index: int
+    category: str
+    confidence: float
+    """In [0, 1]."""
+    mask: Bool[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """What the simulator (or an annotator) knows about one object in one view."""
+
+    view_index: int
+    instance_id: int
+    """Identifies the object across the views of an episode."""
+    category: str
+    modal: Bool[np.ndarray, "h w"]
+    """The visible part."""
+    amodal: Bool[np.ndarray, "h w"] | None = None
+    """The whole object, as if nothing stood before it; None where unknown."""
+    box_3d: Box3d | None = None
+    ignore: bool = False
+    """Neither rewarded nor punished in evaluation (COCO's iscrowd), such as a sliver nobody would annotate."""
+
+
+@dataclass(frozen=True)
+class PseudoLabel:
+    """What the label generator says about one object in one view."""
+
+    view_index: int
+    instance_id: int
+    """Identifies the object across the views of an episode."""
+    category: str
+    confidence: float
+    """In [0, 1]."""
+    modal: Bool[np.ndarray, "h w"]
+    """May be empty where only the amodal mask has pixels (the object is hidden in this view)."""
+    amodal: Bool[np.ndarray, "h w"]
+    source_view_index: int
+    """The view of the confident detection this label stems from."""
+    source_confidence: float
+
+
+def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
+    """Tightest box around a mask as COCO writes it: left, top, width, height in pixels; zeros for an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return (0.0, 0.0, 0.0, 0.0)
+    return (
+        float(columns[0]),
+        float(rows[0]),
+        float(columns[-1] - columns[0] + 1),
+        float(rows[-1] - rows[0] + 1),
+    )
+
+
+def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
+    """Intersection over union of two masks; 0 if both are empty."""
+    union = np.count_nonzero(a | b)
+    return np.count_nonzero(a & b) / union if union else 0.0
+
+
+def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict:
+    """COCO compressed RLE of a mask, ready for JSON: ``{"size": [height, width], "counts": text}``."""
+    from hotcoco import mask as coco_mask
+
+    rle = coco_mask.encode(np.asfortranarray(mask, dtype=np.uint8))
+    return {"size": [int(side) for side in rle["size"]], "counts": rle["counts"].decode("ascii")}
+
+
+def decode_mask(rle: dict) -> Bool[np.ndarray, "h w"]:
+    """The mask of a COCO RLE, compressed (text) or uncompressed (list of run lengths).
+
+    Raises:
+        ValueError: if the RLE is malformed or its runs do not fill its size.
+    """
+    from hotcoco import mask as coco_mask
+
+    if not isinstance(rle, dict) or "size" not in rle or "counts" not in rle:
+        raise ValueError("an RLE is an object with 'size' and 'counts'")
+    size = rle["size"]
+    if not (isinstance(size, list | tuple) and len(size) == 2 and all(isinstance(s, int) and s > 0 for s in size)):
+        raise ValueError(f"RLE size must be [height, width] in pixels, not {size!r}")
+    counts = rle["counts"]
+    if isinstance(counts, list):
+        if not all(isinstance(run, int) and run >= 0 for run in counts) or sum(counts) != size[0] * size[1]:
+            raise ValueError(f"RLE runs do not fill {size[0]}x{size[1]} pixels")
+        values = np.arange(len(counts)) % 2 == 1
+        return np.repeat(values, counts).reshape(size[1], size[0]).T
+    if not isinstance(counts, str | bytes):
+        raise ValueError(f"RLE counts must be text or a list of run lengths, not {type(counts).__name__}")
+    text = counts.decode("ascii") if isinstance(counts, bytes) else counts
+    return np.ascontiguousarray(_checked_decode(coco_mask, list(size), text)).astype(bool)
+
+
+def _checked_decode(coco_mask, size: list[int], text: str) -> UInt8[np.ndarray, "h w"]:
+    """Decodes compressed RLE text; refuses runs that do not fill the picture, which decoders pad or cut silently."""
+    filled = _total_run_length(text)
+    if filled != size[0] * size[1]:
+        raise ValueError(f"RLE runs cover {filled} pixels, but its size is {size[0]}x{size[1]}")
+    return coco_mask.decode({"size": size, "counts": text})
+
+
+def _total_run_length(text: str) -> int:
+    """Sum of the runs of a compressed RLE: 5-bit groups, sign-extended, every run from the third on a difference
+    from the run two before. Source: the COCO API's maskApi, ``rleFrString``.
+    """
+    runs: list[int] = []
+    position = 0
+    while position < len(text):
+        value, shift, more = 0, 0, True
+        while more:
+            if position >= len(text):
+                raise ValueError("RLE counts end in the middle of a run")
+            chunk = ord(text[position]) - 48
+            if not 0 <= chunk < 64:
+                raise ValueError(f"RLE counts hold a character outside the code: {text[position]!r}")
+            value |= (chunk & 0x1F) << shift
+            more = bool(chunk & 0x20)
+            position += 1
+            shift += 5
+            if not more and chunk & 0x10:
+                value |= -1 << shift
+        if len(runs) > 2:
+            value += runs[-2]
+        if value < 0:
+            raise ValueError("RLE counts hold a negative run")
+        runs.append(value)
+    return sum(runs)

@@ -1,0 +1,1 @@
+"""Furniture and vehicle models: catalogues, conversion, credits."""

@@ -1,0 +1,1 @@
+"""Renderers that draw a MuJoCo model as colour, depth and geom ids."""

@@ -1,0 +1,58 @@
+"""What a renderer is: something that draws an ``MjModel`` as colour, depth and geom ids from any camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of a scene, all three images from the same rays."""
+
+    rgb: UInt8[np.ndarray, "h w 3"]
+    depth_m: Float32[np.ndarray, "h w"]
+    """z-depth of the pixel centre, metres, 0 where nothing was hit."""
+    geom_id: Int32[np.ndarray, "h w"]
+    """Geom at the pixel centre, -1 where nothing was hit."""
+
+
+class Renderer(Protocol):
+    """Draws one compiled model. Cameras are given outright, so that one renderer serves any camera and picture size."""
+
+    def render(
+        self,
+        data: mujoco.MjData,
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+        height_px: int,
+        width_px: int,
+        *,
+        antialias: bool = True,
+    ) -> Frame:
+        """Draws the scene as it stands in ``data``.
+
+        Args:
+            data: state of the scene; ``mj_forward`` (or ``mj_kinematics``) has been called on it.
+            intrinsics: K, pixels, pixel centres at integer coordinates.
+            camera_to_world: camera pose, OpenCV axes.
+            height_px: picture height.
+            width_px: picture width.
+            antialias: smooth edges in ``rgb``; depth and ids always belong to the pixel centre.
+        """
+        ...
+
+    def amodal_mask(
+        self,
+        data: mujoco.MjData,
+        geom_ids: Sequence[int],
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+        height_px: int,
+        width_px: int,
+    ) -> Bool[np.ndarray, "h w"]:
+        """Pixels whose centre would show one of these geoms if nothing else were there."""
+        ...

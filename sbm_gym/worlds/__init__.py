@@ -1,0 +1,1 @@
+"""Scenes: rooms to explore, what stands in them, and where one can stand."""

@@ -1,0 +1,47 @@
+"""What every world hands to the environment: a MuJoCo scene, the objects in it, and where one can stand."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Int
+
+from labeling.instances import Box3d
+from sbm_gym.worlds.navigable import NavigableMap
+
+GEOM_GROUP_VISUAL = 2
+"""Geoms that are drawn and never touched."""
+GEOM_GROUP_COLLISION = 3
+"""Geoms that are touched and never drawn (MuJoCo's own viewers hide groups 3 and above too)."""
+
+
+@dataclass(frozen=True)
+class ObjectInstance:
+    """One object of a class that detectors know, standing in a world."""
+
+    instance_id: int
+    """Positive, unique within the world."""
+    category: str
+    body_name: str
+    """The MuJoCo body that holds the object's geoms."""
+    box_3d: Box3d
+    """Gravity-aligned, around the whole object, in the model's own axes: +X its right, +Y its back, +Z up."""
+    model_name: str
+    """Which catalogue entry it is, for credits and for keeping models of test scenes out of training."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A furnished scene. The agent is not in it yet: it is added to ``spec`` before compilation."""
+
+    name: str
+    spec: mujoco.MjSpec
+    objects: tuple[ObjectInstance, ...]
+    navigable: NavigableMap
+
+    def instance_of_geom(self, model: mujoco.MjModel) -> Int[np.ndarray, "ngeom"]:
+        """For every geom of the compiled model the ``instance_id`` of the object it belongs to, 0 for none."""
+        instance_of_body = np.zeros(model.nbody, np.int32)
+        for instance in self.objects:
+            instance_of_body[model.body(instance.body_name).id] = instance.instance_id
+        return instance_of_body[model.geom_bodyid]
