@@ -1,0 +1,85 @@
+"""The house rules that a machine can check: one direction of imports, light command lines, a ground floor of its own."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FLOORS = ("labeling", "sbm_gym", "agents", "experiments")
+COMMANDS = (
+    "labeling.generate",
+    "labeling.evaluate",
+    "sbm_gym.assets",
+    "agents.collect",
+    "experiments.demo",
+    "experiments.pictures",
+)
+HEAVY = ("torch", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib", "gymnasium")
+
+
+def modules_of(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def imported_packages(path: Path) -> set[str]:
+    """Top-level names of all imports of a file, also those inside functions."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.add((node.module or "").split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("floor", range(len(FLOORS)), ids=FLOORS)
+def test_no_floor_imports_a_higher_one(floor):
+    higher = set(FLOORS[floor + 1 :])
+    for path in modules_of(FLOORS[floor]):
+        assert not imported_packages(path) & higher, path
+
+
+def test_labeling_never_imports_a_simulator():
+    for path in modules_of("labeling"):
+        assert not imported_packages(path) & {"mujoco", "gymnasium", "stable_baselines3"}, path
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_relative_imports_are_not_used(package):
+    for path in modules_of(package):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert not any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree)), path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_answers_without_loading_anything_heavy(command):
+    program = (
+        "import runpy, sys\n"
+        f"sys.argv = ['python -m {command}', '--help']\n"
+        "try:\n"
+        f"    runpy.run_module({command!r}, run_name='__main__')\n"
+        "except SystemExit as end:\n"
+        "    assert end.code in (0, None), end.code\n"
+        f"loaded = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "assert not loaded, loaded\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
+    assert result.returncode == 0, result.stderr
+    assert "usage" in result.stdout.lower()
+
+
+def test_labeling_runs_where_no_simulator_is_installed(tmp_path, apc_shelf):
+    program = (
+        "import sys\n"
+        "for name in ('mujoco', 'gymnasium', 'stable_baselines3', 'torch', 'open3d'):\n"
+        "    sys.modules[name] = None  # importing it now raises ImportError\n"
+        "import runpy\n"
+        f"sys.argv = ['generate', {str(apc_shelf)!r}, '--confident', '0.6', '--out', {str(tmp_path / 'labels')!r}]\n"
+        "runpy.run_module('labeling.generate', run_name='__main__')\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "labels" / "instances_modal.json").is_file()
