@@ -60,9 +60,13 @@ class Json:
         value = self.get(name).value
         if not isinstance(value, str) or not value or "\x00" in value:
             raise self.error(f"must be a non-empty text, not {_kind(value)}", name)
+        try:
+            value.encode()
+        except UnicodeEncodeError:  # half of a surrogate pair, which JSON can spell but no file or screen can hold
+            raise self.error(f"must be Unicode text, not {_kind(value)}", name) from None
         return value
 
-    def number(self, name: str, default: Any = _REQUIRED, above: float | None = None) -> float:
+    def number(self, name: str, default: Any = _REQUIRED, above: int | float | None = None) -> float:
         """A finite number, above a bound if one is given."""
         if default is not _REQUIRED and not self.has(name):
             return float(default)
@@ -82,10 +86,14 @@ class Json:
 
     def array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
         """Numbers in nested lists of this shape, all finite."""
+        value = self.get(name).value
         try:
-            array = np.array(self.get(name).value, dtype=float)
+            array = np.array(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
             raise self.error("must be nested lists of numbers", name) from None
+        # numpy reads "1", true and null as numbers too.
+        if not all(type(item) in (int, float) for item in np.array(value, dtype=object).ravel()):
+            raise self.error("must be nested lists of numbers", name)
         if array.shape != shape:
             raise self.error(f"must have shape {shape}, not {array.shape}", name)
         if not np.all(np.isfinite(array)):
@@ -105,11 +113,11 @@ def read_json(path: Path) -> Json:
         raise EpisodeFormatError(f"{path}: file is missing") from None
     except (OSError, UnicodeDecodeError) as error:
         raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise EpisodeFormatError(f"{path}: not valid JSON ({error})") from None
 
 
-def _is_finite(value: float) -> bool:
+def _is_finite(value: int | float) -> bool:
     try:
         return bool(np.isfinite(float(value)))
     except OverflowError:

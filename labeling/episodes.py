@@ -11,6 +11,7 @@ An episode is a folder any RGB-D tool can open (docs/data-formats.md)::
     episode.json         optional: where it came from (world, seed, policy, versions, actions, reward terms, categories)
 """
 
+import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from labeling.geometry import flip_camera_axes, is_rigid
 from labeling.instances import Box3d, Detection, GroundTruth, box_xywh, encode_mask
 
 DEPTH_UNIT_M = 0.001
+MAX_DEPTH_UNIT_M = 1000.0
 MAX_FRAME_PX = 64_000_000
 
 
@@ -95,6 +97,9 @@ def read_episode(folder: Path) -> Episode:
     if not frames:
         raise frames_error(transforms, "frames", "has no frames; an episode needs at least one view")
     depth_unit_m = transforms.number("depth_unit_scale_factor", DEPTH_UNIT_M, above=0.0)
+    if depth_unit_m > MAX_DEPTH_UNIT_M:
+        problem = f"is metres per unit of depth; {depth_unit_m:g} is more than the {MAX_DEPTH_UNIT_M:g} accepted"
+        raise frames_error(transforms, "depth_unit_scale_factor", problem)
     rgb, depth, intrinsics, poses, names = [], [], [], [], []
     for frame in frames:
         rgb_path = _inside(folder, frame, "file_path")
@@ -162,18 +167,30 @@ def _inside(folder: Path, frame: Json, name: str) -> Path:
     """The file a frame refers to; refuses paths that lead out of the episode and files that are not there."""
     relative = frame.text(name)
     path = folder / relative
-    if not path.resolve().is_relative_to(folder.resolve()):
+    try:
+        leads_out, exists = not path.resolve().is_relative_to(folder.resolve()), path.is_file()
+    except (OSError, UnicodeError, RuntimeError):  # too long, not writable as a file name, links in a circle
+        raise frames_error(frame, name, f"{relative!r} cannot be a file name") from None
+    if leads_out:
         raise frames_error(frame, name, f"{relative!r} leads out of the episode's folder")
-    if not path.is_file():
+    if not exists:
         raise frames_error(frame, name, f"{relative!r} does not exist")
     return path
 
 
 def _read_png(path: Path) -> np.ndarray:
     """Reads a picture as it is stored; a truncated file is an error, not a picture with a grey half."""
-    content = path.read_bytes()
-    if content[:8] == b"\x89PNG\r\n\x1a\n" and b"IEND" not in content[-16:]:
-        raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
+    if content[:8] == b"\x89PNG\r\n\x1a\n":
+        if b"IEND" not in content[-16:]:
+            raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
+        # Checked before anything is decoded, so that a forged size cannot claim memory.
+        width_px, height_px = struct.unpack(">II", content[16:24])
+        if width_px * height_px > MAX_FRAME_PX:
+            raise EpisodeFormatError(f"{path}: {width_px}x{height_px} pixels are more than the {MAX_FRAME_PX} accepted")
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     except cv2.error:
@@ -204,7 +221,8 @@ def _read_depth(path: Path, size: tuple[int, int], depth_unit_m: float) -> Float
             f"{path}: depth is {_size(image)} pixels but its colour picture is {size[1]}x{size[0]}; "
             "align depth to colour first"
         )
-    return image.astype(np.float32) * np.float32(depth_unit_m)
+    # In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
+    return (image * np.float64(depth_unit_m)).astype(np.float32)
 
 
 def _size(image: np.ndarray) -> str:

@@ -11,6 +11,12 @@ from jaxtyping import Bool, Float, Int
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns OpenGL camera axes (+Y up, -Z forward: MuJoCo, nerfstudio) into OpenCV ones and back: it is its own inverse."""
 
+MAX_VECTORISED_REACH_PX = 8
+"""Squares of points that reach further than this from their centre are painted one by one."""
+
+MAX_COORDINATE_PX = 1e9
+"""Pixel coordinates beyond this are cut off before they become whole numbers."""
+
 
 def intrinsics_from_fov(width_px: int, height_px: int, fov_x_rad: float) -> Float[np.ndarray, "3 3"]:
     """Intrinsics of an ideal camera with square pixels and the principal point in the middle of the picture.
@@ -40,6 +46,8 @@ def is_rigid(transform: Float[np.ndarray, "4 4"], tolerance: float = 1e-3) -> bo
     if not np.all(np.isfinite(transform)):
         return False
     rotation = transform[:3, :3]
+    if np.abs(rotation).max() > 2.0:  # keeps the products below finite
+        return False
     return bool(
         np.allclose(rotation @ rotation.T, np.eye(3), atol=tolerance)
         and np.linalg.det(rotation) > 0
@@ -130,7 +138,7 @@ def project(
     """
     in_camera = transform_points(invert_rigid(camera_to_world), points)
     depth_m = in_camera[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         pixels = in_camera[:, :2] / depth_m[:, None] * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
     pixels[depth_m <= 0] = np.nan
     return pixels, depth_m
@@ -162,7 +170,8 @@ def splat(
     index_map = np.full((height_px, width_px), -1, np.int32)
     depth_map = np.full((height_px, width_px), np.inf)
     candidates = np.flatnonzero(depth_m > 0)
-    half_px = 0.5 * point_size_m * intrinsics[0, 0] / depth_m[candidates]
+    with np.errstate(over="ignore"):
+        half_px = 0.5 * point_size_m * intrinsics[0, 0] / depth_m[candidates]
     inside = np.all(
         (pixels[candidates] > -0.5 - half_px[:, None])
         & (pixels[candidates] < np.array([width_px, height_px]) - 0.5 + half_px[:, None]),
@@ -171,29 +180,42 @@ def splat(
     candidates, half_px = candidates[inside], half_px[inside]
     far_to_near = np.lexsort((-candidates, -depth_m[candidates]))
     candidates, half_px = candidates[far_to_near], half_px[far_to_near]
-    x, y = np.rint(pixels[candidates]).astype(np.int64).T
-    reach = np.maximum(0, np.rint(half_px - 0.5).astype(np.int64))
+    # The clip keeps whole numbers whole: a point that almost touches the camera has a square of any size.
+    x, y = np.rint(np.clip(pixels[candidates], -MAX_COORDINATE_PX, MAX_COORDINATE_PX)).astype(np.int64).T
+    reach = np.maximum(0, np.rint(np.minimum(half_px, MAX_COORDINATE_PX) - 0.5).astype(np.int64))
     _paint_squares(index_map, depth_map, x, y, reach, candidates, depth_m[candidates])
     return index_map, depth_map
 
 
 def _paint_squares(index_map, depth_map, x, y, reach, candidates, depth_m) -> None:
-    """Paints squares of (2 reach + 1)^2 pixels from the farthest to the nearest; later ones overwrite earlier ones.
+    """Paints squares of (2 reach + 1)^2 pixels, given from the farthest to the nearest; the nearest wins each pixel.
 
-    Squares are painted one offset at a time, so that the work is a handful of vectorised writes; a point is written
-    only where it is nearer than what stands there, which makes the order of the offsets irrelevant.
+    Small squares are painted one offset at a time, so that the work is a handful of vectorised writes; a point is
+    written only where it is nearer than what stands there, which makes the order of the offsets irrelevant. The few
+    large ones, of points close to the camera, are painted one by one: their offsets would be too many.
     """
     height_px, width_px = index_map.shape
-    for dy in range(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1):
-        for dx in range(-int(reach.max(initial=0)), int(reach.max(initial=0)) + 1):
+    small = reach <= MAX_VECTORISED_REACH_PX
+    widest = int(reach[small].max(initial=0))
+    for dy in range(-widest, widest + 1):
+        for dx in range(-widest, widest + 1):
             u, v = x + dx, y + dy
-            drawn = (reach >= max(abs(dx), abs(dy))) & (u >= 0) & (u < width_px) & (v >= 0) & (v < height_px)
+            drawn = small & (reach >= max(abs(dx), abs(dy))) & (u >= 0) & (u < width_px) & (v >= 0) & (v < height_px)
             flat = v[drawn] * width_px + u[drawn]
             points, depths = candidates[drawn], depth_m[drawn]
             before_depth, before_index = depth_map.ravel()[flat], index_map.ravel()[flat]
             nearer = (depths < before_depth) | ((depths == before_depth) & (points < before_index))
             index_map.ravel()[flat[nearer]] = points[nearer]
             depth_map.ravel()[flat[nearer]] = depths[nearer]
+    for i in np.flatnonzero(~small):
+        square = (
+            slice(max(0, y[i] - reach[i]), max(0, y[i] + reach[i] + 1)),
+            slice(max(0, x[i] - reach[i]), max(0, x[i] + reach[i] + 1)),
+        )
+        before_depth, before_index = depth_map[square], index_map[square]
+        nearer = (depth_m[i] < before_depth) | ((depth_m[i] == before_depth) & (candidates[i] < before_index))
+        before_index[nearer] = candidates[i]
+        before_depth[nearer] = depth_m[i]
 
 
 def reproject(

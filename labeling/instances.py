@@ -1,6 +1,7 @@
 """What is known about objects in views: detections, ground truth, pseudo-labels, 3-D boxes, and masks as COCO RLE."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -25,15 +26,23 @@ class Box3d:
         return self.centre_m + (signs * self.extent_m) @ self.rotation.T
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Detection:
-    """What a detector says about one object in one view."""
+    """What a detector says about one object in one view. Equal if all fields are, the mask pixel by pixel."""
 
     view_index: int
     category: str
     confidence: float
     """In [0, 1]."""
     mask: Bool[np.ndarray, "h w"]
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Detection)
+            and (self.view_index, self.category, self.confidence)
+            == (other.view_index, other.category, other.confidence)
+            and np.array_equal(self.mask, other.mask)
+        )
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict:
     return {"size": [int(side) for side in rle["size"]], "counts": rle["counts"].decode("ascii")}
 
 
-def decode_mask(rle: dict) -> Bool[np.ndarray, "h w"]:
+def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
     """The mask of a COCO RLE, compressed (text) or uncompressed (list of run lengths).
 
     Raises:
@@ -109,11 +118,11 @@ def decode_mask(rle: dict) -> Bool[np.ndarray, "h w"]:
     if not isinstance(rle, dict) or "size" not in rle or "counts" not in rle:
         raise ValueError("an RLE is an object with 'size' and 'counts'")
     size = rle["size"]
-    if not (isinstance(size, list | tuple) and len(size) == 2 and all(isinstance(s, int) and s > 0 for s in size)):
+    if not (isinstance(size, list | tuple) and len(size) == 2 and all(_is_whole(s) and s > 0 for s in size)):
         raise ValueError(f"RLE size must be [height, width] in pixels, not {size!r}")
     counts = rle["counts"]
     if isinstance(counts, list):
-        if not all(isinstance(run, int) and run >= 0 for run in counts) or sum(counts) != size[0] * size[1]:
+        if not all(_is_whole(run) and run >= 0 for run in counts) or sum(counts) != size[0] * size[1]:
             raise ValueError(f"RLE runs do not fill {size[0]}x{size[1]} pixels")
         values = np.arange(len(counts)) % 2 == 1
         return np.repeat(values, counts).reshape(size[1], size[0]).T
@@ -121,6 +130,11 @@ def decode_mask(rle: dict) -> Bool[np.ndarray, "h w"]:
         raise ValueError(f"RLE counts must be text or a list of run lengths, not {type(counts).__name__}")
     text = counts.decode("ascii") if isinstance(counts, bytes) else counts
     return np.ascontiguousarray(_checked_decode(coco_mask, list(size), text)).astype(bool)
+
+
+def _is_whole(value: object) -> bool:
+    """Whether this is a whole number; true and false are none, though Python counts them as such."""
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _checked_decode(coco_mask, size: list[int], text: str) -> UInt8[np.ndarray, "h w"]:
@@ -145,6 +159,8 @@ def _total_run_length(text: str) -> int:
             chunk = ord(text[position]) - 48
             if not 0 <= chunk < 64:
                 raise ValueError(f"RLE counts hold a character outside the code: {text[position]!r}")
+            if shift > 60:
+                raise ValueError("RLE counts hold a run of more than 60 bits")
             value |= (chunk & 0x1F) << shift
             more = bool(chunk & 0x20)
             position += 1

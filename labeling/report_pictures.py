@@ -1,0 +1,160 @@
+"""Pictures of a report: small JPEGs of the views, and outlines of masks as SVG paths with tags."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+THUMBNAIL_AREA_PX = 320 * 240
+THUMBNAIL_WIDTH_PX = 480
+JPEG_QUALITY = 82
+
+PALETTE = (
+    "#e6194b", "#0072b2", "#f58231", "#2a9d3a", "#911eb4", "#b8860b", "#00a2a2", "#d81b9c",
+    "#5b5bd6", "#8c4a2f", "#6a9a00", "#c2185b", "#007a5e", "#4a6fa5", "#a0522d", "#7a4fbf",
+)  # fmt: skip
+"""Colours of objects: told apart on photographs, dark enough to carry white text."""
+
+UNMATCHED = "#3c4043"
+"""Colour of predictions that overlap no object of their category."""
+
+TAG_FONT_PX = 9.5
+TAG_HEIGHT_PX = 13.0
+MAX_TAG_LETTERS = 22
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """One mask to draw over a view."""
+
+    mask: Bool[np.ndarray, "h w"]
+    colour: str
+    tag: str
+    tooltip: str
+    dashed: bool = False
+    """For what does not count: predictions without a partner, ignored ground truth."""
+
+
+def thumbnail_size(height_px: int, width_px: int) -> tuple[int, int]:
+    """Height and width of a view's thumbnail; never larger than the view."""
+    scale = min(1.0, (THUMBNAIL_AREA_PX / (height_px * width_px)) ** 0.5, THUMBNAIL_WIDTH_PX / width_px)
+    return max(1, round(height_px * scale)), max(1, round(width_px * scale))
+
+
+def jpeg_data_uri(rgb: UInt8[np.ndarray, "h w 3"]) -> str:
+    """A thumbnail of a picture as a ``data:`` address."""
+    height_px, width_px = thumbnail_size(*rgb.shape[:2])
+    small = cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    ok, encoded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert ok
+    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
+
+
+def mask_path(mask: Bool[np.ndarray, "h w"], scale: float) -> str:
+    """Outline of a mask, holes included, as SVG path data in thumbnail pixels.
+
+    Outlines are simplified to half a thumbnail pixel; specks below two thumbnail pixels are left out, unless the mask
+    has nothing larger.
+    """
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    smallest = 2.0 / scale**2
+    large = [contour for contour in contours if cv2.contourArea(contour) >= smallest]
+    parts = []
+    for contour in large or sorted(contours, key=len)[-1:]:
+        points = (cv2.approxPolyDP(contour, 0.5 / scale, True).reshape(-1, 2) + 0.5) * scale
+        parts.append("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist()) + "Z")
+    return "".join(parts)
+
+
+def panel(image_id: str, size: tuple[int, int], overlays: Sequence[Overlay], name: str) -> str:
+    """One view with masks over it, as an SVG element.
+
+    Args:
+        image_id: id of the element that holds the view's thumbnail.
+        size: the view's height and width in pixels.
+        overlays: what to draw.
+        name: says what the panel shows, for readers who do not see it.
+    """
+    height_px, width_px = thumbnail_size(*size)
+    scale = width_px / size[1]
+    # Large masks first, so that a small object on a large one stays visible and its tooltip within reach.
+    drawn = [overlay for overlay in overlays if overlay.mask.any()]
+    drawn.sort(key=lambda overlay: -np.count_nonzero(overlay.mask))
+    shapes = "".join(_shape(overlay, scale) for overlay in drawn)
+    tags = _tags(drawn, scale, height_px, width_px)
+    return (
+        f'<svg viewBox="0 0 {width_px} {height_px}" role="img" aria-label="{escape(name)}">'
+        f'<use href="#{image_id}"/>{shapes}{tags}</svg>'
+    )
+
+
+def picture_store(pictures: dict[str, UInt8[np.ndarray, "h w 3"]]) -> str:
+    """An invisible SVG element that holds each view's thumbnail once, for all panels that show it."""
+    images = []
+    for image_id, rgb in pictures.items():
+        height_px, width_px = thumbnail_size(*rgb.shape[:2])
+        images.append(f'<image id="{image_id}" width="{width_px}" height="{height_px}" href="{jpeg_data_uri(rgb)}"/>')
+    return f'<svg class="store" width="0" height="0" aria-hidden="true"><defs>{"".join(images)}</defs></svg>'
+
+
+def _shape(overlay: Overlay, scale: float) -> str:
+    dash = ' stroke-dasharray="4 2.5"' if overlay.dashed else ""
+    opacity = 0.16 if overlay.dashed else 0.36
+    path = mask_path(overlay.mask, scale)
+    # A pale line below the coloured one keeps the outline readable on any background.
+    return (
+        f'<path d="{path}" fill="none" stroke="#fff" stroke-opacity=".75" stroke-width="2.6"/>'
+        f'<path d="{path}" fill="{overlay.colour}" fill-opacity="{opacity}" fill-rule="evenodd" '
+        f'stroke="{overlay.colour}" stroke-width="1.5" stroke-linejoin="round"{dash}>'
+        f"<title>{escape(overlay.tooltip)}</title></path>"
+    )
+
+
+def _tags(overlays: Sequence[Overlay], scale: float, height_px: int, width_px: int) -> str:
+    """Name tags above the masks' upper left corners, moved where they would cover another tag."""
+    placed: list[tuple[float, float, float]] = []
+    parts = []
+    for overlay in sorted(overlays, key=lambda item: int(np.argmax(item.mask.any(axis=1)))):
+        text = shorten(overlay.tag, MAX_TAG_LETTERS)
+        width = min(width_px - 2.0, len(text) * TAG_FONT_PX * 0.6 + 6.0)
+        x = min(max(1.0, float(np.argmax(overlay.mask.any(axis=0))) * scale), width_px - width - 1.0)
+        above = float(np.argmax(overlay.mask.any(axis=1))) * scale - TAG_HEIGHT_PX - 1.0
+        y = min(max(1.0, above), height_px - TAG_HEIGHT_PX - 1.0)
+        y = _free_height(x, y, width, placed, height_px)
+        placed.append((x, y, width))
+        parts.append(
+            f'<g pointer-events="none"><rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{TAG_HEIGHT_PX:g}" '
+            f'rx="2" fill="{overlay.colour}" fill-opacity=".92"/>'
+            f'<text x="{x + 3:.1f}" y="{y + 9.6:.1f}" font-size="{TAG_FONT_PX:g}" fill="#fff">{escape(text)}</text></g>'
+        )
+    return "".join(parts)
+
+
+def _free_height(
+    x: float, y: float, width: float, placed: Sequence[tuple[float, float, float]], height_px: int
+) -> float:
+    """The first height from y down, then from y up, at which a tag covers no other; y if there is none."""
+    step = TAG_HEIGHT_PX + 1.0
+    count = int(height_px // step)
+    for offset in [*range(count), *(-up for up in range(1, count))]:
+        tried = y + offset * step
+        if not 0 <= tried <= height_px - TAG_HEIGHT_PX:
+            continue
+        if all(
+            abs(tried - other_y) >= TAG_HEIGHT_PX or x >= other_x + other_width or other_x >= x + width
+            for other_x, other_y, other_width in placed
+        ):
+            return tried
+    return y
+
+
+def shorten(text: str, most: int) -> str:
+    """The text, with its middle left out where it is longer than ``most`` letters."""
+    if len(text) <= most:
+        return text
+    tail = (most - 1) // 2
+    return text[: most - 1 - tail] + "…" + text[len(text) - tail :]
