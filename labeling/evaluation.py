@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from labeling.errors import UsageError
-from labeling.evaluation_records import EpisodeRecords, note_missing, read_records
+from labeling.evaluation_records import EpisodeRecords, note_missing, read_records, without_nameless
 from labeling.label_reader import LabelSet, View, read_label_set
 from labeling.matching import Kind, MaskInstance, Match, match, mean_iou
 from labeling.metrics import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
@@ -33,7 +33,7 @@ PROTOCOL = {
     "boxes": "the tightest box around each mask",
     "ignored": (
         "ground truth marked ignored (COCO iscrowd) is neither rewarded nor punished; ground truth and labels without "
-        "a visible pixel are left out of the modal figures"
+        "a visible pixel are left out of the modal figures; so are categories that the detector has no name for"
     ),
     "detector": "all detections of the episodes at every confidence, on the views the label set covers",
     "amodal": "pseudo-labels' whole-object masks against ground truth's, on views where that is known for all objects",
@@ -83,7 +83,7 @@ def evaluate_label_set(
     if dataset is None:
         raise UsageError(f"{folder}: label_set.json does not say which dataset it was made from; give --dataset")
     notes: list[str] = []
-    episodes = tuple(read_records(dataset, labels, progress, notes))
+    episodes = without_nameless(tuple(read_records(dataset, labels, progress, notes)), labels, notes)
     note_missing(episodes, labels, notes)
     kept = {view for episode in episodes for view in episode.views}
     truths = [item for episode in episodes for item in episode.truths]

@@ -1,7 +1,7 @@
 """What evaluation needs of a dataset: detections and ground truth of the views that a label set covers."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labeling.episodes import Episode, find_episodes, read_episode
@@ -27,6 +27,8 @@ class EpisodeRecords:
     amodal_truths: tuple[MaskInstance, ...]
     amodal_views: frozenset[View]
     """Views in which the amodal mask of every object is known."""
+    detector_categories: frozenset[str] | None = None
+    """What the detector has names for; None if the episode does not say (``detector_categories`` of episode.json)."""
 
 
 def read_records(
@@ -117,6 +119,48 @@ def _records(folder: Path, episode: Episode, labels: LabelSet) -> EpisodeRecords
             if t.amodal is not None
         ),
         amodal_views=frozenset(view for view in views if view[1] not in unknown),
+        detector_categories=_detector_categories(folder, episode),
+    )
+
+
+def _detector_categories(folder: Path, episode: Episode) -> frozenset[str] | None:
+    names = episode.metadata.get("detector_categories")
+    if names is None:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise EpisodeFormatError(f"{folder / 'episode.json'}: detector_categories: must be a list of names")
+    return frozenset(names)
+
+
+def without_nameless(
+    episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: list[str]
+) -> tuple[EpisodeRecords, ...]:
+    """Leaves out ground truth of categories that neither the detector nor the labels have a name for.
+
+    A category the detector was never taught says nothing about either of them; as in the thesis (5.1.2), figures are
+    about the categories that detector and world share. Where an episode does not say what its detector knows,
+    nothing is left out.
+    """
+    known: set[str] = {item.category for item in [*labels.modal, *labels.amodal]}
+    for episode in episodes:
+        if episode.detector_categories is None:
+            return tuple(episodes)
+        known |= episode.detector_categories | {item.category for item in episode.detections}
+    gone = sorted({item.category for episode in episodes for item in episode.truths} - known)
+    if gone:
+        notes.append(f"left out, categories that the detector has no name for: {_listing(gone)}")
+    return tuple(
+        replace(
+            episode,
+            truths=tuple(item for item in episode.truths if item.category in known),
+            instance_ids=tuple(
+                number
+                for number, item in zip(episode.instance_ids, episode.truths, strict=True)
+                if item.category in known
+            ),
+            amodal_truths=tuple(item for item in episode.amodal_truths if item.category in known),
+        )
+        for episode in episodes
     )
 
 

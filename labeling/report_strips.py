@@ -1,7 +1,7 @@
 """The view strips of a report: which views to show, and detection, pseudo-label and ground truth side by side."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 
 import cv2
@@ -91,7 +91,7 @@ def draw_strips(
         for view in views:
             image_id = f"e{number}v{view[1]}"
             pictures[image_id] = _thumbnail(episode.rgb[view[1]])
-            html[view] = _strip(episode, view, [item for item in labels if item.image == view], image_id)
+            html[view] = _strip(episode, records, view, [item for item in labels if item.image == view], image_id)
     return Strips(html, pictures, worst, of_episode)
 
 
@@ -101,9 +101,14 @@ def _thumbnail(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "small_h sm
     return cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
 
 
-def _strip(episode: Episode, view: View, labels: Sequence[MaskInstance], image_id: str) -> str:
+def _strip(episode: Episode, records: EpisodeRecords, view: View, labels: Sequence[MaskInstance], image_id: str) -> str:
     """Three panels and the objects' IoUs, of one view."""
-    truth = [t for t in episode.ground_truth or () if t.view_index == view[1] and t.modal.any()]
+    counted = {item.category for item in records.truths}
+    truth = [
+        replace(t, ignore=t.ignore or t.category not in counted)
+        for t in episode.ground_truth or ()
+        if t.view_index == view[1] and t.modal.any()
+    ]
     truths = [MaskInstance(view, t.category, encode_mask(t.modal), ignore=t.ignore) for t in truth]
     order = sorted({t.instance_id for t in episode.ground_truth or ()})
     colours = [PALETTE[order.index(t.instance_id) % len(PALETTE)] for t in truth]

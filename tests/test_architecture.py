@@ -74,8 +74,12 @@ def test_help_answers_without_loading_anything_heavy(command):
 def test_labeling_runs_where_no_simulator_is_installed(tmp_path, apc_shelf):
     program = (
         "import sys\n"
-        "for name in ('mujoco', 'gymnasium', 'stable_baselines3', 'torch', 'open3d'):\n"
-        "    sys.modules[name] = None  # importing it now raises ImportError\n"
+        "from importlib.abc import MetaPathFinder\n"
+        "class Absent(MetaPathFinder):\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.split('.')[0] in ('mujoco', 'gymnasium', 'stable_baselines3', 'torch', 'open3d'):\n"
+        "            raise ModuleNotFoundError(name)\n"
+        "sys.meta_path.insert(0, Absent())\n"
         "import runpy\n"
         f"sys.argv = ['generate', {str(apc_shelf)!r}, '--confident', '0.6', '--out', {str(tmp_path / 'labels')!r}]\n"
         "runpy.run_module('labeling.generate', run_name='__main__')\n"

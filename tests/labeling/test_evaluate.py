@@ -155,6 +155,25 @@ def test_what_is_left_out_is_said(scene):
         assert expected in notes
 
 
+def test_categories_that_the_detector_has_no_name_for_are_left_out(scene):
+    chairs = tuple(d for d in scene.add_episode("one").detections if d.category == "chair")
+    scene.write_labels(lambda truth: ("chair", 0.9, truth.modal) if truth.category == "chair" else None)
+    scene.add_episode("one", detections=chairs, metadata={"detector_categories": ["chair"]})
+    metrics = metrics_of(scene)
+    assert list(metrics["pseudo_labels"]["per_class"]) == ["chair"]
+    assert metrics["pseudo_labels"]["mean_iou"] == 1
+    assert metrics["counts"]["ground_truth_instances"] == 2
+    assert metrics["notes"] == ["left out, categories that the detector has no name for: plant"]
+    # A detector that knows plants and sees none has missed them; so has one that does not say what it knows.
+    for metadata in ({"detector_categories": ["chair", "plant"]}, {}):
+        scene.add_episode("one", detections=chairs, metadata=metadata)
+        assert metrics_of(scene)["detector"]["per_class"]["plant"]["mean_iou"] == 0
+    # Labels may name more than the detector: then both are judged on it.
+    scene.write_labels()
+    scene.add_episode("one", detections=chairs, metadata={"detector_categories": ["chair"]})
+    assert list(metrics_of(scene)["pseudo_labels"]["per_class"]) == ["chair", "plant"]
+
+
 def test_an_episode_can_be_the_dataset(scene):
     scene.add_episode("one")
     scene.write_labels(summary={"dataset": "../dataset/one"})
