@@ -17,7 +17,7 @@ COMMANDS = (
     "experiments.demo",
     "experiments.pictures",
 )
-HEAVY = ("torch", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib", "gymnasium")
+HEAVY = ("torch", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib")
 
 
 def modules_of(package: str) -> list[Path]:

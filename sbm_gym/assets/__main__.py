@@ -1,0 +1,112 @@
+"""``python -m sbm_gym.assets``: list, install and credit the furniture that worlds are made of."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from labeling.errors import SbmError
+
+
+@dataclass(frozen=True)
+class ListModels:
+    """Print a table of the usable models by class."""
+
+    category: str | None = None
+    """Only this class, such as chair; all of them if not given."""
+
+
+@dataclass(frozen=True)
+class Install:
+    """Convert all models into the cache, so that no world has to wait for it, and write CREDITS.md beside them."""
+
+
+@dataclass(frozen=True)
+class Credits:
+    """Print who made the models, and under which licences."""
+
+    out: Path | None = None
+    """File to write instead of printing."""
+
+
+Command = (
+    Annotated[ListModels, tyro.conf.subcommand("list")]
+    | Annotated[Install, tyro.conf.subcommand("install")]
+    | Annotated[Credits, tyro.conf.subcommand("credits")]
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns the exit code."""
+    command = tyro.cli(Command, prog="python -m sbm_gym.assets", description=__doc__, args=arguments)  # type: ignore[arg-type]
+    try:
+        if isinstance(command, ListModels):
+            _list(command.category)
+        elif isinstance(command, Install):
+            _install()
+        else:
+            _credits(command.out)
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _list(category: str | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from labeling.errors import UsageError
+    from sbm_gym.assets.classes import categories
+    from sbm_gym.assets.library import Home3dLibrary
+
+    if category is not None and category not in categories():
+        raise UsageError(f"there is no class {category!r}; classes are {', '.join(categories())}")
+    table = Table("class", "use", "model", "name", "width x depth x height (m)", "creator")
+    cards = Home3dLibrary().cards()
+    order = [*categories(), None]
+    for card in sorted(cards, key=lambda card: order.index(card.category)):
+        if category in (None, card.category):
+            size = " x ".join(f"{side:.2f}" for side in card.size_m)
+            table.add_row(card.category or "-", card.use, card.model_id, card.name, size, card.creator)
+    console = Console()
+    console.print(table)
+    counts = {name: sum(card.category == name for card in cards) for name in categories()}
+    console.print(", ".join(f"{name} {count}" for name, count in counts.items()))
+
+
+def _install() -> None:
+    from tqdm import tqdm
+
+    from labeling.files import atomic_file
+    from sbm_gym.assets.credits import credits_text
+    from sbm_gym.assets.home3d import cache_folder
+    from sbm_gym.assets.library import Home3dLibrary
+
+    library = Home3dLibrary()
+    with tqdm(total=len(library.cards()), unit="model", desc="converting") as bar:
+        library.install(lambda card: bar.set_postfix_str(card.name, refresh=bool(bar.update())))
+    path = cache_folder() / "CREDITS.md"
+    with atomic_file(path) as temporary:
+        temporary.write_text(credits_text(library), encoding="utf-8")
+    print(f"{len(library.cards())} models in {cache_folder()}; credits in {path}")
+
+
+def _credits(out: Path | None) -> None:
+    from labeling.files import atomic_file
+    from sbm_gym.assets.credits import credits_text
+    from sbm_gym.assets.library import Home3dLibrary
+
+    text = credits_text(Home3dLibrary())
+    if out is None:
+        print(text, end="")
+        return
+    with atomic_file(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    print(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

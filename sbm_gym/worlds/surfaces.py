@@ -1,0 +1,243 @@
+"""Pictures of building materials made from noise: planks, carpet, tiles, plaster, wallpaper, views, paintings.
+
+All pictures of materials tile without a seam. Each comes with the length of wall or floor that it covers.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+
+@dataclass(frozen=True)
+class Material:
+    """A tiling picture of a building material."""
+
+    texture: UInt8[np.ndarray, "h w 3"]
+    size_m: tuple[float, float]
+    """Width and height that one picture covers."""
+    specular: float = 0.0
+    shininess: float = 0.3
+
+
+def periodic_noise(
+    rng: np.random.Generator, shape: tuple[int, int], scale: tuple[float, float]
+) -> Float[np.ndarray, "h w"]:
+    """Smooth noise that tiles: white noise blurred by a Gaussian around the torus.
+
+    Args:
+        rng: source of randomness.
+        shape: height and width, pixels.
+        scale: standard deviations of the Gaussian down and across, pixels.
+
+    Returns:
+        Noise of mean 0 and standard deviation 1.
+    """
+    frequency_y = np.fft.fftfreq(shape[0])[:, None]
+    frequency_x = np.fft.rfftfreq(shape[1])[None]
+    # Fourier transform of a Gaussian of standard deviation s: exp(-2 (pi s f)^2).
+    keep = np.exp(-2 * np.pi**2 * ((scale[0] * frequency_y) ** 2 + (scale[1] * frequency_x) ** 2))
+    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * keep, s=shape)
+    noise -= noise.mean()
+    return noise / max(noise.std(), 1e-12)
+
+
+def _picture(colour: Float[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
+    return np.clip(np.rint(colour), 0, 255).astype(np.uint8)
+
+
+def _pick(rng: np.random.Generator, palette: list[tuple[int, int, int]]) -> Float[np.ndarray, "3"]:
+    return np.array(palette[rng.integers(len(palette))], float) + rng.normal(0, 4, 3)
+
+
+_WOODS = [(122, 84, 54), (156, 112, 72), (184, 146, 104), (98, 66, 44), (168, 134, 98), (140, 118, 96), (196, 168, 130)]
+_CARPETS = [
+    (150, 140, 126),
+    (104, 110, 120),
+    (128, 104, 92),
+    (92, 104, 92),
+    (170, 160, 146),
+    (84, 88, 112),
+    (136, 128, 122),
+]
+_TILES = [(206, 200, 190), (180, 172, 160), (150, 150, 150), (222, 218, 210), (160, 132, 110), (112, 116, 120)]
+_WALLS = [
+    (226, 220, 208),
+    (214, 214, 210),
+    (222, 210, 188),
+    (200, 208, 212),
+    (206, 214, 198),
+    (228, 224, 220),
+    (210, 196, 184),
+]
+
+
+def wood_planks(rng: np.random.Generator) -> Material:
+    """A floor of planks, ten rows of 12 cm, each row with two joints."""
+    rows, side = 10, 500
+    row_px = side // rows
+    base = _pick(rng, _WOODS)
+    tone = np.zeros((side, side))
+    seam = np.zeros((side, side), bool)
+    for row in range(rows):
+        at = slice(row * row_px, (row + 1) * row_px)
+        start = int(rng.integers(side))
+        cut = start + int(side * rng.uniform(0.4, 0.6))
+        column = (np.arange(side) - start) % side < (cut - start)
+        tones = rng.normal(0, 0.09, 2)
+        tone[at] += np.where(column, tones[0], tones[1])
+        seam[at, start % side] = seam[at, cut % side] = True
+        seam[row * row_px] = True
+    # Grain belongs to its plank, so each row gets its own stretch of noise.
+    grain = (
+        periodic_noise(rng, (side, side), (1.0, 30.0)) * 0.045 + periodic_noise(rng, (side, side), (3.0, 60.0)) * 0.04
+    )
+    for row in range(rows):
+        at = slice(row * row_px, (row + 1) * row_px)
+        grain[at] = np.roll(grain[at], int(rng.integers(side)), axis=1)
+    shade = 1 + tone + grain
+    shade[seam] *= 0.62
+    return Material(_picture(base * shade[..., None]), (1.2, 1.2), specular=0.15, shininess=0.4)
+
+
+def parquet(rng: np.random.Generator) -> Material:
+    """Basket-weave parquet: squares of five short staves, turned in turn."""
+    squares, staves, stave_px = 4, 5, 25
+    square_px = staves * stave_px
+    side = squares * square_px
+    base = _pick(rng, _WOODS)
+    shade = np.ones((side, side))
+    along = periodic_noise(rng, (side, side), (1.2, 25.0)) * 0.05
+    for i in range(squares):
+        for j in range(squares):
+            block = np.repeat(1 + rng.normal(0, 0.08, staves), stave_px)[:, None] * np.ones(square_px)
+            block += np.roll(along, int(rng.integers(side)), axis=1)[:square_px, :square_px]
+            block[::stave_px] *= 0.68
+            block[:, 0] *= 0.68
+            shade[i * square_px : (i + 1) * square_px, j * square_px : (j + 1) * square_px] = (
+                block if (i + j) % 2 else block.T
+            )
+    return Material(_picture(base * shade[..., None]), (1.2, 1.2), specular=0.15, shininess=0.4)
+
+
+def carpet(rng: np.random.Generator) -> Material:
+    """Wall-to-wall carpet: fine pile with slow changes of tone."""
+    side = 384
+    pile = periodic_noise(rng, (side, side), (0.7, 0.7)) * 0.06 + periodic_noise(rng, (side, side), (12, 12)) * 0.025
+    return Material(_picture(_pick(rng, _CARPETS) * (1 + pile)[..., None]), (1.0, 1.0))
+
+
+def tiles(rng: np.random.Generator) -> Material:
+    """Square floor tiles with grout."""
+    count, tile_px = 4, 110
+    side = count * tile_px
+    base = _pick(rng, _TILES)
+    shade = np.repeat(np.repeat(1 + rng.normal(0, 0.035, (count, count)), tile_px, axis=0), tile_px, axis=1)
+    shade = (
+        shade + periodic_noise(rng, (side, side), (10, 10)) * 0.02 + periodic_noise(rng, (side, side), (2, 2)) * 0.012
+    )
+    colour = base * shade[..., None]
+    inside = np.minimum(np.arange(side) % tile_px, (tile_px - 1) - np.arange(side) % tile_px)
+    grout = (inside[:, None] < 2) | (inside[None] < 2)
+    colour[grout] = base * 0.62 + 10
+    size = count * float(rng.choice([0.3, 0.33, 0.45]))
+    return Material(_picture(colour), (size, size), specular=0.3, shininess=0.6)
+
+
+def plaster(rng: np.random.Generator) -> Material:
+    """Painted plaster."""
+    side = 384
+    rough = periodic_noise(rng, (side, side), (1.5, 1.5)) * 0.010 + periodic_noise(rng, (side, side), (20, 20)) * 0.010
+    return Material(_picture(_pick(rng, _WALLS) * (1 + rough)[..., None]), (1.5, 1.5))
+
+
+def wallpaper(rng: np.random.Generator) -> Material:
+    """Wallpaper with stripes, dots or leaves in a tone near its ground."""
+    side = 400
+    ground = _pick(rng, _WALLS)
+    y, x = np.mgrid[0:side, 0:side] / side
+    kind = int(rng.integers(3))
+    if kind == 0:
+        bands = int(rng.integers(4, 9))
+        figure = (np.sin(2 * np.pi * bands * x) > rng.uniform(-0.3, 0.6)).astype(float)
+    else:
+        count = int(rng.integers(4, 8))
+        u = (x * count + 0.5 * (np.floor(y * count).astype(int) % 2 if count % 2 == 0 else 0)) % 1 - 0.5
+        v = (y * count) % 1 - 0.5
+        if kind == 1:
+            figure = (np.hypot(u, v) < rng.uniform(0.1, 0.22)).astype(float)
+        else:
+            angle, radius = np.arctan2(v, u), np.hypot(u, v)
+            figure = (radius < 0.36 * np.abs(np.cos(rng.integers(2, 4) * angle))).astype(float)
+    tint = 1 + rng.choice([-1, 1]) * rng.uniform(0.04, 0.10)
+    fibre = 1 + periodic_noise(rng, (side, side), (1, 1)) * 0.008
+    colour = ground * np.where(figure[..., None] > 0, tint, 1.0) * fibre[..., None]
+    return Material(_picture(colour), (1.0, 1.0))
+
+
+def ceiling(rng: np.random.Generator) -> Material:
+    """White paint on a slightly rough ceiling."""
+    side = 256
+    rough = periodic_noise(rng, (side, side), (1.2, 1.2)) * 0.008
+    return Material(_picture(np.array([238.0, 237.0, 233.0]) * (1 + rough)[..., None]), (1.5, 1.5))
+
+
+def rug(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
+    """A woven rug: borders around a field of lozenges, stripes or plain pile. Does not tile."""
+    height, width = 256, 384
+    palette = [
+        _pick(rng, [(120, 40, 44), (44, 62, 96), (176, 150, 110), (70, 92, 84), (196, 188, 172), (90, 78, 72)])
+        for _ in range(3)
+    ]
+    y, x = np.mgrid[0:height, 0:width]
+    edge = np.minimum(np.minimum(y, height - 1 - y), np.minimum(x, width - 1 - x))
+    colour = np.broadcast_to(palette[0], (height, width, 3)).copy()
+    kind = int(rng.integers(3))
+    if kind == 0:
+        step = int(rng.integers(24, 48))
+        lozenge = (np.abs((x % step) - step / 2) + np.abs((y % step) - step / 2)) < 0.3 * step
+        colour[lozenge] = palette[1]
+    elif kind == 1:
+        stripes = (x // int(rng.integers(12, 30))) % 3
+        colour = np.stack(palette)[stripes]
+    border = int(rng.integers(10, 26))
+    colour[edge < border] = palette[2]
+    colour[edge < border // 3] = palette[0] * 0.8
+    pile = periodic_noise(rng, (height, width), (0.8, 0.8)) * 0.06
+    return _picture(colour * (1 + pile)[..., None])
+
+
+def landscape(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
+    """What a window shows: sky, clouds, far hills, trees. Does not tile at its top and bottom."""
+    height, width = 256, 384
+    y = np.linspace(0, 1, height)[:, None]
+    sky = (1 - y)[..., None] * np.array([120, 165, 215.0]) + y[..., None] * np.array([226, 234, 240.0])
+    colour = np.broadcast_to(sky, (height, width, 3)).copy()
+    cloud = np.clip(periodic_noise(rng, (height, width), (10, 34)), 0, 2)[..., None] * 0.25
+    colour = colour * (1 - cloud) + 250 * cloud
+    for level, tone, rough in ((0.52, (150, 170, 180), 40), (0.62, (110, 138, 110), 18), (0.74, (74, 104, 62), 5)):
+        line = level + 0.05 * periodic_noise(rng, (1, width), (1, rough))[0]
+        texture = 1 + 0.10 * periodic_noise(rng, (height, width), (2, 3))
+        below = y >= line[None]
+        colour[below] = (np.array(tone, float) * texture[..., None])[below]
+    return _picture(colour)
+
+
+def painting(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture for a wall: a landscape, colour fields or soft shapes."""
+    kind = int(rng.integers(3))
+    if kind == 0:
+        return landscape(rng)
+    height, width = 192, 192
+    y, x = np.mgrid[0:height, 0:width] / height
+    colour = np.broadcast_to(rng.uniform(150, 240, 3), (height, width, 3)).copy()
+    for _ in range(int(rng.integers(3, 8))):
+        tone = rng.uniform(20, 235, 3)
+        cx, cy, sx, sy = *rng.uniform(0.1, 0.9, 2), *rng.uniform(0.08, 0.4, 2)
+        if kind == 1:
+            inside = (np.abs(x - cx) < sx) & (np.abs(y - cy) < sy)
+        else:
+            inside = ((x - cx) / sx) ** 2 + ((y - cy) / sy) ** 2 < 1
+        colour[inside] = tone
+    brush = 1 + periodic_noise(rng, (height, width), (1, 4)) * 0.04
+    return _picture(colour * brush[..., None])

@@ -1,0 +1,35 @@
+import pytest
+
+from labeling.errors import UsageError
+from sbm_gym.worlds.room_kinds import ROOM_KINDS
+from sbm_gym.worlds.splits import KINDS, SPLITS, scene_names, scene_seed
+
+
+def test_splits_have_the_thesis_sizes_and_share_neither_names_nor_seeds():
+    assert [len(scene_names(split)) for split in ("train", "val", "test")] == [15, 1, 2]
+    scenes = [(name, source.seed) for split in SPLITS.values() for name, source in split.items()]
+    assert len({name for name, _ in scenes}) == len({seed for _, seed in scenes}) == 18
+
+
+def test_free_seeds_never_meet_named_scenes():
+    named = {source.seed for split in SPLITS.values() for source in split.values()}
+    assert not named & {scene_seed(seed)[1].seed for seed in (*range(100), 1000, 1001, 2000, 3000, 3001)}
+
+
+def test_numbers_and_names_mean_the_same():
+    assert scene_seed(7) == scene_seed("seed/7") == scene_seed("seed/007")
+
+
+def test_every_kind_exists():
+    assert set(KINDS) == set(ROOM_KINDS)
+
+
+@pytest.mark.parametrize("name", ["train/15", "seed/-1", "kitchen", "", -3, True, 1.5])
+def test_unknown_scenes_are_refused(name):
+    with pytest.raises(UsageError, match="scene"):
+        scene_seed(name)
+
+
+def test_unknown_splits_are_refused():
+    with pytest.raises(UsageError, match="splits are train, val, test"):
+        scene_names("dev")
