@@ -1,0 +1,58 @@
+"""Records episodes: ``python -m agents.collect --env sbm_gym/Indoor-v0 --policy ring --episodes N --out DIR --seed S``."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from labeling.errors import SbmError
+
+
+@dataclass(frozen=True)
+class CollectConfig:
+    """Lets a policy move through a world and records what it saw, ready for ``labeling.generate``.
+
+    Each episode becomes a folder DIR/0000, DIR/0001, ... of one frame per step, with the detector's detections and the
+    simulator's ground truth. Killed and started again, it goes on where it was; episode i depends on the seed and i only.
+    """
+
+    out: Path
+    """Folder for the episodes; made if it does not exist."""
+    env: str = "sbm_gym/Indoor-v0"
+    """Gymnasium id of the world."""
+    policy: str = "ring"
+    """Who moves: "ring" (the thesis' hand-written policy) or "random"."""
+    episodes: int = 4
+    """How many episodes the folder holds at the end."""
+    seed: int = 0
+    """Decides scenes, starting places and all noise."""
+    split: Literal["train", "val", "test"] = "train"
+    """Scenes to record in."""
+    size: int = 256
+    """Width and height of the recorded pictures, pixels (the thesis: 256)."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line.
+
+    Returns:
+        0; 2 if something about the input is wrong; 130 if interrupted.
+    """
+    config = tyro.cli(CollectConfig, prog="python -m agents.collect", args=arguments)
+    from agents.recorder import collect
+
+    try:
+        collect(config)
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"interrupted; the same command goes on with what is missing in {config.out}", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

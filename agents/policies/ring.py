@@ -1,0 +1,244 @@
+"""The ``ring`` policy: the thesis' hand-written one, both stages.
+
+Stage one: turn on the spot by 60 degrees until a view has a confident detection; after a full turn without one go to
+another random place and turn again. All confident masks of that view become objects (centroid from depth, centroid
+non-maximum suppression: the env's object memory does both).
+
+Stage two: places on a ring of 1-2 m around the object where the robot can stand and from where nothing known hides the
+object, in 18 sectors; go from sector to sector around the object, at most a stride per view, the centroid in the middle
+of the picture. When no reachable sector is left, go on to the next object.
+
+Source: thesis 4.2 and A.2.2.
+"""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float, Int
+
+from agents.paths import advance, way_length_m
+from agents.seen_space import SeenSpace
+from sbm_gym.observations import decode_depth
+
+TURN_RAD = np.deg2rad(60.0)
+TURNS_PER_PLACE = 5
+"""Five turns of 60 degrees show six views: all around."""
+RING_M = (1.0, 2.0)
+RING_SAMPLES = 900
+SEARCH_DISTANCE_M = 1.5
+"""Another place to search from is at least this far away, where the room is large enough."""
+STUCK_M = 0.05
+CAMERA_HEIGHT_M = 1.5
+REVERSAL_M = 1.0
+"""Going back is worth it only if the next sector is this much nearer on the other side."""
+
+
+class Ring:
+    """Spins until it finds an object, then circles it."""
+
+    def reset(
+        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
+    ) -> None:
+        """Starts an episode; see ``Policy``."""
+        self._env: Any = env.unwrapped
+        self._rng = rng
+        self._map = self._env.navigable
+        size_m = np.array(self._map.free.shape[::-1]) * self._map.cell_m
+        self._seen = SeenSpace(self._map.origin_m, self._map.origin_m + size_m)
+        self._turns_left = TURNS_PER_PLACE
+        self._search_goal: Float[np.ndarray, "2"] | None = None
+        self._circled: int | None = None
+        self._direction = 0
+        self._given_up: dict[int, set[int]] = {}
+        self._goal: tuple[int, Float[np.ndarray, "2"]] | None = None
+        self._before_m = info["agent"]["position_m"]
+        self._steps_left = self._env.num_views
+
+    def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
+        """Turns, walks or circles; see the module."""
+        agent = info["agent"]
+        self._seen.add(decode_depth(observation["depth"]), agent["intrinsics"], agent["camera_to_world"])
+        action = self._circle(info) if info["fixation_target"] else self._search(info)
+        self._before_m = agent["position_m"]
+        self._steps_left -= 1
+        return action.astype(np.float32)
+
+    # Stage one --------------------------------------------------------------------------------------------------------
+
+    def _search(self, info: dict[str, Any]) -> np.ndarray:
+        agent = info["agent"]
+        if self._search_goal is None and self._turns_left > 0:
+            self._turns_left -= 1
+            return np.array([0.0, 0.0, 1.0, 0.0])
+        if self._search_goal is None:
+            self._search_goal = self._another_place(agent["position_m"])
+        step_m = advance(self._map, agent["position_m"], self._search_goal, self._env.stride_m)
+        arrived = step_m is None or np.linalg.norm(agent["position_m"] + step_m - self._search_goal) < STUCK_M
+        if arrived or info["collided"]:
+            self._search_goal, self._turns_left = None, TURNS_PER_PLACE
+        if step_m is None:
+            return np.array([0.0, 0.0, 1.0, 0.0])
+        turn_rad = _wrap(float(np.arctan2(step_m[1], step_m[0])) - agent["yaw_rad"])
+        return np.array([*self._move(step_m, agent["yaw_rad"]), np.clip(turn_rad / TURN_RAD, -1.0, 1.0), 0.0])
+
+    def _another_place(self, position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """A random navigable point, not too near."""
+        place = self._map.random_point(self._rng)
+        for _ in range(20):
+            if np.linalg.norm(place - position_m) >= SEARCH_DISTANCE_M:
+                break
+            place = self._map.random_point(self._rng)
+        return place
+
+    # Stage two --------------------------------------------------------------------------------------------------------
+
+    def _circle(self, info: dict[str, Any]) -> np.ndarray:
+        target, agent = info["fixation_target"], info["agent"]
+        position_m = agent["position_m"]
+        if target["object_id"] != self._circled:
+            self._circled, self._direction, self._goal = target["object_id"], 0, None
+        self._judge_arrival(target, position_m)
+        if self._goal is None:
+            self._goal = self._next_goal(target, position_m)
+        if self._goal is None:
+            target = self._next_object(info) or target
+            self._goal = self._next_goal(target, position_m) or (-1, self._any_ring_point(target, position_m))
+        step_m = advance(self._map, position_m, self._goal[1], self._env.stride_m)
+        if step_m is None:
+            self._give_up(target["object_id"], self._goal[0])
+            return np.zeros(4)
+        return np.array([*self._move(step_m, agent["yaw_rad"]), 0.0, 0.0])
+
+    def _judge_arrival(self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]) -> None:
+        """Drops the goal once reached or hopeless; a sector that was reached without being seen is given up."""
+        if self._goal is None:
+            return
+        sector, place_m = self._goal
+        if sector in target["azimuths"]:
+            self._goal = None
+        elif np.linalg.norm(position_m - place_m) < STUCK_M or np.linalg.norm(position_m - self._before_m) < STUCK_M:
+            self._give_up(target["object_id"], sector)
+
+    def _give_up(self, object_id: int, sector: int) -> None:
+        self._given_up.setdefault(object_id, set()).add(sector)
+        self._goal = None
+
+    def _next_goal(
+        self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]
+    ) -> tuple[int, Float[np.ndarray, "2"]] | None:
+        """A place in the next sector around the object that is left, None if none is."""
+        places, sectors = self._ring(target)
+        done = set(target["azimuths"]) | self._given_up.get(target["object_id"], set())
+        left = sorted(set(sectors.tolist()) - done)
+        if not left:
+            return None
+        if np.linalg.norm(position_m - target["centroid_m"][:2]) > RING_M[1] + self._env.stride_m:
+            return self._nearest(places, sectors, left, position_m)
+        count = self._env.num_azimuths
+        here = self._sector(target, position_m)
+        goals = {}
+        for way in (1, -1):
+            sector = (here + way * min((way * (sector - here)) % count for sector in left)) % count
+            goals[way] = sector, self._place_in(places[sectors == sector], position_m)
+        if self._direction == 0:
+            self._direction = _first_direction(left, here, count, self._steps_left)
+        elif goals[1][0] != goals[-1][0]:
+            ways_m = {way: way_length_m(self._map, position_m, place_m) for way, (_, place_m) in goals.items()}
+            if ways_m[self._direction] > ways_m[-self._direction] + REVERSAL_M:
+                self._direction = -self._direction
+        return goals[self._direction]
+
+    def _place_in(self, places: Float[np.ndarray, "n 2"], position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """A random one of the places that one stride reaches, else the nearest."""
+        distances_m = np.linalg.norm(places - position_m, axis=1)
+        start_m = self._map.nearest_free(position_m)
+        near = [
+            place for place in places[distances_m <= self._env.stride_m] if self._map.line_is_free(start_m, place)
+        ]
+        return near[int(self._rng.integers(len(near)))] if near else places[int(np.argmin(distances_m))]
+
+    def _nearest(
+        self,
+        places: Float[np.ndarray, "n 2"],
+        sectors: Int[np.ndarray, "n"],
+        left: list[int],
+        position_m: Float[np.ndarray, "2"],
+    ) -> tuple[int, Float[np.ndarray, "2"]]:
+        """From afar: the place that the shortest way leads to, of the nearest one of each sector that is left."""
+        best = min(
+            (
+                (way_length_m(self._map, position_m, place_m), sector, place_m)
+                for sector in left
+                for place_m in [self._place_in(places[sectors == sector], position_m)]
+            ),
+            key=lambda option: option[:2],
+        )
+        return best[1], best[2]
+
+    def _ring(self, target: dict[str, Any]):
+        """Navigable, non-obstructed places around an object, and the sector of each."""
+        rng = np.random.default_rng([target["object_id"], 1])
+        angle = rng.uniform(0.0, 2.0 * np.pi, RING_SAMPLES)
+        radius_m = rng.uniform(*RING_M, RING_SAMPLES)
+        centroid_m = target["centroid_m"]
+        places = centroid_m[:2] + radius_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        places = places[[self._map.is_free(place) for place in places]]
+        eyes = np.concatenate([places, np.full((len(places), 1), CAMERA_HEIGHT_M)], axis=1)
+        stop_short_m = 0.25 + 0.5 * float(np.max(target["extent_m"]))
+        places = places[self._seen.sees(eyes, centroid_m, stop_short_m)]
+        return places, np.array([self._sector(target, place) for place in places], int)
+
+    def _sector(self, target: dict[str, Any], place_m: Float[np.ndarray, "2"]) -> int:
+        offset = place_m - target["centroid_m"][:2]
+        return self._env.azimuth_bin(float(np.arctan2(offset[1], offset[0])))
+
+    def _next_object(self, info: dict[str, Any]) -> dict[str, Any] | None:
+        """Fixates the confirmed object with most to gain, if another one has a reachable sector left."""
+        position_m = info["agent"]["position_m"]
+        others = [known for known in info["confirmed_objects"] if known["object_id"] != self._circled]
+        others.sort(key=lambda known: float(np.linalg.norm(known["centroid_m"][:2] - position_m)))
+        for known in others:
+            self._direction = 0
+            if self._next_goal(known, position_m) is not None:
+                self._env.fixate(known["object_id"])
+                self._circled, self._direction = known["object_id"], 0
+                return known
+        return None
+
+    def _any_ring_point(self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """Somewhere else on the ring, for views at other ranges once every sector has been seen."""
+        places, _ = self._ring(target)
+        if len(places) == 0:
+            return self._map.random_point(self._rng)
+        return places[int(self._rng.integers(len(places)))]
+
+    def _move(self, step_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
+        """The move action for a world displacement of at most a stride."""
+        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+        forward_left = np.array([cos * step_m[0] + sin * step_m[1], -sin * step_m[0] + cos * step_m[1]])
+        return forward_left / self._env.stride_m
+
+
+def _first_direction(left: list[int], here: int, count: int, steps_left: int) -> int:
+    """Which way round sees more sectors in the steps left, at about one sector a step.
+
+    The sectors that are left usually form an arc (walls block the rest). Going to its near end first costs the way there
+    twice; going to the far end first may leave no steps for the near one.
+    """
+    up = sorted((sector - here) % count for sector in left)
+    gaps = [after - before for before, after in zip([0, *up], [*up, count], strict=True)]
+    widest = int(np.argmax(gaps))
+    forth, back = up[:widest], [count - offset for offset in up[widest:]]
+    reach = {1: max(forth, default=0), -1: max(back, default=0)}
+
+    def seen(first: int) -> int:
+        near, far = (forth, back) if first == 1 else (back, forth)
+        spare = steps_left - 2 * reach[first]
+        return sum(offset <= steps_left for offset in near) + sum(offset <= spare for offset in far)
+
+    return 1 if (seen(1), -reach[1]) >= (seen(-1), -reach[-1]) else -1
+
+
+def _wrap(angle_rad: float) -> float:
+    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,236 @@
+"""Recording episodes into a folder, so that it can be killed and started again at any time."""
+
+import dataclasses
+import importlib
+import importlib.metadata
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.collect import CollectConfig
+from agents.policies.registry import make_policy
+from labeling.episodes import Episode, read_episode, write_episode
+from labeling.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.files import write_json
+from labeling.instances import CONFIDENT
+from sbm_gym.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
+from sbm_gym.registration import ENV_IDS
+
+if TYPE_CHECKING:
+    from sbm_gym.fixation_env import FixationEnv
+
+SETTINGS_FILE = "collection.json"
+MAX_SPAWNS = 20
+"""An episode without a single confident detection gives no labels, so it is started again elsewhere: this many times."""
+SPAWNS_PER_SCENE = 5
+"""After so many vain starts in one scene the next scene is tried."""
+VERSIONED = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "open3d")
+
+
+def collect(config: CollectConfig) -> list[Path]:
+    """Records the episodes that the folder lacks.
+
+    Args:
+        config: what to record, and where.
+
+    Returns:
+        Folders of all episodes asked for, in order.
+
+    Raises:
+        SbmError: if env or policy are unknown, the folder holds something else, or no object can be found.
+    """
+    from tqdm import tqdm
+
+    _check(config)
+    make_policy(config.policy)
+    env = _make_env(config)
+    try:
+        _claim_folder(config)
+        folders = [config.out / f"{number:04d}" for number in range(config.episodes)]
+        missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
+        if len(missing) < len(folders):
+            print(f"{len(folders) - len(missing)} of {len(folders)} episodes are there already", file=sys.stderr)
+        for number in tqdm(missing, desc="recording", unit="episode", file=sys.stderr):
+            write_episode(folders[number], record_episode(env, config, number))
+    finally:
+        env.close()
+    print(f"{len(folders)} episodes in {config.out}")
+    return folders
+
+
+def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
+    """Records one episode with at least one confident view; the same for the same settings and number.
+
+    Args:
+        env: the environment.
+        config: the settings.
+        number: number of the episode.
+
+    Raises:
+        SbmError: if no start led to a confident detection.
+    """
+    scenes = env_of(env).scene_names
+    order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
+    for spawn in range(MAX_SPAWNS):
+        scene = scenes[int(order[(number + spawn // SPAWNS_PER_SCENE) % len(scenes)])]
+        seeds = np.random.SeedSequence([config.seed, 1, number, spawn]).generate_state(2)
+        captures, log = _roll_out(env, config, scene, int(seeds[0]), int(seeds[1]))
+        if any(_is_source(capture) for capture in captures):
+            metadata = {
+                "world": config.env,
+                "scene": scene,
+                "split": config.split,
+                "policy": config.policy,
+                "seed": config.seed,
+                "episode": number,
+                "spawn": spawn,
+                "env_seed": int(seeds[0]),
+                "detector": "simulated",
+                "confident": CONFIDENT,
+                "versions": _versions(),
+                "git_commit": _git_commit(),
+                "steps": log,
+            }
+            return episode_of_captures(captures, env_of(env).categories, metadata, name=f"{number:04d}")
+    raise SbmError(
+        f"episode {number}: {MAX_SPAWNS} starts without one confident detection ({config.policy!r} in {config.env!r}); "
+        "try another seed or split"
+    )
+
+
+def env_of(env: gym.Env) -> "FixationEnv":
+    """The environment inside its wrappers."""
+    from sbm_gym.fixation_env import FixationEnv
+
+    inner = env.unwrapped
+    assert isinstance(inner, FixationEnv)
+    return inner
+
+
+def _roll_out(
+    env: gym.Env, config: CollectConfig, scene: str, env_seed: int, policy_seed: int
+) -> tuple[list[Capture], list[dict[str, Any]]]:
+    """One episode: the full frame after every step, and what was done."""
+    policy = make_policy(config.policy)
+    observation, info = env.reset(seed=env_seed, options={"scene": scene})
+    policy.reset(env, observation, info, np.random.default_rng(policy_seed))
+    captures, log, truncated = [], [], False
+    while not truncated:
+        action = policy.act(observation, info)
+        observation, reward, _, truncated, info = env.step(action)
+        captures.append(env_of(env).capture(config.size, config.size))
+        log.append(
+            {
+                "action": [float(value) for value in action],
+                "reward": float(reward),
+                "reward_terms": info["reward_terms"],
+                "collided": info["collided"],
+                "fixated_object": info["fixation_target"].get("object_id"),
+                "coverage": info["coverage"],
+            }
+        )
+    return captures, log
+
+
+def _is_source(capture: Capture) -> bool:
+    """Whether labels can start from this view: a confident detection of a size that the label generator accepts."""
+    return any(
+        detection.confidence >= CONFIDENT
+        and np.count_nonzero(detection.mask) >= SLIVER_AREA_SHARE * detection.mask.size
+        for detection in capture.detections
+    )
+
+
+def _check(config: CollectConfig) -> None:
+    if config.episodes < 1:
+        raise UsageError(f"--episodes must be at least 1, not {config.episodes}")
+    if config.size < 32:
+        raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
+    if config.seed < 0:
+        raise UsageError(f"--seed must not be negative, not {config.seed}")
+
+
+def _make_env(config: CollectConfig) -> gym.Env:
+    """The environment; ``module:id`` imports the module first, as in ``gymnasium.make``."""
+    module, _, env_id = config.env.rpartition(":")
+    if module:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise UsageError(f"unknown env {config.env!r}: cannot import {module!r} ({error})") from error
+    if env_id not in gym.registry:
+        raise UsageError(f"unknown env {config.env!r}; known: {', '.join(sorted(ENV_IDS))}")
+    return gym.make(env_id, split=config.split)
+
+
+def _claim_folder(config: CollectConfig) -> None:
+    """Notes the settings in the folder; refuses a folder that was recorded with others, or holds something else."""
+    settings = dataclasses.asdict(config)
+    for name in ("out", "episodes"):  # neither changes what an episode holds
+        del settings[name]
+    path = config.out / SETTINGS_FILE
+    if path.is_file():
+        from labeling.episode_json import read_json
+
+        before = read_json(path).mapping().get("settings")
+        before = before if isinstance(before, dict) else {}
+        differing = [
+            f"--{name} {before.get(name)!s} there, {value!s} now"
+            for name, value in settings.items()
+            if before.get(name) != value
+        ]
+        if differing:
+            raise UsageError(
+                f"{config.out} was recorded with other settings ({'; '.join(differing)}); give another --out, "
+                "or the same settings to go on"
+            )
+        return
+    if config.out.exists() and not config.out.is_dir():
+        raise UsageError(f"{config.out} is a file; --out is a folder for episodes")
+    if config.out.is_dir() and any(config.out.iterdir()):
+        raise UsageError(f"{config.out} is not empty and was not made by this program; give another --out")
+    try:
+        write_json(path, {"settings": settings})
+    except OSError as error:
+        raise UsageError(f"cannot write to {config.out}: {error.strerror}") from error
+
+
+def _is_complete(folder: Path) -> bool:
+    """Whether an episode is there. Episodes appear whole; one that was damaged since is an error, not overwritten."""
+    if not folder.exists():
+        return False
+    try:
+        read_episode(folder)
+    except EpisodeFormatError as error:
+        raise UsageError(f"{error}; delete {folder} to have it recorded again") from error
+    return True
+
+
+def _versions() -> dict[str, str | None]:
+    found: dict[str, str | None] = {}
+    for name in VERSIONED:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout this code runs from, None if it is none."""
+    try:
+        result = subprocess.run(
+            ["git", "rev-parse", "HEAD"],
+            cwd=Path(__file__).resolve().parent,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except OSError:
+        return None
+    return result.stdout.strip() if result.returncode == 0 else None

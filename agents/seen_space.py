@@ -1,0 +1,64 @@
+"""Which parts of space a robot has seen to be filled, from its depth images: a coarse grid of occupied cells."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.geometry import unproject_depth
+
+CELL_M = 0.1
+HEIGHT_M = 3.0
+
+
+class SeenSpace:
+    """Collects the surfaces seen during an episode; what has not been seen counts as empty."""
+
+    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"]) -> None:
+        """Starts with nothing seen.
+
+        Args:
+            low_m: least x and y of the floor that matters.
+            high_m: greatest x and y.
+        """
+        self._origin_m = np.array([low_m[0], low_m[1], 0.0]) - CELL_M
+        size_m = np.array([high_m[0] - low_m[0], high_m[1] - low_m[1], HEIGHT_M]) + 2.0 * CELL_M
+        self._filled = np.zeros(tuple(np.ceil(size_m / CELL_M).astype(int)), bool)
+
+    def add(
+        self,
+        depth_m: Float[np.ndarray, "h w"],
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Notes the surfaces of a depth image."""
+        points, _ = unproject_depth(depth_m, intrinsics, camera_to_world)
+        cells, inside = self._cells(points)
+        self._filled[tuple(cells[inside].T)] = True
+
+    def sees(
+        self, eyes_m: Float[np.ndarray, "n 3"], target_m: Float[np.ndarray, "3"], stop_short_m: float
+    ) -> Bool[np.ndarray, "n"]:
+        """From which places nothing known stands between the eye and a target.
+
+        Args:
+            eyes_m: places to look from.
+            target_m: what to look at.
+            stop_short_m: the last piece of the way that is not checked: the target itself fills it.
+        """
+        offsets = eyes_m - target_m
+        distances_m = np.linalg.norm(offsets, axis=1)
+        reach_m = float(distances_m.max(initial=0.0))
+        along_m = np.arange(stop_short_m, reach_m, 0.5 * CELL_M)
+        if len(along_m) == 0:
+            return np.ones(len(eyes_m), bool)
+        share = along_m[None, :] / np.maximum(distances_m, 1e-9)[:, None]
+        points = target_m + share[..., None] * offsets[:, None, :]
+        cells, inside = self._cells(points.reshape(-1, 3))
+        hit = np.zeros(len(cells), bool)
+        hit[inside] = self._filled[tuple(cells[inside].T)]
+        # Nothing closer to the eye than the body is wide can be an obstacle.
+        checked = along_m[None, :] < distances_m[:, None] - 0.2
+        return ~np.any(hit.reshape(share.shape) & checked, axis=1)
+
+    def _cells(self, points_m: Float[np.ndarray, "n 3"]):
+        cells = np.floor((points_m - self._origin_m) / CELL_M).astype(np.int64)
+        return cells, np.all((cells >= 0) & (cells < self._filled.shape), axis=1)

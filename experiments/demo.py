@@ -1,0 +1,76 @@
+"""The main job, end to end: ``python -m experiments.demo`` moves, labels, and compares labels with the detector."""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from labeling.errors import SbmError
+
+
+@dataclass(frozen=True)
+class DemoConfig:
+    """Collects episodes with the thesis' policy, labels them, and evaluates the labels against the detector.
+
+    Started again, it goes on with what is missing.
+    """
+
+    out: Path = Path("out/demo")
+    """Folder for the episodes (OUT/episodes) and the labels (OUT/labels)."""
+    episodes: int = 4
+    """Episodes of 25 views each."""
+    seed: int = 0
+    """Decides scenes, starting places and all noise."""
+
+
+def run(config: DemoConfig) -> None:
+    """Runs the three stages and says where everything is.
+
+    Raises:
+        SbmError: if a stage cannot run, such as when the furniture libraries are missing.
+    """
+    from agents.collect import CollectConfig
+    from agents.recorder import collect
+    from labeling import evaluate, generate
+
+    dataset, labels = config.out / "episodes", config.out / "labels"
+    started_s = time.monotonic()
+    _say(f"1/3 moving: {config.episodes} episodes of the ring policy with a simulated detector")
+    collect(CollectConfig(out=dataset, episodes=config.episodes, seed=config.seed))
+    _say("2/3 labelling: confident detections to 3-D and back into every view")
+    failed = generate.run(generate.GenerateConfig(dataset=dataset, out=labels))
+    if failed:
+        raise SbmError(f"{failed} of the demo's episodes could not be labelled; see the lines above")
+    _say("3/3 checking: detector and pseudo-labels against ground truth, on the same views")
+    evaluation = evaluate.run(evaluate.EvaluateConfig(labels=labels))
+    detector, pseudo_labels = evaluation.metrics["detector"], evaluation.metrics["pseudo_labels"]
+    _say(f"done in {time.monotonic() - started_s:.0f} s")
+    print(
+        f"mask AP50: detector {detector['mask_ap50']:.3f}, pseudo-labels {pseudo_labels['mask_ap50']:.3f}\n"
+        f"Open {labels / evaluate.REPORT_FILE} in a browser to see every step of the way."
+    )
+
+
+def _say(heading: str) -> None:
+    print(f"\n== {heading}", flush=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line.
+
+    Returns:
+        0, or 2 if something about the input or the set-up is wrong.
+    """
+    config = tyro.cli(DemoConfig, prog="python -m experiments.demo", args=arguments)
+    try:
+        run(config)
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

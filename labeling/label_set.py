@@ -1,0 +1,221 @@
+"""A label set on disk: COCO JSON, 3-D boxes, segmented clouds, and where every label comes from.
+
+Each finished episode is kept as one small record under ``episodes/``; the COCO files are put together from these
+records, so that a rerun only labels what is new or has changed.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from labeling.files import write_json
+from labeling.instances import box_xywh, encode_mask
+from labeling.label_config import LabelConfig
+
+if TYPE_CHECKING:
+    from labeling.episodes import Episode
+    from labeling.propagate import EpisodeLabels
+
+SCHEMA_VERSION = 1
+_GENERATOR_MODULES = [
+    "boxes3d",
+    "crf",
+    "edge_filter",
+    "episodes",
+    "coco_records",
+    "evidence",
+    "fusion",
+    "geometry",
+    "label_config",
+    "label_set",
+    "lattice",
+    "masks_2d",
+    "merging",
+    "ply",
+    "pointcloud",
+    "propagate",
+    "scale",
+    "splatting",
+    "strays",
+    "unaries",
+]
+_LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scikit-learn")
+
+
+@dataclass(frozen=True)
+class EpisodeState:
+    """How it went with one episode."""
+
+    name: str
+    folder: str
+    """Relative to the dataset; ``.`` if the dataset is the episode."""
+    record: dict[str, Any] | None
+    """What was labelled; None if the episode failed."""
+    error: str | None = None
+
+
+def versions() -> dict[str, str]:
+    """Versions of the libraries that the labels depend on."""
+    return {name: metadata.version(name) for name in _LIBRARIES}
+
+
+def fingerprint(folder: Path, config: LabelConfig) -> str:
+    """Changes whenever the labels of an episode might: with any input file, setting, library or generator module."""
+    digest = hashlib.sha256()
+    digest.update(json.dumps([SCHEMA_VERSION, asdict(config), versions()], sort_keys=True).encode())
+    for name in _GENERATOR_MODULES:
+        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        relative = path.relative_to(folder)
+        if not any(part.startswith(".") for part in relative.parts):
+            digest.update(str(relative).encode(errors="surrogateescape") + b"\0")
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def episode_record(episode: "Episode", labels: "EpisodeLabels", name: str, mark: str) -> dict[str, Any]:
+    """One labelled episode as JSON; image and instance numbers count from 0 and 1 within it."""
+    height_px, width_px = episode.size
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "fingerprint": mark,
+        "name": name,
+        "width": width_px,
+        "height": height_px,
+        "file_names": list(episode.file_names),
+        "categories": list(dict.fromkeys([*episode.categories, *(one.category for one in labels.objects)])),
+        "objects": [_object_record(one) for one in labels.objects],
+        "labels": [
+            {
+                "view": label.view_index,
+                "instance_id": label.instance_id,
+                "category": label.category,
+                "score": round(label.confidence, 6),
+                "modal": _mask_record(label.modal),
+                "amodal": _mask_record(label.amodal),
+                "source_view": label.source_view_index,
+                "source_score": label.source_confidence,
+            }
+            for label in labels.labels
+        ],
+    }
+
+
+def _object_record(one) -> dict[str, Any]:
+    box = one.box_3d
+    return {
+        "instance_id": one.instance_id,
+        "category": one.category,
+        "score": round(one.confidence, 6),
+        "centre": box.centre_m.tolist(),
+        "extent": box.extent_m.tolist(),
+        "rotation": box.rotation.tolist(),
+        "sources": [asdict(source) for source in one.sources],
+    }
+
+
+def _mask_record(mask: np.ndarray) -> dict[str, Any] | None:
+    """A mask as COCO wants it; None for an empty one."""
+    area = int(np.count_nonzero(mask))
+    if area == 0:
+        return None
+    return {"segmentation": encode_mask(mask), "bbox": list(box_xywh(mask)), "area": area}
+
+
+def read_record(path: Path, mark: str) -> dict[str, Any] | None:
+    """The record of a finished episode, if there is one that fits the fingerprint."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return record if isinstance(record, dict) and record.get("fingerprint") == mark else None
+
+
+def write_label_set(out: Path, dataset: Path, config: LabelConfig, states: Sequence[EpisodeState]) -> None:
+    """Puts the records of all episodes together and writes the label set; ``label_set.json`` comes last."""
+    images, boxes = [], []
+    annotations: dict[str, list[dict[str, Any]]] = {"modal": [], "amodal": []}
+    done = [state for state in states if state.record is not None]
+    names = list(dict.fromkeys(name for state in done for name in (state.record or {})["categories"]))
+    category_id = {name: number for number, name in enumerate(names, start=1)}
+    instances, label_id = 0, 0
+    for state in done:
+        record, first_image = state.record or {}, len(images) + 1
+        images.extend(_images(state, record, first_image))
+        for label in record["labels"]:
+            label_id += 1
+            shared = {
+                "id": label_id,
+                "image_id": first_image + label["view"],
+                "category_id": category_id[label["category"]],
+                "iscrowd": 0,
+                "score": label["score"],
+                "instance_id": instances + label["instance_id"],
+                "source_image_id": first_image + label["source_view"],
+                "source_score": label["source_score"],
+            }
+            for kind, kept in annotations.items():
+                if label[kind] is not None:
+                    kept.append({**shared, **label[kind]})
+        for one in record["objects"]:
+            boxes.append(
+                {
+                    "episode": state.name,
+                    **one,
+                    "instance_id": instances + one["instance_id"],
+                    "category_id": category_id[one["category"]],
+                }
+            )
+        instances += max((one["instance_id"] for one in record["objects"]), default=0)
+    about = {"description": "Pseudo-labels by Seeing by Moving", "version": str(SCHEMA_VERSION)}
+    categories = [{"id": number, "name": name} for name, number in category_id.items()]
+    for kind, kept in annotations.items():
+        info = {**about, "masks": kind}
+        content = {"info": info, "images": images, "categories": categories, "annotations": kept}
+        write_json(out / f"instances_{kind}.json", content)
+    write_json(out / "boxes_3d.json", {"info": about, "boxes": boxes})
+    write_json(out / "label_set.json", _summary(out, dataset, config, states))
+
+
+def _images(state: EpisodeState, record: dict[str, Any], first_image: int) -> list[dict[str, Any]]:
+    prefix = "" if state.folder == "." else f"{state.folder}/"
+    return [
+        {
+            "id": first_image + view,
+            "file_name": prefix + file_name,
+            "width": record["width"],
+            "height": record["height"],
+            "episode": state.name,
+            "view": view,
+        }
+        for view, file_name in enumerate(record["file_names"])
+    ]
+
+
+def _summary(out: Path, dataset: Path, config: LabelConfig, states: Sequence[EpisodeState]) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "dataset": Path(os.path.relpath(dataset.resolve(), out.resolve())).as_posix(),
+        "dataset_as_given": str(dataset),
+        "config": asdict(config),
+        "versions": versions(),
+        "episodes": [
+            {
+                "name": state.name,
+                "folder": state.folder,
+                "status": "failed" if state.record is None else "labelled",
+                "error": state.error,
+                "fingerprint": None if state.record is None else state.record["fingerprint"],
+                "objects": 0 if state.record is None else len(state.record["objects"]),
+                "labels": 0 if state.record is None else len(state.record["labels"]),
+            }
+            for state in states
+        ],
+    }

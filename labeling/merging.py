@@ -1,0 +1,154 @@
+"""Which detections, seen from different views, are of one object: by the space they share, not by their names alone."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from labeling.evidence import Evidence
+
+
+@dataclass
+class Candidate:
+    """An object in the making: the detections that speak for it, and the votes they cast on each voxel."""
+
+    sources: list[Evidence]
+    support: Float32[np.ndarray, "n"]
+    """Sum of the confidences of the sources that saw the voxel inside their mask."""
+    denial: Float32[np.ndarray, "n"]
+    """Sum of the confidences of the sources that saw it outside."""
+    weak: list[Evidence] = field(default_factory=list)
+
+    @property
+    def foreground(self) -> Bool[np.ndarray, "n"]:
+        """Voxels that more sources place inside than outside."""
+        return self.support > self.denial
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "n"]:
+        """Voxels that some source has an opinion on."""
+        return (self.support > 0) | (self.denial > 0)
+
+    @property
+    def category(self) -> str:
+        """The category with the largest sum of confidences; of equal ones the first in the alphabet."""
+        votes: dict[str, float] = {}
+        for source in self.sources:
+            votes[source.detection.category] = votes.get(source.detection.category, 0.0) + source.detection.confidence
+        return min(votes, key=lambda name: (-votes[name], name))
+
+    def add(self, evidence: Evidence) -> None:
+        """Lets one more detection vote."""
+        self.sources.append(evidence)
+        self.support[evidence.foreground] += evidence.detection.confidence
+        self.denial[evidence.background] += evidence.detection.confidence
+
+
+def new_candidate(evidence: Evidence, num_voxels: int) -> Candidate:
+    """An object that one detection speaks for."""
+    candidate = Candidate([], np.zeros(num_voxels, np.float32), np.zeros(num_voxels, np.float32))
+    candidate.add(evidence)
+    return candidate
+
+
+def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:
+    """How much two candidates agree, counted only where both have looked.
+
+    Returns:
+        Intersection over the smaller foreground, and intersection over union; 0 where the views share too little
+        to tell (under a tenth of the smaller foreground).
+    """
+    front_a, front_b = a.foreground, b.foreground
+    both = a.seen & b.seen
+    in_a, in_b = front_a & both, front_b & both
+    shared = np.count_nonzero(in_a & in_b)
+    smaller = min(np.count_nonzero(in_a), np.count_nonzero(in_b))
+    if shared == 0 or smaller < 0.1 * min(np.count_nonzero(front_a), np.count_nonzero(front_b)):
+        return 0.0, 0.0
+    return shared / smaller, shared / (np.count_nonzero(in_a) + np.count_nonzero(in_b) - shared)
+
+
+def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
+    """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch)."""
+    inside, union = overlap(a, b)
+    return (inside if a.category == b.category else union) >= threshold
+
+
+def group_detections(evidence: list[Evidence], num_voxels: int, threshold: float) -> list[Candidate]:
+    """Groups detections into objects: the most confident first, then unions until nothing changes.
+
+    Args:
+        evidence: confident detections.
+        num_voxels: size of the cloud.
+        threshold: share of the commonly seen space that makes two candidates one object.
+
+    Returns:
+        Objects, the one with the most confident source first.
+    """
+    order = sorted(range(len(evidence)), key=lambda i: (-evidence[i].detection.confidence, i))
+    candidates: list[Candidate] = []
+    for index in order:
+        one = new_candidate(evidence[index], num_voxels)
+        home = next((c for c in candidates if same_object(c, one, threshold)), None)
+        if home is None:
+            candidates.append(one)
+        else:
+            home.add(evidence[index])
+    return _merge_until_stable(candidates, threshold)
+
+
+def _merge_until_stable(candidates: list[Candidate], threshold: float) -> list[Candidate]:
+    merged = True
+    while merged:
+        merged = False
+        for i in range(len(candidates)):
+            for j in range(len(candidates) - 1, i, -1):
+                if same_object(candidates[i], candidates[j], threshold):
+                    for source in candidates[j].sources:
+                        candidates[i].add(source)
+                    del candidates[j]
+                    merged = True
+    return candidates
+
+
+def attach_weak(candidates: list[Candidate], evidence: list[Evidence], num_voxels: int, threshold: float) -> None:
+    """Lets detections below the confidence threshold speak for the object of their own category they overlap most."""
+    for one in evidence:
+        candidate = new_candidate(one, num_voxels)
+        scored = [
+            (overlap(home, candidate)[0], -k)
+            for k, home in enumerate(candidates)
+            if home.category == candidate.category
+        ]
+        if scored and max(scored)[0] >= threshold:
+            candidates[-max(scored)[1]].weak.append(one)
+
+
+def merge_segments(
+    candidates: list[Candidate], probability: Float32[np.ndarray, "n k"], threshold: float
+) -> list[list[int]]:
+    """Groups objects whose segments in space turn out to be one, such as the front and the back of a chair.
+
+    Args:
+        candidates: the objects, best first.
+        probability: of each object at each point, each judged alone.
+        threshold: intersection over the smaller segment (one category) or over the union (two categories).
+
+    Returns:
+        Indices of the objects of each group, groups in order of their first object.
+    """
+    inside = probability > 0.5
+    groups: list[list[int]] = []
+    for k, candidate in enumerate(candidates):
+        for group in groups:
+            first = group[0]
+            shared = np.count_nonzero(inside[:, k] & inside[:, first])
+            sizes = np.count_nonzero(inside[:, k]), np.count_nonzero(inside[:, first])
+            same = candidate.category == candidates[first].category
+            base = min(sizes) if same else sum(sizes) - shared
+            if shared and shared >= threshold * base:
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labeling.boxes3d import fit_box
+from labeling.strays import stray_points
+
+
+def box_surface(extent, yaw: float, centre, count: int = 4000, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.5, 0.5, (count, 3))
+    axis = rng.integers(0, 3, count)
+    points[np.arange(count), axis] = rng.choice([-0.5, 0.5], count)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    return (points * extent) @ turn.T + centre
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0, np.pi), st.floats(0.3, 0.9), st.floats(0.2, 2.0), st.integers(0, 100))
+def test_the_box_of_a_box_is_itself(yaw: float, ratio: float, height: float, seed: int) -> None:
+    extent, centre = np.array([1.0, ratio, height]), np.array([3.0, -2.0, 0.7])
+    box = fit_box(box_surface(extent, yaw, centre, seed=seed), trim=0.0)
+    assert box is not None
+    np.testing.assert_allclose(box.extent_m, extent, rtol=0.05)
+    np.testing.assert_allclose(box.centre_m, centre, atol=0.03)
+    long_side = np.array([np.cos(yaw), np.sin(yaw), 0])
+    assert abs(box.rotation[:, 0] @ long_side) > 0.99
+    np.testing.assert_allclose(box.rotation @ box.rotation.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(box.rotation) == pytest.approx(1)
+    np.testing.assert_allclose(box.rotation[:, 2], [0, 0, 1])
+
+
+def test_few_strays_hardly_grow_the_box() -> None:
+    points = box_surface(np.array([1.0, 0.5, 0.8]), 0.4, np.zeros(3))
+    strays = np.random.default_rng(0).uniform(-3, 3, (12, 3))
+    box = fit_box(np.concatenate([points, strays]))
+    assert box is not None
+    np.testing.assert_allclose(box.extent_m, [1.0, 0.5, 0.8], rtol=0.15)
+
+
+@pytest.mark.parametrize("points", [[[1, 2, 3]], [[0, 0, 0], [1, 1, 0]], [[0, 0, 0], [0, 0, 1], [0, 0, 2]]])
+def test_few_or_flat_points_have_a_box(points) -> None:
+    box = fit_box(np.array(points, float), trim=0.0, margin_m=0.1)
+    assert box is not None
+    assert np.all(box.extent_m >= 0.1 - 1e-9)
+    local = (np.array(points) - box.centre_m) @ box.rotation
+    assert np.all(np.abs(local) <= 0.5 * box.extent_m + 1e-6)
+
+
+def test_no_points_have_no_box() -> None:
+    assert fit_box(np.zeros((0, 3))) is None
+
+
+def test_small_pieces_far_from_the_object_are_strays() -> None:
+    body = np.random.default_rng(0).uniform(0, 1, (1000, 3)).astype(np.float32)
+    far = np.random.default_rng(1).uniform(3, 3.1, (10, 3)).astype(np.float32)
+    half = np.random.default_rng(2).uniform(5, 6, (900, 3)).astype(np.float32)
+    points = np.concatenate([body, far, half])
+    strays = stray_points(points, np.zeros(1910, np.int32), 1, gap_m=0.2, min_share=0.05)
+    np.testing.assert_array_equal(np.flatnonzero(strays), np.arange(1000, 1010))
+
+
+def test_points_of_no_object_and_of_others_are_not_judged_together() -> None:
+    points = np.array([[0, 0, 0], [0.1, 0, 0], [9, 9, 9], [5, 5, 5]], np.float32)
+    strays = stray_points(points, np.array([0, 0, 1, -1], np.int32), 2, gap_m=0.2, min_share=0.9)
+    assert not strays.any()

@@ -1,0 +1,309 @@
+"""The environment keeps Gymnasium's contract and its own."""
+
+import hashlib
+import multiprocessing
+import pickle
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from box_rooms import BoxRooms
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+import sbm_gym
+from sbm_gym.fixation_env import FixationEnv
+from sbm_gym.observations import decode_depth, encode_depth, free_distances_m
+from sbm_gym.registration import ENV_IDS, register_envs
+from sbm_gym.rewards import RewardWeights
+from sbm_gym.simulated_detector import SimulatedDetectorConfig
+
+
+@pytest.fixture
+def env():
+    with FixationEnv(BoxRooms()) as made:
+        yield made
+
+
+def make(**kwargs) -> gym.Env:
+    return gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), **kwargs)
+
+
+def rollout_digest(seed: int) -> str:
+    """Everything a rollout returns, as one hash."""
+    digest = hashlib.sha256()
+    env = make()
+    observation, info = env.reset(seed=seed)
+    env.action_space.seed(seed)
+    truncated, reward = False, 0.0
+    while not truncated:
+        for name in sorted(observation):
+            digest.update(observation[name].tobytes())
+        digest.update(repr((reward, info["reward_terms"], info["collided"], info["scene"])).encode())
+        for detection in info["detections"]:
+            digest.update(repr((detection.category, detection.confidence)).encode() + detection.mask.tobytes())
+        observation, reward, _, truncated, info = env.step(env.action_space.sample())
+    return digest.hexdigest()
+
+
+def _spawned_digest(paths: list[str], seed: int) -> str:
+    sys.path[:0] = paths
+    import test_env
+
+    return test_env.rollout_digest(seed)
+
+
+@pytest.mark.parametrize("env_id", sorted(ENV_IDS))
+def test_checkers_of_gymnasium_and_sb3_have_nothing_to_say(env_id):
+    # Warnings are errors in this test suite. The validation split keeps the number of scenes to build small.
+    check_env(gym.make(env_id, split="val", disable_env_checker=True).unwrapped)
+    sb3_check_env(gym.make(env_id, split="val"))
+
+
+def test_registration_can_be_repeated():
+    before = dict(gym.registry)
+    register_envs()
+    assert dict(gym.registry) == before
+    assert sbm_gym.ENV_IDS is ENV_IDS
+
+
+def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process():
+    here = rollout_digest(3)
+    assert rollout_digest(3) == here
+    assert rollout_digest(4) != here
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        there = pool.apply(_run_spawned, ([str(Path(__file__).parent)], 3))
+    assert there == here
+
+
+def _run_spawned(paths: list[str], seed: int) -> str:
+    return _spawned_digest(paths, seed)
+
+
+def test_reward_is_the_sum_of_its_terms_and_terms_follow_their_weights():
+    env = make(reward_weights=RewardWeights(step=0.125))
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    rewards = []
+    for _ in range(25):
+        _, reward, terminated, _, info = env.step(env.action_space.sample())
+        assert reward == sum(info["reward_terms"].values())
+        assert info["reward_terms"]["step"] == -0.125
+        assert (info["reward_terms"]["collision"] < 0) == info["collided"]
+        assert not terminated
+        rewards.append(reward)
+    assert len(set(rewards)) > 2
+
+
+@pytest.mark.parametrize(
+    ("made", "steps"),
+    [
+        (lambda: make(), 25),
+        (lambda: make(max_episode_steps=40), 40),
+        (lambda: make(num_views=7), 7),
+        (lambda: FixationEnv(BoxRooms()), 25),
+        (lambda: FixationEnv(BoxRooms(), num_views=30), 30),
+    ],
+)
+def test_episodes_last_as_long_as_asked_and_time_runs_out_evenly(made, steps):
+    env = made()
+    observation, _ = env.reset(seed=0)
+    at = env.unwrapped.state_names.index("time_left")
+    left = [observation["state"][at]]
+    truncated = False
+    while not truncated:
+        observation, _, _, truncated, _ = env.step(np.zeros(4, np.float32))
+        left.append(observation["state"][at])
+    assert len(left) == steps + 1
+    assert np.allclose(left, np.linspace(1.0, 0.0, steps + 1), atol=1e-6)
+
+
+def confirmed_env(env, gaze_seed=0):
+    """An episode with a fixation target, found by turning on the spot."""
+    for seed in range(gaze_seed, gaze_seed + 20):
+        _, info = env.reset(seed=seed)
+        for _ in range(6):
+            if info["fixation_target"]:
+                return info
+            *_, info = env.step(np.array([0, 0, 1, 0]))
+    raise AssertionError("no seed led to a confident detection")
+
+
+def test_a_fixated_target_stays_in_the_middle_of_the_picture(env):
+    info = confirmed_env(env)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        angle = rng.uniform(0, 2 * np.pi)
+        before = info["fixation_target"]["centroid_m"]
+        *_, info = env.step(np.array([np.cos(angle), np.sin(angle), 0, 0]))
+        pose, k = info["agent"]["camera_to_world"], info["agent"]["intrinsics"]
+        local = pose[:3, :3].T @ (before - pose[:3, 3])
+        assert np.allclose(k[:2, :2] @ (local[:2] / local[2]), 0.0, atol=1e-6)
+
+
+def test_gaze_offsets_turn_away_from_the_target_by_45_degrees_at_most(env):
+    info = confirmed_env(env)
+    before = info["fixation_target"]["centroid_m"]
+    *_, info = env.step(np.array([0, 0, 1, 0]))
+    offset = before[:2] - info["agent"]["position_m"]
+    bearing = np.arctan2(offset[1], offset[0])
+    assert np.cos(info["agent"]["yaw_rad"] - bearing - np.pi / 4) == pytest.approx(1.0)
+
+
+def test_free_gaze_turns_by_sixty_degrees_even_with_a_target():
+    env = FixationEnv(BoxRooms(), gaze="free")
+    info = confirmed_env(env)
+    yaw = info["agent"]["yaw_rad"]
+    *_, info = env.step(np.array([0, 0, -0.5, 0]))
+    assert np.cos(info["agent"]["yaw_rad"] - yaw + np.deg2rad(30)) == pytest.approx(1.0)
+
+
+def test_forward_and_left_are_relative_to_the_heading_and_a_stride_long(env):
+    _, info = env.reset(seed=0, options={"scene": "box_0", "start": (-1.0, -1.5, np.pi / 2)})
+    start = info["agent"]["position_m"]
+    *_, info = env.step(np.array([1.0, 0, 0, 0]))
+    assert np.allclose(info["agent"]["position_m"] - start, [0.0, 0.5], atol=1e-3)
+    _, info = env.reset(seed=0, options={"scene": "box_0", "start": (-1.0, -1.5, np.pi / 2)})
+    *_, info = env.step(np.array([1.0, 1.0, 0, 0]))
+    assert np.allclose(info["agent"]["position_m"] - start, np.sqrt(0.125) * np.array([-1, 1]), atol=1e-3)
+    assert info["path_length_m"] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_observations_show_what_the_renderer_shows(env):
+    observation, info = env.reset(seed=2)
+    capture = env.capture(84, 84)
+    assert np.array_equal(observation["depth"], encode_depth(capture.depth_m))
+    seen = capture.depth_m > 0
+    assert np.all(np.abs(decode_depth(observation["depth"]) - capture.depth_m)[seen & (capture.depth_m < 10)] <= 0.0201)
+    assert np.mean(np.abs(observation["rgb"].astype(float) - capture.rgb)) < 6
+    assert np.allclose(capture.camera_to_world, info["agent"]["camera_to_world"])
+
+
+def test_capturing_does_not_change_the_rollout():
+    def rewards(capture: bool) -> list:
+        env = FixationEnv(BoxRooms())
+        env.reset(seed=5)
+        env.action_space.seed(5)
+        found = []
+        for _ in range(8):
+            observation, reward, *_ = env.step(env.action_space.sample())
+            found.append((reward, observation["state"].tobytes(), observation["rgb"].tobytes()))
+            if capture:
+                first, second = env.capture(64, 64), env.capture(64, 64)
+                assert first.detections == second.detections
+        return found
+
+    assert rewards(True) == rewards(False)
+
+
+def test_rewards_and_observations_never_use_ground_truth():
+    # Renaming every object changes what the simulator knows but nothing that a blind detector says.
+    blind = SimulatedDetectorConfig(min_area_share=1.0, phantoms_per_view=0.0)
+    env = FixationEnv(BoxRooms(), detector=blind)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(25):
+        observation, _, _, _, info = env.step(env.action_space.sample())
+        assert info["reward_terms"]["discovery"] == info["reward_terms"]["diversity"] == 0.0
+        assert not info["confirmed_objects"]
+        assert observation["state"][: env.state_names.index("objects_confirmed") + 1].any() == np.False_
+
+
+def test_free_space_is_what_the_map_says(env):
+    env.reset(seed=0, options={"scene": "box_0", "start": (-1.0, -1.5, 0.0)})
+    free = free_distances_m(env.navigable, np.array([-1.0, -1.5]), 0.0)
+    for k, distance in enumerate(free):
+        direction = np.array([np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)])
+        assert env.navigable.line_is_free(np.array([-1.0, -1.5]), np.array([-1.0, -1.5]) + 0.95 * distance * direction)
+    # A wall 1.5 m behind the robot's right, less its radius and a cell of the map.
+    assert free[6] == pytest.approx(1.5 - 0.18, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"scenes": "box_0"}, "scene, start, reuse_scene"),
+        ({"scene": "attic"}, "box_0"),
+        ({"start": (50.0, 0.0)}, "nearest free place"),
+        ({"start": (1.0,)}, "yaw"),
+    ],
+)
+def test_reset_names_the_alternatives(env, options, says):
+    with pytest.raises(ValueError, match=says):
+        env.reset(seed=0, options=options)
+
+
+@pytest.mark.parametrize(
+    ("argument", "says"),
+    [
+        ({"split": "training"}, "train, val, test"),
+        ({"detector": "yolo"}, "simulated"),
+        ({"renderer": "gl"}, "rays"),
+        ({"renderer": "raster"}, "auto, rays"),
+        ({"gaze": "stare"}, "fixate, free"),
+        ({"render_mode": "human"}, "rgb_array"),
+        ({"num_views": 0}, "at least 1"),
+        ({"stride_m": 0.0}, "positive"),
+        ({"worlds": "moon"}, "indoor"),
+    ],
+)
+def test_constructor_names_the_alternatives(argument, says):
+    with pytest.raises(ValueError, match=says):
+        FixationEnv(**{"worlds": BoxRooms(), **argument})
+
+
+@pytest.mark.parametrize("action", [np.zeros(3), np.full(4, np.nan)])
+def test_senseless_actions_are_refused(env, action):
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="four finite numbers"):
+        env.step(action)
+
+
+def test_step_before_reset_says_so(env):
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(4))
+
+
+def test_scene_options_and_reuse(env):
+    _, info = env.reset(seed=0, options={"scene": "box_3"})
+    assert info["scene"] == "box_3"
+    for _ in range(4):
+        _, info = env.reset(options={"reuse_scene": True})
+        assert info["scene"] == "box_3"
+    held = FixationEnv(BoxRooms(), episodes_per_scene=3)
+    names = [held.reset(seed=1 if k == 0 else None)[1]["scene"] for k in range(9)]
+    assert all(len(set(names[k : k + 3])) == 1 for k in (0, 3, 6))
+
+
+def test_environments_survive_pickling(env):
+    copy = pickle.loads(pickle.dumps(FixationEnv(BoxRooms(), stride_m=0.3, num_views=9)))
+    assert copy.stride_m == 0.3
+    assert copy.num_views == 9
+    copy.reset(seed=0)
+
+
+@pytest.mark.parametrize(("mode", "dtype", "shape"), [("rgb_array", np.uint8, (64, 96, 3)), ("depth_array", np.float32, (64, 96))])
+def test_render_draws_the_current_view(mode, dtype, shape):
+    env = FixationEnv(BoxRooms(), render_mode=mode, render_size=(64, 96))
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.dtype == dtype
+    assert picture.shape == shape
+    assert np.ptp(picture) > 0
+
+
+def test_fixate_changes_the_target_and_refuses_unknown_objects(env):
+    confirmed_env(env)
+    with pytest.raises(ValueError, match="no confirmed object 99"):
+        env.fixate(99)
+    env.fixate(0)
+
+
+def test_vector_environments_run():
+    envs = gym.make_vec("sbm_gym/Indoor-v0", num_envs=2, vectorization_mode="sync", worlds=BoxRooms())
+    envs.reset(seed=0)
+    for _ in range(30):
+        envs.step(envs.action_space.sample())
+    envs.close()
