@@ -1,0 +1,59 @@
+"""The pictures of README and docs, drawn from a run of the demo: ``python -m experiments.pictures``."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from labeling.errors import SbmError
+
+
+@dataclass(frozen=True)
+class PicturesConfig:
+    """Draws the pictures that README and docs show. Runs the demo first, if it has not run yet."""
+
+    demo: Path = Path("out/demo")
+    """Folder of the demo's results."""
+    out: Path = Path("docs/pictures")
+    """Folder for the pictures."""
+
+
+def run(config: PicturesConfig) -> None:
+    """Draws all pictures.
+
+    Raises:
+        SbmError: if the demo cannot run.
+    """
+    from experiments import demo
+    from experiments.drawing import draw_episode, draw_label_steps, draw_labels
+    from labeling.episodes import find_episodes, read_episode
+    from labeling.files import atomic_file
+
+    demo.run(demo.DemoConfig(out=config.demo))
+    episodes = [read_episode(folder) for folder in find_episodes(config.demo / "episodes")]
+    pictures = {"episode": draw_episode, "label_steps": draw_label_steps, "labels": draw_labels}
+    for name, draw in pictures.items():
+        path = config.out / f"{name}.png"
+        with atomic_file(path) as temporary:
+            draw(episodes, temporary)
+        print(path)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line.
+
+    Returns:
+        0, or 2 if something about the input or the set-up is wrong.
+    """
+    config = tyro.cli(PicturesConfig, prog="python -m experiments.pictures", args=arguments)
+    try:
+        run(config)
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
