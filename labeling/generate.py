@@ -111,7 +111,7 @@ def _report(config: GenerateConfig, states: "list[EpisodeState]") -> None:
     labels = sum(label["modal"] is not None for record in records for label in record["labels"])
     print(f"{objects} objects, {labels} masks in {views} views of {len(records)} episodes")
     if objects == 0 and records:
-        print(f"note: no detection reached --confident {config.label.confident:g}; a lower threshold may find sources")
+        print(f"note: no object reached --confident {config.label.confident:g}; a lower threshold may find sources")
     print(f"labels: {config.out}")
 
 

@@ -16,6 +16,9 @@ class LabelConfig:
     """Detections at least this confident become sources of labels. Source: thesis A.2.2."""
     weak_evidence: bool = True
     """Let detections below ``confident`` vote, with the weight of their score, on objects that a source has found."""
+    agreeing_views: int = 2
+    """Objects that no view is sure of are labelled too if at least this many views agree on place and category, and the
+    chance that not all of them are wrong reaches ``confident``. 0 leaves them out, as in the thesis."""
     min_mask_px: int = 32
     """Smaller detections are passed over. Source: field notes (published code)."""
     max_range_m: float = 50.0
@@ -78,6 +81,7 @@ class LabelConfig:
             "fill_edge",
         ]
         not_negative = [
+            "agreeing_views",
             "min_mask_px",
             "min_piece",
             "erode",

@@ -20,14 +20,15 @@ from labeling.instances import box_xywh, encode_mask
 from labeling.label_config import LabelConfig
 
 if TYPE_CHECKING:
+    from labeling.episode_labels import EpisodeLabels
     from labeling.episodes import Episode
-    from labeling.propagate import EpisodeLabels
 
 SCHEMA_VERSION = 1
 _GENERATOR_MODULES = [
     "boxes3d",
     "crf",
     "edge_filter",
+    "episode_labels",
     "episodes",
     "coco_records",
     "evidence",

@@ -32,10 +32,16 @@ class Candidate:
     @property
     def category(self) -> str:
         """The category with the largest sum of confidences; of equal ones the first in the alphabet."""
-        votes: dict[str, float] = {}
-        for source in self.sources:
-            votes[source.detection.category] = votes.get(source.detection.category, 0.0) + source.detection.confidence
+        votes = self.category_votes()
         return min(votes, key=lambda name: (-votes[name], name))
+
+    def category_votes(self) -> dict[str, float]:
+        """Sum of the confidences of all detections that speak for the object, by category."""
+        votes: dict[str, float] = {}
+        for evidence in [*self.sources, *self.weak]:
+            detection = evidence.detection
+            votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
+        return votes
 
     def add(self, evidence: Evidence) -> None:
         """Lets one more detection vote."""
@@ -111,17 +117,59 @@ def _merge_until_stable(candidates: list[Candidate], threshold: float) -> list[C
     return candidates
 
 
-def attach_weak(candidates: list[Candidate], evidence: list[Evidence], num_voxels: int, threshold: float) -> None:
-    """Lets detections below the confidence threshold speak for the object of their own category they overlap most."""
+def attach_weak(
+    candidates: list[Candidate], evidence: list[Evidence], num_voxels: int, threshold: float
+) -> list[Evidence]:
+    """Lets detections below the confidence threshold speak for the object they overlap most.
+
+    Args:
+        candidates: the objects; gain ``weak`` evidence.
+        evidence: detections below the threshold.
+        num_voxels: size of the cloud.
+        threshold: as in ``group_detections``.
+
+    Returns:
+        The detections that overlap no object.
+    """
+    homeless = []
+    # The objects are compared as their sources left them, so that the order of the weak detections does not matter.
+    joined: list[tuple[Candidate, Evidence]] = []
     for one in evidence:
         candidate = new_candidate(one, num_voxels)
-        scored = [
-            (overlap(home, candidate)[0], -k)
-            for k, home in enumerate(candidates)
-            if home.category == candidate.category
-        ]
-        if scored and max(scored)[0] >= threshold:
-            candidates[-max(scored)[1]].weak.append(one)
+        homes = [home for home in candidates if same_object(home, candidate, threshold)]
+        if homes:
+            joined.append((max(homes, key=lambda home: overlap(home, candidate)), one))
+        elif all(overlap(home, candidate)[0] < threshold for home in candidates):
+            homeless.append(one)
+    for home, one in joined:
+        home.weak.append(one)
+    return homeless
+
+
+def agreed_objects(
+    evidence: list[Evidence], num_voxels: int, threshold: float, min_views: int, confident: float
+) -> list[Candidate]:
+    """Objects that no view is sure of, but that several views agree on.
+
+    Args:
+        evidence: detections below the confidence threshold that overlap no object.
+        num_voxels: size of the cloud.
+        threshold: as in ``group_detections``.
+        min_views: how many different views must place an object of one category there.
+        confident: what the chance that not all of them are wrong (``1 - prod(1 - score)``) must reach.
+
+    Returns:
+        Those objects; their sources are the agreeing detections.
+    """
+    accepted = []
+    for candidate in group_detections(evidence, num_voxels, threshold):
+        category = candidate.category
+        agreeing = [s for s in candidate.sources if s.detection.category == category]
+        views = {s.detection.view_index for s in agreeing}
+        all_wrong = float(np.prod([1 - s.detection.confidence for s in agreeing]))
+        if len(views) >= min_views and 1 - all_wrong >= confident:
+            accepted.append(candidate)
+    return accepted
 
 
 def merge_segments(

@@ -15,13 +15,14 @@ from jaxtyping import Float, Float32, Int32, UInt8
 
 from labeling.boxes3d import fit_box
 from labeling.crf import Kernel, mean_field
+from labeling.episode_labels import EpisodeLabels, LabelledObject, SegmentedCloud, Source
 from labeling.evidence import Evidence, gather_evidence
 from labeling.fusion import object_log_odds
-from labeling.instances import Box3d, Detection, PseudoLabel
+from labeling.instances import Detection, PseudoLabel
 from labeling.label_config import LabelConfig
 from labeling.lattice import build_lattice
 from labeling.masks_2d import modal_masks, view_probabilities
-from labeling.merging import Candidate, attach_weak, group_detections, merge_segments
+from labeling.merging import Candidate, agreed_objects, attach_weak, group_detections, merge_segments
 from labeling.pointcloud import Cloud, build_cloud
 from labeling.scale import Scale, measure_scale
 from labeling.splatting import nearest_points, silhouettes
@@ -33,64 +34,6 @@ MAX_FINE_POINTS = 3_000_000
 """Bounds the memory for them."""
 STRAY_GAP_VOXELS = 2.0
 """Pieces of a segment closer than this are one piece."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """A confident detection that an object was labelled from."""
-
-    view_index: int
-    confidence: float
-    category: str
-
-
-@dataclass(frozen=True)
-class LabelledObject:
-    """One object of an episode."""
-
-    instance_id: int
-    """1, 2, ... within the episode."""
-    category: str
-    confidence: float
-    """In [0, 1]: how far its sources are sure and agree."""
-    box_3d: Box3d | None
-    """None if no point was left for it."""
-    sources: tuple[Source, ...]
-    """The most confident first."""
-
-
-@dataclass(frozen=True)
-class SegmentedCloud:
-    """The points of an episode and the object each belongs to."""
-
-    points: Float32[np.ndarray, "n 3"]
-    """Metres, world."""
-    colours: Float32[np.ndarray, "n 3"]
-    """In [0, 1]."""
-    instance_id: Int32[np.ndarray, "n"]
-    """0 for none."""
-    probability: Float32[np.ndarray, "n k"]
-    """Of each object, in the order of ``EpisodeLabels.objects``."""
-
-    @property
-    def confidence(self) -> Float32[np.ndarray, "n"]:
-        """Probability that a point belongs to the object (or to none) it is labelled with."""
-        if self.probability.shape[1] == 0:
-            return np.ones(len(self.points), np.float32)
-        own = np.take_along_axis(self.probability, np.maximum(self.instance_id - 1, 0)[:, None], axis=1)[:, 0]
-        return np.where(self.instance_id > 0, own, 1 - self.probability.max(axis=1)).astype(np.float32)
-
-
-@dataclass(frozen=True)
-class EpisodeLabels:
-    """What the label generator found in one episode."""
-
-    objects: tuple[LabelledObject, ...]
-    labels: tuple[PseudoLabel, ...]
-    """Of every object in every view where it has a mask, sorted by view."""
-    cloud: SegmentedCloud
-    scale: Scale | None
-    """None if no detection was confident (there are no labels then)."""
 
 
 def propagate(
@@ -121,7 +64,8 @@ def propagate(
     _check(rgb, depth_m, intrinsics, camera_to_world, detections)
     usable = [d for d in detections if np.count_nonzero(d.mask) >= config.min_mask_px]
     confident = [d for d in usable if d.confidence >= config.confident]
-    scale = measure_scale(confident, depth_m, intrinsics, config.max_range_m)
+    sized = confident or (usable if config.agreeing_views else [])
+    scale = measure_scale(sized, depth_m, intrinsics, config.max_range_m)
     if scale is None:
         return _nothing()
     cloud = build_cloud(
@@ -169,12 +113,19 @@ def _find_objects(cloud: Cloud, detections: Sequence[Detection], config: LabelCo
     weak: list[Evidence] = []
     for detection in detections:
         sure = detection.confidence >= config.confident
-        if sure or config.weak_evidence:
+        if sure or config.weak_evidence or config.agreeing_views:
             evidence = gather_evidence(cloud, detection, config)
             if len(evidence.foreground) > 0:
                 (strong if sure else weak).append(evidence)
     candidates = group_detections(strong, cloud.num_points, config.merge_overlap)
-    attach_weak(candidates, weak, cloud.num_points, config.merge_overlap)
+    homeless = attach_weak(candidates, weak, cloud.num_points, config.merge_overlap)
+    if not config.weak_evidence:
+        for candidate in candidates:
+            candidate.weak.clear()
+    if config.agreeing_views:
+        candidates += agreed_objects(
+            homeless, cloud.num_points, config.merge_overlap, config.agreeing_views, config.confident
+        )
     return candidates
 
 
@@ -249,10 +200,10 @@ def _owner(probability: Float32[np.ndarray, "n k"], exclusive: bool) -> Int32[np
 
 
 def _object_confidence(candidate: Candidate, category: str) -> float:
-    """Mean confidence of the sources, times the share of their votes that the category won."""
-    total = sum(s.detection.confidence for s in candidate.sources)
-    won = sum(s.detection.confidence for s in candidate.sources if s.detection.category == category)
-    return float(won / len(candidate.sources)) if total else 0.0
+    """Mean confidence of the sources, times the share of the votes on the object that its category won."""
+    votes = candidate.category_votes()
+    mean = float(np.mean([source.detection.confidence for source in candidate.sources]))
+    return mean * votes[category] / max(sum(votes.values()), 1e-9)
 
 
 @dataclass(frozen=True)

@@ -58,4 +58,4 @@ def test_one_point_of_each_class_is_enough() -> None:
 def test_same_generator_same_classifier() -> None:
     front, back = two_crowds(4, 1.0)
     results = [train_unary(front, back, np.random.default_rng(7)).log_odds(back) for _ in range(2)]
-    np.testing.assert_array_equal(*results)
+    np.testing.assert_array_equal(results[0], results[1])

@@ -1,0 +1,99 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labeling.evidence import gather_evidence, outliers, split_mask
+from labeling.geometry import intrinsics_from_fov, look_at
+from labeling.instances import Detection
+from labeling.label_config import LabelConfig
+from labeling.pointcloud import build_cloud
+from labeling.scale import measure_scale
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0, 0.1), st.floats(0, 0.2))
+def test_parts_of_a_mask_do_not_overlap(seed: int, erode: float, dilate: float) -> None:
+    rng = np.random.default_rng(seed)
+    top, left = rng.integers(0, 20, 2)
+    mask = np.zeros((30, 40), bool)
+    mask[top : top + rng.integers(1, 25), left : left + rng.integers(1, 25)] = True
+    front, back, rim = split_mask(mask, erode, dilate)
+    assert front.any()
+    assert not np.any(front & ~mask)
+    assert not np.any(back & mask)
+    assert not np.any(rim & ~back)
+
+
+def test_safe_parts_keep_their_distance_from_the_outline() -> None:
+    mask = np.zeros((60, 60), bool)
+    mask[20:40, 20:40] = True
+    front, back, _ = split_mask(mask, 0.1, 0.2)
+    assert front[22:38, 22:38].all()
+    assert not front[20:22].any()
+    assert not back[17:43, 20:40].any()
+    assert not back[20:40, 17:43].any()
+    assert back[:15].all()
+
+
+def test_a_mask_is_not_eroded_at_the_border_of_the_picture() -> None:
+    mask = np.zeros((40, 40), bool)
+    mask[:, :20] = True
+    front, _, _ = split_mask(mask, 0.1, 0.1)
+    assert front[:, :17].all()
+    assert not front[:, 18:].any()
+
+
+def test_a_mask_thinner_than_the_rim_is_its_own_foreground() -> None:
+    mask = np.zeros((40, 40), bool)
+    mask[10, 5:35] = True
+    assert np.array_equal(split_mask(mask, 0.015, 0.05)[0], mask)
+
+
+def test_a_full_mask_has_no_background() -> None:
+    front, back, rim = split_mask(np.ones((20, 20), bool), 0.01, 0.05)
+    assert front.all()
+    assert not back.any()
+    assert not rim.any()
+
+
+def test_outliers_are_the_points_far_away() -> None:
+    rng = np.random.default_rng(0)
+    points = np.concatenate([rng.normal(0, 0.2, (500, 3)), rng.normal(6, 0.2, (40, 3))]).astype(np.float32)
+    far = outliers(points)
+    assert far[500:].all()
+    assert far[:500].mean() < 0.05
+
+
+def test_the_wall_behind_an_outline_is_not_foreground() -> None:
+    """A mask that reaches over the edge of a box at 2 m onto a wall at 6 m."""
+    depth = np.full((1, 60, 80), 6.0, np.float32)
+    depth[0, 10:50, 20:60] = 2.0
+    rgb = np.zeros((1, 60, 80, 3), np.uint8)
+    intrinsics, pose = intrinsics_from_fov(80, 60, 1.2), look_at(np.zeros(3), np.array([1.0, 0, 0]))
+    cloud = build_cloud(rgb, depth, intrinsics[None], pose[None], 0.05)
+    mask = np.zeros((60, 80), bool)
+    mask[10:50, 16:60] = True
+    evidence = gather_evidence(cloud, Detection(0, "box", 0.9, mask), LabelConfig())
+    assert len(evidence.foreground) > 0
+    assert np.all(cloud.points[evidence.foreground, 0] < 3)
+    assert not set(evidence.foreground) & set(evidence.background)
+    assert len(evidence.rim) > 0
+
+
+def test_scale_is_the_size_of_the_objects() -> None:
+    depth = np.full((1, 60, 80), 3.0, np.float32)
+    intrinsics = intrinsics_from_fov(80, 60, 1.2)[None]
+    mask = np.zeros((60, 80), bool)
+    mask[20:40, 30:50] = True
+    scale = measure_scale([Detection(0, "box", 0.9, mask)], depth, intrinsics)
+    assert scale is not None
+    np.testing.assert_allclose(scale.pixel_m, 3.0 / intrinsics[0, 0, 0])
+    np.testing.assert_allclose(scale.object_m, 20 * scale.pixel_m)
+    assert scale.voxel_m(LabelConfig(voxel_m=0.123)) == 0.123
+
+
+def test_scale_is_unknown_without_depth_or_detections() -> None:
+    depth = np.zeros((1, 6, 8), np.float32)
+    intrinsics = intrinsics_from_fov(8, 6, 1.2)[None]
+    assert measure_scale([Detection(0, "box", 0.9, np.ones((6, 8), bool))], depth, intrinsics) is None
+    assert measure_scale([], depth, intrinsics) is None
