@@ -1,13 +1,11 @@
-"""Records episodes: ``python -m agents.collect --env sbm_gym/Indoor-v0 --policy ring --episodes N --out DIR --seed S``."""
+"""Records episodes: ``python -m agents.collect --env ENV --policy ring --episodes N --out DIR --seed S``."""
 
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import tyro
-
-from labeling.errors import SbmError
+from labeling.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -15,7 +13,8 @@ class CollectConfig:
     """Lets a policy move through a world and records what it saw, ready for ``labeling.generate``.
 
     Each episode becomes a folder DIR/0000, DIR/0001, ... of one frame per step, with the detector's detections and the
-    simulator's ground truth. Killed and started again, it goes on where it was; episode i depends on the seed and i only.
+    simulator's ground truth. Killed and started again, it goes on where it was; episode i depends on the seed and i
+    only.
     """
 
     out: Path
@@ -35,23 +34,14 @@ class CollectConfig:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
+    """Runs the command line; returns its exit code."""
+    return run_command(CollectConfig, _collect, "python -m agents.collect", arguments)
 
-    Returns:
-        0; 2 if something about the input is wrong; 130 if interrupted.
-    """
-    config = tyro.cli(CollectConfig, prog="python -m agents.collect", args=arguments)
+
+def _collect(config: CollectConfig) -> None:
     from agents.recorder import collect
 
-    try:
-        collect(config)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"interrupted; the same command goes on with what is missing in {config.out}", file=sys.stderr)
-        return 130
-    return 0
+    collect(config)
 
 
 if __name__ == "__main__":

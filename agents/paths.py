@@ -1,5 +1,7 @@
 """Following a way over the navigable map, one stride at a time."""
 
+import itertools
+
 import numpy as np
 from jaxtyping import Float
 
@@ -12,8 +14,8 @@ def advance(
     """The next straight move on the way to a goal.
 
     Args:
-        navigable: the map; a position just off it (the body leans against something) starts from the nearest free place.
-        position_m: where the body is.
+        navigable: the map.
+        position_m: where the body is; just off the map (it leans against something) the nearest free place counts.
         goal_m: where it wants to go.
         stride_m: longest move.
 
@@ -32,9 +34,7 @@ def advance(
     return step_m if length_m <= stride_m else step_m * (stride_m / length_m)
 
 
-def way_length_m(
-    navigable: NavigableMap, position_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]
-) -> float:
+def way_length_m(navigable: NavigableMap, position_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]) -> float:
     """Length of the way to a goal, infinite if there is none."""
     way = navigable.shortest_path(navigable.nearest_free(position_m), goal_m)
     return float("inf") if way is None else float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
@@ -42,7 +42,7 @@ def way_length_m(
 
 def _point_along(way: Float[np.ndarray, "k 2"], distance_m: float) -> Float[np.ndarray, "2"]:
     """The point that far along a polyline, or its end."""
-    for start, end in zip(way[:-1], way[1:], strict=True):
+    for start, end in itertools.pairwise(way):
         length_m = float(np.linalg.norm(end - start))
         if length_m >= distance_m:
             return start + (end - start) * (distance_m / max(length_m, 1e-12))

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 SETTINGS_FILE = "collection.json"
 MAX_SPAWNS = 20
-"""An episode without a single confident detection gives no labels, so it is started again elsewhere: this many times."""
+"""An episode without a single confident detection gives no labels, so it is started again elsewhere: this many
+times."""
 SPAWNS_PER_SCENE = 5
 """After so many vain starts in one scene the next scene is tried."""
 VERSIONED = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "open3d")
@@ -90,6 +91,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "spawn": spawn,
                 "env_seed": int(seeds[0]),
                 "detector": "simulated",
+                "detector_categories": list(env_of(env).categories),
                 "confident": CONFIDENT,
                 "versions": _versions(),
                 "git_commit": _git_commit(),

@@ -5,9 +5,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
-from labeling.errors import SbmError
+from labeling.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -40,9 +38,7 @@ def run(config: DemoConfig) -> None:
     _say(f"1/3 moving: {config.episodes} episodes of the ring policy with a simulated detector")
     collect(CollectConfig(out=dataset, episodes=config.episodes, seed=config.seed))
     _say("2/3 labelling: confident detections to 3-D and back into every view")
-    failed = generate.run(generate.GenerateConfig(dataset=dataset, out=labels))
-    if failed:
-        raise SbmError(f"{failed} of the demo's episodes could not be labelled; see the lines above")
+    generate.run(generate.GenerateConfig(dataset=dataset, out=labels))
     _say("3/3 checking: detector and pseudo-labels against ground truth, on the same views")
     evaluation = evaluate.run(evaluate.EvaluateConfig(labels=labels))
     detector, pseudo_labels = evaluation.metrics["detector"], evaluation.metrics["pseudo_labels"]
@@ -58,18 +54,8 @@ def _say(heading: str) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
-
-    Returns:
-        0, or 2 if something about the input or the set-up is wrong.
-    """
-    config = tyro.cli(DemoConfig, prog="python -m experiments.demo", args=arguments)
-    try:
-        run(config)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    """Runs the command line; returns its exit code."""
+    return run_command(DemoConfig, run, "python -m experiments.demo", arguments)
 
 
 if __name__ == "__main__":

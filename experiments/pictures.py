@@ -4,9 +4,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
-from labeling.errors import SbmError
+from labeling.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -41,18 +39,8 @@ def run(config: PicturesConfig) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
-
-    Returns:
-        0, or 2 if something about the input or the set-up is wrong.
-    """
-    config = tyro.cli(PicturesConfig, prog="python -m experiments.pictures", args=arguments)
-    try:
-        run(config)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    """Runs the command line; returns its exit code."""
+    return run_command(PicturesConfig, run, "python -m experiments.pictures", arguments)
 
 
 if __name__ == "__main__":

@@ -2,3 +2,9 @@
 
 The ground floor: needs neither MuJoCo nor Gymnasium, so that it serves anybody's recordings.
 """
+
+import os
+
+# numba tries TBB first and warns about each one it finds too old. OpenMP is always there (see apt-packages.txt) and,
+# unlike numba's own workqueue, may be called from several threads. Set before numba is imported; workers inherit it.
+os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")

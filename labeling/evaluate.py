@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.errors import SbmError, UsageError
+from labeling.cli import run_command
+from labeling.errors import UsageError
 
 if TYPE_CHECKING:
     from labeling.evaluation import Evaluation
@@ -127,18 +128,8 @@ def _number(value: float | None) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
-
-    Returns:
-        0, or 2 if something about the input is wrong.
-    """
-    config = tyro.cli(EvaluateConfig, prog="python -m labeling.evaluate", args=arguments)
-    try:
-        run(config)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    """Runs the command line; returns its exit code."""
+    return run_command(EvaluateConfig, run, "python -m labeling.evaluate", arguments)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from labeling.cli import run_command
 from labeling.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.label_config import LabelConfig
 
@@ -29,14 +30,12 @@ class GenerateConfig:
     label: tyro.conf.OmitArgPrefixes[LabelConfig] = field(default_factory=LabelConfig)
 
 
-def run(config: GenerateConfig) -> int:
+def run(config: GenerateConfig) -> None:
     """Labels a dataset and writes the label set.
 
-    Returns:
-        How many episodes failed; each has been told on stderr in one line.
-
     Raises:
-        SbmError: if the dataset holds no episode or the output folder cannot be used.
+        SbmError: if the dataset holds no episode or the output folder cannot be used; and, after all the others have
+            been labelled and written, if any episode failed (each has been told on stderr in one line).
     """
     from tqdm import tqdm
 
@@ -54,7 +53,9 @@ def run(config: GenerateConfig) -> int:
         states.append(state)
     write_label_set(config.out, config.dataset, config.label, states)
     _report(config, states)
-    return sum(state.record is None for state in states)
+    failed = sum(state.record is None for state in states)
+    if failed:
+        raise SbmError(f"{failed} of {len(states)} episodes could not be labelled, for the reasons above")
 
 
 def _label_one(folder: Path, config: GenerateConfig) -> "EpisodeState":
@@ -116,17 +117,8 @@ def _report(config: GenerateConfig, states: "list[EpisodeState]") -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
-
-    Returns:
-        0, or 2 if an episode failed or something about the input is wrong.
-    """
-    config = tyro.cli(GenerateConfig, prog="python -m labeling.generate", args=arguments)
-    try:
-        return 2 if run(config) else 0
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    """Runs the command line; returns its exit code."""
+    return run_command(GenerateConfig, run, "python -m labeling.generate", arguments)
 
 
 if __name__ == "__main__":

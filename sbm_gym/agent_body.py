@@ -1,9 +1,10 @@
 """The agent's body: an upright capsule on two slides that MuJoCo moves, with a camera that pans and tilts on top.
 
-The capsule is driven by position servos whose set point travels along the commanded stride; furniture and walls stop it,
-because the servos are weaker than the contacts, and let it slide along them, because contacts have no friction. The body
-does not turn: it is round and drives in any direction, so its heading is simply the pan of its camera. Pan and tilt are
-kinematic (set outright): real heads turn much faster than bodies walk, and nothing they could touch is up there.
+The capsule is driven by position servos whose set point travels along the commanded stride; furniture and walls stop
+it, because the servos are weaker than the contacts, and let it slide along them, because contacts have no friction. The
+body does not turn: it is round and drives in any direction, so its heading is simply the pan of its camera. Pan and
+tilt are kinematic (set outright): real heads turn much faster than bodies walk, and nothing they could touch is up
+there.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """The Gymnasium environment: an agent that moves around objects and looks at them."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -34,11 +34,11 @@ class FixationEnv(gym.Env, EzPickle):
     """A robot that looks for objects, fixates them and circles them.
 
     ## Description
-    A round robot with an RGB-D camera 1.5 m above the floor stands somewhere in a furnished scene. Its detector is sure of
-    objects in easy views only. The robot earns reward for finding objects that its detector is confident about, and for
-    seeing these objects from many sides: from such views the label generator makes labels. One step is one move, one look
-    and one detection. The robot knows what its own senses tell it (detector, depth, odometry); observations and rewards
-    never use the simulator's ground truth.
+    A round robot with an RGB-D camera 1.5 m above the floor stands somewhere in a furnished scene. Its detector is sure
+    of objects in easy views only. The robot earns reward for finding objects that its detector is confident about, and
+    for seeing these objects from many sides: from such views the label generator makes labels. One step is one move,
+    one look and one detection. The robot knows what its own senses tell it (detector, depth, odometry); observations
+    and rewards never use the simulator's ground truth.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`
@@ -50,30 +50,32 @@ class FixationEnv(gym.Env, EzPickle):
     | 2 | gaze yaw, left is positive | with a fixation target: 45 degrees left of it; without: turn left by 60 degrees |
     | 3 | gaze pitch, up is positive | with a fixation target: 45 degrees above it; without: tilt up by 30 degrees |
 
-    Moves longer than a stride are shortened to one. The robot moves first, in the frame of its heading before the step, then
-    looks. Obstacles stop it or let it slide along. The fixation target is the first confirmed object (the most confident one
-    of the first view that has any); offset zero keeps its estimated centroid in the middle of the picture.
-    `env.unwrapped.fixate(object_id)` chooses another.
+    Moves longer than a stride are shortened to one. The robot moves first, in the frame of its heading before the step,
+    then looks. Obstacles stop it or let it slide along. The fixation target is the first confirmed object (the most
+    confident one of the first view that has any); offset zero keeps its estimated centroid in the middle of the
+    picture. `env.unwrapped.fixate(object_id)` chooses another.
 
     ## Observation Space
     `Dict` of
     - `rgb`: `Box(0, 255, (84, 84, 3), uint8)`, field of view 90 degrees;
     - `depth`: `Box(0, 255, (84, 84, 1), uint8)`, z-depth in levels of 4 cm, 0 = no return;
-    - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, candidate, time left, sectors covered, free space);
-      `env.unwrapped.state_names` says what each entry means, `sbm_gym.observations.state_names` how they are scaled.
+    - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, candidate, time left, sectors covered, free
+      space); `env.unwrapped.state_names` says what each entry means, `sbm_gym.observations.state_names` how they are
+      scaled.
 
     ## Rewards
     The sum of the terms in `info["reward_terms"]` (weights: `sbm_gym.rewards.RewardWeights`):
-    - `discovery`: +1 for an object confirmed for the first time (a detection with confidence >= 0.9 that is not near a known
-      object), and up to +0.5 for raising the best confidence of a known one to 1;
-    - `diversity`: +0.25 for each new 20 degree sector from which a confirmed object is seen, +0.05 for a new range or elevation
-      within a known sector; only where depth says that nothing stands before the object;
+    - `discovery`: +1 for an object confirmed for the first time (a detection with confidence >= 0.9 that is not near a
+      known object), and up to +0.5 for raising the best confidence of a known one to 1;
+    - `diversity`: +0.25 for each new 20 degree sector from which a confirmed object is seen, +0.05 for a new range or
+      elevation within a known sector; only where depth says that nothing stands before the object;
     - `collision`: -0.1 if an obstacle cut the move short;
     - `step`: 0 by default.
 
     ## Starting State
     A scene of the split, a place where the robot can stand and a heading, all drawn evenly. Options of `reset`:
-    `scene` (a name), `start` (`(x, y)` or `(x, y, yaw)`, metres and radians) and `reuse_scene` (stay in the current scene).
+    `scene` (a name), `start` (`(x, y)` or `(x, y, yaw)`, metres and radians) and `reuse_scene` (stay in the current
+    scene).
 
     ## Episode End
     Never terminated; truncated after 25 views (steps).
@@ -81,15 +83,16 @@ class FixationEnv(gym.Env, EzPickle):
     ## Arguments
     - `worlds`: the name of a kind of world, or an object that builds them (`sbm_gym.scenes.WorldSource`).
     - `split`: "train", "val", "test" or None for all scenes.
-    - `detector`: "simulated", or a `SimulatedDetectorConfig`. Steps run it on the picture of the observation, captures on
-      the captured one.
+    - `detector`: "simulated", or a `SimulatedDetectorConfig`. Steps run it on the picture of the observation, captures
+      on the captured one.
     - `renderer`: "auto" or "rays".
     - `image_size`: height and width of the observed pictures, pixels.
     - `antialias`: smooth edges in observed pictures (captures and `render` always do).
     - `reward_weights`, `memory`, `body`: frozen dataclasses of settings.
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
-    - `num_views`: steps of an episode; None takes `max_episode_steps` of the registered env, else 25.
+    - `num_views`: steps of an episode; None takes `max_episode_steps` of the registered env, else 25. Episodes longer
+      than that need `gym.make(..., num_views=n, max_episode_steps=n)`.
     - `episodes_per_scene`: without a seed, `reset` moves on to another scene after this many episodes.
     - `scene_cache`: how many scenes are kept in memory.
     - `render_mode`: "rgb_array" or "depth_array" (metres, float32), at `render_size` pixels.
@@ -98,7 +101,7 @@ class FixationEnv(gym.Env, EzPickle):
     - v0: initial version.
     """
 
-    metadata = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 5}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 5}
 
     def __init__(
         self,
@@ -213,7 +216,8 @@ class FixationEnv(gym.Env, EzPickle):
         self._step_index += 1
         update = self._look()
         terms = reward_terms(update, move.collided, self._weights)
-        truncated = self._step_index >= self.num_views
+        # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
+        truncated = self._step_index >= self.num_views and (self._num_views is not None or self.spec is None)
         return self._observation(update), float(sum(terms.values())), False, truncated, self._info(terms)
 
     def render(self) -> np.ndarray | None:
@@ -234,9 +238,9 @@ class FixationEnv(gym.Env, EzPickle):
     @property
     def num_views(self) -> int:
         """Steps of an episode."""
-        registered = self.spec.max_episode_steps if self.spec is not None else None
-        limits = [limit for limit in (self._num_views, registered) if limit is not None]
-        return min(limits) if limits else NUM_VIEWS
+        if self._num_views is not None:
+            return self._num_views
+        return (self.spec.max_episode_steps if self.spec is not None else None) or NUM_VIEWS
 
     @property
     def categories(self) -> tuple[str, ...]:
@@ -331,7 +335,9 @@ class FixationEnv(gym.Env, EzPickle):
         if options.get("start") is not None:
             start = np.asarray(options["start"], float)
             if start.shape not in ((2,), (3,)) or not np.all(np.isfinite(start)):
-                raise ValueError(f"option 'start' is (x, y) or (x, y, yaw) in metres and radians, not {options['start']}")
+                raise ValueError(
+                    f"option 'start' is (x, y) or (x, y, yaw) in metres and radians, not {options['start']}"
+                )
             if not scene.world.navigable.is_free(start[:2]):
                 free = scene.world.navigable.nearest_free(start[:2])
                 raise ValueError(

@@ -1,6 +1,7 @@
 """What the agent knows about objects, from its own senses: a detector, a depth camera and odometry.
 
-Nothing here looks at the simulator's ground truth: rewards are computed from this memory, and a robot could keep the same.
+Nothing here looks at the simulator's ground truth: rewards are computed from this memory, and a robot could keep the
+same.
 """
 
 from collections.abc import Sequence
@@ -55,8 +56,8 @@ class MemoryConfig:
     """Centroids at most this far apart are one object (the thesis' heuristic, from its published code)."""
     merge_extent_share: float = 0.5
     """Large objects show different parts to different views, so the radius is at least this share of the known part's
-    horizontal extent; of the category's own kind also if the centroid falls into the box around the known part, grown by
-    ``merge_radius_m``. Where the category differs, less: furniture of different kinds stands close together."""
+    horizontal extent; of the category's own kind also if the centroid falls into the box around the known part, grown
+    by ``merge_radius_m``. Where the category differs, less: furniture of different kinds stands close together."""
     other_category_factor: float = 0.7
     """Shrinks the share of the extent where the category differs."""
     max_depth_m: float = 8.0
@@ -135,7 +136,8 @@ class MemoryUpdate:
     new_objects: tuple[int, ...]
     """Ids of objects confirmed for the first time."""
     confidence_gain: float
-    """Sum over known objects of the increase of their best confidence, as a share of what was left above ``confident``."""
+    """Sum over known objects of the increase of their best confidence, as a share of what was left above
+    ``confident``."""
     num_new_azimuths: int
     """Azimuth sectors of known objects seen for the first time."""
     num_new_cells: int
@@ -261,8 +263,8 @@ def mask_points(
 ) -> Float[np.ndarray, "n 3"] | None:
     """World points of a detection's mask, None if it is too small, too far or without depth.
 
-    The mask's rim is left out where enough remains inside (its pixels often belong to the background), and so are points
-    more than three standard deviations from the mean, as in the thesis' published code.
+    The mask's rim is left out where enough remains inside (its pixels often belong to the background), and so are
+    points more than three standard deviations from the mean, as in the thesis' published code.
     """
     if np.count_nonzero(mask) < config.min_mask_share * mask.size:
         return None
@@ -286,8 +288,8 @@ def visible_share(
     """Share of an object's remembered points that a view shows: in the picture, and nothing foreign before them.
 
     What stands before a point is foreign if it is nearer to the camera than the object reaches: from behind, an object
-    hides its own front, so depth may fall short of a remembered point by the object's own size. What lies clearly behind
-    a point means that the object is not there.
+    hides its own front, so depth may fall short of a remembered point by the object's own size. What lies clearly
+    behind a point means that the object is not there.
     """
     height_px, width_px = depth_m.shape
     pixels, point_depth_m = project(known.points_m, intrinsics, camera_to_world)

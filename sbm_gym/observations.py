@@ -20,9 +20,9 @@ MANY_OBJECTS = 10
 def state_names(bins: ViewBins) -> tuple[str, ...]:
     """What each entry of the ``state`` observation means, in order.
 
-    Angles are divided by pi, so +-1 is straight behind; flags and shares are 0 to 1; ranges are divided by 5 m and clipped.
-    Bearings are counter-clockwise from where the camera points; sectors and directions go counter-clockwise too, sector 0
-    being the one the agent stands in.
+    Angles are divided by pi, so +-1 is straight behind; flags and shares are 0 to 1; ranges are divided by 5 m and
+    clipped. Bearings are counter-clockwise from where the camera points; sectors and directions go counter-clockwise
+    too, sector 0 being the one the agent stands in.
     """
     return (
         "target_known",

@@ -1,6 +1,6 @@
 """Full frames for the recorder: what one view shows, exactly, and how views become an episode on disk."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,7 +40,7 @@ def ground_truth_of_view(
     renderer: Renderer,
     data: mujoco.MjData,
     instance_map: Int32[np.ndarray, "h w"],
-    geoms_of_instance: dict[int, Sequence[int]],
+    geoms_of_instance: Mapping[int, Sequence[int]],
     intrinsics: Float[np.ndarray, "3 3"],
     camera_to_world: Float[np.ndarray, "4 4"],
     view_index: int,

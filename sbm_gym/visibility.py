@@ -98,8 +98,10 @@ class ObjectSurfaces:
         in_picture = np.bincount(self._owner, inside, minlength=count)
         visible = np.bincount(self._owner, shown, minlength=count)
         return [
-            self._observed(index, camera_to_world[:3, 3], visible[index] / in_picture[index], in_picture[index] / total[index])
-            for index in np.flatnonzero(visible)
+            self._observed(
+                index, camera_to_world[:3, 3], visible[index] / in_picture[index], in_picture[index] / total[index]
+            )
+            for index in np.flatnonzero(visible).tolist()
         ]
 
     def _observed(self, index: int, camera_m, visible_share: float, inside_share: float) -> ObservedObject:
@@ -156,10 +158,8 @@ def surface_points(
 
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_BOX_TRIANGLES = np.array(
-    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
-    + [[1, 5, 7], [1, 7, 3]]
-)
+_BOX_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+_BOX_TRIANGLES = np.array([triangle for a, b, c, d in _BOX_SIDES for triangle in ((a, b, c), (a, c, d))])
 
 
 def _triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Float[np.ndarray, "n 3 3"]:

@@ -1,4 +1,4 @@
-"""The house rules that a machine can check: one direction of imports, light command lines, a ground floor of its own."""
+"""House rules that a machine can check: one direction of imports, light command lines, a ground floor of its own."""
 
 import ast
 import subprocess

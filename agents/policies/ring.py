@@ -153,9 +153,7 @@ class Ring:
         """A random one of the places that one stride reaches, else the nearest."""
         distances_m = np.linalg.norm(places - position_m, axis=1)
         start_m = self._map.nearest_free(position_m)
-        near = [
-            place for place in places[distances_m <= self._env.stride_m] if self._map.line_is_free(start_m, place)
-        ]
+        near = [place for place in places[distances_m <= self._env.stride_m] if self._map.line_is_free(start_m, place)]
         return near[int(self._rng.integers(len(near)))] if near else places[int(np.argmin(distances_m))]
 
     def _nearest(
@@ -223,14 +221,16 @@ class Ring:
 def _first_direction(left: list[int], here: int, count: int, steps_left: int) -> int:
     """Which way round sees more sectors in the steps left, at about one sector a step.
 
-    The sectors that are left usually form an arc (walls block the rest). Going to its near end first costs the way there
-    twice; going to the far end first may leave no steps for the near one.
+    The sectors that are left usually form an arc (walls block the rest). Going to its near end first costs the way
+    there twice; going to the far end first may leave no steps for the near one.
     """
     up = sorted((sector - here) % count for sector in left)
     gaps = [after - before for before, after in zip([0, *up], [*up, count], strict=True)]
     widest = int(np.argmax(gaps))
     forth, back = up[:widest], [count - offset for offset in up[widest:]]
-    reach = {1: max(forth, default=0), -1: max(back, default=0)}
+    if not forth or not back:
+        return 1 if forth else -1
+    reach = {1: max(forth), -1: max(back)}
 
     def seen(first: int) -> int:
         near, far = (forth, back) if first == 1 else (back, forth)

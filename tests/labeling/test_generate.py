@@ -152,9 +152,10 @@ def test_a_malformed_episode_does_not_stop_the_others(
     (dataset / "room_1" / "rgb" / "002.png").unlink()
     assert run(dataset, tmp_path / "labels") == 2
     errors = [line for line in capsys.readouterr().err.splitlines() if "error:" in line]
-    assert len(errors) == 1
+    assert len(errors) == 2
     assert "room_1" in errors[0]
     assert "002.png" in errors[0]
+    assert "1 of 2 episodes" in errors[1]
     images = read(tmp_path / "labels" / "instances_modal.json")["images"]
     assert {image["episode"] for image in images} == {"room_2"}
     states = read(tmp_path / "labels" / "label_set.json")["episodes"]

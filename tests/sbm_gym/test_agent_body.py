@@ -3,11 +3,12 @@
 import mujoco
 import numpy as np
 import pytest
-from box_rooms import HALF_ROOM_M, BoxRooms
 
 from labeling.geometry import is_rigid, look_at, project
 from sbm_gym.agent_body import AGENT_BODY, AgentBody, BodyConfig, add_agent
 from sbm_gym.worlds.world import World
+
+from .box_rooms import HALF_ROOM_M, BoxRooms
 
 RADIUS_M = BodyConfig().radius_m
 

@@ -1,7 +1,8 @@
 import pytest
-from tiny_library import write_library
 
 from sbm_gym.assets.__main__ import main
+
+from .tiny_library import write_library
 
 
 @pytest.fixture

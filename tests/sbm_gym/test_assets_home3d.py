@@ -2,7 +2,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from tiny_library import write_library
 
 from labeling.errors import MissingAssetsError
 from sbm_gym.assets import archive as archive_module
@@ -11,6 +10,8 @@ from sbm_gym.assets.catalog import FURNITURE_VARIABLE, find_libraries, read_libr
 from sbm_gym.assets.home3d import cached_model, convert, model_folder
 from sbm_gym.assets.model import footprint_rectangles, load_model
 from sbm_gym.assets.wavefront import ModelFormatError, parse_obj
+
+from .tiny_library import write_library
 
 
 @pytest.fixture

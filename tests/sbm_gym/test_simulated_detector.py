@@ -4,17 +4,17 @@ import dataclasses
 
 import numpy as np
 import pytest
-from box_rooms import BoxRooms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.instances import mask_iou
+from labeling.instances import encode_mask, mask_iou
 from labeling.metrics import MaskInstance, average_precision
-from labeling.instances import encode_mask
 from sbm_gym.fixation_env import FixationEnv
 from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.simulated_masks import corrupt_mask, phantom_mask
 from sbm_gym.visibility import ObservedObject
+
+from .box_rooms import BoxRooms
 
 EASY = ObservedObject(1, "chair", "model", "scene/1", 1.0, 0.0, 0.0, 0.2, 1.5)
 
@@ -38,7 +38,9 @@ def views() -> list[tuple[SimulatedView, dict[int, str]]]:
 
 def detect_all(views, seed=0):
     detector = SimulatedDetector(SimulatedDetectorConfig(seed=seed))
-    return [(detector.detect(np.random.default_rng([seed, view.view_index]), view), view, names) for view, names in views]
+    return [
+        (detector.detect(np.random.default_rng([seed, view.view_index]), view), view, names) for view, names in views
+    ]
 
 
 def is_right(detection, view, names) -> bool:

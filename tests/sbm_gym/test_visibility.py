@@ -3,12 +3,13 @@
 import mujoco
 import numpy as np
 import pytest
-from box_rooms import BoxRooms
 
 from labeling.geometry import intrinsics_from_fov, look_at
 from sbm_gym.agent_body import BodyConfig
 from sbm_gym.scenes import Scene, compile_scene
 from sbm_gym.visibility import surface_points
+
+from .box_rooms import BoxRooms
 
 SIZE_PX = 200
 INTRINSICS = intrinsics_from_fov(SIZE_PX, SIZE_PX, np.pi / 2)
@@ -69,7 +70,9 @@ def test_a_whole_object_is_not_truncated_and_one_half_out_is(scene):
     assert 0.25 < cut.truncated_share < 0.75
 
 
-@pytest.mark.parametrize(("side", "azimuth"), [((0, -1), 0.0), ((1, 0), np.pi / 2), ((-1, 0), -np.pi / 2), ((0, 1), np.pi)])
+@pytest.mark.parametrize(
+    ("side", "azimuth"), [((0, -1), 0.0), ((1, 0), np.pi / 2), ((-1, 0), -np.pi / 2), ((0, 1), np.pi)]
+)
 def test_azimuth_is_measured_from_the_front(scene, side, azimuth):
     box = scene.world.objects[0].box_3d
     eye = box.centre_m + box.rotation @ np.array([1.5 * side[0], 1.5 * side[1], 0.7])

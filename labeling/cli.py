@@ -1,0 +1,44 @@
+"""What all command lines of the project have in common: options from a dataclass, errors in one line, exit codes."""
+
+import os
+import sys
+from collections.abc import Callable
+from typing import TypeVar
+
+import tyro
+
+from labeling.errors import SbmError
+
+Config = TypeVar("Config")
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+def run_command(
+    config_type: type[Config], run: Callable[[Config], object], prog: str, arguments: list[str] | None = None
+) -> int:
+    """Parses the command line into a config and runs it.
+
+    Args:
+        config_type: frozen dataclass of options; its docstrings are the help text.
+        run: does the work; what it returns is ignored. Raises ``SbmError`` where something about the input is wrong.
+        prog: how the command is called, for the help text.
+        arguments: the command line; ``sys.argv`` if None.
+
+    Returns:
+        The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted.
+    """
+    config = tyro.cli(config_type, prog=prog, args=arguments)
+    try:
+        run(config)
+        sys.stdout.flush()
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on with what is missing", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has closed it (`... | head`). Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0

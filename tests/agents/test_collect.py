@@ -1,0 +1,169 @@
+"""Recording: what is written is right, and being killed changes nothing."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import recorder
+from agents.collect import CollectConfig, main
+from agents.recorder import collect
+from labeling.episodes import find_episodes, read_episode
+from labeling.errors import UsageError
+from labeling.geometry import unproject
+
+from ..sbm_gym.box_rooms import BoxRooms
+
+ENV_ID = "collect_test/Boxes-v0"
+ROOT = Path(__file__).resolve().parents[2]
+if ENV_ID not in gym.registry:
+    gym.register(
+        ENV_ID, entry_point="sbm_gym.fixation_env:FixationEnv", kwargs={"worlds": BoxRooms()}, max_episode_steps=25
+    )
+
+
+def config(out: Path, **changes) -> CollectConfig:
+    return dataclasses.replace(CollectConfig(out=out, env=ENV_ID, episodes=3, size=64), **changes)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("recorded") / "episodes"
+    collect(config(out))
+    return out
+
+
+def test_episodes_read_back_whole_and_with_a_source_view(recorded):
+    folders = find_episodes(recorded)
+    assert [folder.name for folder in folders] == ["0000", "0001", "0002"]
+    for folder in folders:
+        episode = read_episode(folder)
+        assert episode.num_views == 25
+        assert episode.size == (64, 64)
+        assert any(d.confidence >= 0.9 for d in episode.detections or ())
+        assert episode.metadata["policy"] == "ring"
+        assert len(episode.metadata["steps"]) == 25
+        for step in episode.metadata["steps"]:
+            assert step["reward"] == pytest.approx(sum(step["reward_terms"].values()))
+            assert len(step["action"]) == 4
+    scenes = {read_episode(folder).metadata["scene"] for folder in folders}
+    assert len(scenes) == 3
+
+
+def test_ground_truth_on_disk_lies_in_its_boxes(recorded):
+    for folder in find_episodes(recorded):
+        episode = read_episode(folder)
+        for label in episode.ground_truth or ():
+            assert label.box_3d is not None
+            view = label.view_index
+            y, x = np.nonzero(label.modal)
+            points = unproject(
+                np.stack([x, y], axis=1).astype(float),
+                episode.depth_m[view][y, x].astype(float),
+                episode.intrinsics[view],
+                episode.camera_to_world[view],
+            )
+            local = np.abs((points - label.box_3d.centre_m) @ label.box_3d.rotation)
+            assert np.all(local <= label.box_3d.extent_m / 2 + 0.05)
+
+
+def test_killed_and_run_again_gives_the_same_bytes(recorded, tmp_path, monkeypatch):
+    out, written = tmp_path / "episodes", []
+    real = recorder.write_episode
+
+    def write_then_die(folder, episode):
+        if len(written) == 1:
+            raise KeyboardInterrupt
+        written.append(folder)
+        real(folder, episode)
+
+    monkeypatch.setattr(recorder, "write_episode", write_then_die)
+    with pytest.raises(KeyboardInterrupt):
+        collect(config(out))
+    assert len(find_episodes(out)) == 1
+    monkeypatch.setattr(recorder, "write_episode", real)
+    collect(config(out))
+    assert contents(out) == contents(recorded)
+
+
+def test_an_episode_does_not_depend_on_the_others(recorded, tmp_path):
+    collect(config(tmp_path / "one", episodes=1))
+    assert contents(tmp_path / "one" / "0000") == contents(recorded / "0000")
+
+
+def test_complete_folders_are_left_alone(recorded, monkeypatch):
+    monkeypatch.setattr(recorder, "write_episode", lambda *_: pytest.fail("nothing is missing"))
+    assert collect(config(recorded)) == [recorded / f"{k:04d}" for k in range(3)]
+
+
+@pytest.mark.parametrize("change", [{"seed": 1}, {"policy": "random"}, {"size": 32}, {"split": "val"}])
+def test_other_settings_in_the_same_folder_are_refused(recorded, change):
+    with pytest.raises(UsageError, match="other settings"):
+        collect(config(recorded, **change))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--env", "sbm_gym/Moon-v0"], "sbm_gym/Indoor-v0"),
+        (["--policy", "clever"], "random, ring"),
+        (["--env", "no_such_module:x/Y-v0"], "no_such_module"),
+        (["--episodes", "0"], "at least 1"),
+        (["--size", "8"], "at least 32"),
+        (["--seed", "-1"], "negative"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, capsys, arguments, says):
+    out = tmp_path / "out"
+    assert main(["--out", str(out), "--env", ENV_ID, *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert says in error
+    assert not out.exists()
+
+
+def test_folders_of_others_are_refused(tmp_path, capsys):
+    (tmp_path / "thesis.txt").write_text("precious")
+    assert main(["--out", str(tmp_path), "--env", ENV_ID]) == 2
+    assert "not made by this program" in capsys.readouterr().err
+    assert main(["--out", str(tmp_path / "thesis.txt"), "--env", ENV_ID]) == 2
+
+
+def test_a_damaged_episode_is_reported(recorded, tmp_path, capsys):
+    import shutil
+
+    out = tmp_path / "damaged"
+    shutil.copytree(recorded, out)
+    (out / "0001" / "depth" / "003.png").unlink()
+    arguments = ["--out", str(out), "--env", ENV_ID, "--episodes", "3", "--size", "64"]
+    assert main(arguments) == 2
+    assert "0001" in capsys.readouterr().err
+
+
+def test_a_world_without_anything_to_find_gives_up_with_a_clear_error(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(recorder, "MAX_SPAWNS", 2)
+    monkeypatch.setattr(recorder, "CONFIDENT", 1.1)
+    assert main(["--out", str(tmp_path / "out"), "--env", ENV_ID, "--size", "64"]) == 2
+    assert "without one confident detection" in capsys.readouterr().err
+
+
+def test_settings_are_kept_with_the_episodes(recorded):
+    settings = json.loads((recorded / "collection.json").read_text())["settings"]
+    assert settings == {"env": ENV_ID, "policy": "ring", "seed": 0, "split": "train", "size": 64}
+
+
+def test_help_names_the_options():
+    result = subprocess.run(
+        [sys.executable, "-m", "agents.collect", "--help"], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    assert all(option in result.stdout for option in ("--env", "--policy", "--episodes", "--out", "--seed", "--split"))
