@@ -31,13 +31,13 @@ def env():
 
 
 def make(**kwargs) -> gym.Env:
-    return gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), **kwargs)
+    return gym.make("sbm_gym:sbm_gym/Indoor-v0", **{"worlds": BoxRooms(), **kwargs})
 
 
-def rollout_digest(seed: int) -> str:
+def rollout_digest(seed: int, **kwargs) -> str:
     """Everything a rollout returns, as one hash."""
     digest = hashlib.sha256()
-    env = make()
+    env = make(**kwargs)
     observation, info = env.reset(seed=seed)
     env.action_space.seed(seed)
     truncated, reward = False, 0.0
@@ -65,11 +65,12 @@ def test_registration_can_be_repeated():
     assert sbm_gym.ENV_IDS is ENV_IDS
 
 
-def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process():
-    here = rollout_digest(3)
-    assert rollout_digest(3) == here
-    assert rollout_digest(4) != here
-    program = "from tests.sbm_gym.test_env import rollout_digest; print(rollout_digest(3))"
+@pytest.mark.parametrize("kwargs", [{}, {"worlds": "indoor", "split": "val"}], ids=["box rooms", "furnished rooms"])
+def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process(kwargs):
+    here = rollout_digest(3, **kwargs)
+    assert rollout_digest(3, **kwargs) == here
+    assert rollout_digest(4, **kwargs) != here
+    program = f"from tests.sbm_gym.test_env import rollout_digest; print(rollout_digest(3, **{kwargs!r}))"
     fresh = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert fresh.stdout.strip() == here
 
