@@ -77,7 +77,7 @@ def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:
 def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
     """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch)."""
     inside, union = overlap(a, b)
-    return (inside if a.category == b.category else union) >= threshold
+    return bool((inside if a.category == b.category else union) >= threshold)
 
 
 def group_detections(evidence: list[Evidence], num_voxels: int, threshold: float) -> list[Candidate]:
