@@ -29,8 +29,9 @@ class CollectConfig:
     """Decides scenes, starting places and all noise."""
     split: Literal["train", "val", "test"] = "train"
     """Scenes to record in."""
-    size: int = 256
-    """Width and height of the recorded pictures, pixels (the thesis: 256)."""
+    size: int | None = None
+    """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
+    rooms, 768x256 in streets)."""
 
 
 def main(arguments: list[str] | None = None) -> int:

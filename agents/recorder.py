@@ -124,7 +124,7 @@ def _roll_out(
     while not truncated:
         action = policy.act(observation, info)
         observation, reward, _, truncated, info = env.step(action)
-        captures.append(env_of(env).capture(config.size, config.size))
+        captures.append(env_of(env).capture(*_capture_size(env, config)))
         log.append(
             {
                 "action": [float(value) for value in action],
@@ -136,6 +136,12 @@ def _roll_out(
             }
         )
     return captures, log
+
+
+def _capture_size(env: gym.Env, config: CollectConfig) -> tuple[int, int]:
+    """Height and width of recorded pictures: the world's, or of its shape and the height asked for."""
+    height_px, width_px = env_of(env).profile.capture_size
+    return (height_px, width_px) if config.size is None else (config.size, round(config.size * width_px / height_px))
 
 
 def _is_source(capture: Capture) -> bool:
@@ -150,7 +156,7 @@ def _is_source(capture: Capture) -> bool:
 def _check(config: CollectConfig) -> None:
     if config.episodes < 1:
         raise UsageError(f"--episodes must be at least 1, not {config.episodes}")
-    if config.size < 32:
+    if config.size is not None and config.size < 32:
         raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
     if config.seed < 0:
         raise UsageError(f"--seed must not be negative, not {config.seed}")

@@ -5,23 +5,24 @@ from jaxtyping import Bool, Float
 
 from labeling.geometry import unproject_depth
 
-CELL_M = 0.1
 HEIGHT_M = 3.0
 
 
 class SeenSpace:
     """Collects the surfaces seen during an episode; what has not been seen counts as empty."""
 
-    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"]) -> None:
+    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"], cell_m: float = 0.1) -> None:
         """Starts with nothing seen.
 
         Args:
             low_m: least x and y of the floor that matters.
             high_m: greatest x and y.
+            cell_m: edge length of a cell.
         """
-        self._origin_m = np.array([low_m[0], low_m[1], 0.0]) - CELL_M
-        size_m = np.array([high_m[0] - low_m[0], high_m[1] - low_m[1], HEIGHT_M]) + 2.0 * CELL_M
-        self._filled = np.zeros(tuple(np.ceil(size_m / CELL_M).astype(int)), bool)
+        self._cell_m = cell_m
+        self._origin_m = np.array([low_m[0], low_m[1], 0.0]) - cell_m
+        size_m = np.array([high_m[0] - low_m[0], high_m[1] - low_m[1], HEIGHT_M]) + 2.0 * cell_m
+        self._filled = np.zeros(tuple(np.ceil(size_m / cell_m).astype(int)), bool)
 
     def add(
         self,
@@ -47,7 +48,7 @@ class SeenSpace:
         offsets = eyes_m - target_m
         distances_m = np.linalg.norm(offsets, axis=1)
         reach_m = float(distances_m.max(initial=0.0))
-        along_m = np.arange(stop_short_m, reach_m, 0.5 * CELL_M)
+        along_m = np.arange(stop_short_m, reach_m, 0.5 * self._cell_m)
         if len(along_m) == 0:
             return np.ones(len(eyes_m), bool)
         share = along_m[None, :] / np.maximum(distances_m, 1e-9)[:, None]
@@ -60,5 +61,5 @@ class SeenSpace:
         return ~np.any(hit.reshape(share.shape) & checked, axis=1)
 
     def _cells(self, points_m: Float[np.ndarray, "n 3"]):
-        cells = np.floor((points_m - self._origin_m) / CELL_M).astype(np.int64)
+        cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)
         return cells, np.all((cells >= 0) & (cells < self._filled.shape), axis=1)

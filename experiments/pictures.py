@@ -27,6 +27,7 @@ def run(config: PicturesConfig) -> None:
     from experiments.drawing import draw_episode, draw_label_steps, draw_labels
     from labeling.episodes import find_episodes, read_episode
     from labeling.files import atomic_file
+    from sbm_gym import preview
 
     demo.run(demo.DemoConfig(out=config.demo))
     episodes = [read_episode(folder) for folder in find_episodes(config.demo / "episodes")]
@@ -36,6 +37,8 @@ def run(config: PicturesConfig) -> None:
         with atomic_file(path) as temporary:
             draw(episodes, temporary)
         print(path)
+    # Of the scenes only those of the test split: enough to see what worlds look like.
+    preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -24,8 +24,6 @@ SLIDE_X, SLIDE_Y, PAN, TILT = "agent_x", "agent_y", "agent_pan", "agent_tilt"
 CONTACT_MARGIN_M = 0.01
 """Contacts push from this distance on, so that the soft contacts of MuJoCo yield before anything overlaps."""
 SUBSTEP_S = 0.01
-SPEED_M_S = 1.25
-"""Speed of the set point: a substep then advances it by 12.5 mm, far less than walls and the body are thick."""
 _MASS_KG = 20.0
 _SERVO_RATE_RAD_S = 25.0
 """Natural frequency of the critically damped servos: they trail the set point by 2/25 s."""
@@ -47,6 +45,8 @@ class BodyConfig:
     """Height of the camera above the floor, metres; the thesis' indoor agent (A.2.2, published code)."""
     max_tilt_rad: float = 1.2
     """The camera tilts between this far down and this far up."""
+    speed_m_s: float = 1.25
+    """Speed of the set point: a substep then advances it by 12.5 mm, far less than walls and the body are thick."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,8 @@ class AgentBody:
         self._servos = np.array([model.actuator(f"{name}_servo").id for name in (SLIDE_X, SLIDE_Y)])
         self._torso = int(model.geom("agent_torso").id)
         self._camera = int(model.camera(CAMERA).id)
-        self._max_tilt_rad = (config or BodyConfig()).max_tilt_rad
+        config = config or BodyConfig()
+        self._max_tilt_rad, self._speed_m_s = config.max_tilt_rad, config.speed_m_s
 
     @property
     def position_m(self) -> Float[np.ndarray, "2"]:
@@ -194,7 +195,7 @@ class AgentBody:
         yaw_rad, tilt_rad = self.yaw_rad, self.tilt_rad
         self.data.qvel[:] = 0.0
         if distance_m > 0.0:
-            travelling = int(np.ceil(distance_m / (SPEED_M_S * SUBSTEP_S)))
+            travelling = int(np.ceil(distance_m / (self._speed_m_s * SUBSTEP_S)))
             for substep in range(1, travelling + 1):
                 self.data.ctrl[self._servos] = start + (goal - start) * (substep / travelling)
                 mujoco.mj_step(self.model, self.data)

@@ -15,9 +15,11 @@ from sbm_gym.object_memory import KnownObject, MemoryConfig, MemoryUpdate, Objec
 from sbm_gym.observations import Situation, encode_depth, observation_space, state_names, state_vector
 from sbm_gym.recording import Capture, ground_truth_of_view
 from sbm_gym.rendering.base import Frame
+from sbm_gym.rendering.third_person import AgentTrace, Find, ThirdPersonView
 from sbm_gym.rewards import RewardWeights, reward_terms
 from sbm_gym.scenes import SPLITS, Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
+from sbm_gym.viewer_window import ViewerWindow, check_screen, screen_available
 from sbm_gym.world_sources import world_source
 from sbm_gym.worlds.navigable import NavigableMap
 
@@ -26,26 +28,25 @@ GAZES = ("fixate", "free")
 RESET_OPTIONS = ("scene", "start", "reuse_scene")
 NUM_VIEWS = 25
 """Views of an episode (thesis 5.1.1)."""
-REST_TILT_RAD = -0.25
-"""Tilt at the start of an episode: a little down, where furniture is."""
 
 
 class FixationEnv(gym.Env, EzPickle):
     """A robot that looks for objects, fixates them and circles them.
 
     ## Description
-    A round robot with an RGB-D camera 1.5 m above the floor stands somewhere in a furnished scene. Its detector is sure
-    of objects in easy views only. The robot earns reward for finding objects that its detector is confident about, and
-    for seeing these objects from many sides: from such views the label generator makes labels. One step is one move,
-    one look and one detection. The robot knows what its own senses tell it (detector, depth, odometry); observations
-    and rewards never use the simulator's ground truth.
+    A round robot with an RGB-D camera 1.5 m above the floor stands somewhere in a furnished scene, or, with a camera
+    at 1.65 m, near two vehicles in a street. (The values that differ are the world's `sbm_gym.profiles.WorldProfile`;
+    those of streets are given in brackets.) Its detector is sure of objects in easy views only. The robot earns reward
+    for finding objects that its detector is confident about, and for seeing these objects from many sides: from such
+    views the label generator makes labels. One step is one move, one look and one detection. The robot knows what its
+    own senses tell it (detector, depth, odometry); observations and rewards never use the simulator's ground truth.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`
 
     | | action | 1 means |
     |---|---|---|
-    | 0 | forward | one stride (0.5 m) to where the camera points |
+    | 0 | forward | one stride (0.5 m [2.5 m]) to where the camera points |
     | 1 | left | one stride to the left of it |
     | 2 | gaze yaw, left is positive | with a fixation target: 45 degrees left of it; without: turn left by 60 degrees |
     | 3 | gaze pitch, up is positive | with a fixation target: 45 degrees above it; without: tilt up by 30 degrees |
@@ -57,8 +58,8 @@ class FixationEnv(gym.Env, EzPickle):
 
     ## Observation Space
     `Dict` of
-    - `rgb`: `Box(0, 255, (84, 84, 3), uint8)`, field of view 90 degrees;
-    - `depth`: `Box(0, 255, (84, 84, 1), uint8)`, z-depth in levels of 4 cm, 0 = no return;
+    - `rgb`: `Box(0, 255, (84, 84, 3) [(64, 192, 3)], uint8)`, field of view 90 degrees across;
+    - `depth`: `Box(0, 255, (84, 84, 1) [(64, 192, 1)], uint8)`, z-depth in levels of 4 cm [20 cm], 0 = no return;
     - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, candidate, time left, sectors covered, free
       space); `env.unwrapped.state_names` says what each entry means, `sbm_gym.observations.state_names` how they are
       scaled.
@@ -73,9 +74,10 @@ class FixationEnv(gym.Env, EzPickle):
     - `step`: 0 by default.
 
     ## Starting State
-    A scene of the split, a place where the robot can stand and a heading, all drawn evenly. Options of `reset`:
-    `scene` (a name), `start` (`(x, y)` or `(x, y, yaw)`, metres and radians) and `reuse_scene` (stay in the current
-    scene).
+    A scene of the split, a place where the robot can stand and a heading, all drawn evenly. In towns each episode places
+    two vehicles where vehicles naturally stand and draws the weather; the robot starts 3 to 15 m from the first, and the
+    map ends 24 m from it. Options of `reset`: `scene` (a name), `start` (`(x, y)` or `(x, y, yaw)`, metres and radians)
+    and `reuse_scene` (stay in the current scene).
 
     ## Episode End
     Never terminated; truncated after 25 views (steps).
@@ -85,8 +87,9 @@ class FixationEnv(gym.Env, EzPickle):
     - `split`: "train", "val", "test" or None for all scenes.
     - `detector`: "simulated", or a `SimulatedDetectorConfig`. Steps run it on the picture of the observation, captures
       on the captured one.
-    - `renderer`: "auto" or "rays".
-    - `image_size`: height and width of the observed pictures, pixels.
+    - `renderer`: "rays", "gl", or "auto": `gl` where a GPU is, `rays` elsewhere.
+    - `image_size`: height and width of the observed pictures, pixels; like `memory`, `body`, `stride_m` and
+      `render_size` from the world's profile if None.
     - `antialias`: smooth edges in observed pictures (captures and `render` always do).
     - `reward_weights`, `memory`, `body`: frozen dataclasses of settings.
     - `stride_m`: longest move of one step.
@@ -95,13 +98,18 @@ class FixationEnv(gym.Env, EzPickle):
       than that need `gym.make(..., num_views=n, max_episode_steps=n)`.
     - `episodes_per_scene`: without a seed, `reset` moves on to another scene after this many episodes.
     - `scene_cache`: how many scenes are kept in memory.
-    - `render_mode`: "rgb_array" or "depth_array" (metres, float32), at `render_size` pixels.
+    - `render_mode`: "rgb_array" (what the robot sees), "depth_array" (metres, float32), "third_person" (the robot from
+      above, with its path, its camera's frustum and what it has found), each at `render_size` pixels; or "human"
+      (MuJoCo's viewer).
 
     ## Version History
     - v0: initial version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 5}
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array", "depth_array", "third_person", "human"],
+        "render_fps": 5,
+    }
 
     def __init__(
         self,
@@ -109,18 +117,18 @@ class FixationEnv(gym.Env, EzPickle):
         split: str | None = "train",
         detector: str | SimulatedDetectorConfig = "simulated",
         renderer: str = "auto",
-        image_size: tuple[int, int] = (84, 84),
+        image_size: tuple[int, int] | None = None,
         antialias: bool = False,
         reward_weights: RewardWeights | None = None,
         memory: MemoryConfig | None = None,
         body: BodyConfig | None = None,
-        stride_m: float = 0.5,
+        stride_m: float | None = None,
         gaze: str = "fixate",
         num_views: int | None = None,
         episodes_per_scene: int = 1,
         scene_cache: int = 3,
         render_mode: str | None = None,
-        render_size: tuple[int, int] = (256, 256),
+        render_size: tuple[int, int] | None = None,
     ) -> None:
         """Makes an environment; scenes are built when first needed. Arguments: see the class.
 
@@ -134,30 +142,41 @@ class FixationEnv(gym.Env, EzPickle):
             raise ValueError(f"unknown gaze {gaze!r}; known: {', '.join(GAZES)}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
+        if render_mode == "human":
+            check_screen()
+        elif not screen_available():
+            # So that checkers and wrappers that try every mode of an env leave out what cannot work here.
+            modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
+            self.metadata = {**self.metadata, "render_modes": modes}
         if num_views is not None and num_views < 1:
             raise ValueError(f"num_views must be at least 1, not {num_views}")
-        if not stride_m > 0.0:
+        if stride_m is not None and not stride_m > 0.0:
             raise ValueError(f"stride_m must be positive, not {stride_m}")
         if episodes_per_scene < 1:
             raise ValueError(f"episodes_per_scene must be at least 1, not {episodes_per_scene}")
         check_renderer(renderer)
-        self._detector = _make_detector(detector)
         self._source = world_source(worlds) if isinstance(worlds, str) else worlds
+        self.profile = self._source.profile
+        """What fits this kind of world: body, strides, distances, picture sizes."""
+        self._detector = _make_detector(detector, self.profile.detector)
         self.scene_names = self._source.scenes(split)
         """Names of the scenes that ``reset`` draws from."""
         self._weights = reward_weights or RewardWeights()
-        self._memory_config = memory or MemoryConfig()
+        self._memory_config = memory or self.profile.memory
         self._bins = self._memory_config.bins
-        self._size, self._antialias = image_size, antialias
-        self._stride_m, self._gaze, self._num_views = stride_m, gaze, num_views
+        self._size, self._antialias = image_size or self.profile.image_size, antialias
+        self._stride_m = self.profile.stride_m if stride_m is None else stride_m
+        self._gaze, self._num_views = gaze, num_views
         self._episodes_per_scene = episodes_per_scene
-        self._cache = SceneCache(self._source, renderer, body or BodyConfig(), scene_cache)
-        self.render_mode, self._render_size = render_mode, render_size
+        self._cache = SceneCache(self._source, renderer, body or self.profile.body, scene_cache)
+        self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(self._bins)
         """What the entries of the ``state`` observation mean."""
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
-        self.observation_space = observation_space(*image_size, self._bins)
+        self.observation_space = observation_space(*self._size, self._bins)
         self._scene: Scene | None = None
+        self._third_person: tuple[Scene, ThirdPersonView] | None = None
+        self._window = ViewerWindow()
         self._episodes_in_scene = 0
 
     # The gymnasium interface ------------------------------------------------------------------------------------------
@@ -179,7 +198,7 @@ class FixationEnv(gym.Env, EzPickle):
         unknown = sorted(set(options) - set(RESET_OPTIONS))
         if unknown:
             raise ValueError(f"unknown reset option {unknown[0]!r}; known: {', '.join(RESET_OPTIONS)}")
-        scene = self._choose_scene(options, seeded=seed is not None)
+        scene = self._choose_scene(options, seeded=seed is not None).for_episode(self.np_random)
         position_m, yaw_rad = self._choose_start(scene, options)
         self._scene = scene
         self._entropy = int(self.np_random.integers(2**62))
@@ -187,10 +206,12 @@ class FixationEnv(gym.Env, EzPickle):
         self.memory = ObjectMemory(self._memory_config)
         """What the robot knows about objects."""
         self._target_id: int | None = None
-        scene.body.place(position_m, yaw_rad, REST_TILT_RAD)
+        scene.body.place(position_m, yaw_rad, self.profile.rest_tilt_rad)
         self._origin_m = position_m
+        self._places_m = [position_m]
         update = self._look()
         terms = dict.fromkeys(reward_terms(update, False, self._weights), 0.0)
+        self._show_human()
         return self._observation(update), self._info(terms)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -211,6 +232,7 @@ class FixationEnv(gym.Env, EzPickle):
         before = scene.body.position_m
         move = scene.body.move(self._displacement_m(action[:2], scene.body.yaw_rad))
         self._path_m += float(np.linalg.norm(scene.body.position_m - before))
+        self._places_m.append(scene.body.position_m)
         self._collided = move.collided
         self._aim(action[2:])
         self._step_index += 1
@@ -218,20 +240,62 @@ class FixationEnv(gym.Env, EzPickle):
         terms = reward_terms(update, move.collided, self._weights)
         # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
         truncated = self._step_index >= self.num_views and (self._num_views is not None or self.spec is None)
+        self._show_human()
         return self._observation(update), float(sum(terms.values())), False, truncated, self._info(terms)
 
     def render(self) -> np.ndarray | None:
-        """The current view, without aliasing, as ``render_mode`` says; None if there is none."""
+        """The current view, without aliasing, as ``render_mode`` says; None if there is none, or it is a window."""
         if self.render_mode is None:
             gym.logger.warn("render() needs a render_mode; pass render_mode='rgb_array' to gym.make")
             return None
+        if self.render_mode == "human":
+            self._show_human()
+            return None
+        if self.render_mode == "third_person":
+            return self._view_from_outside()
         frame, _, _ = self._draw(*self._render_size, antialias=self.render_mode == "rgb_array")
         return frame.rgb if self.render_mode == "rgb_array" else frame.depth_m
 
     def close(self) -> None:
         """Frees the scenes; ``reset`` builds them again."""
+        self._window.close()
+        if self._third_person is not None:
+            self._third_person[1].close()
+            self._third_person = None
         self._cache.clear()
         self._scene = None
+
+    def _view_from_outside(self) -> np.ndarray:
+        scene = self._current_scene()
+        if self._third_person is None or self._third_person[0].model is not scene.model:
+            if self._third_person is not None:
+                self._third_person[1].close()
+            view = ThirdPersonView(scene.model, self._cache.make_renderer, float(scene.body.camera_to_world[2, 3]))
+            self._third_person = (scene, view)
+        return self._third_person[1].draw(scene.data, self._trace(), *self._render_size)
+
+    def _show_human(self) -> None:
+        if self.render_mode == "human":
+            scene = self._current_scene()
+            self._window.show(scene.model, scene.data, self._trace())
+
+    def _trace(self) -> AgentTrace:
+        """What a picture from outside shows of the agent."""
+        return AgentTrace(
+            camera_to_world=self._current_scene().body.camera_to_world,
+            intrinsics=self._intrinsics,
+            picture_size_px=self._size,
+            path_m=tuple(self._places_m),
+            finds=tuple(
+                Find(
+                    known.centroid_m,
+                    float(np.max(known.extent_m)),
+                    f"{known.category} {known.best_confidence:.2f}",
+                    known.object_id == self._target_id,
+                )
+                for known in self.memory.objects
+            ),
+        )
 
     # For policies and recorders ---------------------------------------------------------------------------------------
 
@@ -281,14 +345,15 @@ class FixationEnv(gym.Env, EzPickle):
             raise ValueError(f"no confirmed object {object_id}; there are {len(self.memory.objects)}, counted from 0")
         self._target_id = object_id
 
-    def capture(self, height_px: int = 256, width_px: int = 256) -> Capture:
+    def capture(self, height_px: int | None = None, width_px: int | None = None) -> Capture:
         """A full frame of the current view. Changes nothing: the rollout goes on as if it had not been taken.
 
         Args:
-            height_px: picture height.
+            height_px: picture height; by default that of the world's profile, as is the width.
             width_px: picture width; the field of view is 90 degrees across.
         """
         scene = self._current_scene()
+        height_px, width_px = height_px or self.profile.capture_size[0], width_px or self.profile.capture_size[1]
         frame, instance_map, intrinsics = self._draw(height_px, width_px, antialias=True)
         camera_to_world = scene.body.camera_to_world
         return Capture(
@@ -331,7 +396,7 @@ class FixationEnv(gym.Env, EzPickle):
 
     def _choose_start(self, scene: Scene, options: dict[str, Any]) -> tuple[Float[np.ndarray, "2"], float]:
         yaw_rad = float(self.np_random.uniform(-np.pi, np.pi))
-        position_m = scene.world.navigable.random_point(self.np_random)
+        position_m = (scene.world.starts or scene.world.navigable).random_point(self.np_random)
         if options.get("start") is not None:
             start = np.asarray(options["start"], float)
             if start.shape not in ((2,), (3,)) or not np.all(np.isfinite(start)):
@@ -426,8 +491,8 @@ class FixationEnv(gym.Env, EzPickle):
         self._visible = update.visible
         return {
             "rgb": self._frame.rgb.copy(),
-            "depth": encode_depth(self._frame.depth_m),
-            "state": state_vector(situation, self._bins, scene.world.navigable),
+            "depth": encode_depth(self._frame.depth_m, self.profile.scales.depth_level_m),
+            "state": state_vector(situation, self._bins, scene.world.navigable, self.profile.scales),
         }
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
@@ -465,9 +530,9 @@ class FixationEnv(gym.Env, EzPickle):
         }
 
 
-def _make_detector(detector: str | SimulatedDetectorConfig) -> SimulatedDetector:
+def _make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig) -> SimulatedDetector:
     if isinstance(detector, SimulatedDetectorConfig):
         return SimulatedDetector(detector)
     if detector not in DETECTORS:
         raise ValueError(f"unknown detector {detector!r}; known: {', '.join(DETECTORS)}, or a SimulatedDetectorConfig")
-    return SimulatedDetector()
+    return SimulatedDetector(fitting)

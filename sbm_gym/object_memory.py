@@ -66,6 +66,8 @@ class MemoryConfig:
     """Smaller masks are dropped, as a share of the picture (the thesis drops less than 32 of 256x256 pixels)."""
     min_visible_share: float = 0.34
     """A known object counts as seen if this share of its remembered points is in the picture and not hidden."""
+    max_own_size_m: float = 1.0
+    """An object's near side may hide its own far side by up to its size, at most this."""
     num_points: int = 96
     """Surface points remembered of each object."""
     bins: ViewBins = field(default_factory=ViewBins)
@@ -240,7 +242,8 @@ class ObjectMemory:
         """Notes from where the known objects are seen; returns those visible, new azimuths and other new cells."""
         visible, new_azimuths, new_cells = [], 0, 0
         for known in self.objects:
-            if visible_share(known, depth_m, intrinsics, camera_to_world) < self.config.min_visible_share:
+            share = visible_share(known, depth_m, intrinsics, camera_to_world, self.config.max_own_size_m)
+            if share < self.config.min_visible_share:
                 continue
             visible.append(known.object_id)
             cell = self.config.bins.cell(camera_to_world[:3, 3], known.centroid_m)
@@ -284,6 +287,7 @@ def visible_share(
     depth_m: Float[np.ndarray, "h w"],
     intrinsics: Float[np.ndarray, "3 3"],
     camera_to_world: Float[np.ndarray, "4 4"],
+    max_own_size_m: float = MemoryConfig.max_own_size_m,
 ) -> float:
     """Share of an object's remembered points that a view shows: in the picture, and nothing foreign before them.
 
@@ -300,9 +304,9 @@ def visible_share(
     if not inside.any():
         return 0.0
     seen_m = depth_m[y[inside], x[inside]]
-    own_size_m = min(1.0, float(np.max(known.extent_m[:2])))
+    own_size_m = min(max_own_size_m, float(np.max(known.extent_m[:2])))
     nearer_m = point_depth_m[inside] - seen_m
-    agrees = (seen_m > 0.0) & (nearer_m < 0.15 + own_size_m) & (nearer_m > -0.3 - 0.5 * own_size_m)
+    agrees = (seen_m > 0.0) & (nearer_m < 0.15 + own_size_m) & (nearer_m > -0.3 - 0.5 * min(own_size_m, 1.0))
     return float(np.count_nonzero(agrees) / len(known.points_m))
 
 

@@ -9,20 +9,31 @@ from jaxtyping import Float, Float32, UInt8
 from sbm_gym.object_memory import Candidate, KnownObject, ViewBins
 from sbm_gym.worlds.navigable import NavigableMap
 
-DEPTH_LEVEL_M = 0.04
-"""One level of the depth observation: 255 levels reach 10.2 m. 0 = no return; farther returns read 255."""
 FREE_DIRECTIONS = 8
-FREE_REACH_M = 2.0
-RANGE_REACH_M = 5.0
 MANY_OBJECTS = 10
+
+
+@dataclass(frozen=True)
+class ObservationScales:
+    """Lengths that observations are scaled by."""
+
+    depth_level_m: float = 0.04
+    """One level of the depth observation: 255 levels reach 10.2 m. 0 = no return; farther returns read 255."""
+    free_reach_m: float = 2.0
+    """How far the robot looks for free floor around it."""
+    range_reach_m: float = 5.0
+    """Range of objects that reads 1."""
+
+
+ROOM_SCALES = ObservationScales()
 
 
 def state_names(bins: ViewBins) -> tuple[str, ...]:
     """What each entry of the ``state`` observation means, in order.
 
-    Angles are divided by pi, so +-1 is straight behind; flags and shares are 0 to 1; ranges are divided by 5 m and
-    clipped. Bearings are counter-clockwise from where the camera points; sectors and directions go counter-clockwise
-    too, sector 0 being the one the agent stands in.
+    Angles are divided by pi, so +-1 is straight behind; flags and shares are 0 to 1; ranges are divided by
+    ``ObservationScales.range_reach_m`` and clipped. Bearings are counter-clockwise from where the camera points; sectors
+    and directions go counter-clockwise too, sector 0 being the one the agent stands in.
     """
     return (
         "target_known",
@@ -56,15 +67,19 @@ def observation_space(height_px: int, width_px: int, bins: ViewBins) -> spaces.D
     )
 
 
-def encode_depth(depth_m: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 1"]:
-    """Depth in levels of 4 cm; a return is never encoded as 0, which stands for none."""
-    levels = np.clip(np.rint(depth_m / DEPTH_LEVEL_M), 1, 255)
+def encode_depth(
+    depth_m: Float[np.ndarray, "h w"], level_m: float = ROOM_SCALES.depth_level_m
+) -> UInt8[np.ndarray, "h w 1"]:
+    """Depth in levels of ``level_m``; a return is never encoded as 0, which stands for none."""
+    levels = np.clip(np.rint(depth_m / level_m), 1, 255)
     return np.where(depth_m > 0.0, levels, 0).astype(np.uint8)[..., None]
 
 
-def decode_depth(depth: UInt8[np.ndarray, "h w 1"]) -> Float32[np.ndarray, "h w"]:
-    """Metres of an encoded depth image, to within 2 cm below 10.2 m."""
-    return depth[..., 0].astype(np.float32) * np.float32(DEPTH_LEVEL_M)
+def decode_depth(
+    depth: UInt8[np.ndarray, "h w 1"], level_m: float = ROOM_SCALES.depth_level_m
+) -> Float32[np.ndarray, "h w"]:
+    """Metres of an encoded depth image, to within half a level below 255 levels."""
+    return depth[..., 0].astype(np.float32) * np.float32(level_m)
 
 
 @dataclass(frozen=True)
@@ -85,13 +100,15 @@ class Situation:
     """Share of the episode's steps that remain."""
 
 
-def state_vector(situation: Situation, bins: ViewBins, navigable: NavigableMap) -> Float32[np.ndarray, "n"]:
+def state_vector(
+    situation: Situation, bins: ViewBins, navigable: NavigableMap, scales: ObservationScales = ROOM_SCALES
+) -> Float32[np.ndarray, "n"]:
     """The ``state`` observation; entries as ``state_names`` says."""
     s = situation
     known = np.zeros(8)
     sectors = np.zeros(bins.num_azimuths)
     if s.target is not None:
-        range_share, bearing, elevation = _direction(s, s.target.centroid_m)
+        range_share, bearing, elevation = _direction(s, s.target.centroid_m, scales)
         covered = s.target.azimuths
         known[:] = [
             1.0,
@@ -109,23 +126,26 @@ def state_vector(situation: Situation, bins: ViewBins, navigable: NavigableMap) 
             sectors[(sector - here) % bins.num_azimuths] = 1.0
     candidate = np.zeros(3)
     if s.candidate is not None:
-        range_share, bearing, _ = _direction(s, s.candidate.centroid_m)
+        range_share, bearing, _ = _direction(s, s.candidate.centroid_m, scales)
         candidate[:] = [s.candidate.confidence, range_share, bearing]
     rest = [min(s.num_confirmed / MANY_OBJECTS, 1.0), s.tilt_rad / np.pi, float(s.collided), s.time_left]
-    free = free_distances_m(navigable, s.position_m, s.yaw_rad) / FREE_REACH_M
+    free = free_distances_m(navigable, s.position_m, s.yaw_rad, scales.free_reach_m) / scales.free_reach_m
     return np.clip(np.concatenate([known, candidate, rest, sectors, free]), -1.0, 1.0).astype(np.float32)
 
 
-def _direction(s: Situation, point_m: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+def _direction(s: Situation, point_m: Float[np.ndarray, "3"], scales: ObservationScales) -> tuple[float, float, float]:
     """Horizontal range as a share of its reach, bearing and elevation over pi."""
     offset = point_m - s.camera_m
     range_m = float(np.hypot(offset[0], offset[1]))
     bearing = (float(np.arctan2(offset[1], offset[0])) - s.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
-    return min(range_m / RANGE_REACH_M, 1.0), bearing / np.pi, float(np.arctan2(offset[2], range_m)) / np.pi
+    return min(range_m / scales.range_reach_m, 1.0), bearing / np.pi, float(np.arctan2(offset[2], range_m)) / np.pi
 
 
 def free_distances_m(
-    navigable: NavigableMap, position_m: Float[np.ndarray, "2"], yaw_rad: float
+    navigable: NavigableMap,
+    position_m: Float[np.ndarray, "2"],
+    yaw_rad: float,
+    reach_m: float = ROOM_SCALES.free_reach_m,
 ) -> Float[np.ndarray, "directions"]:
     """How far the body could go in each of eight directions, from the map the robot navigates by.
 
@@ -133,11 +153,12 @@ def free_distances_m(
         navigable: where the body's centre may be.
         position_m: where it is.
         yaw_rad: the first direction; the others follow counter-clockwise.
+        reach_m: how far to look.
 
     Returns:
-        Metres, at most ``FREE_REACH_M``.
+        Metres, at most ``reach_m``.
     """
-    steps_m = np.arange(1, int(FREE_REACH_M / navigable.cell_m) + 1) * navigable.cell_m
+    steps_m = np.arange(1, int(reach_m / navigable.cell_m) + 1) * navigable.cell_m
     angles = yaw_rad + np.arange(FREE_DIRECTIONS) * (2.0 * np.pi / FREE_DIRECTIONS)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points = position_m + steps_m[None, :, None] * directions[:, None, :]
@@ -147,4 +168,4 @@ def free_distances_m(
     free = np.zeros(inside.shape, bool)
     free[inside] = navigable.free[cells[..., 1][inside], cells[..., 0][inside]]
     blocked_at = np.where(free.all(axis=1), len(steps_m), np.argmin(free, axis=1))
-    return np.minimum(blocked_at * navigable.cell_m, FREE_REACH_M)
+    return np.minimum(blocked_at * navigable.cell_m, reach_m)

@@ -2,7 +2,12 @@
 
 import gymnasium
 
-ENV_IDS = {"sbm_gym/Indoor-v0": {"worlds": "indoor"}}
+ENV_IDS = {
+    "sbm_gym/Indoor-v0": {"worlds": "indoor"},
+    "sbm_gym/IndoorBuiltin-v0": {"worlds": "indoor-builtin"},
+    "sbm_gym/Outdoor-v0": {"worlds": "outdoor"},
+    "sbm_gym/OutdoorBuiltin-v0": {"worlds": "outdoor-builtin"},
+}
 """Constructor arguments of the registered environments."""
 MAX_EPISODE_STEPS = 25
 """Views of an episode (thesis 5.1.1)."""

@@ -1,24 +1,30 @@
 """Compiled scenes, ready for an agent: where worlds come from, and a small cache of those in use."""
 
 from collections import OrderedDict
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from jaxtyping import Int32
 
 from sbm_gym.agent_body import AgentBody, BodyConfig, add_agent
+from sbm_gym.profiles import WorldProfile
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.visibility import ObjectSurfaces
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, World
 
-RENDERERS = ("auto", "rays")
+RENDERERS = ("auto", "rays", "gl")
 SPLITS = ("train", "val", "test")
 
 
 class WorldSource(Protocol):
     """Something that knows scenes by name and builds them. Must survive pickling if given to an env's constructor."""
+
+    @property
+    def profile(self) -> WorldProfile:
+        """What fits its worlds: body, strides, distances, picture sizes."""
+        ...
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """Names of the scenes of a split, of all scenes for None."""
@@ -53,6 +59,21 @@ class Scene:
     geoms_of_instance: dict[int, list[int]]
     """The drawn geoms of every object."""
 
+    def for_episode(self, rng: np.random.Generator) -> "Scene":
+        """The scene as a new episode finds it: itself, or newly arranged if its world has a stage."""
+        if self.world.stage is None:
+            return self
+        arrangement = self.world.stage.arrange(rng)
+        arrangement.apply(self.model)
+        # Takes the new poses of mocap bodies into the state.
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_forward(self.model, self.data)
+        world = replace(
+            self.world, objects=arrangement.objects, navigable=arrangement.navigable, starts=arrangement.starts
+        )
+        surfaces = ObjectSurfaces(self.model, self.data, world.objects, world.name, reuse=self.surfaces)
+        return replace(self, world=world, surfaces=surfaces, **_instance_tables(world, self.model))
+
 
 def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> Scene:
     """Adds the agent to a world and makes everything that stepping through it needs.
@@ -67,8 +88,6 @@ def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> S
     model = world.spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    instance_of_geom = world.instance_of_geom(model).astype(np.int32)
-    drawn = model.geom_group < GEOM_GROUP_COLLISION
     return Scene(
         name=name,
         world=world,
@@ -77,12 +96,21 @@ def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> S
         body=AgentBody(model, data, body),
         renderer=make_renderer(renderer, model),
         surfaces=ObjectSurfaces(model, data, world.objects, world.name),
-        instance_of_geom=np.append(instance_of_geom, np.int32(0)),
-        geoms_of_instance={
+        **_instance_tables(world, model),
+    )
+
+
+def _instance_tables(world: World, model: mujoco.MjModel) -> dict[str, Any]:
+    """Which object each geom belongs to, and which geoms each object has: fields of a ``Scene``."""
+    instance_of_geom = world.instance_of_geom(model).astype(np.int32)
+    drawn = model.geom_group < GEOM_GROUP_COLLISION
+    return {
+        "instance_of_geom": np.append(instance_of_geom, np.int32(0)),
+        "geoms_of_instance": {
             instance.instance_id: np.flatnonzero(drawn & (instance_of_geom == instance.instance_id)).tolist()
             for instance in world.objects
         },
-    )
+    }
 
 
 def check_renderer(name: str) -> None:
@@ -91,15 +119,28 @@ def check_renderer(name: str) -> None:
     Raises:
         ValueError: if there is no such renderer, naming those there are.
     """
-    if name == "gl":
-        raise ValueError("renderer 'gl' is not available in this version; use 'auto' or 'rays'")
     if name not in RENDERERS:
         raise ValueError(f"unknown renderer {name!r}; known: {', '.join(RENDERERS)}")
 
 
 def make_renderer(name: str, model: mujoco.MjModel) -> Renderer:
-    """The renderer of that name for one model; ``auto`` is ``rays``."""
+    """The renderer of that name for one model; ``auto`` is ``gl`` where a GPU is, ``rays`` elsewhere.
+
+    Raises:
+        ValueError: if there is no such renderer, naming those there are.
+        NoOpenGlError: if ``gl`` is asked for and there is no OpenGL, saying what to install.
+    """
     check_renderer(name)
+    if name == "auto":
+        from sbm_gym.rendering.gl_context import gpu_available
+
+        name = "gl" if gpu_available() else "rays"
+    if name == "gl":
+        from sbm_gym.rendering.gl import GlRenderer
+        from sbm_gym.rendering.gl_context import context_kind
+
+        context_kind()
+        return GlRenderer(model)
     from sbm_gym.rendering.rays import RaysRenderer
 
     return RaysRenderer(model, shadows=True)
@@ -126,11 +167,18 @@ class SceneCache:
         """The scene of that name, built if it is not at hand."""
         if name not in self._scenes:
             while len(self._scenes) >= self._capacity:
-                self._scenes.popitem(last=False)
+                _, oldest = self._scenes.popitem(last=False)
+                oldest.renderer.close()
             self._scenes[name] = compile_scene(name, self._source.build(name), self._renderer, self._body)
         self._scenes.move_to_end(name)
         return self._scenes[name]
 
     def clear(self) -> None:
         """Forgets all scenes."""
+        for scene in self._scenes.values():
+            scene.renderer.close()
         self._scenes.clear()
+
+    def make_renderer(self, model: mujoco.MjModel) -> Renderer:
+        """A renderer of the scenes' kind for another model."""
+        return make_renderer(self._renderer, model)

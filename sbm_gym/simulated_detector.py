@@ -44,6 +44,11 @@ TRAITS = {
     "nightstand": CategoryTraits(-0.3, 2.0, ("table", "chair")),
     "beanbag": CategoryTraits(0.0, 0.6, ("chair", "couch")),
     "cushion": CategoryTraits(0.0, 0.2, ("beanbag", "couch")),
+    "car": CategoryTraits(0.6, 0.8, ("truck", "bus")),
+    "truck": CategoryTraits(-0.3, 1.4, ("car", "bus")),
+    "bus": CategoryTraits(0.1, 1.2, ("truck", "car")),
+    "motorcycle": CategoryTraits(0.4, 0.6, ("bicycle", "car")),
+    "bicycle": CategoryTraits(0.2, 0.3, ("motorcycle", "car")),
 }
 """Plausible, not measured: what COCO-trained networks are known to mix up."""
 
@@ -74,6 +79,8 @@ class SimulatedDetectorConfig:
     """Spread of the bias per object."""
     viewpoint_sigma: float = 2.0
     """Spread of the smooth noise over viewpoints."""
+    range_unit_m: float = 1.0
+    """Distance over which the noise over viewpoints changes; views of larger things change more slowly."""
     frame_sigma: float = 0.3
     """Spread of the noise per frame."""
     min_confidence: float = 0.05
@@ -142,7 +149,9 @@ class SimulatedDetector:
         bias_object = _constant(c.seed, observed.object_key) * c.object_sigma
         too_small = max(0.0, np.log2(c.good_size / np.sqrt(area_share)))
         logit = c.base_logit + traits.bias + bias_model + bias_object
-        logit += c.viewpoint_sigma * _viewpoint_noise(c.seed, observed.object_key + "/confidence", observed)
+        logit += c.viewpoint_sigma * _viewpoint_noise(
+            c.seed, observed.object_key + "/confidence", observed, c.range_unit_m
+        )
         logit -= c.size_gain * too_small
         logit -= c.hidden_penalty * max(0.0, 1.0 - observed.visible_share / 0.9) ** 1.3
         logit -= c.truncated_penalty * observed.truncated_share**1.5
@@ -166,9 +175,9 @@ class SimulatedDetector:
             return []
         # How likely the category and how poor the mask are follow confidence, as they do in a calibrated network,
         # and stay the same from one viewpoint to the next.
-        luck = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/category", observed))
+        luck = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/category", observed, c.range_unit_m))
         wrong = luck < 0.02 + 0.75 * (1.0 - confidence) ** 1.5
-        poor = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/mask", observed))
+        poor = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/mask", observed, c.range_unit_m))
         error = float(np.clip(1.5 * (1.0 - confidence) + 0.35 * (poor - 0.5), 0.0, 1.0))
         others = self._other_categories(observed)
         category = others[0] if wrong or not known else observed.category
@@ -233,10 +242,10 @@ def _waves(seed: int, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return amplitude, rng.uniform(0.0, 2.0 * np.pi, 5), rng.uniform(0.5, 1.5, 5)
 
 
-def _viewpoint_noise(seed: int, key: str, observed: ObservedObject) -> float:
+def _viewpoint_noise(seed: int, key: str, observed: ObservedObject, unit_m: float = 1.0) -> float:
     """Smooth noise of zero mean and about unit variance over the directions and distances an object is seen from."""
     amplitude, phase, rate = _waves(seed, key)
-    azimuth, metres = observed.azimuth_rad, observed.range_m
+    azimuth, metres = observed.azimuth_rad, observed.range_m / unit_m
     angles = np.array([azimuth, 2.0 * azimuth, 3.0 * azimuth, 5.0 * azimuth, 0.0]) + phase + rate * 1.5 * metres
     # The variance of cos is 1/2; the amplitudes' squares sum to 2.8 on average over keys, hence 1.4.
     return float(amplitude @ np.cos(angles)) / np.sqrt(1.455)

@@ -47,6 +47,7 @@ class ObjectSurfaces:
         objects: Sequence[ObjectInstance],
         world_name: str,
         points_per_object: int = 96,
+        reuse: "ObjectSurfaces | None" = None,
     ) -> None:
         """Samples the objects' visible geoms.
 
@@ -56,14 +57,18 @@ class ObjectSurfaces:
             objects: the objects; objects do not move during an episode.
             world_name: distinguishes objects of different worlds.
             points_per_object: how many points each gets.
+            reuse: of the same model before some objects moved; the points of those that did not are taken from it.
         """
         self.objects = tuple(objects)
         self._world_name = world_name
         self._points = np.zeros((0, 3))
+        known = {} if reuse is None else {id(o): k for k, o in enumerate(reuse.objects)}
         if self.objects:
             self._points = np.concatenate(
                 [
-                    surface_points(model, data, _visual_geoms(model, instance.body_name), points_per_object)
+                    reuse._points[known[id(instance)] * points_per_object :][:points_per_object]
+                    if reuse is not None and id(instance) in known
+                    else surface_points(model, data, _visual_geoms(model, instance.body_name), points_per_object)
                     for instance in self.objects
                 ]
             )

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+from sbm_gym.profiles import INDOOR, OUTDOOR, WorldProfile
 from sbm_gym.scenes import WorldSource
 from sbm_gym.worlds.world import World
 
-WORLD_KINDS = ("indoor",)
+WORLD_KINDS = ("indoor", "outdoor", "indoor-builtin", "outdoor-builtin")
 
 
 def world_source(kind: str) -> WorldSource:
@@ -16,12 +17,22 @@ def world_source(kind: str) -> WorldSource:
     """
     if kind == "indoor":
         return IndoorWorlds()
+    if kind == "outdoor":
+        return OutdoorWorlds()
+    if kind == "indoor-builtin":
+        return IndoorBuiltinWorlds()
+    if kind == "outdoor-builtin":
+        return OutdoorBuiltinWorlds()
     raise ValueError(f"unknown kind of world {kind!r}; known: {', '.join(WORLD_KINDS)}")
 
 
 @dataclass(frozen=True)
 class IndoorWorlds:
-    """Furnished rooms, from the installed furniture libraries."""
+    """Furnished homes and offices, from the installed furniture libraries."""
+
+    profile: WorldProfile = INDOOR
+    unseen_models: bool = False
+    """Keep the furniture models of validation and test scenes out of all others."""
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """Names of the scenes of a split, of all named scenes for None."""
@@ -39,4 +50,61 @@ class IndoorWorlds:
         """Builds a scene."""
         from sbm_gym.worlds.indoor import build_indoor
 
-        return build_indoor(scene)
+        return build_indoor(scene, unseen_models=self.unseen_models)
+
+
+@dataclass(frozen=True)
+class IndoorBuiltinWorlds(IndoorWorlds):
+    """Furnished homes and offices with furniture made from seeds: nothing to install, and every scene has its own."""
+
+    def build(self, scene: str) -> World:
+        """Builds a scene."""
+        import hashlib
+
+        from sbm_gym.assets.builtin import BuiltinLibrary
+        from sbm_gym.worlds.indoor import build_indoor
+
+        name = self.canonical(scene)
+        library = BuiltinLibrary(int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big"))
+        return build_indoor(name, library=library, unseen_models=self.unseen_models)
+
+
+@dataclass(frozen=True)
+class OutdoorWorlds:
+    """Towns with vehicles, from the installed furniture libraries."""
+
+    profile: WorldProfile = OUTDOOR
+
+    def scenes(self, split: str | None) -> tuple[str, ...]:
+        """Names of the towns of a split, of all named towns for None."""
+        from sbm_gym.worlds.splits import TOWN_SPLITS, town_names
+
+        return tuple(name for known in TOWN_SPLITS if split in (None, known) for name in town_names(known))
+
+    def canonical(self, scene: str | int) -> str:
+        """The name of a town: a named one, or ``town/seed/N``."""
+        from sbm_gym.worlds.splits import town_seed
+
+        return town_seed(scene)[0]
+
+    def build(self, scene: str) -> World:
+        """Builds a town."""
+        from sbm_gym.worlds.outdoor import build_outdoor
+
+        return build_outdoor(scene)
+
+
+@dataclass(frozen=True)
+class OutdoorBuiltinWorlds(OutdoorWorlds):
+    """Towns with vehicles, trees and street furniture made from seeds: nothing to install."""
+
+    def build(self, scene: str) -> World:
+        """Builds a town."""
+        import hashlib
+
+        from sbm_gym.assets.builtin import BuiltinLibrary
+        from sbm_gym.worlds.outdoor import build_outdoor
+
+        name = self.canonical(scene)
+        library = BuiltinLibrary(int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big"))
+        return build_outdoor(name, library=library)

@@ -13,7 +13,9 @@ COMMANDS = (
     "labeling.generate",
     "labeling.evaluate",
     "sbm_gym.assets",
+    "sbm_gym.preview",
     "agents.collect",
+    "experiments.bench",
     "experiments.demo",
     "experiments.pictures",
 )

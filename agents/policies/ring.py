@@ -4,9 +4,10 @@ Stage one: turn on the spot by 60 degrees until a view has a confident detection
 another random place and turn again. All confident masks of that view become objects (centroid from depth, centroid
 non-maximum suppression: the env's object memory does both).
 
-Stage two: places on a ring of 1-2 m around the object where the robot can stand and from where nothing known hides the
-object, in 18 sectors; go from sector to sector around the object, at most a stride per view, the centroid in the middle
-of the picture. When no reachable sector is left, go on to the next object.
+Stage two: places on a ring around the object (1-2 m in rooms, 3-15 m in streets: the world's profile) where the robot
+can stand and from where nothing known hides the object, in 18 sectors; go from sector to sector around the object, at
+most a stride per view, the centroid in the middle of the picture. When no reachable sector is left, go on to the next
+object.
 
 Source: thesis 4.2 and A.2.2.
 """
@@ -24,14 +25,10 @@ from sbm_gym.observations import decode_depth
 TURN_RAD = np.deg2rad(60.0)
 TURNS_PER_PLACE = 5
 """Five turns of 60 degrees show six views: all around."""
-RING_M = (1.0, 2.0)
 RING_SAMPLES = 900
-SEARCH_DISTANCE_M = 1.5
-"""Another place to search from is at least this far away, where the room is large enough."""
 STUCK_M = 0.05
-CAMERA_HEIGHT_M = 1.5
-REVERSAL_M = 1.0
-"""Going back is worth it only if the next sector is this much nearer on the other side."""
+REVERSAL_STRIDES = 2.0
+"""Going back is worth it only if the next sector is this many strides nearer on the other side."""
 
 
 class Ring:
@@ -42,10 +39,11 @@ class Ring:
     ) -> None:
         """Starts an episode; see ``Policy``."""
         self._env: Any = env.unwrapped
+        self._profile = self._env.profile
         self._rng = rng
         self._map = self._env.navigable
         size_m = np.array(self._map.free.shape[::-1]) * self._map.cell_m
-        self._seen = SeenSpace(self._map.origin_m, self._map.origin_m + size_m)
+        self._seen = SeenSpace(self._map.origin_m, self._map.origin_m + size_m, self._profile.seen_cell_m)
         self._turns_left = TURNS_PER_PLACE
         self._search_goal: Float[np.ndarray, "2"] | None = None
         self._circled: int | None = None
@@ -58,7 +56,8 @@ class Ring:
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """Turns, walks or circles; see the module."""
         agent = info["agent"]
-        self._seen.add(decode_depth(observation["depth"]), agent["intrinsics"], agent["camera_to_world"])
+        depth_m = decode_depth(observation["depth"], self._profile.scales.depth_level_m)
+        self._seen.add(depth_m, agent["intrinsics"], agent["camera_to_world"])
         action = self._circle(info) if info["fixation_target"] else self._search(info)
         self._before_m = agent["position_m"]
         self._steps_left -= 1
@@ -83,10 +82,11 @@ class Ring:
         return np.array([*self._move(step_m, agent["yaw_rad"]), np.clip(turn_rad / TURN_RAD, -1.0, 1.0), 0.0])
 
     def _another_place(self, position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """A random navigable point, not too near."""
+        """A random navigable point, neither too near nor too far."""
         place = self._map.random_point(self._rng)
         for _ in range(20):
-            if np.linalg.norm(place - position_m) >= SEARCH_DISTANCE_M:
+            nearest_m, farthest_m = self._profile.search_distance_m
+            if nearest_m <= np.linalg.norm(place - position_m) <= farthest_m:
                 break
             place = self._map.random_point(self._rng)
         return place
@@ -133,7 +133,7 @@ class Ring:
         left = sorted(set(sectors.tolist()) - done)
         if not left:
             return None
-        if np.linalg.norm(position_m - target["centroid_m"][:2]) > RING_M[1] + self._env.stride_m:
+        if np.linalg.norm(position_m - target["centroid_m"][:2]) > self._profile.ring_m[1] + self._env.stride_m:
             return self._nearest(places, sectors, left, position_m)
         count = self._env.num_azimuths
         here = self._sector(target, position_m)
@@ -145,7 +145,7 @@ class Ring:
             self._direction = _first_direction(left, here, count, self._steps_left)
         elif goals[1][0] != goals[-1][0]:
             ways_m = {way: way_length_m(self._map, position_m, place_m) for way, (_, place_m) in goals.items()}
-            if ways_m[self._direction] > ways_m[-self._direction] + REVERSAL_M:
+            if ways_m[self._direction] > ways_m[-self._direction] + REVERSAL_STRIDES * self._env.stride_m:
                 self._direction = -self._direction
         return goals[self._direction]
 
@@ -178,11 +178,15 @@ class Ring:
         """Navigable, non-obstructed places around an object, and the sector of each."""
         rng = np.random.default_rng([target["object_id"], 1])
         angle = rng.uniform(0.0, 2.0 * np.pi, RING_SAMPLES)
-        radius_m = rng.uniform(*RING_M, RING_SAMPLES)
+        low_m, high_m = self._profile.ring_m
+        if self._profile.ring_clearance_m > 0.0:
+            outside_m = 0.5 * float(np.max(target["extent_m"][:2])) + self._profile.ring_clearance_m
+            low_m = min(max(low_m, outside_m), 0.5 * (low_m + high_m))
+        radius_m = rng.uniform(low_m, high_m, RING_SAMPLES)
         centroid_m = target["centroid_m"]
         places = centroid_m[:2] + radius_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         places = places[[self._map.is_free(place) for place in places]]
-        eyes = np.concatenate([places, np.full((len(places), 1), CAMERA_HEIGHT_M)], axis=1)
+        eyes = np.concatenate([places, np.full((len(places), 1), self._profile.body.camera_height_m)], axis=1)
         stop_short_m = 0.25 + 0.5 * float(np.max(target["extent_m"]))
         places = places[self._seen.sees(eyes, centroid_m, stop_short_m)]
         return places, np.array([self._sector(target, place) for place in places], int)

@@ -16,6 +16,8 @@ class ListModels:
 
     category: str | None = None
     """Only this class, such as chair; all of them if not given."""
+    builtin: bool = False
+    """List what can be made from seeds instead, which needs no furniture libraries."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     command = tyro.cli(Command, prog="python -m sbm_gym.assets", description=__doc__, args=arguments)  # type: ignore[arg-type]
     try:
         if isinstance(command, ListModels):
-            _list(command.category)
+            _list(command.category, command.builtin)
         elif isinstance(command, Install):
             _install()
         else:
@@ -54,16 +56,20 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _list(category: str | None) -> None:
+def _list(category: str | None, builtin: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
     from labeling.errors import UsageError
     from sbm_gym.assets.classes import categories
-    from sbm_gym.assets.library import Home3dLibrary
 
     if category is not None and category not in categories():
         raise UsageError(f"there is no class {category!r}; classes are {', '.join(categories())}")
+    if builtin:
+        _list_builtin(category)
+        return
+    from sbm_gym.assets.library import Home3dLibrary
+
     table = Table("class", "use", "model", "name", "width x depth x height (m)", "creator")
     cards = Home3dLibrary().cards()
     order = [*categories(), None]
@@ -75,6 +81,24 @@ def _list(category: str | None) -> None:
     console.print(table)
     counts = {name: sum(card.category == name for card in cards) for name in categories()}
     console.print(", ".join(f"{name} {count}" for name, count in counts.items()))
+
+
+def _list_builtin(category: str | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from sbm_gym.assets.builtin import RECIPES
+    from sbm_gym.assets.classes import categories
+
+    table = Table("class", "use", "name", "width (m)", "depth (m)", "height (m)")
+    order = [*categories(), None]
+    for use, recipe in sorted(RECIPES.items(), key=lambda item: order.index(item[1].category)):
+        if category in (None, recipe.category):
+            ranges = [f"{low:.2f} .. {high:.2f}" for low, high in recipe.size_m]
+            table.add_row(recipe.category or "-", use, recipe.name, *ranges)
+    console = Console()
+    console.print(table)
+    console.print("every whole number from 0 on is the seed of another model")
 
 
 def _install() -> None:

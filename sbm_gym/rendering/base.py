@@ -1,4 +1,10 @@
-"""What a renderer is: something that draws an ``MjModel`` as colour, depth and geom ids from any camera."""
+"""What a renderer is: something that draws an ``MjModel`` as colour, depth and geom ids from any camera.
+
+All renderers agree on what is where. Geoms of groups 0 to 2 are drawn, from both sides; planes from their front. Depth
+and ids report the first surface that is neither glass (opacity below 0.995) nor a hole that a texture leaves open: what
+a detector would name behind a window is what the ids say. Colour shows the glass. (``mujoco.Renderer`` differs: its
+segmentation and depth report the glass.)
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,3 +62,26 @@ class Renderer(Protocol):
     ) -> Bool[np.ndarray, "h w"]:
         """Pixels whose centre would show one of these geoms if nothing else were there."""
         ...
+
+    def close(self) -> None:
+        """Gives back what the renderer holds outside its own memory; a later picture takes it again."""
+        ...
+
+
+def check_camera(
+    intrinsics: Float[np.ndarray, "3 3"], camera_to_world: Float[np.ndarray, "4 4"], height_px: int, width_px: int
+) -> None:
+    """Checks that a camera can take a picture.
+
+    Raises:
+        ValueError: if the picture has no pixels, or camera numbers are not finite.
+    """
+    if height_px < 1 or width_px < 1:
+        raise ValueError(f"a picture needs at least one pixel each way, not {width_px} x {height_px}")
+    intrinsics, camera_to_world = np.asarray(intrinsics, float), np.asarray(camera_to_world, float)
+    if intrinsics.shape != (3, 3) or camera_to_world.shape != (4, 4):
+        raise ValueError(
+            f"intrinsics must be (3, 3) and camera_to_world (4, 4), not {intrinsics.shape} and {camera_to_world.shape}"
+        )
+    if not (np.isfinite(intrinsics).all() and np.isfinite(camera_to_world).all()) or intrinsics[0, 0] <= 0:
+        raise ValueError("camera numbers must be finite and the focal length positive")

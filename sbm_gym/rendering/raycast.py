@@ -6,15 +6,24 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64
+from jaxtyping import Bool, Float, Float32, Int32, Int64
 
 from sbm_gym.rendering.scene_tables import GLASS, SceneTables
-from sbm_gym.rendering.shading import TextureTable, hole_test, intersect_planes, occlude_planes
+from sbm_gym.rendering.shading import (
+    TextureTable,
+    hole_test,
+    intersect_planes,
+    name_triangles,
+    occlude_planes,
+    reach_boxes,
+)
 
 MAX_LAYERS = 16
 """A ray passes through at most this many holes and panes."""
 LAYER_GAP_M = 1e-4
 """A ray goes on this far behind a hole or pane."""
+MAX_BOXES = 64
+"""Beyond this many geoms with holes or of glass, rays are not tried against each one's box first."""
 _MIN_RAYS_PER_THREAD = 2048
 
 
@@ -47,7 +56,12 @@ class TriangleScene:
     """An Embree scene over some triangles of the tables."""
 
     def __init__(
-        self, corners: Float32[np.ndarray, "n 3 3"], rows: Int64[np.ndarray, "n"], threads: int, has_holes: bool = False
+        self,
+        corners: Float32[np.ndarray, "n 3 3"],
+        rows: Int64[np.ndarray, "n"],
+        threads: int,
+        geoms: Int32[np.ndarray, "n"] | None = None,
+        holes: Bool[np.ndarray, "n"] | None = None,
     ) -> None:
         """Builds the search tree.
 
@@ -55,15 +69,19 @@ class TriangleScene:
             corners: triangles, world frame.
             rows: for each its row in the tables.
             threads: for casting. Building uses one, since a tree built by several is not the same every time.
-            has_holes: whether some triangles have holes, which stop light elsewhere.
+            geoms: the geom of each triangle, in runs; rays that pass all of them by are then told quickly.
+            holes: which triangles have holes, which stop light elsewhere.
         """
         import open3d as o3d
 
         self._tensor = o3d.core.Tensor.from_numpy
         self._threads = threads
         self.rows = rows
-        self.has_holes = has_holes
+        self.has_holes = holes is not None and bool(holes.any())
         self.bounds = np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(float)
+        self.boxes, self.hole_boxes = _boxes(corners, geoms), self.bounds[:0].reshape(0, 2, 3)
+        if holes is not None and self.has_holes:
+            self.hole_boxes = _boxes(corners[holes], None if geoms is None else geoms[holes])
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         vertices = np.ascontiguousarray(corners.reshape(-1, 3))
         indices = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
@@ -76,14 +94,22 @@ class TriangleScene:
         result = self._scene.cast_rays(self._tensor(rays), nthreads=self._threads)
         t = result["t_hit"].numpy()
         primitive = result["primitive_ids"].numpy()
-        triangle = np.full(len(t), -1, np.int64)
-        hit = np.isfinite(t)
-        triangle[hit] = self.rows[primitive[hit]]
+        triangle = np.empty(len(t), np.int64)
+        name_triangles(0, len(t), t, primitive, self.rows, triangle)
         return t, triangle, result["primitive_uvs"].numpy()
 
     def occluded(self, rays: Float32[np.ndarray, "n 6"], far: float) -> Bool[np.ndarray, "n"]:
         """Whether anything lies on each ray before parameter ``far``."""
         return self._scene.test_occlusions(self._tensor(rays), tfar=far, nthreads=self._threads).numpy()
+
+
+def _boxes(corners: Float32[np.ndarray, "n 3 3"], geoms: Int32[np.ndarray, "n"] | None) -> Float[np.ndarray, "b 2 3"]:
+    """Bounding boxes (low and high corner) of geoms; of everything together if they are many."""
+    ends = np.zeros(0, int) if geoms is None else np.flatnonzero(np.diff(geoms)) + 1
+    runs = np.split(corners, ends) if len(ends) < MAX_BOXES else [corners]
+    boxes = np.array([[run.min(axis=(0, 1)), run.max(axis=(0, 1))] for run in runs], float)
+    # Rays are single precision: what only grazes a box is let in.
+    return boxes + 1e-3 * np.array([[[-1.0], [1.0]]])
 
 
 @dataclass
@@ -160,6 +186,15 @@ class Caster:
         panes = self._walk_special(rays, hits, footprint) if self.special else None
         return hits, panes
 
+    def _near_special(
+        self, rays, far: Float32[np.ndarray, "n"], scenes: list[TriangleScene], holes_only: bool = False
+    ) -> Int64[np.ndarray, "k"]:
+        """Rays that may hit something with holes or of glass."""
+        boxes = np.concatenate([scene.hole_boxes if holes_only else scene.boxes for scene in scenes])
+        reached = np.empty(len(rays), bool)
+        self._workers.split(reach_boxes, len(rays), rays, far, boxes, reached)
+        return np.flatnonzero(reached)
+
     def _next_special(self, rays):
         t, triangle, uv = self.special[0].cast(rays)
         for scene in self.special[1:]:
@@ -168,9 +203,18 @@ class Caster:
             t[nearer], triangle[nearer], uv[nearer] = other_t[nearer], other_triangle[nearer], other_uv[nearer]
         return t, triangle, uv
 
-    def _walk_special(self, rays, hits: Hits, footprint: float) -> Panes | None:
-        """Follows rays through holes and glass until something opaque stops them; updates ``hits``."""
-        active = np.arange(len(rays))
+    def _walk_special(
+        self, rays, hits: Hits, footprint: float, active: Int64[np.ndarray, "k"] | None = None
+    ) -> Panes | None:
+        """Follows rays through holes and glass until something opaque stops them; updates ``hits``.
+
+        Args:
+            rays: the rays.
+            hits: their hits with what is opaque.
+            footprint: see ``first_hits``.
+            active: the rays that may meet holes or glass at all, if that is known.
+        """
+        active = self._near_special(rays, hits.t, self.special) if active is None else active
         passed = np.zeros(len(rays), np.float32)
         found: list[tuple[np.ndarray, ...]] = []
         for _ in range(MAX_LAYERS):
@@ -230,9 +274,11 @@ class Caster:
         return occluded
 
     def _special_shadows(self, rays, occluded) -> None:
+        holed = [scene for scene in self.special if scene.has_holes]
         active = np.flatnonzero(~occluded)
+        active = active[self._near_special(rays[active], np.ones(len(active), np.float32), holed, True)]
         reached = np.zeros(len(active), bool)
-        for scene in (scene for scene in self.special if scene.has_holes):
+        for scene in holed:
             reached |= scene.occluded(rays[active], 1.0)
         active = active[reached]
         if len(active) == 0:
@@ -240,5 +286,5 @@ class Caster:
         hits = Hits(
             np.ones(len(active), np.float32), np.full(len(active), -1, np.int64), np.zeros((len(active), 2), np.float32)
         )
-        self._walk_special(rays[active], hits, 0.0)
+        self._walk_special(rays[active], hits, 0.0, np.arange(len(active)))
         occluded[active[hits.triangle >= 0]] = True

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from sbm_gym.rendering.tessellate import Surface, TextureMapping, plane_texture_coordinates, tessellate_geom
-from sbm_gym.rendering.textures import TextureStore, srgb_decode
+from sbm_gym.rendering.textures import TextureStore, srgb_decode, textures_with_holes
 
 FIRST_HIDDEN_GROUP = 3
 """MuJoCo's viewers hide geom groups from here on."""
@@ -156,6 +156,30 @@ def visible_geoms(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
     return (groups < FIRST_HIDDEN_GROUP) & (_geom_rgba(model)[:, 3] > 0)
 
 
+def geom_kinds(model: mujoco.MjModel) -> Int32[np.ndarray, "ngeom"]:
+    """Whether each geom is solid, has holes where its texture is transparent, or is glass."""
+    return _geom_kinds(_geom_rgba(model), _geom_textures(model), np.array(textures_with_holes(model), bool))
+
+
+def _geom_kinds(rgba, texture, has_holes) -> Int32[np.ndarray, "ngeom"]:
+    kind = np.full(len(rgba), SOLID, np.int32)
+    if len(has_holes):
+        kind[(texture >= 0) & has_holes[np.maximum(texture, 0)]] = HOLES
+    kind[rgba[:, 3] < OPAQUE_ALPHA] = GLASS
+    return kind
+
+
+def _geom_textures(model: mujoco.MjModel) -> Int32[np.ndarray, "ngeom"]:
+    """The texture of each geom, -1 for none."""
+    texture = np.full(model.ngeom, -1, np.int32)
+    has_material = model.geom_matid >= 0
+    if has_material.any():
+        roles = model.mat_texid.reshape(model.nmat, -1)[model.geom_matid[has_material]]
+        plain, with_alpha = (roles[:, int(getattr(mujoco.mjtTextureRole, f"mjTEXROLE_{r}"))] for r in ("RGB", "RGBA"))
+        texture[has_material] = np.where(plain >= 0, plain, with_alpha)
+    return texture
+
+
 def _geom_rgba(model: mujoco.MjModel) -> Float[np.ndarray, "ngeom 4"]:
     """The geom's own colour where it is set, else its material's. Source: MuJoCo, ``setMaterial``."""
     rgba = np.asarray(model.geom_rgba, float).copy()
@@ -169,18 +193,12 @@ def _geom_table(model: mujoco.MjModel, textures: TextureStore) -> GeomTable:
     material = model.geom_matid
     has_material = material >= 0
     specular, shininess = (np.full(model.ngeom, value) for value in _DEFAULT_GLOSS)
-    emission, texture = np.zeros(model.ngeom), np.full(model.ngeom, -1, np.int32)
+    emission, texture = np.zeros(model.ngeom), _geom_textures(model)
     if has_material.any():
         chosen = material[has_material]
         specular[has_material] = model.mat_specular[chosen]
         shininess[has_material] = model.mat_shininess[chosen]
         emission[has_material] = model.mat_emission[chosen]
-        roles = model.mat_texid.reshape(model.nmat, -1)[chosen]
-        plain, with_alpha = (roles[:, int(getattr(mujoco.mjtTextureRole, f"mjTEXROLE_{r}"))] for r in ("RGB", "RGBA"))
-        texture[has_material] = np.where(plain >= 0, plain, with_alpha)
-    kind = np.full(model.ngeom, SOLID, np.int32)
-    kind[(texture >= 0) & (textures.has_holes[np.maximum(texture, 0)] > 0)] = HOLES
-    kind[rgba[:, 3] < OPAQUE_ALPHA] = GLASS
     return GeomTable(
         colour=srgb_decode(np.clip(rgba[:, :3], 0.0, 1.0)).astype(np.float32),
         alpha=rgba[:, 3].astype(np.float32),
@@ -189,7 +207,7 @@ def _geom_table(model: mujoco.MjModel, textures: TextureStore) -> GeomTable:
         # OpenGL's exponent is 128 times MuJoCo's shininess. Source: MuJoCo, render_gl3.c.
         gloss_exponent=(128.0 * shininess).astype(np.float32),
         texture=texture,
-        kind=kind,
+        kind=_geom_kinds(rgba, texture, textures.has_holes > 0),
     )
 
 

@@ -17,8 +17,12 @@ from sbm_gym.rendering.textures import BYTE_TO_LINEAR, LINEAR_STEPS, LINEAR_TO_B
 DIRECTIONAL, POINT, SPOT = 0, 1, 2
 SHADOW_OFFSET_M = 2e-3
 """Shadow rays start this far off the surface, so that it does not shade itself."""
+SAME_SURFACE_COSINE = 0.9
+"""Neighbouring hits on one geom whose normals differ by less belong to one surface."""
 SHOULDER = 0.6
 """Linear light above this is compressed softly towards white instead of being cut off."""
+VISIBLE_STEP = 0.02
+"""Five of 255 levels: fainter edges of shadows are not smoothed."""
 HOLE_ALPHA = 0.5
 """Texels more transparent than this are holes."""
 
@@ -36,6 +40,17 @@ class LightTable(NamedTuple):
     """Cosine of the cut-off angle, exponent."""
     shadow_slot: np.ndarray
     """Which row of the occlusion table belongs to the light; -1: casts no shadow."""
+    is_fixed: np.ndarray
+    """Whether the light stands where it stands for as long as nobody edits the model."""
+
+
+class LampReach(NamedTuple):
+    """Where the light of lamps can arrive at all: lamps of other rooms need no shadow rays."""
+
+    reached: np.ndarray
+    """By shadow slot and cell, (s, z, y, x)."""
+    origin: Float[np.ndarray, "3"]
+    cell_m: float
 
 
 class AmbientTable(NamedTuple):
@@ -44,6 +59,8 @@ class AmbientTable(NamedTuple):
     colour: Float[np.ndarray, "3"]
     sky: Float[np.ndarray, "3 3"]
     """Zenith, horizon and ground colours of the background, linear."""
+    haze_per_m: float
+    """Share of what is seen that haze, which has the horizon's colour, replaces in each metre."""
     exposure: float
     """What all light is multiplied by before it becomes a picture."""
     sky_texture: int
@@ -64,7 +81,7 @@ class TextureTable(NamedTuple):
     is_cube: np.ndarray
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def camera_rays(start, stop, pixels, width, offsets, origin, pixel_to_world, rays):
     """Rays (origin, un-normalised direction) of ``len(offsets)`` samples per pixel; the hit parameter is z-depth."""
     samples = offsets.shape[0]
@@ -77,7 +94,100 @@ def camera_rays(start, stop, pixels, width, offsets, origin, pixel_to_world, ray
             rays[i, 3 + axis] = pixel_to_world[axis, 0] * x + pixel_to_world[axis, 1] * y + pixel_to_world[axis, 2]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def name_triangles(start, stop, t, primitive, rows, triangle):
+    """Rows of the tables of what Embree hit, -1 for nothing."""
+    for i in range(start, stop):
+        triangle[i] = rows[primitive[i]] if t[i] < math.inf else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reach_boxes(start, stop, rays, far, boxes, reached):
+    """Whether rays enter any of some boxes (low corner, high corner) before their parameter ``far``."""
+    for i in range(start, stop):
+        reached[i] = False
+        for b in range(boxes.shape[0]):
+            enter, leave = 0.0, far[i]
+            for axis in range(3):
+                # Zero directions divide to infinities, which compare as they should.
+                inverse = 1.0 / rays[i, 3 + axis]
+                near = (boxes[b, 0, axis] - rays[i, axis]) * inverse
+                away = (boxes[b, 1, axis] - rays[i, axis]) * inverse
+                if near > away:
+                    near, away = away, near
+                if near > enter:
+                    enter = near
+                if away < leave:
+                    leave = away
+            if enter <= leave:
+                reached[i] = True
+                break
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def borrow_shadows(
+    start, stop, pixels, samples, width, height, own, geom, normal, of_geom, of_normal, of_occluded, occluded, is_open
+):
+    """Takes shadows of rays from pixels around them where those agree; marks the rays that must be cast.
+
+    Args:
+        start: first ray.
+        stop: behind the last ray.
+        pixels: the pixel of every ``samples`` rays.
+        samples: rays of a pixel.
+        width: of the picture.
+        height: of the picture.
+        own: whether a ray's own pixel counts, and one that agrees is enough. Else all four neighbours must agree.
+        geom: what the rays hit.
+        normal: there.
+        of_geom: what the pixels show.
+        of_normal: there.
+        of_occluded: shadows of the pixels, (lights, pixels).
+        occluded: shadows of the rays, (lights, rays).
+        is_open: rays that must be cast.
+    """
+    for i in range(start, stop):
+        if geom[i] < 0:
+            is_open[i] = False
+            continue
+        pixel = pixels[i // samples]
+        x, y = pixel % width, pixel // width
+        found, agree = -1, True
+        for step in range(5):
+            if step == 0:
+                if not own:
+                    continue
+                other = pixel
+            elif step == 1:
+                other = pixel - 1 if x > 0 else -1
+            elif step == 2:
+                other = pixel + 1 if x < width - 1 else -1
+            elif step == 3:
+                other = pixel - width if y > 0 else -1
+            else:
+                other = pixel + width if y < height - 1 else -1
+            same = other >= 0 and of_geom[other] == geom[i]
+            if same:
+                cosine = 0.0
+                for axis in range(3):
+                    cosine += normal[i, axis] * of_normal[other, axis]
+                same = cosine >= SAME_SURFACE_COSINE
+            if not same:
+                if not own:
+                    agree = False
+                    break
+                continue
+            if found >= 0:
+                for light in range(of_occluded.shape[0]):
+                    agree &= of_occluded[light, other] == of_occluded[light, found]
+            found = other
+        is_open[i] = found < 0 or not agree
+        if not is_open[i]:
+            for light in range(of_occluded.shape[0]):
+                occluded[light, i] = of_occluded[light, found]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def intersect_planes(start, stop, rays, planes: PlaneTable, first_plane, t, triangle, uv):
     """Replaces hits by nearer ones with planes, seen from their front."""
     for p in range(planes.origin.shape[0]):
@@ -102,7 +212,7 @@ def intersect_planes(start, stop, rays, planes: PlaneTable, first_plane, t, tria
                 uv[i, 1] = v
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def occlude_planes(start, stop, rays, planes: PlaneTable, occluded):
     """Marks shadow rays (to the light at parameter 1) that a plane blocks, from either side."""
     for p in range(planes.origin.shape[0]):
@@ -124,7 +234,7 @@ def occlude_planes(start, stop, rays, planes: PlaneTable, occluded):
                 occluded[i] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cube_face(x, y, z):
     """Face and place on it of a direction. Source: OpenGL 4.6 specification, table 8.19."""
     ax, ay, az = abs(x), abs(y), abs(z)
@@ -141,15 +251,21 @@ def _cube_face(x, y, z):
     return face, 0.5 * (s / major + 1.0), 0.5 * (t / major + 1.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bilinear(texels, first, width, height, u, v, wraps):
+    if wraps:
+        # Into the first tile, so that at most one texel beyond its edges has to be wrapped: division is slow.
+        u, v = u - math.floor(u), v - math.floor(v)
     x, y = u * width - 0.5, v * height - 0.5
     fx, fy = math.floor(x), math.floor(y)
     wx, wy = x - fx, y - fy
     x0, y0 = int(fx), int(fy)
     x1, y1 = x0 + 1, y0 + 1
     if wraps:
-        x0, x1, y0, y1 = x0 % width, x1 % width, y0 % height, y1 % height
+        x0 = width - 1 if x0 < 0 else (0 if x0 >= width else x0)
+        y0 = height - 1 if y0 < 0 else (0 if y0 >= height else y0)
+        x1 = 0 if x1 >= width else x1
+        y1 = 0 if y1 >= height else y1
     else:
         x0, x1 = min(max(x0, 0), width - 1), min(max(x1, 0), width - 1)
         y0, y1 = min(max(y0, 0), height - 1), min(max(y1, 0), height - 1)
@@ -166,7 +282,7 @@ def _bilinear(texels, first, width, height, u, v, wraps):
     return red, green, blue, alpha / 255.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sample(textures: TextureTable, texture, u, v, w, level):
     """Trilinear texture look-up, linear light and alpha."""
     face = 0
@@ -191,7 +307,7 @@ def _sample(textures: TextureTable, texture, u, v, w, level):
     return red, green, blue, alpha
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _surface_texel(rays, i, t, at, u, v, triangles, texture, textures, footprint):
     """Texel under a hit. ``footprint``: metres per metre of depth that a sample covers; 0 asks for full detail."""
     w = 1.0 - u - v
@@ -209,7 +325,7 @@ def _surface_texel(rays, i, t, at, u, v, triangles, texture, textures, footprint
     return _sample(textures, texture, s, r, q, level)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def hole_test(start, stop, rays, t, triangle, uv, triangles, geoms, textures, footprint, is_hole):
     """Whether hits on textures with transparent parts fall through."""
     for i in range(start, stop):
@@ -218,7 +334,7 @@ def hole_test(start, stop, rays, t, triangle, uv, triangles, geoms, textures, fo
         is_hole[i] = texel[3] < HOLE_ALPHA
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def surfaces(
     start,
     stop,
@@ -232,19 +348,24 @@ def surfaces(
     footprint,
     lights: LightTable,
     far_m,
+    reach: LampReach,
     position,
     normal,
     face_normal,
     albedo,
     shadow_rays,
+    needs_ray,
+    occluded,
 ):
-    """What each ray hit, and the rays from there to the lights that cast shadows."""
+    """What each ray hit, the rays from there to the lights that cast shadows, and which lights are out of reach."""
+    depth, height, width = reach.reached.shape[1:]
+    cells_per_m = 1.0 / reach.cell_m
     slots = shadow_rays.shape[0]
     for i in range(start, stop):
         at = triangle[i]
         if at < 0:
             for slot in range(slots):
-                _park(shadow_rays, slot, i)
+                needs_ray[slot, i] = False
             continue
         dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]
         u, v = uv[i, 0], uv[i, 1]
@@ -274,9 +395,17 @@ def surfaces(
             texel = _surface_texel(rays, i, t[i], at, u, v, triangles, texture, textures, footprint)
             red, green, blue = red * texel[0], green * texel[1], blue * texel[2]
         albedo[i, 0], albedo[i, 1], albedo[i, 2] = red, green, blue
+        cx = math.floor((px - reach.origin[0]) * cells_per_m)
+        cy = math.floor((py - reach.origin[1]) * cells_per_m)
+        cz = math.floor((pz - reach.origin[2]) * cells_per_m)
+        inside = 0 <= cx < width and 0 <= cy < height and 0 <= cz < depth
         for light in range(lights.kind.shape[0]):
             slot = lights.shadow_slot[light]
             if slot < 0:
+                continue
+            if inside and not reach.reached[slot, cz, cy, cx]:
+                occluded[slot, i] = True
+                needs_ray[slot, i] = False
                 continue
             ox, oy, oz = px + SHADOW_OFFSET_M * fx, py + SHADOW_OFFSET_M * fy, pz + SHADOW_OFFSET_M * fz
             if lights.kind[light] == DIRECTIONAL:
@@ -292,20 +421,14 @@ def surfaces(
                     lights.position[light, 2] - oz,
                 )
             if lx * fx + ly * fy + lz * fz <= 0.0 or lx * nx + ly * ny + lz * nz <= 0.0:
-                _park(shadow_rays, slot, i)
+                needs_ray[slot, i] = False
                 continue
+            needs_ray[slot, i] = True
             shadow_rays[slot, i, 0], shadow_rays[slot, i, 1], shadow_rays[slot, i, 2] = ox, oy, oz
             shadow_rays[slot, i, 3], shadow_rays[slot, i, 4], shadow_rays[slot, i, 5] = lx, ly, lz
 
 
-@njit(cache=True, nogil=True)
-def _park(shadow_rays, slot, i):
-    """A ray far away from everything: cheaper to trace than to sort out."""
-    shadow_rays[slot, i, 0], shadow_rays[slot, i, 1], shadow_rays[slot, i, 2] = 1e8, 1e8, 1e8
-    shadow_rays[slot, i, 3], shadow_rays[slot, i, 4], shadow_rays[slot, i, 5] = 1.0, 1.0, 1.0
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _density(ambient: AmbientTable, x, y, z):
     """Trilinear look-up in the grid of filled space; 0 outside it."""
     depth, height, width = ambient.density.shape
@@ -324,7 +447,7 @@ def _density(ambient: AmbientTable, x, y, z):
     return (1.0 - wz) * low + wz * high
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _openness(ambient: AmbientTable, px, py, pz, nx, ny, nz):
     """How much ambient light reaches a point: one cone of three steps through the grid of filled space.
 
@@ -339,7 +462,7 @@ def _openness(ambient: AmbientTable, px, py, pz, nx, ny, nz):
     return 0.3 + 0.7 * through
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _background(dx, dy, dz, ambient: AmbientTable, textures: TextureTable, footprint):
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     if ambient.sky_texture >= 0:
@@ -360,7 +483,7 @@ def _background(dx, dy, dz, ambient: AmbientTable, textures: TextureTable, footp
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def shade(
     start,
     stop,
@@ -409,6 +532,8 @@ def shade(
                     lights.position[light, 1] - py,
                     lights.position[light, 2] - pz,
                 )
+                if nx * lx + ny * ly + nz * lz <= 0.0:
+                    continue
                 distance = max(math.sqrt(lx * lx + ly * ly + lz * lz), 1e-6)
                 lx, ly, lz = lx / distance, ly / distance, lz / distance
                 a = lights.attenuation
@@ -444,10 +569,15 @@ def shade(
         colour[i, 0] = albedo[i, 0] * (red + glow) + gloss_red
         colour[i, 1] = albedo[i, 1] * (green + glow) + gloss_green
         colour[i, 2] = albedo[i, 2] * (blue + glow) + gloss_blue
+        if ambient.haze_per_m > 0.0:
+            away = math.sqrt((px - rays[i, 0]) ** 2 + (py - rays[i, 1]) ** 2 + (pz - rays[i, 2]) ** 2)
+            through = math.exp(-ambient.haze_per_m * away)
+            for channel in range(3):
+                colour[i, channel] = ambient.sky[1, channel] + through * (colour[i, channel] - ambient.sky[1, channel])
 
 
-@njit(cache=True, nogil=True)
-def _differs(i, j, t, triangle, geom_of, normal, position, occluded):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differs(i, j, t, triangle, geom_of, normal, position, occluded, colour):
     """Whether an edge runs between two neighbouring pixels: of a geom, of a shape, of a shadow."""
     a, b = triangle[i], triangle[j]
     if a < 0 or b < 0:
@@ -456,9 +586,14 @@ def _differs(i, j, t, triangle, geom_of, normal, position, occluded):
         return True
     for slot in range(occluded.shape[0]):
         if occluded[slot, i] != occluded[slot, j]:
-            return True
+            # Most shadows of homes with many lamps are too faint to be seen. The square root is close to sRGB.
+            for channel in range(3):
+                step = math.sqrt(colour[i, channel]) - math.sqrt(colour[j, channel])
+                if abs(step) > VISIBLE_STEP:
+                    return True
+            break
     facing = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1] + normal[i, 2] * normal[j, 2]
-    if facing < 0.9:
+    if facing < SAME_SURFACE_COSINE:
         return True
     off = 0.0
     for axis in range(3):
@@ -466,20 +601,16 @@ def _differs(i, j, t, triangle, geom_of, normal, position, occluded):
     return abs(off) > 0.01 + 0.01 * t[i]
 
 
-@njit(cache=True, nogil=True)
-def mark_edges(start, stop, width, height, t, triangle, geom_of, normal, position, occluded, is_edge):
-    """Marks pixels that differ from one of their four neighbours."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def find_edges(start, stop, width, height, t, triangle, geom_of, normal, position, occluded, colour, across, below):
+    """Marks pixels that differ from their right and from their lower neighbour."""
     for i in range(start, stop):
         x, y = i % width, i // width
-        is_edge[i] = (
-            (x > 0 and _differs(i, i - 1, t, triangle, geom_of, normal, position, occluded))
-            or (x < width - 1 and _differs(i, i + 1, t, triangle, geom_of, normal, position, occluded))
-            or (y > 0 and _differs(i, i - width, t, triangle, geom_of, normal, position, occluded))
-            or (y < height - 1 and _differs(i, i + width, t, triangle, geom_of, normal, position, occluded))
-        )
+        across[i] = x < width - 1 and _differs(i, i + 1, t, triangle, geom_of, normal, position, occluded, colour)
+        below[i] = y < height - 1 and _differs(i, i + width, t, triangle, geom_of, normal, position, occluded, colour)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _tone(linear):
     """Identity up to the shoulder, then a curve with the same slope that reaches white only at infinity."""
     if linear <= SHOULDER:
@@ -487,7 +618,7 @@ def _tone(linear):
     return SHOULDER + (1.0 - SHOULDER) * (1.0 - math.exp((SHOULDER - linear) / (1.0 - SHOULDER)))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def encode(start, stop, pixels, colour, samples, exposure, rgb):
     """Writes pixels: the mean of their tone-mapped samples, as sRGB bytes."""
     for k in range(start, stop):

@@ -57,10 +57,10 @@ def build_texture_store(model: mujoco.MjModel) -> TextureStore:
     level_size = np.ones((count, most_levels, 2), np.int64)
     level_count = np.ones(count, np.int64)
     is_cube, has_holes = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    has_holes[: model.ntex] = textures_with_holes(model)
     chunks, filled = [], 0
     for texture, levels in enumerate(pyramids):
         is_cube[texture] = len(levels[0]) == CUBE_FACES
-        has_holes[texture] = levels[0][..., 3].min() < 128
         level_count[texture] = len(levels)
         for level, faces in enumerate(levels):
             level_start[texture, level] = filled
@@ -69,6 +69,17 @@ def build_texture_store(model: mujoco.MjModel) -> TextureStore:
             filled += len(chunks[-1])
     texels = np.concatenate(chunks) if chunks else np.full((1, 4), 255, np.uint8)
     return TextureStore(texels, level_start, level_size, level_count, is_cube, has_holes)
+
+
+def textures_with_holes(model: mujoco.MjModel) -> list[bool]:
+    """Whether some texels of each texture are more transparent than opaque."""
+    found = []
+    for texture in range(model.ntex):
+        channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+        texels = int(model.tex_width[texture]) * int(model.tex_height[texture])
+        alpha = model.tex_data[start : start + texels * channels][channels - 1 :: channels]
+        found.append(channels in (2, 4) and bool(np.asarray(alpha).min(initial=255) < 128))
+    return found
 
 
 def _faces(model: mujoco.MjModel, texture: int) -> UInt8[np.ndarray, "faces h w 4"]:

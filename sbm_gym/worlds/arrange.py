@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sbm_gym.assets.builtin import BUILTIN
 from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.worlds.placing import Layout, Placement
+from sbm_gym.worlds.cushions import scatter_cushions
+from sbm_gym.worlds.placing import Box, Layout, Placement, Wall
 
 QUARTERS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 MAX_OBJECTS = 14
-"""Objects with a class in one room."""
+"""Objects with a class in one room, cushions aside."""
 
 
 @dataclass
@@ -19,16 +21,38 @@ class Arranger:
 
     layout: Layout
     library: FurnitureLibrary
+    max_triangles: int = 200_000
+    """Of all pieces together."""
+    max_objects: int = MAX_OBJECTS
 
     @property
     def rng(self) -> np.random.Generator:
         """The layout's source of randomness."""
         return self.layout.rng
 
-    def pick(self, use: str, accept: Callable[[ModelCard], bool] = lambda card: True) -> ModelCard | None:
-        """A random model for a use; None if the library has none that is acceptable."""
+    def pick(
+        self, use: str, accept: Callable[[ModelCard], bool] = lambda card: True, copies: int = 1
+    ) -> ModelCard | None:
+        """A random model for a use.
+
+        Args:
+            use: what it is for.
+            accept: says which models will do.
+            copies: how many of it are wanted; that many must fit into ``max_triangles``.
+
+        Returns:
+            The model, None if the library has none that will do.
+        """
         cards = [card for card in self.library.models(use) if accept(card)]
-        return cards[self.rng.integers(len(cards))] if cards else None
+        left = self.max_triangles - self.triangles()
+        for index in self.rng.permutation(len(cards)):
+            if self.library.load(cards[index]).num_triangles * copies <= left:
+                return cards[index]
+        return None
+
+    def triangles(self) -> int:
+        """Triangles of all pieces so far."""
+        return sum(self.library.load(piece.card).num_triangles for piece in self.layout.placements)
 
     def chance(self, probability: float) -> bool:
         """True with this probability."""
@@ -36,7 +60,7 @@ class Arranger:
 
     def full(self) -> bool:
         """Whether the room has as many objects with a class as a room should."""
-        return self.count() >= MAX_OBJECTS
+        return self.count() >= self.max_objects
 
     def along_wall(self, use: str, **how) -> Placement | None:
         """A random model for a use with its back to a wall; tries several models."""
@@ -50,29 +74,59 @@ class Arranger:
     # Groups ---------------------------------------------------------------------------------------------------------
 
     def sleeping(self, use: str) -> None:
-        """A bed with its head to a wall, and nightstands with lamps beside it."""
-        bed = self.along_wall(use, front_m=0.5)
+        """A bed with its head to a wall, nightstands with lamps beside it, perhaps a rug and cushions."""
+        bed, stands = None, []
+        for _ in range(4):
+            bed = self.along_wall(use, front_m=0.5)
+            if bed is None:
+                return
+            stands = self._nightstands(bed, 2 if use == "double_bed" and self.chance(0.85) else 1)
+            if stands:
+                break
+            # A bed without room for a nightstand is tried elsewhere; its keep-out zone goes with it.
+            self.layout.placements.remove(bed)
+            self.layout.zones.pop()
+        if not stands:
+            bed = self.along_wall(use, front_m=0.5)
         if bed is None:
             return
-        wall = self._wall_behind(bed)
-        middle = float((np.array([bed.x_m, bed.y_m]) - wall.origin) @ wall.along)
-        stand = self.pick("nightstand")
-        sides = [-1, 1] if self.chance(0.6) and use == "double_bed" else [int(self.rng.choice([-1, 1]))]
-        for side in sides:
-            if stand is None or self.full():
-                break
-            offset = bed.card.size_m[0] / 2 + stand.size_m[0] / 2 + 0.06
-            placed = self.layout.against_wall(stand, walls=[wall.index], centre_m=middle + side * offset, tries=1)
-            if placed is not None:
-                self.decorate(placed, ("table_lamp",), 0.8)
+        for stand in stands:
+            self.decorate(stand, ("table_lamp",), 0.8)
         if self.chance(0.5):
             self.rug_before(bed)
+        if self.chance(0.8):
+            scatter_cushions(self.layout, self.library, bed, int(self.rng.integers(1, 4)))
+
+    def _nightstands(self, bed: Placement, count: int) -> list[Placement]:
+        """Nightstands beside the head of a bed, of one model."""
+        card = self.pick("nightstand")
+        if card is None or self.full():
+            return []
+        wall = self._wall_behind(bed)
+        middle = float((np.array([bed.x_m, bed.y_m]) - wall.origin) @ wall.along)
+        placed: list[Placement] = []
+        for side in self.rng.permutation([-1, 1]):
+            if len(placed) == count:
+                break
+            along = middle + side * (bed.card.size_m[0] / 2 + card.size_m[0] / 2 + 0.06)
+            # One gets up on this side: floor as long as the bed, wider than the nightstand.
+            x, y = wall.point(along + side * 0.2, card.size_m[1] + 0.85)
+            floor = Box(float(x), float(y), card.size_m[0] / 2 + 0.22, 0.75, wall.yaw_rad)
+            if not self.layout.is_clear(floor):
+                continue
+            stand = self.layout.against_wall(card, walls=[wall.index], centre_m=along, tries=1)
+            if stand is not None:
+                self.layout.zones.append(floor)
+                placed.append(stand)
+        return placed
 
     def sitting(self, *, lounge: float = 0.6, television: bool = True) -> None:
         """A couch against a wall, a low table and a rug before it, a television opposite, perhaps an armchair."""
         couch = self.along_wall("couch", front_m=1.0)
         if couch is None:
             return
+        if self.chance(0.9):
+            scatter_cushions(self.layout, self.library, couch, int(self.rng.integers(2, 6)))
         zones = tuple(self.layout.zones)
         low = self.pick("coffee_table")
         reach = couch.card.size_m[1] / 2
@@ -115,8 +169,8 @@ class Arranger:
             centre = float((np.array([watcher.x_m, watcher.y_m]) - opposite.origin) @ opposite.along)
             spread = 0.5
         on_wall = self.chance(0.35)
-        for attempt in range(2):
-            if attempt == 1:
+        for attempt in range(5):
+            if attempt == 2:
                 walls, centre, spread, on_wall = None, None, 0.0, False
             if on_wall:
                 card = self.pick("wall_tv")
@@ -124,12 +178,13 @@ class Arranger:
                     card, walls=walls, centre_m=centre, spread_m=spread, elevation_m=self.rng.uniform(0.95, 1.2)
                 ):
                     return
-            card = self.pick(str(self.rng.choice(supports)))
+            card, screen = self.pick(str(self.rng.choice(supports))), self.pick("tv")
             stand = card and self.layout.against_wall(card, walls=walls, centre_m=centre, spread_m=spread)
-            screen = self.pick("tv")
-            if stand is not None and screen is not None:
-                self.layout.on_top(screen, stand, 0.0, 0.02)
+            if stand is None or screen is None:
+                continue
+            if self.layout.on_top(screen, stand, 0.0, 0.02):
                 return
+            self.layout.placements.remove(stand)  # under a window, or too narrow: no place for a screen
 
     def dining(self, seats: tuple[int, int] = (2, 5)) -> None:
         """A table in the open or with a side to a wall, with chairs around that face it."""
@@ -144,15 +199,16 @@ class Arranger:
                 break
         else:
             return
-        self._seats(table, int(self.rng.integers(seats[0], seats[1] + 1)))
+        self.seats(table, int(self.rng.integers(seats[0], seats[1] + 1)))
         self.decorate(table, ("table_thing", "small_plant", "table_thing"), 0.8)
         card = self.pick("hanging_lamp", lambda c: self.layout.room.height_m - c.size_m[2] > 1.7)
         if card is not None and self.chance(0.6):
             z_m = self.layout.room.height_m - card.size_m[2]
             self.layout.add(Placement(card, table.x_m, table.y_m, table.yaw_rad, z_m))
 
-    def _seats(self, table: Placement, count: int) -> None:
-        chair = self.pick("dining_chair")
+    def seats(self, table: Placement, count: int, use: str = "dining_chair") -> None:
+        """Chairs around a table, turned to it."""
+        chair = self.pick(use, copies=count)
         if chair is None:
             return
         width, depth, _ = table.card.size_m
@@ -194,42 +250,65 @@ class Arranger:
         self.decorate(desk, ("desk_thing", "desk_lamp", "desk_thing"), 0.75)
 
     def kitchen(self, units: int = 3) -> None:
-        """A fridge in a corner and a row of kitchen units beside it."""
+        """A fridge in a corner and rows of kitchen units along its wall and others."""
         card = self.pick("fridge")
         fridge = card and self.layout.against_wall(card, corner=True, front_m=0.7)
         if not fridge:
             fridge = self.along_wall("fridge", front_m=0.7)
-        if fridge is None:
+        if fridge is None or units == 0:
+            return
+        family = self.pick("kitchen_unit")
+        if family is None:
             return
         wall = self._wall_behind(fridge)
         middle = float((np.array([fridge.x_m, fridge.y_m]) - wall.origin) @ wall.along)
         side = 1 if middle < wall.length_m / 2 else -1
-        edge = middle + side * (fridge.card.size_m[0] / 2 + 0.02)
-        family = self.pick("kitchen_unit")
-        for _ in range(units):
-            unit = self.pick("kitchen_unit", lambda c: family is not None and c.library == family.library)
-            if unit is None:
+        placed = self._unit_row(wall, middle + side * (fridge.card.size_m[0] / 2 + 0.02), side, units, family)
+        for index in self.rng.permutation(4):
+            if placed >= max(units - 1, 1):
                 return
-            centre = edge + side * (unit.size_m[0] / 2 + 0.032)
-            if self.layout.against_wall(unit, walls=[wall.index], centre_m=centre, front_m=0.6, tries=1) is None:
-                return
-            edge = centre + side * unit.size_m[0] / 2
+            other = self.layout.room.walls()[index]
+            way = int(self.rng.choice([-1, 1]))
+            start = 0.0 if way == 1 else other.length_m
+            placed += self._unit_row(other, start, way, units - placed, family)
 
-    def bathing(self) -> None:
-        """A toilet against a wall and a washbasin near it."""
+    def _unit_row(self, wall: Wall, edge_m: float, side: int, units: int, family: ModelCard) -> int:
+        """Kitchen units side by side along a wall, from a place on; returns how many."""
+        for number in range(units):
+            # Builtin units are all of different colours; a catalogue's go together.
+            alike = family.library == BUILTIN
+            unit = family if alike else self.pick("kitchen_unit", lambda card: card.library == family.library)
+            if unit is None:
+                return number
+            centre = edge_m + side * (unit.size_m[0] / 2 + 0.032)
+            if self.layout.against_wall(unit, walls=[wall.index], centre_m=centre, front_m=0.6, tries=1) is None:
+                return number
+            edge_m = centre + side * unit.size_m[0] / 2
+        return units
+
+    def bathing(self, tub: bool = False) -> None:
+        """A toilet against a wall, a washbasin near it, and a bathtub if there is room."""
+        bath = self.along_wall("bathtub", corner=True, front_m=0.4) if tub else None
         toilet = self.along_wall("toilet", front_m=0.6)
+        if toilet is None and bath is not None:
+            self.layout.placements.remove(bath)
+            toilet = self.along_wall("toilet", front_m=0.6)
         if toilet is None:
             return
         wall = self._wall_behind(toilet)
         middle = float((np.array([toilet.x_m, toilet.y_m]) - wall.origin) @ wall.along)
-        basin = self.pick("washbasin")
-        if basin is not None:
+        for _ in range(3):
+            basin = self.pick("washbasin")
+            if basin is None:
+                return
             for side in self.rng.permutation([-1, 1]):
                 offset = side * (toilet.card.size_m[0] / 2 + basin.size_m[0] / 2 + 0.25)
                 if self.layout.against_wall(
                     basin, walls=[wall.index], centre_m=middle + offset, spread_m=0.1, front_m=0.5, tries=4
                 ):
                     return
+            if self.layout.against_wall(basin, front_m=0.5, tries=15):
+                return
 
     def storing(self, use: str, top: tuple[str, ...] = ()) -> None:
         """A shelf, cupboard or dresser against a wall; perhaps things on it."""
@@ -284,24 +363,29 @@ class Arranger:
                 )
 
     def count(self) -> int:
-        """Objects with a class so far."""
-        return sum(piece.card.category is not None for piece in self.layout.placements)
+        """Objects with a class so far, cushions aside."""
+        return sum(piece.card.category not in (None, "cushion") for piece in self.layout.placements)
 
-    def fill(self, target: int) -> None:
-        """Adds single pieces that go with any room until there are ``target`` objects."""
-        extras: tuple[Callable[[], None], ...] = (
-            self.greening,
-            self.lounging,
-            lambda: self.lounging("beanbag"),
-            lambda: self.storing("shelf"),
-            lambda: self.lounging("dining_chair"),
-            self.working,
-            lambda: self.storing("dresser", ("small_plant",)),
-        )
-        for _ in range(12):
-            if self.count() >= target:
+    def fill(self, target: int, extras: tuple[str, ...]) -> None:
+        """Adds single pieces until there are ``target`` objects, as far as there is room.
+
+        Args:
+            target: objects with a class, cushions aside.
+            extras: what may be added, keys of the table below.
+        """
+        ways: dict[str, Callable[[], None]] = {
+            "plant": self.greening,
+            "armchair": self.lounging,
+            "beanbag": lambda: self.lounging("beanbag"),
+            "shelf": lambda: self.storing("shelf"),
+            "chair": lambda: self.lounging("dining_chair"),
+            "desk": self.working,
+            "dresser": lambda: self.storing("dresser", ("small_plant",)),
+        }
+        for _ in range(10):
+            if not extras or self.count() >= target:
                 return
-            extras[self.rng.integers(len(extras))]()
+            ways[extras[self.rng.integers(len(extras))]]()
 
     def decorate(self, support: Placement, uses: tuple[str, ...], probability: float) -> None:
         """Small things on top of a piece, each with a probability."""

@@ -1,5 +1,7 @@
 """Putting models, quads and boxes into an ``MjSpec``: geometry that is only drawn, and boxes that are only touched."""
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -155,8 +157,19 @@ class SceneBuilder:
         )
         self.quads(body, corners_m, texcoords, look, name)
 
-    def furniture(self, body: mujoco.MjsBody, model: FurnitureModel) -> None:
-        """Adds what is seen of a model to a body."""
+    def furniture(
+        self,
+        body: mujoco.MjsBody,
+        model: FurnitureModel,
+        repaint: Mapping[tuple[float, float, float], tuple[float, float, float, float]] | None = None,
+    ) -> None:
+        """Adds what is seen of a model to a body.
+
+        Args:
+            body: where it goes.
+            model: the model; its meshes are shared by all bodies that have them.
+            repaint: other colours (RGBA) for surfaces of these display colours (RGB) that have no picture.
+        """
         if model.model_id not in self._meshes:
             self._meshes[model.model_id] = [
                 (
@@ -170,5 +183,8 @@ class SceneBuilder:
                 )
                 for surface in model.surfaces
             ]
-        for mesh, material in self._meshes[model.model_id]:
+        for surface, (mesh, material) in zip(model.surfaces, self._meshes[model.model_id], strict=True):
+            rgba = (repaint or {}).get(surface.rgba[:3]) if surface.texture is None else None
+            if rgba is not None:
+                material = self.material(rgba=rgba, specular=surface.specular, shininess=surface.shininess)
             self.drawn(body, mesh, material)

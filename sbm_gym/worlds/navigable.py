@@ -198,13 +198,21 @@ def navigable_map(
     """
     low_m, high_m = np.asarray(low_m, float), np.asarray(high_m, float)
     nx, ny = np.maximum(np.ceil((high_m - low_m) / cell_m - 1e-9).astype(int), 1)
-    x, y = np.meshgrid(low_m[0] + cell_m * (np.arange(nx) + 0.5), low_m[1] + cell_m * (np.arange(ny) + 0.5))
+    x, y = low_m[0] + cell_m * (np.arange(nx) + 0.5), low_m[1] + cell_m * (np.arange(ny) + 0.5)
     reach = agent_radius_m + cell_m * np.sqrt(0.5)  # the farthest point of a cell from its centre
     wall = agent_radius_m + 0.5 * cell_m
-    free = (x - low_m[0] >= wall) & (high_m[0] - x >= wall) & (y - low_m[1] >= wall) & (high_m[1] - y >= wall)
+    free_x = (x - low_m[0] >= wall) & (high_m[0] - x >= wall)
+    free_y = (y - low_m[1] >= wall) & (high_m[1] - y >= wall)
+    free = free_y[:, None] & free_x[None]
     for centre_x, centre_y, half_x, half_y, yaw in np.asarray(obstacles, float).reshape(-1, 5):
         cos, sin = np.cos(yaw), np.sin(yaw)
-        along = np.abs((x - centre_x) * cos + (y - centre_y) * sin) - half_x
-        across = np.abs((y - centre_y) * cos - (x - centre_x) * sin) - half_y
-        free &= np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) >= reach
+        # Only the cells around the box can change.
+        wide = abs(half_x * cos) + abs(half_y * sin) + reach
+        tall = abs(half_x * sin) + abs(half_y * cos) + reach
+        columns = slice(*np.searchsorted(x, [centre_x - wide, centre_x + wide]))
+        rows = slice(*np.searchsorted(y, [centre_y - tall, centre_y + tall]))
+        off_x, off_y = x[columns][None] - centre_x, y[rows][:, None] - centre_y
+        along = np.abs(off_x * cos + off_y * sin) - half_x
+        across = np.abs(off_y * cos - off_x * sin) - half_y
+        free[rows, columns] &= np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) >= reach
     return NavigableMap(free, low_m, cell_m)

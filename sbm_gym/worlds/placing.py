@@ -1,5 +1,6 @@
 """Putting pieces into a room without collisions: oriented footprints with heights, walls, keep-out zones."""
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -66,6 +67,8 @@ class Placement:
     y_m: float
     yaw_rad: float
     z_m: float = 0.0
+    on: "Placement | None" = None
+    """What it stands or lies on, the floor if None."""
 
     def box(self) -> Box:
         """The room the piece takes up."""
@@ -89,7 +92,7 @@ class Opening:
     """A door or window in a wall."""
 
     kind: str
-    """``door`` or ``window``."""
+    """``door`` (closed), ``window`` or ``passage`` (open, to another room)."""
     wall: int
     start_m: float
     """Where it begins, along the wall."""
@@ -135,15 +138,20 @@ class Room:
 
     def walls(self) -> tuple[Wall, Wall, Wall, Wall]:
         """The four sides; each runs so that the room is on its left."""
-        (x0, y0), (x1, y1) = self.low_m, self.high_m
-        corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-        walls = []
-        for index, (start, end) in enumerate(zip(corners, corners[1:] + corners[:1], strict=True)):
-            run = np.array(end) - np.array(start)
-            length = float(np.linalg.norm(run))
-            along = run / length
-            walls.append(Wall(index, np.array(start, float), along, np.array([-along[1], along[0]]), length))
-        return walls[0], walls[1], walls[2], walls[3]
+        return _walls(self.low_m, self.high_m)
+
+
+@functools.lru_cache(maxsize=256)
+def _walls(low_m: tuple[float, float], high_m: tuple[float, float]) -> tuple[Wall, Wall, Wall, Wall]:
+    (x0, y0), (x1, y1) = low_m, high_m
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    walls = []
+    for index, (start, end) in enumerate(zip(corners, corners[1:] + corners[:1], strict=True)):
+        run = np.array(end) - np.array(start)
+        length = float(np.linalg.norm(run))
+        along = run / length
+        walls.append(Wall(index, np.array(start, float), along, np.array([-along[1], along[0]]), length))
+    return walls[0], walls[1], walls[2], walls[3]
 
 
 @dataclass
@@ -159,7 +167,7 @@ class Layout:
     def __post_init__(self) -> None:
         walls = self.room.walls()
         for opening in self.room.openings:
-            if opening.kind == "door":
+            if opening.kind != "window":
                 wall = walls[opening.wall]
                 x, y = wall.point(0.5 * (opening.start_m + opening.end_m), 0.55)
                 half = 0.5 * (opening.end_m - opening.start_m) + 0.1
@@ -277,7 +285,7 @@ class Layout:
             return None
         x, y = support.at(right_m, back_m)
         z = support.z_m + support.card.size_m[2]
-        thing = Placement(card, float(x), float(y), support.yaw_rad + yaw_rad, z)
+        thing = Placement(card, float(x), float(y), support.yaw_rad + yaw_rad, z, support)
         return self.add(thing) if self.fits(thing, margin_m=0.01, ignore_zones=self.zones) else None
 
     def is_clear(self, zone: Box) -> bool:
@@ -296,6 +304,8 @@ class Layout:
             wall = walls[opening.wall]
             relative = box.corners() - wall.origin
             along, out = relative @ wall.along, relative @ wall.normal
-            if out.min() < 0.3 and along.max() > opening.start_m and along.min() < opening.end_m:
+            # Beside windows hang curtains.
+            beside = 0.3 if opening.kind == "window" else 0.06
+            if out.min() < 0.3 and along.max() > opening.start_m - beside and along.min() < opening.end_m + beside:
                 return True
         return False

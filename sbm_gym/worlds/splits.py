@@ -8,8 +8,12 @@ from dataclasses import dataclass
 
 from labeling.errors import UsageError
 
-KINDS = ("living_room", "bedroom", "studio", "office", "hotel_room", "kitchen_diner")
-"""Kinds of rooms, in the order in which the named scenes take turns."""
+TRAIN_KINDS = (
+    *("apartment", "office", "flat", "living_room", "hotel"),
+    *("apartment", "studio_flat", "office", "flat", "apartment"),
+    *("hotel", "flat", "living_room", "apartment", "office"),
+)
+"""Kinds of homes of the training scenes, in about Replica's proportions."""
 
 
 @dataclass(frozen=True)
@@ -19,13 +23,13 @@ class SceneSeed:
     seed: tuple[int, ...]
     """Entropy of its random generator; named scenes and free seeds never share one."""
     kind: str | None
-    """Its kind of room; None draws one."""
+    """Its kind of home, a key of ``PROGRAMMES``; None draws one."""
 
 
 SPLITS: dict[str, dict[str, SceneSeed]] = {
-    "train": {f"train/{i:02d}": SceneSeed((0, 1000 + i), KINDS[i % len(KINDS)]) for i in range(15)},
-    "val": {"val/00": SceneSeed((0, 2000), "studio")},
-    "test": {"test/00": SceneSeed((0, 3000), "studio"), "test/01": SceneSeed((0, 3001), "living_room")},
+    "train": {f"train/{i:02d}": SceneSeed((0, 1000 + i), kind) for i, kind in enumerate(TRAIN_KINDS)},
+    "val": {"val/00": SceneSeed((0, 2000), "flat")},
+    "test": {"test/00": SceneSeed((0, 3000), "apartment"), "test/01": SceneSeed((0, 3001), "living_room")},
 }
 """The named scenes of each split. Changing a seed changes the data set: it is done in a new version only."""
 
@@ -61,3 +65,44 @@ def scene_seed(name: str | int) -> tuple[str, SceneSeed]:
         known = ", ".join(f"{next(iter(scenes))} .. {list(scenes)[-1]}" for scenes in SPLITS.values())
         raise UsageError(f"there is no scene {name!r}; scenes are {known}, and seed/N for any whole number N >= 0")
     return f"seed/{int(match.group(1))}", SceneSeed((1, int(match.group(1))), None)
+
+
+TOWN_SPLITS: dict[str, dict[str, tuple[int, ...]]] = {
+    "train": {f"town/train/{i:02d}": (2, 1000 + i) for i in range(3)},
+    "val": {"town/val/00": (2, 2000)},
+    "test": {"town/test/00": (2, 3000)},
+}
+"""The named towns of each split, with the entropy of their generators. Source: thesis 5.1.1 (five towns, 3/1/1)."""
+
+
+def town_names(split: str) -> tuple[str, ...]:
+    """Names of the towns of a split.
+
+    Raises:
+        UsageError: if there is no such split.
+    """
+    if split not in TOWN_SPLITS:
+        raise UsageError(f"there is no split {split!r}; splits are {', '.join(TOWN_SPLITS)}")
+    return tuple(TOWN_SPLITS[split])
+
+
+def town_seed(name: str | int) -> tuple[str, tuple[int, ...]]:
+    """The canonical name of a town and the entropy it is made from.
+
+    Args:
+        name: a named town, ``town/seed/N``, or just N (not negative).
+
+    Raises:
+        UsageError: if it is none of these.
+    """
+    if isinstance(name, bool) or not isinstance(name, int | str):
+        raise UsageError(f"a town is named by a text or a whole number, not {name!r}")
+    text = f"town/seed/{name}" if isinstance(name, int) else name
+    for towns in TOWN_SPLITS.values():
+        if text in towns:
+            return text, towns[text]
+    match = re.fullmatch(r"town/seed/(\d+)", text)
+    if match is None:
+        known = ", ".join(town for towns in TOWN_SPLITS.values() for town in towns)
+        raise UsageError(f"there is no town {name!r}; towns are {known}, and town/seed/N for any whole number N >= 0")
+    return f"town/seed/{int(match.group(1))}", (3, int(match.group(1)))

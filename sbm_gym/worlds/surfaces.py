@@ -175,6 +175,30 @@ def wallpaper(rng: np.random.Generator) -> Material:
     return Material(_picture(colour), (1.0, 1.0))
 
 
+def wall_tiles(rng: np.random.Generator) -> Material:
+    """Glazed wall tiles, white or a light tone, with grout."""
+    count, tile_px = 4, 80
+    side = count * tile_px
+    base = _pick(rng, [(232, 232, 230), (226, 230, 232), (214, 224, 226), (228, 222, 210), (206, 216, 206)])
+    shade = np.repeat(np.repeat(1 + rng.normal(0, 0.012, (count, count)), tile_px, axis=0), tile_px, axis=1)
+    colour = base * (shade + periodic_noise(rng, (side, side), (8, 8)) * 0.006)[..., None]
+    inside = np.minimum(np.arange(side) % tile_px, (tile_px - 1) - np.arange(side) % tile_px)
+    colour[(inside[:, None] < 1) | (inside[None] < 1)] = base * 0.78
+    size = count * float(rng.choice([0.15, 0.2, 0.3]))
+    wide = 2.0 if rng.random() < 0.4 else 1.0
+    return Material(_picture(colour), (wide * size, size), specular=0.3, shininess=0.7)
+
+
+def curtain(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
+    """Curtain cloth: one tone with a fine weave, sometimes with stripes."""
+    side = 128
+    tones = [(206, 198, 184), (176, 186, 196), (150, 120, 100), (120, 136, 120), (222, 218, 210), (96, 104, 130)]
+    colour = np.broadcast_to(_pick(rng, tones), (side, side, 3)).copy()
+    if rng.random() < 0.35:
+        colour[:, (np.arange(side) // int(rng.integers(8, 24))) % 2 == 0] *= rng.uniform(0.82, 0.94)
+    return _picture(colour * (1 + periodic_noise(rng, (side, side), (0.7, 0.7)) * 0.03)[..., None])
+
+
 def ceiling(rng: np.random.Generator) -> Material:
     """White paint on a slightly rough ceiling."""
     side = 256

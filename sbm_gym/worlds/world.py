@@ -1,6 +1,8 @@
 """What every world hands to the environment: a MuJoCo scene, the objects in it, and where one can stand."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -31,6 +33,27 @@ class ObjectInstance:
 
 
 @dataclass(frozen=True)
+class Arrangement:
+    """What one episode has that others in the same world have not."""
+
+    objects: tuple[ObjectInstance, ...]
+    """All objects of this episode, those that always stand there too."""
+    navigable: NavigableMap
+    starts: NavigableMap
+    """Where the agent may start."""
+    apply: Callable[[mujoco.MjModel], None]
+    """Changes poses of mocap bodies, light and sky in a compiled model. Nothing else may change."""
+
+
+class Stage(Protocol):
+    """Arranges a world anew for every episode."""
+
+    def arrange(self, rng: np.random.Generator) -> Arrangement:
+        """Draws an arrangement."""
+        ...
+
+
+@dataclass(frozen=True)
 class World:
     """A furnished scene. The agent is not in it yet: it is added to ``spec`` before compilation."""
 
@@ -38,6 +61,10 @@ class World:
     spec: mujoco.MjSpec
     objects: tuple[ObjectInstance, ...]
     navigable: NavigableMap
+    starts: NavigableMap | None = None
+    """Where the agent may start; None for anywhere in ``navigable``."""
+    stage: Stage | None = None
+    """Arranges the world anew for every episode; None if it always stays the same."""
 
     def instance_of_geom(self, model: mujoco.MjModel) -> Int[np.ndarray, "ngeom"]:
         """For every geom of the compiled model the ``instance_id`` of the object it belongs to, 0 for none."""

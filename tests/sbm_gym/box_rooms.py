@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from labeling.instances import Box3d
+from sbm_gym.profiles import INDOOR, WorldProfile
 from sbm_gym.worlds.navigable import navigable_map
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL, ObjectInstance, World
 
@@ -25,6 +26,7 @@ class BoxRooms:
     """Scenes "box_0" to "box_3": the same furniture, some of it moved. Implements ``WorldSource``."""
 
     num_scenes: int = 4
+    profile: WorldProfile = INDOOR
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """The last scene is for validation, all others for training."""

@@ -46,3 +46,11 @@ def test_missing_libraries_are_one_line(tmp_path, monkeypatch, capsys):
     assert error.startswith("error: no furniture libraries")
     assert "sudo apt-get install sweethome3d-furniture" in error
     assert error.count("\n") == 1
+
+
+def test_builtin_models_are_listed_without_libraries(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SBM_FURNITURE", str(tmp_path))
+    assert main(["list", "--builtin", "--category", "cushion"]) == 0
+    out = capsys.readouterr().out
+    assert "leaning" in out
+    assert "fridge" not in out

@@ -10,17 +10,29 @@ import mujoco
 import numpy as np
 import pytest
 
-from sbm_gym.assets.classes import COCO_CATEGORIES, categories
-from sbm_gym.assets.library import default_library
-from sbm_gym.worlds.indoor import MIN_BEARINGS, approach_bearings, build_indoor
+from sbm_gym.assets.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, categories
+from sbm_gym.assets.mixed import indoor_library
+from sbm_gym.assets.unseen import held_out, too_small
+from sbm_gym.world_sources import world_source
+from sbm_gym.worlds.indoor import BEARINGS, MAX_TRIANGLES, MIN_BEARINGS, RING_M, build_indoor
 from sbm_gym.worlds.splits import scene_names
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
 
-SCENES = (*scene_names("train"), "val/00", "test/00", "test/01", *(f"seed/{seed}" for seed in range(6)))
+SCENES = (
+    *scene_names("train"),
+    "val/00",
+    "test/00",
+    "test/01",
+    *(f"seed/{seed}" for seed in range(4)),
+    "builtin/0",
+    "builtin/1",
+)
 
 
 @functools.cache
 def world(name):
+    if name.startswith("builtin/"):
+        return world_source("indoor-builtin").build(name.replace("builtin", "seed"))
     return build_indoor(name)
 
 
@@ -46,19 +58,42 @@ def drawn_points(model, data, body):
 
 
 def furniture_bodies(model):
-    fixed = ("world", "room", "pictures", "lamps")
+    fixed = ("world", "room_", "pictures_", "lamps_", "walls")
     names = [model.body(body).name for body in range(model.nbody)]
-    return {name: index for index, name in enumerate(names) if name not in fixed}
+    return {name: index for index, name in enumerate(names) if not name.startswith(fixed)}
+
+
+def room_bodies(model, data):
+    """Number of the body, lowest and highest point of every room."""
+    rooms = []
+    for body in range(model.nbody):
+        if model.body(body).name.startswith("room_"):
+            floor = model.geom(f"{model.body(body).name}_floor").id
+            mesh = model.geom_dataid[floor]
+            start = model.mesh_vertadr[mesh]
+            points = model.mesh_vert[start : start + model.mesh_vertnum[mesh]]
+            points = points @ data.geom_xmat[floor].reshape(3, 3).T + data.geom_xpos[floor]
+            rooms.append((body, points.min(axis=0)[:2], points.max(axis=0)[:2]))
+    return rooms
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_rooms_hold_enough_and_no_unknown_classes(name):
     objects = world(name).objects
-    assert 6 <= len(objects) <= 14
+    assert 6 <= len(objects) <= 60
     assert {instance.category for instance in objects} <= set(categories())
     assert [instance.instance_id for instance in objects] == list(range(1, len(objects) + 1))
-    known = {card.model_id for card in default_library().cards()}
-    assert {instance.model_name for instance in objects} <= known
+    assert all(instance.model_name for instance in objects)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_stay_light(name):
+    model, _ = compiled(name)
+    meshes = model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]
+    assert model.mesh_facenum[meshes].sum() <= MAX_TRIANGLES + 60_000
+    assert model.ngeom < 700
+    # OpenGL's fixed pipeline knows eight lights.
+    assert 1 <= model.nlight <= 7
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -70,7 +105,8 @@ def test_pieces_do_not_intersect(name):
         half = model.geom_size[geom]
         boxes.append((model.geom_bodyid[geom], data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3), half))
     for (body_a, at_a, turn_a, half_a), (body_b, at_b, turn_b, half_b) in itertools.combinations(boxes, 2):
-        if body_a != body_b:
+        near = np.linalg.norm(at_a - at_b) < np.linalg.norm(half_a) + np.linalg.norm(half_b)
+        if body_a != body_b and near:
             grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
             for at, turn, half, other_at, other_turn, other_half in (
                 (at_a, turn_a, half_a, at_b, turn_b, half_b),
@@ -92,26 +128,26 @@ def test_boxes_fit_what_is_drawn(name):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_nothing_floats_and_nothing_leaves_the_room(name):
-    """Every piece stands on the floor or on another piece, hangs from the ceiling, or hangs on a wall."""
+def test_nothing_floats_and_nothing_leaves_its_room(name):
+    """Every piece is in one room, and stands on the floor or on another piece, hangs from the ceiling, or on a wall."""
     model, data = compiled(name)
-    room = drawn_points(model, data, model.body("room").id)
-    ceiling = room[:, 2].max()
+    rooms = room_bodies(model, data)
+    ceiling = drawn_points(model, data, rooms[0][0])[:, 2].max()
     bodies = furniture_bodies(model)
     spans = {
         n: (p.min(axis=0), p.max(axis=0)) for n, p in ((n, drawn_points(model, data, b)) for n, b in bodies.items())
     }
-    inner_low, inner_high = _inner_walls(model, data)
     for body, (low, high) in spans.items():
-        assert np.all(low[:2] > inner_low - 1e-3), body
-        assert np.all(high[:2] < inner_high + 1e-3), body
+        homes = [(a, b) for _, a, b in rooms if np.all(low[:2] > a - 1e-3) and np.all(high[:2] < b + 1e-3)]
+        assert len(homes) == 1, body
+        inner_low, inner_high = homes[0]
         assert high[2] <= ceiling + 1e-3, body
         on_floor = abs(low[2]) < 1e-3 or body.startswith("rug")
         hangs = abs(high[2] - ceiling) < 1e-3
         on_wall = min((low[:2] - inner_low).min(), (inner_high - high[:2]).min()) < 0.04
         middle = 0.5 * (low + high)
         rests = any(
-            abs(other_high[2] - low[2]) < 2e-3
+            (abs(other_high[2] - low[2]) < 2e-3 or body.startswith("cushion"))
             and np.all(middle[:2] > other_low[:2])
             and np.all(middle[:2] < other_high[:2])
             for other, (other_low, other_high) in spans.items()
@@ -120,32 +156,72 @@ def test_nothing_floats_and_nothing_leaves_the_room(name):
         assert on_floor or hangs or rests or on_wall, body
 
 
-def _inner_walls(model, data):
-    """Inner faces of the walls, from their collision boxes."""
-    geoms = [
-        geom
-        for geom in np.flatnonzero(model.geom_bodyid == model.body("room").id)
-        if model.geom_group[geom] == GEOM_GROUP_COLLISION
-    ]
-    low, high = np.full(2, -np.inf), np.full(2, np.inf)
-    for geom in geoms:
-        at, half = data.geom_xpos[geom][:2], model.geom_size[geom][:2]
-        axis = int(np.argmin(half))
-        if at[axis] < 0:
-            low[axis] = at[axis] + half[axis]
-        else:
-            high[axis] = at[axis] - half[axis]
-    assert np.all(np.isfinite([low, high]))
-    return low, high
+@pytest.mark.parametrize("name", [name for name in SCENES if name.startswith(("train/0", "builtin"))])
+def test_cushions_lie_on_what_carries_them(name):
+    """Straight down from a cushion's lowest parts comes its couch or bed, within a centimetre or two of its skin."""
+    import open3d as o3d
+
+    model, data = compiled(name)
+    cushions = [o for o in world(name).objects if o.category == "cushion"]
+    for cushion in cushions:
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        for carrier in world(name).objects:
+            if carrier.category in ("couch", "bed"):
+                body = model.body(carrier.body_name).id
+                for geom in np.flatnonzero(model.geom_bodyid == body):
+                    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+                        continue
+                    mesh = model.geom_dataid[geom]
+                    at, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+                    points = model.mesh_vert[at : at + count] @ data.geom_xmat[geom].reshape(3, 3).T
+                    first, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+                    scene.add_triangles(
+                        o3d.core.Tensor.from_numpy((points + data.geom_xpos[geom]).astype(np.float32)),
+                        o3d.core.Tensor.from_numpy(model.mesh_face[first : first + faces].astype(np.uint32)),
+                    )
+        skin = drawn_points(model, data, model.body(cushion.body_name).id)
+        rays = np.zeros((len(skin), 6), np.float32)
+        rays[:, :2], rays[:, 2], rays[:, 5] = skin[:, :2], 3.0, -1.0
+        below = 3.0 - scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy()
+        gap = skin[:, 2] - below
+        under = np.isfinite(below)
+        assert under.mean() > 0.8, cushion.body_name
+        # A leaning cushion touches a steep back, where two centimetres sideways are many in height.
+        assert np.percentile(gap[under], 5) > -0.05, cushion.body_name
+        assert gap[under].min() < 0.02, cushion.body_name
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_free_space_is_connected_and_every_object_can_be_looked_at(name):
+def test_free_space_is_connected_and_every_object_has_a_ring_of_eight_viewpoints(name):
     navigable = world(name).navigable
     np.testing.assert_array_equal(navigable.free, navigable.largest_component)
     assert np.count_nonzero(navigable.free) * navigable.cell_m**2 > 4.0
     for instance in world(name).objects:
-        assert approach_bearings(navigable, instance.box_3d.centre_m[:2]) >= MIN_BEARINGS, instance.body_name
+        views = []
+        for bearing in np.arange(BEARINGS) * (2 * np.pi / BEARINGS):
+            direction = np.array([np.cos(bearing), np.sin(bearing)])
+            views.append(sum(navigable.is_free(instance.box_3d.centre_m[:2] + r * direction) for r in RING_M))
+        assert sum(views) >= 8, instance.body_name
+        assert np.count_nonzero(views) >= MIN_BEARINGS, instance.body_name
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_room_can_be_entered_from_every_other(name):
+    model, data = compiled(name)
+    navigable = world(name).navigable
+    rng = np.random.default_rng(0)
+    places = []
+    for _, low, high in room_bodies(model, data):
+        cells = np.argwhere(navigable.free)
+        points = navigable.origin_m + navigable.cell_m * (cells[:, ::-1] + 0.5)
+        inside = points[np.all((points > low) & (points < high), axis=1)]
+        assert len(inside) > 20
+        places.append(inside[rng.integers(len(inside))])
+    for place in places[1:]:
+        way = navigable.shortest_path(places[0], place)
+        assert way is not None
+        # Walked through MuJoCo's walls nowhere: all straight parts are free.
+        assert all(navigable.line_is_free(a, b) for a, b in itertools.pairwise(way))
 
 
 @pytest.mark.parametrize("name", SCENES[:6])
@@ -169,16 +245,47 @@ def test_the_agent_touches_nothing_where_the_map_is_free(name):
     assert not world(name).navigable.is_free(outside)
 
 
-def test_all_eight_classes_occur_in_a_quarter_of_the_training_rooms():
-    rooms = [{instance.category for instance in world(name).objects} for name in scene_names("train")]
-    for category in COCO_CATEGORIES:
-        assert sum(category in room for room in rooms) >= len(rooms) / 4, category
+def test_every_class_has_ten_instances_in_training():
+    found = [instance.category for name in scene_names("train") for instance in world(name).objects]
+    assert all(found.count(category) >= 10 for category in COCO_CATEGORIES + NOVEL_CATEGORIES)
 
 
-def test_rooms_have_lamps_that_cast_shadows():
+def test_homes_have_what_they_are_lived_in_with():
+    """Where there is a kitchen there is a fridge, where a bathroom a toilet, and each stands in its room."""
+    for name in scene_names("train"):
+        model, data = compiled(name)
+        for body, low, high in room_bodies(model, data):
+            inside = {
+                o.category
+                for o in world(name).objects
+                if np.all(o.box_3d.centre_m[:2] > low) and np.all(o.box_3d.centre_m[:2] < high)
+            }
+            kind = model.body(body).name
+            for word, category in (("kitchen", "fridge"), ("bathroom", "toilet"), ("bedroom", "bed")):
+                if word in kind:
+                    assert category in inside, (name, kind)
+
+
+def test_lamps_cast_shadows():
     model, _ = compiled("train/00")
-    assert model.nlight >= 1
     assert np.all(model.light_castshadow)
+
+
+def test_unseen_models_never_meet():
+    """Test scenes are the same either way; with the switch on, training shows none of their models."""
+    library = indoor_library()
+    shared = too_small(library)
+    assert shared == ()
+    shown = {o.model_name for name in ("val/00", "test/00", "test/01") for o in world(name).objects}
+    for name in ("train/00", "train/01", "seed/3"):
+        assert not shown & {o.model_name for o in build_indoor(name, unseen_models=True).objects}
+    for use in ("dining_chair", "couch", "toilet", "fridge", "cushion"):
+        cards = library.models(use)
+        assert 0 < len(held_out(cards)) < len(cards)
+    again = build_indoor("test/01", unseen_models=True)
+    assert [(o.model_name, o.body_name) for o in again.objects] == [
+        (o.model_name, o.body_name) for o in world("test/01").objects
+    ]
 
 
 def fingerprint(name: str) -> str:

@@ -45,6 +45,7 @@ def cell_of(grid, point):
     return int(i), int(j)
 
 
+@settings(deadline=None)
 @given(maps())
 def test_random_points_are_free_and_connected(case):
     grid, rng = case
@@ -55,6 +56,7 @@ def test_random_points_are_free_and_connected(case):
         assert grid.clearance_m(point) > 0
 
 
+@settings(deadline=None)
 @given(maps())
 def test_a_path_exists_exactly_where_the_grid_connects_and_is_never_longer(case):
     grid, rng = case
@@ -74,6 +76,7 @@ def test_a_path_exists_exactly_where_the_grid_connects_and_is_never_longer(case)
         assert grid.line_is_free(p, q)
 
 
+@settings(deadline=None)
 @given(maps())
 def test_free_lines_pass_over_free_points_only(case):
     grid, rng = case
@@ -86,6 +89,7 @@ def test_free_lines_pass_over_free_points_only(case):
     assert grid.line_is_free(a, b) == grid.line_is_free(b, a)
 
 
+@settings(deadline=None)
 @given(maps())
 def test_clearance_is_the_distance_to_the_nearest_blocked_place(case):
     grid, rng = case
@@ -100,6 +104,7 @@ def test_clearance_is_the_distance_to_the_nearest_blocked_place(case):
     assert clearance == pytest.approx(np.linalg.norm(gap, axis=1).min(), abs=1e-12)
 
 
+@settings(deadline=None)
 @given(maps())
 def test_nearest_free_is_free_and_nearest(case):
     grid, rng = case

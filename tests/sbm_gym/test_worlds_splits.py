@@ -1,8 +1,8 @@
 import pytest
 
 from labeling.errors import UsageError
-from sbm_gym.worlds.room_kinds import ROOM_KINDS
-from sbm_gym.worlds.splits import KINDS, SPLITS, scene_names, scene_seed
+from sbm_gym.worlds.floor_plan import PROGRAMMES
+from sbm_gym.worlds.splits import SPLITS, scene_names, scene_seed
 
 
 def test_splits_have_the_thesis_sizes_and_share_neither_names_nor_seeds():
@@ -21,7 +21,7 @@ def test_numbers_and_names_mean_the_same():
 
 
 def test_every_kind_exists():
-    assert set(KINDS) == set(ROOM_KINDS)
+    assert {source.kind for split in SPLITS.values() for source in split.values()} == set(PROGRAMMES)
 
 
 @pytest.mark.parametrize("name", ["train/15", "seed/-1", "kitchen", "", -3, True, 1.5])

@@ -1,0 +1,335 @@
+"""Contact sheets of worlds, renderers and furniture: ``python -m sbm_gym.preview``. Faults are seen there first."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from labeling.errors import SbmError, UsageError
+
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
+    from jaxtyping import Float, UInt8
+
+    from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+    from sbm_gym.rendering.base import Renderer
+    from sbm_gym.scenes import WorldSource
+    from sbm_gym.worlds.world import World
+
+SHEETS = ("scenes", "renderers", "assets")
+EYE_VIEWS = 4
+SCENES_PER_SHEET = 6
+"""Sheets stay below 2000 pixels in height at the default size."""
+CARDS_PER_ROW = 8
+_MARGIN_PX = 4
+_CAPTION_PX = 16
+_PAPER = 245
+_INK = (40, 40, 40)
+
+
+@dataclass(frozen=True)
+class PreviewConfig:
+    """Writes contact sheets as PNG: every scene from above and from four places, both renderers side by side, and
+    every furniture model of every class.
+    """
+
+    out: Path = Path("out/preview")
+    """Folder for the sheets."""
+    what: tuple[str, ...] = SHEETS
+    """Which sheets: scenes, renderers, assets."""
+    worlds: tuple[str, ...] = ()
+    """Kinds of worlds, such as indoor; all of them if not given."""
+    split: str | None = None
+    """Only scenes of this split: train, val or test."""
+    size: int = 240
+    """Height of a picture of a scene, pixels."""
+
+
+def run(config: PreviewConfig) -> list[Path]:
+    """Writes the sheets that were asked for.
+
+    Returns:
+        The files, in the order in which they were written.
+
+    Raises:
+        SbmError: if a kind of sheet or world is unknown, or what it needs is not installed.
+    """
+    from tqdm import tqdm
+
+    from sbm_gym.world_sources import WORLD_KINDS, world_source
+
+    for given, known, name in ((config.what, SHEETS, "sheet"), (config.worlds, WORLD_KINDS, "kind of world")):
+        unknown = [entry for entry in given if entry not in known]
+        if unknown:
+            raise UsageError(f"there is no {name} {unknown[0]!r}; known: {', '.join(known)}")
+    if config.size < 32:
+        raise UsageError(f"pictures of {config.size} pixels show nothing; take 32 or more")
+    sources = {kind: world_source(kind) for kind in config.worlds or WORLD_KINDS}
+    written: list[Path] = []
+    with tqdm(unit="picture", mininterval=0.5) as bar:
+        for kind, source in sources.items():
+            if {"scenes", "renderers"} & set(config.what):
+                for path in _scene_sheets(config, kind, source, bar):
+                    written.append(path)
+        if "assets" in config.what:
+            for path in _asset_sheets(config, bar):
+                written.append(path)
+    return written
+
+
+# Scenes ---------------------------------------------------------------------------------------------------------------
+
+
+def _scene_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: Any) -> Iterator[Path]:
+    names = source.scenes(config.split)
+    height = config.size
+    shape = source.profile.capture_size
+    width = round(height * min(shape[1] / shape[0], 2.0))
+    for start in range(0, len(names), SCENES_PER_SHEET):
+        chosen = names[start : start + SCENES_PER_SHEET]
+        scene_tiles, renderer_tiles = [], []
+        for name in chosen:
+            bar.set_description(f"{kind} {name}", refresh=False)
+            overview, pairs = _draw_scene(config, source, name, height, width, bar)
+            scene_tiles += overview
+            renderer_tiles += pairs
+        suffix = f"{kind}_{start // SCENES_PER_SHEET}.png"
+        if "scenes" in config.what:
+            yield _write(config.out / f"scenes_{suffix}", contact_sheet(scene_tiles, 1 + EYE_VIEWS))
+        if "renderers" in config.what:
+            yield _write(config.out / f"renderers_{suffix}", contact_sheet(renderer_tiles, 4))
+
+
+def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height: int, width: int, bar: Any):
+    """Captioned pictures of one scene: from above and at eye level, and pairs of rays and gl."""
+    import mujoco
+    import numpy as np
+
+    from labeling.geometry import intrinsics_from_fov
+    from sbm_gym.rendering.gl import GlRenderer
+    from sbm_gym.rendering.rays import RaysRenderer
+
+    world = source.build(name)
+    model = world.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    eye_m = source.profile.body.camera_height_m
+    cameras = eye_level_views(world, model, data, eye_m, EYE_VIEWS)
+    intrinsics = intrinsics_from_fov(width, height, 0.5 * np.pi)
+    rays = RaysRenderer(model)
+    overview, pairs = [], []
+    if "scenes" in config.what:
+        overview.append((view_from_above(model, data, eye_m, height, width), name))
+        bar.update()
+    frames = [rays.render(data, intrinsics, camera, height, width).rgb for camera in cameras]
+    bar.update(len(frames))
+    if "scenes" in config.what:
+        overview += [(frame, f"view {number}") for number, frame in enumerate(frames)]
+    if "renderers" in config.what:
+        gl = GlRenderer(model)
+        for number in (0, 2):
+            frame = gl.render(data, intrinsics, cameras[number], height, width).rgb
+            pairs += [(frames[number], f"{name} rays"), (frame, f"{name} gl")]
+            bar.update()
+        gl.close()
+    return overview, pairs
+
+
+def eye_level_views(
+    world: "World", model: "mujoco.MjModel", data: "mujoco.MjData", height_m: float, count: int
+) -> "list[Float[np.ndarray, '4 4']]":
+    """Cameras far apart where an agent can stand, each looking at the objects nearest to it that are in sight.
+
+    Args:
+        world: the scene.
+        model: its compiled model.
+        data: where everything is.
+        height_m: height of the cameras.
+        count: how many.
+    """
+    import numpy as np
+
+    from labeling.geometry import look_at
+
+    rng = np.random.default_rng(0)
+    places = np.array([world.navigable.random_point(rng) for _ in range(200)])
+    chosen = [0]
+    while len(chosen) < count:
+        # The place farthest from those chosen already.
+        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(axis=1)
+        chosen.append(int(np.argmax(distance)))
+    return [look_at(eye, _target(world, model, data, eye)) for eye in np.insert(places[chosen], 2, height_m, axis=1)]
+
+
+def _target(world: "World", model: "mujoco.MjModel", data: "mujoco.MjData", eye: "Float[np.ndarray, '3']"):
+    """Middle of the nearest two objects in sight, not right before the camera; else the most open direction."""
+    import mujoco
+    import numpy as np
+
+    groups, hit = np.array([1, 1, 1, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
+
+    def first_hit(way: "Float[np.ndarray, '3']") -> tuple[float, int]:
+        reach = mujoco.mj_ray(model, data, eye, way, groups, 1, -1, hit)
+        return (reach if reach >= 0.0 else float("inf")), int(hit[0])
+
+    seen = []
+    for instance in world.objects:
+        way = np.asarray(instance.box_3d.centre_m, float) - eye
+        away = float(np.linalg.norm(way[:2]))
+        if away >= 1.0:
+            reach, geom = first_hit(way)
+            is_it = geom >= 0 and model.geom_bodyid[geom] == model.body(instance.body_name).id
+            if is_it or reach >= 1.0:
+                seen.append((away, way))
+    if seen:
+        nearest = sorted(seen, key=lambda entry: entry[0])[:2]
+        return eye + np.mean([way for _, way in nearest], axis=0)
+    angles = np.arange(16) * (2.0 * np.pi / 16)
+    ways = np.stack([np.cos(angles), np.sin(angles), np.full(16, -0.15)], axis=1)
+    return eye + max(ways, key=lambda way: min(first_hit(way)[0], 50.0))
+
+
+def view_from_above(
+    model: "mujoco.MjModel", data: "mujoco.MjData", eye_m: float, height: int, width: int
+) -> "UInt8[np.ndarray, 'h w 3']":
+    """The whole world from a raised camera, without its ceiling."""
+    import numpy as np
+
+    from sbm_gym.rendering.rays import RaysRenderer
+    from sbm_gym.rendering.third_person import ELEVATION_RAD, floor_bounds, opened_model, overview_camera
+
+    low, high = floor_bounds(model, data)
+    middle = np.array([*(0.5 * (low + high)), 0.6])
+    intrinsics, camera = overview_camera(middle, 0.5 * (high - low), height, width, ELEVATION_RAD)
+    return RaysRenderer(opened_model(model, data, eye_m)).render(data, intrinsics, camera, height, width).rgb
+
+
+# Furniture ------------------------------------------------------------------------------------------------------------
+
+
+def _asset_sheets(config: PreviewConfig, bar: Any) -> Iterator[Path]:
+    from sbm_gym.assets.builtin import BuiltinLibrary
+    from sbm_gym.assets.classes import USES
+    from sbm_gym.assets.library import default_library
+
+    uses: dict[str, list[str]] = {}
+    for use, described in USES.items():
+        uses.setdefault(described.category or "furnishings", []).append(use)
+    libraries: list[tuple[str, Any]] = [("installed", default_library()), ("builtin", BuiltinLibrary())]
+    for source, library in libraries:
+        for category, members in uses.items():
+            cards = {card.model_id: card for use in members for card in library.models(use)}
+            if not cards:
+                continue
+            tiles = []
+            for card in cards.values():
+                bar.set_description(f"{source} {category}", refresh=False)
+                tiles.append((draw_model(library, card, 2 * config.size // 3), f"{card.use}: {card.model_id}"))
+                bar.update()
+            yield _write(config.out / f"assets_{source}_{category}.png", contact_sheet(tiles, CARDS_PER_ROW))
+
+
+def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UInt8[np.ndarray, 'h w 3']":
+    """A furniture model on a grey floor, from its front, a little from the left and above.
+
+    Args:
+        library: where it comes from.
+        card: which one.
+        size: height and width of the picture.
+    """
+    import mujoco
+    import numpy as np
+
+    from labeling.geometry import intrinsics_from_fov, look_at
+    from sbm_gym.rendering.rays import RaysRenderer
+    from sbm_gym.worlds.building import SceneBuilder
+
+    spec = mujoco.MjSpec()
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.15] * 3
+    radius = 0.5 * float(np.linalg.norm(card.size_m))
+    ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50 * radius, 50 * radius, 1.0])
+    ground.rgba = [0.75, 0.75, 0.73, 1.0]
+    sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(type=sun, pos=[0, 0, 9], dir=[0.5, 0.6, -1.0], diffuse=[0.6] * 3, castshadow=True)
+    SceneBuilder(spec).furniture(spec.worldbody.add_body(name="model"), library.load(card))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    middle = np.array([0.0, 0.0, 0.5 * card.size_m[2]])
+    intrinsics = intrinsics_from_fov(size, size, np.deg2rad(40.0))
+    camera = look_at(middle + 3.2 * radius * np.array([-0.55, -0.75, 0.45]), middle)
+    return _close(RaysRenderer(model), data, intrinsics, camera, size)
+
+
+def _close(renderer: "Renderer", data: "mujoco.MjData", intrinsics: Any, camera: Any, size: int):
+    picture = renderer.render(data, intrinsics, camera, size, size).rgb
+    renderer.close()
+    return picture
+
+
+# Sheets ---------------------------------------------------------------------------------------------------------------
+
+
+def contact_sheet(
+    tiles: "list[tuple[UInt8[np.ndarray, 'h w 3'], str]]", columns: int
+) -> "UInt8[np.ndarray, 'sheet_h sheet_w 3']":
+    """Pictures of one size in rows on light paper, each with a caption below it.
+
+    Args:
+        tiles: pictures and captions; at least one.
+        columns: pictures in a row.
+    """
+    import cv2
+    import numpy as np
+
+    height, width = tiles[0][0].shape[:2]
+    cell_h, cell_w = height + _CAPTION_PX + _MARGIN_PX, width + _MARGIN_PX
+    rows = -(-len(tiles) // columns)
+    columns = min(columns, len(tiles))
+    sheet = np.full((rows * cell_h + _MARGIN_PX, columns * cell_w + _MARGIN_PX, 3), _PAPER, np.uint8)
+    for index, (picture, caption) in enumerate(tiles):
+        top, left = (_MARGIN_PX + place for place in (index // columns * cell_h, index % columns * cell_w))
+        sheet[top : top + height, left : left + width] = picture
+        # Captions too long for their picture lose their beginnings, which are the same for all.
+        letters = max(width // 6, 4)
+        words = caption if len(caption) <= letters else ".." + caption[2 - letters :]
+        base = (left + 1, top + height + _CAPTION_PX - 4)
+        cv2.putText(sheet, words, base, cv2.FONT_HERSHEY_SIMPLEX, 0.34, _INK, 1, cv2.LINE_AA)
+    return sheet
+
+
+def _write(path: Path, picture: "UInt8[np.ndarray, 'h w 3']") -> Path:
+    import cv2
+
+    from labeling.files import atomic_file
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _, encoded = cv2.imencode(".png", picture[..., ::-1])
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(encoded.tobytes())
+    return path
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line.
+
+    Returns:
+        0, or 2 if something about the input or the set-up is wrong.
+    """
+    config = tyro.cli(PreviewConfig, prog="python -m sbm_gym.preview", args=arguments)
+    try:
+        written = run(config)
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for path in written:
+        print(path)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
