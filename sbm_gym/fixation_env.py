@@ -74,10 +74,10 @@ class FixationEnv(gym.Env, EzPickle):
     - `step`: 0 by default.
 
     ## Starting State
-    A scene of the split, a place where the robot can stand and a heading, all drawn evenly. In towns each episode places
-    two vehicles where vehicles naturally stand and draws the weather; the robot starts 3 to 15 m from the first, and the
-    map ends 24 m from it. Options of `reset`: `scene` (a name), `start` (`(x, y)` or `(x, y, yaw)`, metres and radians)
-    and `reuse_scene` (stay in the current scene).
+    A scene of the split, a place where the robot can stand and a heading, all drawn evenly. In towns each episode
+    places two vehicles where vehicles naturally stand and draws the weather; the robot starts 3 to 15 m from the first,
+    and the map ends 24 m from it. Options of `reset`: `scene` (a name), `start` (`(x, y)` or `(x, y, yaw)`, metres and
+    radians) and `reuse_scene` (stay in the current scene).
 
     ## Episode End
     Never terminated; truncated after 25 views (steps).

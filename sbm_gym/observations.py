@@ -32,8 +32,8 @@ def state_names(bins: ViewBins) -> tuple[str, ...]:
     """What each entry of the ``state`` observation means, in order.
 
     Angles are divided by pi, so +-1 is straight behind; flags and shares are 0 to 1; ranges are divided by
-    ``ObservationScales.range_reach_m`` and clipped. Bearings are counter-clockwise from where the camera points; sectors
-    and directions go counter-clockwise too, sector 0 being the one the agent stands in.
+    ``ObservationScales.range_reach_m`` and clipped. Bearings are counter-clockwise from where the camera points;
+    sectors and directions go counter-clockwise too, sector 0 being the one the agent stands in.
     """
     return (
         "target_known",
