@@ -11,24 +11,28 @@ An episode is a folder any RGB-D tool can open (docs/data-formats.md)::
     episode.json         optional: where it came from (world, seed, policy, versions, actions, reward terms, categories)
 """
 
-import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from labeling.episode_json import Json, read_json
+from labeling.episode_json import read_json
 from labeling.errors import EpisodeFormatError
 from labeling.files import atomic_folder, write_json
-from labeling.geometry import flip_camera_axes, is_rigid
+from labeling.geometry import flip_camera_axes
 from labeling.instances import Box3d, Detection, GroundTruth, box_xywh, encode_mask
+from labeling.recordings.config import RecordingConfig
+
+if TYPE_CHECKING:
+    from labeling.recordings.frames import Views
 
 DEPTH_UNIT_M = 0.001
-MAX_DEPTH_UNIT_M = 1000.0
-MAX_FRAME_PX = 64_000_000
+OPTIONAL_FILES = ("episode.json", "ground_truth.json", "detections.json")
+NAMING_FILES = ("ground_truth.json", "episode.json")
+"""Files that name the categories of the results in ``detections.json``."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,10 @@ class Episode:
     """Names of the categories that detector and ground truth speak of."""
     metadata: dict[str, Any] = field(default_factory=dict)
     """Content of episode.json."""
+    frame_names: tuple[str, ...] = ()
+    """Colour files of all frames of the recording, if some of them were left out; they count in image ids."""
+    notes: tuple[str, ...] = ()
+    """What its reader left out or had to change, one sentence each."""
 
     @property
     def num_views(self) -> int:
@@ -65,64 +73,61 @@ class Episode:
         return self.rgb.shape[1], self.rgb.shape[2]
 
 
-def find_episodes(dataset: Path) -> list[Path]:
-    """Folders of the episodes of a dataset, sorted by name.
+def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[Path]:
+    """Folders of the episodes (or other recordings) of a dataset, sorted by name.
 
     Args:
         dataset: one episode, or a folder of episodes. Folders whose name starts with a dot are passed over.
+        config: the layout to look for; by default any.
 
     Raises:
         EpisodeFormatError: if the folder does not exist or holds no episode.
     """
+    from labeling.recordings.layouts import layout_of, looked_for
+
+    config = config or RecordingConfig()
     if not dataset.is_dir():
         raise EpisodeFormatError(f"{dataset}: no such folder; give an episode or a folder of episodes")
-    if (dataset / "transforms.json").is_file():
+    if layout_of(dataset, config):
         return [dataset]
-    found = sorted(path.parent for path in dataset.glob("*/transforms.json") if not path.parent.name.startswith("."))
+    below = sorted(path for path in dataset.iterdir() if path.is_dir() and not path.name.startswith("."))
+    found = [path for path in below if layout_of(path, config)]
     if not found:
         raise EpisodeFormatError(
-            f"{dataset}: no episode here; expected transforms.json in it or in the folders directly below it"
+            f"{dataset}: no episode here; looked, in it and in the {len(below)} folders directly below it, for "
+            f"{looked_for(dataset, config)}"
         )
     return found
 
 
-def read_episode(folder: Path) -> Episode:
-    """Reads and validates one episode.
+def read_episode(folder: Path, config: RecordingConfig | None = None, straighten: bool = False) -> Episode:
+    """Reads and validates one episode, or any other recording whose layout is known (labeling.recordings).
+
+    Args:
+        folder: the recording.
+        config: its layout and which of its frames to take.
+        straighten: remove lens distortion from pictures and masks; without it distorted pictures are refused.
 
     Raises:
         EpisodeFormatError: naming file and field, if anything is missing or malformed.
     """
-    transforms = read_json(folder / "transforms.json")
-    frames = transforms.list_of("frames")
-    if not frames:
-        raise frames_error(transforms, "frames", "has no frames; an episode needs at least one view")
-    depth_unit_m = transforms.number("depth_unit_scale_factor", DEPTH_UNIT_M, above=0.0)
-    if depth_unit_m > MAX_DEPTH_UNIT_M:
-        problem = f"is metres per unit of depth; {depth_unit_m:g} is more than the {MAX_DEPTH_UNIT_M:g} accepted"
-        raise frames_error(transforms, "depth_unit_scale_factor", problem)
-    rgb, depth, intrinsics, poses, names = [], [], [], [], []
-    for frame in frames:
-        rgb_path = _inside(folder, frame, "file_path")
-        depth_path = _inside(folder, frame, "depth_file_path")
-        rgb.append(_read_rgb(rgb_path))
-        if rgb[-1].shape != rgb[0].shape:
-            raise EpisodeFormatError(
-                f"{rgb_path}: is {_size(rgb[-1])} pixels, but the first view is {_size(rgb[0])}; "
-                "all views of an episode have one size"
-            )
-        depth.append(_read_depth(depth_path, rgb[-1].shape[:2], depth_unit_m))
-        intrinsics.append(_intrinsics(transforms, frame, rgb[-1]))
-        poses.append(_camera_to_world(frame))
-        names.append(frame.text("file_path"))
+    from labeling.recordings.frames import load
+    from labeling.recordings.layouts import frames_of
+
+    found = frames_of(folder, config or RecordingConfig())
+    views = load(found.frames, straighten)
+    names = tuple(frame.name for frame in found.frames)
     episode = Episode(
         name=folder.resolve().name,
-        rgb=np.stack(rgb),
-        depth_m=np.stack(depth),
-        intrinsics=np.stack(intrinsics),
-        camera_to_world=np.stack(poses),
-        file_names=tuple(names),
+        rgb=views.rgb,
+        depth_m=views.depth_m,
+        intrinsics=views.intrinsics,
+        camera_to_world=np.stack([frame.camera_to_world for frame in found.frames]),
+        file_names=names,
+        frame_names=() if names == found.names else found.names,
+        notes=(*found.notes, *views.notes),
     )
-    return _with_annotations(folder, episode)
+    return _straight_masks(_with_annotations(folder, episode), views)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
@@ -155,109 +160,15 @@ def write_episode(folder: Path, episode: Episode) -> None:
         write_json(temporary / "episode.json", {**episode.metadata, "categories": categories})
 
 
-def frames_error(at: Json, name: str, problem: str) -> EpisodeFormatError:
-    """An error about one field of one file."""
-    return EpisodeFormatError(f"{at.where(name)}: {problem}")
-
-
 # Reading -------------------------------------------------------------------------------------------------------------
-
-
-def _inside(folder: Path, frame: Json, name: str) -> Path:
-    """The file a frame refers to; refuses paths that lead out of the episode and files that are not there."""
-    relative = frame.text(name)
-    path = folder / relative
-    try:
-        leads_out, exists = not path.resolve().is_relative_to(folder.resolve()), path.is_file()
-    except (OSError, UnicodeError, RuntimeError):  # too long, not writable as a file name, links in a circle
-        raise frames_error(frame, name, f"{relative!r} cannot be a file name") from None
-    if leads_out:
-        raise frames_error(frame, name, f"{relative!r} leads out of the episode's folder")
-    if not exists:
-        raise frames_error(frame, name, f"{relative!r} does not exist")
-    return path
-
-
-def _read_png(path: Path) -> np.ndarray:
-    """Reads a picture as it is stored; a truncated file is an error, not a picture with a grey half."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
-    if content[:8] == b"\x89PNG\r\n\x1a\n":
-        if b"IEND" not in content[-16:]:
-            raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
-        # Checked before anything is decoded, so that a forged size cannot claim memory.
-        width_px, height_px = struct.unpack(">II", content[16:24])
-        if width_px * height_px > MAX_FRAME_PX:
-            raise EpisodeFormatError(f"{path}: {width_px}x{height_px} pixels are more than the {MAX_FRAME_PX} accepted")
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise EpisodeFormatError(f"{path}: not a picture that can be read ({len(content)} bytes); expected PNG or JPEG")
-    if image.shape[0] * image.shape[1] > MAX_FRAME_PX:
-        raise EpisodeFormatError(f"{path}: {_size(image)} pixels are more than the {MAX_FRAME_PX} accepted")
-    return image
-
-
-def _read_rgb(path: Path) -> UInt8[np.ndarray, "h w 3"]:
-    image = _read_png(path)
-    if image.dtype != np.uint8:
-        raise EpisodeFormatError(f"{path}: colour must have 8 bits a channel, not {image.dtype}")
-    if image.ndim == 2:
-        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
-    code = cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB
-    return cv2.cvtColor(image, code)
-
-
-def _read_depth(path: Path, size: tuple[int, int], depth_unit_m: float) -> Float32[np.ndarray, "h w"]:
-    image = _read_png(path)
-    if image.ndim != 2 or image.dtype != np.uint16:
-        raise EpisodeFormatError(f"{path}: depth must be a single-channel 16-bit PNG, not {image.dtype} {image.shape}")
-    if image.shape != size:
-        raise EpisodeFormatError(
-            f"{path}: depth is {_size(image)} pixels but its colour picture is {size[1]}x{size[0]}; "
-            "align depth to colour first"
-        )
-    # In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
-    return (image * np.float64(depth_unit_m)).astype(np.float32)
-
-
-def _size(image: np.ndarray) -> str:
-    return f"{image.shape[1]}x{image.shape[0]}"
-
-
-def _intrinsics(transforms: Json, frame: Json, image: np.ndarray) -> Float[np.ndarray, "3 3"]:
-    """K of a frame: the frame's own values where it has them, those of the whole episode elsewhere."""
-
-    def value(name: str, above: float | None = None) -> float:
-        return (frame if frame.has(name) else transforms).number(name, above=above)
-
-    for name, side in (("w", image.shape[1]), ("h", image.shape[0])):
-        holder = frame if frame.has(name) else transforms
-        if holder.has(name) and value(name) != side:
-            raise frames_error(holder, name, f"says {value(name):g} pixels, but {frame.text('file_path')} has {side}")
-    return np.array([[value("fl_x", 0.0), 0.0, value("cx")], [0.0, value("fl_y", 0.0), value("cy")], [0.0, 0.0, 1.0]])
-
-
-def _camera_to_world(frame: Json) -> Float[np.ndarray, "4 4"]:
-    matrix = frame.array("transform_matrix", (4, 4))
-    if not is_rigid(matrix):
-        raise frames_error(
-            frame, "transform_matrix", "is not a rigid transform (a rotation, a translation and a last row 0 0 0 1)"
-        )
-    return flip_camera_axes(matrix)
 
 
 def _with_annotations(folder: Path, episode: Episode) -> Episode:
     """Adds what the optional files know."""
     from labeling.coco_records import CategoryTable, read_detections, read_ground_truth
 
-    optional = {name: folder / name for name in ("episode.json", "ground_truth.json", "detections.json")}
-    found = {name: read_json(path) for name, path in optional.items() if path.is_file()}
-    table = CategoryTable.from_files([found[name] for name in ("ground_truth.json", "episode.json") if name in found])
+    found = {name: read_json(folder / name) for name in OPTIONAL_FILES if (folder / name).is_file()}
+    table = CategoryTable.from_files([found[name] for name in NAMING_FILES if name in found])
     if "episode.json" in found:
         metadata = {key: value for key, value in found["episode.json"].mapping().items() if key != "categories"}
         episode = replace(episode, metadata=metadata)
@@ -267,6 +178,33 @@ def _with_annotations(folder: Path, episode: Episode) -> Episode:
         images = found.get("ground_truth.json")
         episode = replace(episode, detections=read_detections(found["detections.json"], table, episode, images))
     return replace(episode, categories=table.names)
+
+
+def _straight_masks(episode: Episode, views: "Views") -> Episode:
+    """Moves masks that were drawn on distorted pictures onto the straight ones."""
+    lenses = views.straightening
+    if not any(lenses):
+        return episode
+
+    def moved(view_index: int, mask: np.ndarray) -> np.ndarray:
+        lens = lenses[view_index]
+        return mask if lens is None else lens.mask(mask)
+
+    detections, truths = episode.detections, episode.ground_truth
+    return replace(
+        episode,
+        detections=detections and tuple(replace(d, mask=moved(d.view_index, d.mask)) for d in detections),
+        ground_truth=truths
+        and tuple(
+            replace(
+                t,
+                modal=moved(t.view_index, t.modal),
+                amodal=None if t.amodal is None else moved(t.view_index, t.amodal),
+            )
+            for t in truths
+        ),
+        notes=(*episode.notes, f"lens distortion was removed from {sum(lens is not None for lens in lenses)} views"),
+    )
 
 
 # Writing -------------------------------------------------------------------------------------------------------------

@@ -7,7 +7,8 @@ from pathlib import Path
 from labeling.episodes import Episode, find_episodes, read_episode
 from labeling.errors import EpisodeFormatError, LabelFormatError, UsageError
 from labeling.instances import encode_mask
-from labeling.label_reader import LabelSet, View
+from labeling.label_reader import LabelSet, View, recording_config
+from labeling.label_sources import with_detections_used
 from labeling.matching import MaskInstance
 
 
@@ -44,14 +45,16 @@ def read_records(
     found = False
     without_truth, unlabelled = [], []
     unseen = set(labelled)
-    folders = find_episodes(dataset)
+    folders = find_episodes(dataset, recording_config(labels.provenance))
     for folder in progress(folders):
         if folder.resolve().name not in labelled:
             unlabelled.append(folder.resolve().name)
             continue
         unseen.discard(folder.resolve().name)
         try:
-            episode = read_episode(folder)
+            episode = with_detections_used(
+                read_episode(folder, recording_config(labels.provenance)), labels.folder, labels.provenance
+            )
         except EpisodeFormatError as error:
             notes.append(f"left out, malformed: {error}")
             continue

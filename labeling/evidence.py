@@ -55,6 +55,8 @@ def gather_evidence(cloud: Cloud, detection: Detection, config: LabelConfig) -> 
     """Moves a detection into the cloud, without the outliers in space that a mask over an object's edge picks up."""
     voxels = cloud.voxel_of_pixel[detection.view_index]
     foreground, background, rim = split_mask(detection.mask, config.erode, config.dilate)
+    if detection.exact:
+        foreground = detection.mask
     seen = voxels >= 0
     inside = np.bincount(voxels[foreground & seen], minlength=1)
     outside = np.bincount(voxels[background & seen], minlength=1)

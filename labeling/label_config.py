@@ -59,6 +59,8 @@ class LabelConfig:
     """Reach of hole filling in pixels; 0 takes half a voxel."""
     fill_edge: float = 0.3
     """Change of colour (sum over channels in [0, 1]) that stops hole filling as far as its reach does."""
+    consistency: bool = False
+    """Keep only objects that at least four views are confident of, all under one name. Source: thesis A.5."""
     seed: int = 0
     """Seed of the sampling of training points."""
 

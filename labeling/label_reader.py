@@ -9,6 +9,7 @@ from labeling.episode_json import Json, read_json
 from labeling.errors import EpisodeFormatError, LabelFormatError
 from labeling.instances import decode_mask
 from labeling.matching import MaskInstance, is_empty
+from labeling.recordings.config import RecordingConfig
 
 View = tuple[str, int]
 """Name of an episode, and index of a view in it."""
@@ -52,6 +53,21 @@ def read_label_set(folder: Path) -> LabelSet:
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
     return LabelSet(folder, dataset, sizes, tuple(modal), tuple(amodal), provenance.mapping() if provenance else {})
+
+
+def recording_config(provenance: dict[str, Any]) -> RecordingConfig:
+    """How the recordings were read that a label set was made from: which of their frames are its views.
+
+    Raises:
+        LabelFormatError: if what the label set says about it makes no sense.
+    """
+    stated = provenance.get("recording", {})
+    try:
+        config = RecordingConfig(**{**stated, "camera": stated.get("camera") and tuple(stated["camera"])})
+        config.check()
+    except (TypeError, ValueError, AttributeError) as error:
+        raise LabelFormatError(f"{SUMMARY_FILE}: recording: {error}") from None
+    return config
 
 
 def _dataset(folder: Path, provenance: Json | None) -> Path | None:

@@ -31,11 +31,14 @@ _GENERATOR_MODULES = [
     "episode_labels",
     "episodes",
     "coco_records",
+    "consistency",
+    "detector_call",
     "evidence",
     "fusion",
     "geometry",
     "label_config",
     "label_set",
+    "label_sources",
     "lattice",
     "masks_2d",
     "merging",
@@ -46,6 +49,7 @@ _GENERATOR_MODULES = [
     "splatting",
     "strays",
     "unaries",
+    "weak",
 ]
 _LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scikit-learn")
 
@@ -67,12 +71,20 @@ def versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in _LIBRARIES}
 
 
-def fingerprint(folder: Path, config: LabelConfig) -> str:
-    """Changes whenever the labels of an episode might: with any input file, setting, library or generator module."""
+def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
+    """Changes whenever the labels of an episode might: with any input file, setting, library or generator module.
+
+    Args:
+        folder: the episode.
+        config: settings of label generation.
+        inputs: whatever else decides which views and masks are used, as JSON.
+    """
     digest = hashlib.sha256()
-    digest.update(json.dumps([SCHEMA_VERSION, asdict(config), versions()], sort_keys=True).encode())
+    digest.update(json.dumps([SCHEMA_VERSION, asdict(config), versions(), inputs], sort_keys=True).encode())
     for name in _GENERATOR_MODULES:
         digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
+    for module in sorted(Path(__file__).with_name("recordings").glob("*.py")):
+        digest.update(module.read_bytes())
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         relative = path.relative_to(folder)
         if not any(part.startswith(".") for part in relative.parts):
@@ -81,13 +93,26 @@ def fingerprint(folder: Path, config: LabelConfig) -> str:
     return digest.hexdigest()
 
 
-def episode_record(episode: "Episode", labels: "EpisodeLabels", name: str, mark: str) -> dict[str, Any]:
-    """One labelled episode as JSON; image and instance numbers count from 0 and 1 within it."""
+def episode_record(
+    episode: "Episode", labels: "EpisodeLabels", name: str, mark: str, origin: str = "", notes: Sequence[str] = ()
+) -> dict[str, Any]:
+    """One labelled episode as JSON; image and instance numbers count from 0 and 1 within it.
+
+    Args:
+        episode: its views.
+        labels: what was found in them.
+        name: of the episode.
+        mark: its fingerprint.
+        origin: where the masks came from that it was labelled from.
+        notes: what a user should know about it.
+    """
     height_px, width_px = episode.size
     return {
         "schema_version": SCHEMA_VERSION,
         "fingerprint": mark,
         "name": name,
+        "sources": origin,
+        "notes": list(notes),
         "width": width_px,
         "height": height_px,
         "file_names": list(episode.file_names),
@@ -139,8 +164,22 @@ def read_record(path: Path, mark: str) -> dict[str, Any] | None:
     return record if isinstance(record, dict) and record.get("fingerprint") == mark else None
 
 
-def write_label_set(out: Path, dataset: Path, config: LabelConfig, states: Sequence[EpisodeState]) -> None:
-    """Puts the records of all episodes together and writes the label set; ``label_set.json`` comes last."""
+def write_label_set(
+    out: Path,
+    dataset: Path,
+    config: LabelConfig,
+    states: Sequence[EpisodeState],
+    inputs: dict[str, Any] | None = None,
+) -> None:
+    """Puts the records of all episodes together and writes the label set; ``label_set.json`` comes last.
+
+    Args:
+        out: folder of the label set.
+        dataset: what was labelled.
+        config: settings of label generation.
+        states: how it went with each episode.
+        inputs: more entries of ``label_set.json``: how the recordings were read, and where the masks came from.
+    """
     images, boxes = [], []
     annotations: dict[str, list[dict[str, Any]]] = {"modal": [], "amodal": []}
     done = [state for state in states if state.record is not None]
@@ -182,7 +221,7 @@ def write_label_set(out: Path, dataset: Path, config: LabelConfig, states: Seque
         content = {"info": info, "images": images, "categories": categories, "annotations": kept}
         write_json(out / f"instances_{kind}.json", content)
     write_json(out / "boxes_3d.json", {"info": about, "boxes": boxes})
-    write_json(out / "label_set.json", _summary(out, dataset, config, states))
+    write_json(out / "label_set.json", {**_summary(out, dataset, config, states), **(inputs or {})})
 
 
 def _images(state: EpisodeState, record: dict[str, Any], first_image: int) -> list[dict[str, Any]]:
@@ -213,6 +252,8 @@ def _summary(out: Path, dataset: Path, config: LabelConfig, states: Sequence[Epi
                 "folder": state.folder,
                 "status": "failed" if state.record is None else "labelled",
                 "error": state.error,
+                "sources": None if state.record is None else state.record["sources"],
+                "notes": [] if state.record is None else state.record["notes"],
                 "fingerprint": None if state.record is None else state.record["fingerprint"],
                 "objects": 0 if state.record is None else len(state.record["objects"]),
                 "labels": 0 if state.record is None else len(state.record["labels"]),

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
 from labeling.boxes3d import fit_box
+from labeling.consistency import is_consistent
 from labeling.crf import Kernel, mean_field
 from labeling.episode_labels import EpisodeLabels, LabelledObject, SegmentedCloud, Source
 from labeling.evidence import Evidence, gather_evidence
@@ -175,7 +176,7 @@ def _describe(
     objects, kept = [], []
     for k, candidate in enumerate(candidates):
         members = owner == k
-        if not members.any():
+        if not members.any() or (config.consistency and not is_consistent(candidate, config.confident)):
             continue
         sources = sorted(candidate.sources, key=lambda s: (-s.detection.confidence, s.detection.view_index))
         category = candidate.category

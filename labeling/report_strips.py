@@ -12,7 +12,7 @@ from labeling.episodes import Episode, read_episode
 from labeling.evaluation import Case, Evaluation
 from labeling.evaluation_records import EpisodeRecords
 from labeling.instances import decode_mask, encode_mask
-from labeling.label_reader import View
+from labeling.label_reader import View, recording_config
 from labeling.matching import MaskInstance, match
 from labeling.report_pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail_size
 
@@ -86,7 +86,7 @@ def draw_strips(
         views = [view for view in records.views if view in wanted]
         if not views:
             continue
-        episode = read_episode(records.folder)
+        episode = read_episode(records.folder, recording_config(evaluation.labels.provenance))
         labels = [item for item in evaluation.labels.modal if item.image[0] == records.name]
         for view in views:
             image_id = f"e{number}v{view[1]}"

@@ -12,6 +12,8 @@ FLOORS = ("labeling", "sbm_gym", "agents", "experiments")
 COMMANDS = (
     "labeling.generate",
     "labeling.evaluate",
+    "labeling.convert",
+    "labeling.inspect",
     "sbm_gym.assets",
     "sbm_gym.preview",
     "agents.collect",

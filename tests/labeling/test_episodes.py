@@ -251,7 +251,13 @@ MALFORMED = [
     ("detections.json", put(1, "score", 1.5), r"\[1\].score: a score lies in \[0, 1\]"),
     ("detections.json", put(1, "score", float("nan")), r"\[1\].score: must be a finite number"),
     ("detections.json", drop(1, "segmentation"), r"\[1\].segmentation: is missing"),
-    ("detections.json", put(1, "segmentation", [[0, 0, 1, 0, 1, 1]]), r"\[1\].segmentation: polygons"),
+    ("detections.json", put(1, "segmentation", []), r"\[1\].segmentation: a polygon mask is a list of lists"),
+    ("detections.json", put(1, "segmentation", [0, 0, 1, 0, 1, 1]), r"\[1\].segmentation: a polygon mask is a list"),
+    ("detections.json", put(1, "segmentation", [[0, 0, 1, True, 1, 1]]), r"\[1\].segmentation: a polygon mask is a"),
+    ("detections.json", put(1, "segmentation", [[0, 0, 3, 4]]), r"\[1\].segmentation: a polygon needs .* not 4"),
+    ("detections.json", put(1, "segmentation", [[0, 0, 3, 4, 5, 5, 6]]), r"\[1\].segmentation: a polygon needs"),
+    ("detections.json", put(1, "segmentation", [[0, 0, 1e9, 0, 1, 1]]), r"\[1\].segmentation: .* far outside the pic"),
+    ("detections.json", put(1, "segmentation", [[0, 0, float("nan"), 0, 1, 1]]), r"\[1\].segmentation: .* far outside"),
     ("detections.json", put(1, "segmentation", 3), r"\[1\].segmentation: must be a JSON object"),
     ("detections.json", put(1, "segmentation", "size", [5, 8]), r"\[1\].segmentation.size: mask size \[5, 8\] is not"),
     ("detections.json", put(1, "segmentation", "size", [10**9, 10**9]), r"\[1\].segmentation.size: mask size"),
@@ -299,7 +305,7 @@ def test_what_is_not_text_is_named(folder):
 
 def test_a_folder_without_transforms_is_named(folder):
     (folder / "transforms.json").unlink()
-    with pytest.raises(EpisodeFormatError, match=r"transforms\.json: file is missing"):
+    with pytest.raises(EpisodeFormatError, match=r"no recording here; looked for transforms\.json"):
         read_episode(folder)
 
 

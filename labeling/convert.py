@@ -1,0 +1,60 @@
+"""Writes any recording as an episode: ``python -m labeling.convert FOLDER --out EPISODE``."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from labeling.cli import run_command
+from labeling.errors import UsageError
+from labeling.recordings.config import RecordingConfig
+
+
+@dataclass(frozen=True)
+class ConvertConfig:
+    """Writes a recording as an episode: straight PNG pictures, depth in millimetres and in colour's pixels.
+
+    ``labeling.generate`` reads recordings as they are; converting is for those with lens distortion, for thinning out
+    long ones for good, and for tools that know only one format. Masks that lie beside the recording come along.
+    """
+
+    recording_folder: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FOLDER")]]
+    """A nerfstudio, Record3D, Polycam, TUM RGB-D or ScanNet folder."""
+    out: Path
+    """The episode to write; it must not exist yet."""
+    undistort: bool = False
+    """Remove lens distortion (k1 k2 p1 p2 k3) from colour, depth and masks."""
+    recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
+
+
+def run(config: ConvertConfig) -> None:
+    """Converts one recording.
+
+    Raises:
+        SbmError: if it is malformed or the target is in use. Nothing is written then.
+    """
+    from labeling.episodes import read_episode, write_episode
+
+    config.recording.check()
+    if config.out.exists():
+        raise UsageError(f"--out {config.out}: exists already; give a new folder")
+    episode = read_episode(config.recording_folder, config.recording, straighten=config.undistort)
+    try:
+        write_episode(config.out, episode)
+    except OSError as error:
+        raise UsageError(f"--out {config.out}: cannot be written ({error})") from None
+    for note in episode.notes:
+        print(f"note: {note}")
+    height_px, width_px = episode.size
+    print(f"{episode.num_views} views of {width_px}x{height_px} pixels: {config.out}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(ConvertConfig, run, "python -m labeling.convert", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

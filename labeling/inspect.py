@@ -1,0 +1,88 @@
+"""Checks a label set, and shows it: ``python -m labeling.inspect LABELS [--view] [--pictures DIR]``."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from labeling.cli import run_command
+from labeling.errors import UsageError
+
+PROBLEMS = 1
+"""Exit code if anything is wrong with the label set."""
+
+
+@dataclass(frozen=True)
+class InspectConfig:
+    """Checks a label set and prints one line per problem.
+
+    Looks for ids that lead nowhere, empty masks, boxes that leave the picture or do not fit their mask, one object
+    found twice, scores out of range, missing clouds and pictures; notes categories without labels. The exit code is 0
+    if all is well, 1 if there are problems, 2 if the label set cannot be read.
+    """
+
+    labels: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="LABELS")]]
+    """The label set: what ``labeling.generate`` wrote to its ``--out``."""
+    view: bool = False
+    """Open a viewer in the browser: segmented clouds, boxes, cameras (needs the ``viewer`` extra)."""
+    port: int = 8080
+    """Of the viewer's address."""
+    pictures: Path | None = None
+    """Write pictures of every episode's cloud and boxes into this folder; needs no screen."""
+    viewpoints: int = 3
+    """How many of them from around the objects, besides the one from above."""
+
+
+def run(config: InspectConfig) -> list[str]:
+    """Checks and shows a label set; returns the problems.
+
+    Raises:
+        SbmError: if it cannot be read.
+    """
+    from labeling.inspection import inspect_label_set
+
+    if config.viewpoints < 0 or not 0 < config.port < 65536:
+        raise UsageError("--viewpoints is 0 or more, and --port lies between 1 and 65535")
+    notes: list[str] = []
+    problems = inspect_label_set(config.labels, notes)
+    for line in [*problems, *(f"note: {note}" for note in notes)]:
+        print(line)
+    print(f"{len(problems)} problem{'' if len(problems) == 1 else 's'}" if problems else "no problem found")
+    if config.pictures is not None or config.view:
+        _show(config)
+    return problems
+
+
+def _show(config: InspectConfig) -> None:
+    from labeling.inspection_scene import read_scenes
+
+    scenes = read_scenes(config.labels)
+    if config.pictures is not None:
+        from labeling.inspection_pictures import write_pictures
+
+        try:
+            files = [file for scene in scenes for file in write_pictures(scene, config.pictures, config.viewpoints)]
+        except OSError as error:
+            raise UsageError(f"--pictures {config.pictures}: cannot be written ({error})") from None
+        print(f"{len(files)} pictures: {config.pictures}")
+    if config.view:
+        from labeling.viewer import serve, wait
+
+        serve(scenes, config.port)
+        print(f"viewer: http://localhost:{config.port} (Ctrl-C ends it)", flush=True)
+        wait()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    problems: list[str] = []
+    code = run_command(
+        InspectConfig, lambda config: problems.extend(run(config)), "python -m labeling.inspect", arguments
+    )
+    return code or (PROBLEMS if problems else 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""Finds the masks that an episode is labelled from: detections of a file or a callable, or a person's masks."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from labeling.coco_records import CategoryTable, read_detections, read_shared_file
+from labeling.detector_call import run_detector
+from labeling.episode_json import read_json
+from labeling.episodes import NAMING_FILES, Episode
+from labeling.errors import EpisodeFormatError, UsageError
+from labeling.files import write_json
+from labeling.instances import Detection, box_xywh, encode_mask
+from labeling.label_config import LabelConfig
+from labeling.source_config import SourceConfig
+from labeling.weak import one_view_per_object
+
+DETECTIONS_FOLDER = "detections"
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The masks that an episode is labelled from."""
+
+    detections: tuple[Detection, ...]
+    origin: str
+    """Where they come from, for the records."""
+    notes: tuple[str, ...] = ()
+
+
+def find_sources(
+    folder: Path, episode: Episode, place: str, config: SourceConfig, label: LabelConfig, cache: Path
+) -> Sources:
+    """Finds the masks that an episode is labelled from.
+
+    Args:
+        folder: of the episode.
+        episode: the views.
+        place: folder of the episode relative to its dataset, ``.`` if it is the dataset.
+        config: where to look.
+        label: settings of label generation; their seed chooses the views of weak supervision from ground truth.
+        cache: file that keeps the detections, where they are not the episode's own; read back if it still fits.
+
+    Raises:
+        SbmError: if there are none, or their file or callable is at fault.
+    """
+    if config.annotations is not None:
+        found, notes = read_shared_file(read_json(config.annotations), episode, place, scored=False)
+        return Sources(found, f"weak: {config.annotations}", notes)
+    if config.is_weak:
+        if episode.ground_truth is None:
+            raise EpisodeFormatError(
+                f"{episode.name}: has no ground_truth.json to take one view per object from; give your annotations "
+                "with --annotations FILE"
+            )
+        chosen = one_view_per_object(episode.ground_truth, episode.depth_m, label.min_mask_px, label.seed, episode.name)
+        return Sources(chosen, f"weak: one random view per object of ground_truth.json, seed {label.seed}")
+    if config.detector is not None:
+        return _detect(episode, config.detector, cache)
+    if config.detections is not None:
+        found, notes = _read_detections(config.detections, folder, episode, place)
+        write_json(cache, detections_record(episode, found, {"origin": str(config.detections)}))
+        return Sources(found, str(config.detections), notes)
+    if episode.detections is None:
+        raise EpisodeFormatError(
+            f"{episode.name}: has no detections.json; run a detector on the views first, or give --detections FILE, "
+            "--detector package.module:function, or your own masks with --annotations FILE"
+        )
+    return Sources(episode.detections, "detections.json")
+
+
+def identity(config: SourceConfig) -> list[Any]:
+    """Changes whenever the sources might: the settings, and the files and the code they name."""
+    known: list[Any] = [config.weak, config.detector]
+    for path in (config.detections, config.annotations):
+        known.append(path and hashlib.sha256(path.read_bytes()).hexdigest())
+    if config.detector is not None:
+        from labeling.detector_call import code_digest
+
+        known.append(code_digest(config.detector))
+    return known
+
+
+def detections_record(episode: Episode, detections: tuple[Detection, ...], info: dict[str, Any]) -> dict[str, Any]:
+    """Detections as one COCO file, which ``--detections`` takes as well."""
+    height_px, width_px = episode.size
+    names = list(dict.fromkeys([*episode.categories, *(one.category for one in detections)]))
+    return {
+        "info": info,
+        "images": [
+            {"id": view, "file_name": name, "width": width_px, "height": height_px}
+            for view, name in enumerate(episode.file_names)
+        ],
+        "categories": [{"id": number, "name": name} for number, name in enumerate(names, start=1)],
+        "annotations": [
+            {
+                "id": number,
+                "image_id": one.view_index,
+                "category_id": names.index(one.category) + 1,
+                "segmentation": encode_mask(one.mask),
+                "bbox": list(box_xywh(one.mask)),
+                "score": one.confidence,
+            }
+            for number, one in enumerate(detections, start=1)
+        ],
+    }
+
+
+def with_detections_used(episode: Episode, labels: Path, provenance: dict[str, Any]) -> Episode:
+    """The episode with the detections that its labels were made from, where the label set keeps these.
+
+    Args:
+        episode: as it lies on disk.
+        labels: folder of the label set.
+        provenance: content of its ``label_set.json``.
+    """
+    sources = provenance.get("sources")
+    kept = labels / DETECTIONS_FOLDER / f"{episode.name}.json"
+    others = isinstance(sources, dict) and (sources.get("detections") or sources.get("detector"))
+    if not others or not kept.is_file():
+        return episode
+    return replace(episode, detections=read_shared_file(read_json(kept), episode, ".", scored=True)[0])
+
+
+def _detect(episode: Episode, detector: str, cache: Path) -> Sources:
+    from labeling.detector_call import code_digest
+
+    digest = hashlib.sha256(f"{detector}\0{code_digest(detector)}".encode())
+    digest.update(episode.rgb.tobytes())
+    mark = digest.hexdigest()
+    if cache.is_file():
+        try:
+            file = read_json(cache)
+            if file.get("info").mapping().get("fingerprint") == mark:
+                return Sources(read_shared_file(file, episode, ".", scored=True)[0], f"detector {detector}")
+        except EpisodeFormatError:
+            pass  # damaged: made again below
+    found = run_detector(detector, episode)
+    write_json(cache, detections_record(episode, found, {"origin": detector, "fingerprint": mark}))
+    return Sources(found, f"detector {detector}")
+
+
+def _read_detections(
+    path: Path, folder: Path, episode: Episode, place: str
+) -> tuple[tuple[Detection, ...], tuple[str, ...]]:
+    file = read_json(path)
+    if not isinstance(file.value, list):
+        return read_shared_file(file, episode, place, scored=True)
+    if place != ".":
+        raise UsageError(
+            f"--detections {path}: a bare list of results does not tell which episode it speaks of; label one "
+            "episode at a time, or add images (with file_name), categories and annotations"
+        )
+    # Its ids mean what they would mean in the episode's own detections.json.
+    naming = {name: read_json(folder / name) for name in NAMING_FILES if (folder / name).is_file()}
+    table = CategoryTable.from_files(list(naming.values()))
+    return read_detections(file, table, episode, naming.get("ground_truth.json")), ()

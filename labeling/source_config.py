@@ -1,0 +1,55 @@
+"""Where the masks come from that labels are made of."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from labeling.errors import UsageError
+
+
+@dataclass(frozen=True)
+class SourceConfig:
+    """Where the masks come from that labels are made of; by default each episode's ``detections.json``."""
+
+    detections: Path | None = None
+    """One COCO JSON with the detections of all episodes: ``images`` (by file_name), ``categories``,
+    ``annotations`` with a score; or, for a single episode, a bare list of COCO results."""
+    detector: str | None = None
+    """A Python callable ``package.module:function`` that takes a picture (h, w, 3; uint8; RGB) and returns a list of
+    (category, confidence, mask). What it finds is kept in the label set, so that it runs once."""
+    weak: Literal["off", "one-view"] = "off"
+    """Weak supervision: label from one true mask per object, drawn by a person or, for experiments, taken from
+    ``ground_truth.json`` (one view per object, chosen at random by --seed). Source: thesis A.6."""
+    annotations: Path | None = None
+    """COCO JSON of any annotation tool (polygons or RLE) with those masks; implies ``--weak one-view``."""
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether a person's masks are the sources."""
+        return self.weak != "off" or self.annotations is not None
+
+    def check(self) -> None:
+        """Refuses settings that contradict each other.
+
+        Raises:
+            UsageError: naming the settings.
+        """
+        given = [
+            f"--{name}"
+            for name, value in (
+                ("detections", self.detections),
+                ("detector", self.detector),
+                ("annotations" if self.annotations else "weak one-view", self.is_weak or None),
+            )
+            if value is not None
+        ]
+        if len(given) > 1:
+            raise UsageError(f"{' and '.join(given)} contradict each other; labels have one kind of source")
+        for name in ("detections", "annotations"):
+            path = getattr(self, name)
+            if path is not None and not path.is_file():
+                raise UsageError(f"--{name} {path}: no such file")
+        if self.detector is not None:
+            module, _, function = self.detector.partition(":")
+            if not module or not function:
+                raise UsageError(f"--detector {self.detector}: give package.module:function")

@@ -1,0 +1,122 @@
+"""Any recording becomes an episode; a label set made from a thinned-out recording still evaluates on its views."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labeling.convert import main
+from labeling.episodes import Episode, read_episode, write_episode
+from labeling.evaluate import main as evaluate
+from labeling.generate import main as generate
+
+from .recording_writers import WRITERS
+from .synthetic_room import make_episode
+from .test_label_sources import shared_file
+
+
+@pytest.fixture(scope="module")
+def room():
+    return make_episode(4, num_views=5, size=(36, 48), num_objects=3)
+
+
+@pytest.mark.parametrize("layout", WRITERS)
+def test_a_converted_recording_is_the_same_episode(tmp_path, room, layout, capsys):
+    (tmp_path / "in").mkdir()
+    WRITERS[layout](tmp_path / "in", room)
+    flags = ["--up", "y"] if layout == "record3d" else []
+    assert main([str(tmp_path / "in"), "--out", str(tmp_path / "out"), *flags]) == 0
+    assert "5 views of 48x36 pixels" in capsys.readouterr().out
+    found = read_episode(tmp_path / "out")
+    np.testing.assert_array_equal(found.rgb, room.rgb)
+    np.testing.assert_allclose(found.depth_m, room.depth_m, atol=0.0006)
+    np.testing.assert_allclose(found.camera_to_world, room.camera_to_world, atol=1e-7)
+
+
+def test_an_existing_folder_is_left_alone(tmp_path, room, capsys):
+    (tmp_path / "in").mkdir()
+    WRITERS["tum"](tmp_path / "in", room)
+    (tmp_path / "out").mkdir()
+    assert main([str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_malformed_recording_writes_nothing(tmp_path, room, capsys):
+    (tmp_path / "in").mkdir()
+    WRITERS["scannet"](tmp_path / "in", room)
+    (tmp_path / "in" / "pose" / "0.txt").write_text("1")
+    assert main([str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+@pytest.mark.parametrize("layout", ["tum", "scannet"])
+def test_a_thinned_recording_is_labelled_and_evaluated_on_the_views_taken(tmp_path, layout):
+    room = make_episode(5, num_views=6, size=(48, 64), num_objects=3, confident_share=2.0)
+    folder = tmp_path / "room_5"
+    folder.mkdir()
+    WRITERS[layout](folder, room)
+    names = read_episode(folder).file_names
+    content = shared_file([room])
+    for image, name in zip(content["images"], names, strict=True):
+        image["file_name"] = name
+    (folder / "detections.json").write_text("[]")
+    (tmp_path / "all.json").write_text(json.dumps(content))
+    write_episode(tmp_path / "truth", room)
+    truth = json.loads((tmp_path / "truth" / "ground_truth.json").read_text())
+    for image, name in zip(truth["images"], names, strict=True):
+        image["file_name"] = name
+    (folder / "ground_truth.json").write_text(json.dumps(truth))
+    out, every = tmp_path / "labels", ["--every", "2"]
+    assert generate([str(folder), "--out", str(out), *every, "--detections", str(tmp_path / "all.json")]) == 0
+    coco = json.loads((out / "instances_modal.json").read_text())
+    assert [image["file_name"] for image in coco["images"]] == list(names[::2])
+    assert evaluate([str(out)]) == 0
+    found = json.loads((out / "metrics.json").read_text())
+    # The same views as an episode of their own, which needs no options.
+    thin = pick(room, [0, 2, 4])
+    write_episode(tmp_path / "thin" / "room_5", thin)
+    assert generate([str(tmp_path / "thin" / "room_5"), "--out", str(tmp_path / "again")]) == 0
+    assert evaluate([str(tmp_path / "again")]) == 0
+    expected = json.loads((tmp_path / "again" / "metrics.json").read_text())
+    assert found["counts"] == expected["counts"]
+    assert found["detector"] == expected["detector"]
+    assert found["pseudo_labels"]["mean_iou"] == pytest.approx(expected["pseudo_labels"]["mean_iou"], abs=0.02)
+    assert found["pseudo_labels"]["mean_iou"] > 0.4
+
+
+def pick(episode: Episode, views: list[int]) -> Episode:
+    """The episode with some of its views only, and the masks in them."""
+
+    def kept(items):
+        return tuple(replace(one, view_index=views.index(one.view_index)) for one in items if one.view_index in views)
+
+    return replace(
+        episode,
+        rgb=episode.rgb[views],
+        depth_m=episode.depth_m[views],
+        intrinsics=episode.intrinsics[views],
+        camera_to_world=episode.camera_to_world[views],
+        file_names=tuple(f"rgb/{view:03d}.png" for view in range(len(views))),
+        detections=kept(episode.detections),
+        ground_truth=kept(episode.ground_truth),
+    )
+
+
+@pytest.mark.parametrize("command", ["labeling.convert", "labeling.inspect"])
+def test_help_imports_nothing_heavy(command):
+    code = (
+        f"import sys, {command} as c\n"
+        "try: c.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print('HEAVY', sorted({'numba', 'sklearn', 'scipy', 'cv2', 'open3d', 'torch', 'viser'} & set(sys.modules)))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
+    )
+    assert "HEAVY []" in result.stdout
