@@ -18,6 +18,7 @@ COMMANDS = (
     "sbm_gym.preview",
     "agents.collect",
     "experiments.bench",
+    "experiments.capture",
     "experiments.demo",
     "experiments.pictures",
 )
