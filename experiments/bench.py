@@ -8,7 +8,8 @@ from pathlib import Path
 
 import tyro
 
-from labeling.errors import SbmError, UsageError
+from labeling.cli import run_command
+from labeling.errors import UsageError
 
 BENCHES = {"render": "experiments.bench_render"}
 """Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench."""
@@ -137,18 +138,8 @@ def median_seconds(work: Callable[[], object], repeats: int) -> float:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
-
-    Returns:
-        0, or 2 if something about the input or the set-up is wrong.
-    """
-    config = tyro.cli(BenchConfig, prog="python -m experiments.bench", args=arguments)
-    try:
-        run(config)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    """Runs the command line; returns its exit code."""
+    return run_command(BenchConfig, run, "python -m experiments.bench", arguments)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from labeling.errors import SbmError, UsageError
+from labeling.cli import run_command
+from labeling.errors import UsageError
 
 if TYPE_CHECKING:
     import mujoco
@@ -315,20 +314,13 @@ def _write(path: Path, picture: "UInt8[np.ndarray, 'h w 3']") -> Path:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line.
+    """Runs the command line; returns its exit code."""
+    return run_command(PreviewConfig, _run_and_list, "python -m sbm_gym.preview", arguments)
 
-    Returns:
-        0, or 2 if something about the input or the set-up is wrong.
-    """
-    config = tyro.cli(PreviewConfig, prog="python -m sbm_gym.preview", args=arguments)
-    try:
-        written = run(config)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    for path in written:
+
+def _run_and_list(config: PreviewConfig) -> None:
+    for path in run(config):
         print(path)
-    return 0
 
 
 if __name__ == "__main__":

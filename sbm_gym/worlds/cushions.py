@@ -126,6 +126,8 @@ def _drop(
         wall = top[at + 1 : at + 4].max()
         if wall < rest[at] + 0.5 * card.size_m[2]:
             return None  # too low to hold it
+        # The underside is sampled: between the samples a steep back may reach a little further.
+        at = max(at - 1, start)
     else:
         at = 0
         if np.ptp(top[at]) > 0.05:
