@@ -11,7 +11,7 @@ import tyro
 from labeling.cli import run_command
 from labeling.errors import UsageError
 
-BENCHES = {"render": "experiments.bench_render"}
+BENCHES = {"render": "experiments.bench_render", "detect": "experiments.bench_detect"}
 """Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench."""
 
 

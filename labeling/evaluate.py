@@ -1,4 +1,4 @@
-"""Evaluates a label set against ground truth: ``python -m labeling.evaluate LABELS [--dataset PATH]``."""
+"""Evaluates a label set or a detector against ground truth: ``python -m labeling.evaluate LABELS_OR_EPISODES``."""
 
 import functools
 import sys
@@ -21,21 +21,49 @@ METRICS_FILE, REPORT_FILE = "metrics.json", "report.html"
 class EvaluateConfig:
     """Compares the detector and the pseudo-labels made from it with ground truth, on the same views.
 
-    Prints a table and writes LABELS/metrics.json and LABELS/report.html.
+    Prints a table and writes LABELS/metrics.json and LABELS/report.html. Given episodes instead of a label set, or a
+    detector, it scores the detector alone: the detections beside the frames, or what --detector finds now.
     """
 
-    labels: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="LABELS")]]
-    """The label set: what ``labeling.generate`` wrote to its ``--out``."""
+    labels: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="LABELS_OR_EPISODES")]]
+    """The label set: what ``labeling.generate`` wrote to its ``--out``; or episodes with ground truth; or, with
+    --detector, a COCO folder."""
     dataset: Path | None = None
     """Where the episodes lie. By default where the label set says it was made from; needed once either has moved."""
+    detector: str | None = None
+    """Run this detector on the pictures and score what it finds: ``compact``, the folder of a labeling.finetune run, or
+    any other that ``labeling.detect`` takes."""
+    metrics: Path | None = None
+    """Where to write the figures of a detector alone, as JSON."""
     max_strips: int = 40
     """Views shown in the report at most. 40 keep it below a few megabytes."""
     max_worst: int = 12
     """Of those, how many show the worst pseudo-labels; the others are spread over the episodes."""
 
 
+def run_either(config: EvaluateConfig) -> None:
+    """Evaluates what it was given: a label set, or a detector alone."""
+    if config.detector is not None or _holds_episodes(config.labels):
+        score_alone(config)
+    else:
+        run(config)
+
+
+def _holds_episodes(path: Path) -> bool:
+    from labeling.episodes import find_episodes
+    from labeling.errors import EpisodeFormatError
+    from labeling.label_reader import MODAL_FILE
+
+    if not path.is_dir() or (path / MODAL_FILE).is_file():
+        return False
+    try:
+        return bool(find_episodes(path))
+    except EpisodeFormatError:
+        return False
+
+
 def run(config: EvaluateConfig) -> "Evaluation":
-    """Evaluates, writes ``metrics.json`` and ``report.html`` into the label set, and prints the table.
+    """Evaluates a label set, writes ``metrics.json`` and ``report.html`` into it, and prints the table.
 
     Raises:
         SbmError: if label set or dataset are malformed, or there is no ground truth. Nothing is written then.
@@ -46,6 +74,8 @@ def run(config: EvaluateConfig) -> "Evaluation":
     from labeling.files import write_json
     from labeling.report import write_report
 
+    if config.metrics is not None:
+        raise UsageError("--metrics is for a detector alone; the figures of a label set lie in it as metrics.json")
     if min(config.max_strips, config.max_worst) < 0:
         raise UsageError("--max-strips and --max-worst count views; give 0 or more")
     bar = functools.partial(tqdm, delay=2.0, leave=False, unit="episode", file=sys.stderr)
@@ -63,8 +93,31 @@ def run(config: EvaluateConfig) -> "Evaluation":
     return evaluation
 
 
+def score_alone(config: EvaluateConfig) -> None:
+    """Scores a detector alone, prints the table and writes ``--metrics`` if asked to.
+
+    Raises:
+        SbmError: if detector or pictures are at fault, or there is no ground truth.
+    """
+    from tqdm import tqdm
+
+    from labeling.detector_scores import score_detector, score_episodes
+    from labeling.files import write_json
+
+    bar = functools.partial(tqdm, delay=2.0, leave=False, file=sys.stderr, desc="evaluating")
+    if config.detector is None:
+        metrics = score_episodes(config.labels, functools.partial(bar, unit="episode"))
+    else:
+        from labeling.detectors.registry import load_detector
+
+        metrics = score_detector(config.labels, load_detector(config.detector), functools.partial(bar, unit="batch"))
+    if config.metrics is not None:
+        write_json(config.metrics, metrics)
+    print_table(metrics)
+
+
 def print_table(metrics: dict[str, Any]) -> None:
-    """Prints the figures of both methods over all categories, then per category, and what there is to note."""
+    """Prints the figures of all methods over all categories, then per category, and what there is to note."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -77,6 +130,7 @@ def print_table(metrics: dict[str, Any]) -> None:
         title=", ".join(
             plural(counts[key], noun)
             for key, noun in (("episodes", "episode"), ("views", "view"), ("ground_truth_instances", "instance"))
+            if key in counts
         ),
         title_justify="left",
         title_style="bold",
@@ -86,7 +140,7 @@ def print_table(metrics: dict[str, Any]) -> None:
     for key in FIGURES:
         table.add_column(HEADINGS[key].replace(" ", "\n"), justify="right", no_wrap=True)
     table.add_column("instances", justify="right", no_wrap=True)
-    methods = ("detector", "pseudo_labels")
+    methods = [name for name in ("detector", "pseudo_labels") if name in metrics]
     for method in methods:
         record = metrics[method]
         table.add_row(
@@ -96,7 +150,7 @@ def print_table(metrics: dict[str, Any]) -> None:
             f"{record['ground_truth_instances']}",
             style="bold",
         )
-    for name in sorted(metrics["pseudo_labels"]["per_class"].keys() | metrics["detector"]["per_class"].keys()):
+    for name in sorted({name for method in methods for name in metrics[method]["per_class"]}):
         table.add_section()
         for method in methods:
             record = metrics[method]["per_class"].get(name)
@@ -113,8 +167,8 @@ def print_table(metrics: dict[str, Any]) -> None:
     if not console.is_terminal:
         console = Console(width=120)
     console.print(table)
-    labels = metrics["pseudo_labels"]
-    if labels["amodal_mask_ap50"] is not None:
+    labels = metrics.get("pseudo_labels")
+    if labels is not None and labels["amodal_mask_ap50"] is not None:
         print(
             f"amodal masks of pseudo_labels: AP50 {_number(labels['amodal_mask_ap50'])}, "
             f"AP30 {_number(labels['amodal_mask_ap30'])}, mean IoU {_number(labels['amodal_mean_iou'])}"
@@ -129,7 +183,7 @@ def _number(value: float | None) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(EvaluateConfig, run, "python -m labeling.evaluate", arguments)
+    return run_command(EvaluateConfig, run_either, "python -m labeling.evaluate", arguments)
 
 
 if __name__ == "__main__":

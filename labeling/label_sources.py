@@ -1,4 +1,4 @@
-"""Finds the masks that an episode is labelled from: detections of a file or a callable, or a person's masks."""
+"""Finds the masks that an episode is labelled from: detections of a file or a detector, or a person's masks."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from labeling.coco_records import CategoryTable, read_detections, read_shared_file
-from labeling.detector_call import run_detector
+from labeling.detector_call import detector_by_name, run_detector
 from labeling.episode_json import read_json
 from labeling.episodes import NAMING_FILES, Episode
 from labeling.errors import EpisodeFormatError, UsageError
@@ -43,7 +43,7 @@ def find_sources(
         cache: file that keeps the detections, where they are not the episode's own; read back if it still fits.
 
     Raises:
-        SbmError: if there are none, or their file or callable is at fault.
+        SbmError: if there are none, or their file or detector is at fault.
     """
     if config.annotations is not None:
         found, notes = read_shared_file(read_json(config.annotations), episode, place, scored=False)
@@ -65,7 +65,7 @@ def find_sources(
     if episode.detections is None:
         raise EpisodeFormatError(
             f"{episode.name}: has no detections.json; run a detector on the views first, or give --detections FILE, "
-            "--detector package.module:function, or your own masks with --annotations FILE"
+            "--detector NAME (such as compact), or your own masks with --annotations FILE"
         )
     return Sources(episode.detections, "detections.json")
 
@@ -76,9 +76,7 @@ def identity(config: SourceConfig) -> list[Any]:
     for path in (config.detections, config.annotations):
         known.append(path and hashlib.sha256(path.read_bytes()).hexdigest())
     if config.detector is not None:
-        from labeling.detector_call import code_digest
-
-        known.append(code_digest(config.detector))
+        known.append(detector_by_name(config.detector).digest)
     return known
 
 
@@ -115,30 +113,41 @@ def with_detections_used(episode: Episode, labels: Path, provenance: dict[str, A
         labels: folder of the label set.
         provenance: content of its ``label_set.json``.
     """
-    sources = provenance.get("sources")
+    stated = provenance.get("sources")
+    sources = stated if isinstance(stated, dict) else {}
     kept = labels / DETECTIONS_FOLDER / f"{episode.name}.json"
-    others = isinstance(sources, dict) and (sources.get("detections") or sources.get("detector"))
-    if not others or not kept.is_file():
+    if not (sources.get("detections") or sources.get("detector")) or not kept.is_file():
         return episode
-    return replace(episode, detections=read_shared_file(read_json(kept), episode, ".", scored=True)[0])
+    file = read_json(kept)
+    used = replace(episode, detections=read_shared_file(file, episode, ".", scored=True)[0])
+    if not sources.get("detector"):
+        return used
+    # What the episode says about its own detector is not true of this one.
+    info = file.get("info").mapping() if file.has("info") else {}
+    metadata = {key: value for key, value in episode.metadata.items() if key != "detector_categories"}
+    known = info.get("detector_categories")
+    return replace(used, metadata=metadata if known is None else {**metadata, "detector_categories": known})
 
 
-def _detect(episode: Episode, detector: str, cache: Path) -> Sources:
-    from labeling.detector_call import code_digest
-
-    digest = hashlib.sha256(f"{detector}\0{code_digest(detector)}".encode())
+def _detect(episode: Episode, name: str, cache: Path) -> Sources:
+    detector = detector_by_name(name)
+    digest = hashlib.sha256(f"{name}\0{detector.digest}".encode())
     digest.update(episode.rgb.tobytes())
     mark = digest.hexdigest()
     if cache.is_file():
         try:
             file = read_json(cache)
             if file.get("info").mapping().get("fingerprint") == mark:
-                return Sources(read_shared_file(file, episode, ".", scored=True)[0], f"detector {detector}")
+                return Sources(read_shared_file(file, episode, ".", scored=True)[0], f"detector {name}")
         except EpisodeFormatError:
             pass  # damaged: made again below
     found = run_detector(detector, episode)
-    write_json(cache, detections_record(episode, found, {"origin": detector, "fingerprint": mark}))
-    return Sources(found, f"detector {detector}")
+    known = None if detector.categories is None else list(detector.categories)
+    write_json(
+        cache,
+        detections_record(episode, found, {"origin": name, "fingerprint": mark, "detector_categories": known}),
+    )
+    return Sources(found, f"detector {name}")
 
 
 def _read_detections(

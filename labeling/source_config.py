@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from labeling.detectors.registry import check_name
 from labeling.errors import UsageError
 
 
@@ -15,7 +16,8 @@ class SourceConfig:
     """One COCO JSON with the detections of all episodes: ``images`` (by file_name), ``categories``,
     ``annotations`` with a score; or, for a single episode, a bare list of COCO results."""
     detector: str | None = None
-    """A Python callable ``package.module:function`` that takes a picture (h, w, 3; uint8; RGB) and returns a list of
+    """Run this detector: ``compact``, ``maskrcnn_resnet50_fpn``, the folder of a labeling.finetune run, ``onnx:FILE``,
+    or a Python callable ``package.module:function`` that takes a picture (h, w, 3; uint8; RGB) and returns a list of
     (category, confidence, mask). What it finds is kept in the label set, so that it runs once."""
     weak: Literal["off", "one-view"] = "off"
     """Weak supervision: label from one true mask per object, drawn by a person or, for experiments, taken from
@@ -50,6 +52,4 @@ class SourceConfig:
             if path is not None and not path.is_file():
                 raise UsageError(f"--{name} {path}: no such file")
         if self.detector is not None:
-            module, _, function = self.detector.partition(":")
-            if not module or not function:
-                raise UsageError(f"--detector {self.detector}: give package.module:function")
+            check_name(self.detector)

@@ -3,8 +3,9 @@
 import functools
 
 from sbm_gym.assets.builtin import BUILTIN, BuiltinLibrary
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard, default_library
+from sbm_gym.assets.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.model import FurnitureModel
+from sbm_gym.assets.reserved import worlds_library
 
 FROM_SEEDS = {"cushion": 16, "leaning_cushion": 24, "beanbag": 7, "nightstand": 6, "rug": 12, "bathtub": 6}
 """How many builtin models join the catalogues' for these uses, of which catalogues have none or two at most."""
@@ -35,4 +36,4 @@ def indoor_library() -> MixedLibrary:
     Raises:
         MissingAssetsError: if no catalogue is installed.
     """
-    return MixedLibrary(default_library())
+    return MixedLibrary(worlds_library())

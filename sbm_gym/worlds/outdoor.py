@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.errors import MissingAssetsError
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard, default_library
+from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.reserved import worlds_library
 from sbm_gym.worlds.building import SceneBuilder
 from sbm_gym.worlds.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.placing import Box, overlap
@@ -66,7 +67,7 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None) 
         MissingAssetsError: if there are no models of vehicles.
     """
     name, seed = town_seed(scene)
-    library = library or default_library()
+    library = library or worlds_library()
     rng = np.random.default_rng(seed)
     plan = draw_plan(rng)
     spec = mujoco.MjSpec()

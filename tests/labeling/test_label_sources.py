@@ -12,7 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.detector_call import DetectorError, load_function, run_detector
+from labeling.detector_call import run_detector
+from labeling.detectors.base import DetectorError
+from labeling.detectors.function_detector import load_function
+from labeling.detectors.registry import load_detector
 from labeling.episodes import Episode, read_episode, write_episode
 from labeling.errors import EpisodeFormatError, UsageError
 from labeling.generate import main
@@ -93,7 +96,7 @@ def test_evaluation_scores_the_detections_that_were_used(dataset, rooms, tmp_pat
     [
         (("--detections", "nowhere.json"), "--detections nowhere.json: no such file"),
         (("--annotations", "nowhere.json"), "--annotations nowhere.json: no such file"),
-        (("--detector", "module"), "give package.module:function"),
+        (("--detector", "module"), "unknown detector 'module'; known: compact, "),
         (("--detector", "no_such_module_here:f"), "cannot be imported (ModuleNotFoundError"),
         (("--detector", "json:dumps", "--weak", "one-view"), "--detector and --weak one-view contradict"),
     ],
@@ -157,7 +160,7 @@ def detector(tmp_path, monkeypatch) -> Iterator[str]:
 
 def test_a_callable_sees_every_picture_once_and_leaves_it_alone(detector, rooms):
     before = rooms[0].rgb.copy()
-    found = run_detector(f"{detector}:find", rooms[0])
+    found = run_detector(load_detector(f"{detector}:find"), rooms[0])
     assert np.array_equal(rooms[0].rgb, before)
     assert len(sys.modules[detector].CALLS) == rooms[0].num_views
     assert [(one.view_index, one.category) for one in found] == [
@@ -180,7 +183,7 @@ def test_a_callable_sees_every_picture_once_and_leaves_it_alone(detector, rooms)
 )
 def test_whatever_a_callable_does_wrong_is_one_clear_sentence(detector, rooms, function, message):
     with pytest.raises(DetectorError, match=message):
-        run_detector(f"{detector}:{function}", rooms[0])
+        run_detector(load_detector(f"{detector}:{function}"), rooms[0])
 
 
 @pytest.mark.parametrize("name", ["nothing", ":f", "m:", "json:nothing_there"])
@@ -279,7 +282,7 @@ def test_an_episode_without_any_masks_is_told_all_ways_to_give_them(dataset, roo
         (dataset / room.name / "detections.json").unlink()
     assert main([str(dataset), "--out", str(tmp_path / "out")]) == 2
     problem = capsys.readouterr().err
-    for flag in ("detector", "--detections FILE", "--detector package.module:function", "--annotations FILE"):
+    for flag in ("detector", "--detections FILE", "--detector NAME", "--annotations FILE"):
         assert flag in problem
 
 

@@ -1,0 +1,69 @@
+"""Where a detector fails in worlds, by view: ``python -m experiments.detector_failures``."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from experiments.world_views import WORLDS, ViewsConfig
+from labeling.cli import run_command
+
+
+@dataclass(frozen=True)
+class FailuresConfig:
+    """Runs a detector on views of the worlds' training scenes, and draws how often it finds objects by the side that
+    they are seen from, by how much of them is visible, and by their distance.
+    """
+
+    detector: str = "compact"
+    """Which detector: compact, maskrcnn_resnet50_fpn, onnx:FILE, package.module:function, or a run's folder."""
+    views: ViewsConfig = field(default_factory=ViewsConfig)
+    """Which views."""
+    picture: Path = Path("docs/pictures/detector_failures.png")
+    """PNG to write."""
+    results: Path = Path("experiments/results/detector_failures.json")
+    """File for the figures."""
+
+
+def run(config: FailuresConfig) -> None:
+    """Draws the picture and writes the figures.
+
+    Raises:
+        SbmError: if there is no such detector, or it cannot run.
+    """
+    import os
+    from dataclasses import asdict
+
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    from experiments.failure_figures import CONDITIONS, draw_failures, look_at_views, rows_by
+    from experiments.world_views import record_views
+    from labeling.detectors.registry import check_name, load_detector
+    from labeling.episodes import find_episodes, read_episode
+    from labeling.files import write_json
+
+    check_name(config.detector)
+    detector = load_detector(config.detector)
+    looks = {}
+    for world in WORLDS:
+        folders = find_episodes(record_views(config.views, world, "train"))
+        looks[world] = [look for folder in folders for look in look_at_views(read_episode(folder), detector)]
+    tables = {world: {name: rows_by(looks[world], name, world) for name in CONDITIONS} for world in WORLDS}
+    draw_failures(tables, config.picture)
+    content = {
+        "detector": config.detector,
+        "seed": config.views.seed,
+        "episodes": config.views.episodes,
+        "objects": {world: len(looks[world]) for world in WORLDS},
+        "by": {world: {name: [asdict(row) for row in rows] for name, rows in t.items()} for world, t in tables.items()},
+    }
+    write_json(config.results, content)
+    print(config.picture)
+    print(config.results)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(FailuresConfig, run, "python -m experiments.detector_failures", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

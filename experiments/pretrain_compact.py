@@ -1,0 +1,171 @@
+"""Makes the weights of ``compact`` from photographs: ``python -m experiments.pretrain_compact``."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from experiments.world_views import WORLDS, ViewsConfig
+from labeling.cli import run_command
+from labeling.errors import UsageError
+
+MAX_BYTES = 20_000_000
+
+
+@dataclass(frozen=True)
+class CompactConfig:
+    """Takes photographs, trains the detector on them, fits its confidences, tries it in worlds, and writes weights and
+    figures. Every part is kept and gone on with, if the command is killed and started again.
+    """
+
+    photographs: Path = Path("out/photographs")
+    """Folder with train and val, made if they are missing."""
+    count: int = 6000
+    """Photographs to train on."""
+    val_count: int = 600
+    """Held-out photographs."""
+    size: int = 192
+    """Of photographs, pixels."""
+    workers: int = 2
+    """Processes that take photographs."""
+    out: Path = Path("out/pretrain")
+    """Folder of the run: checkpoint, history, weights before calibration."""
+    weights: Path = Path("labeling/detectors/weights/compact.safetensors")
+    """File for the weights."""
+    results: Path = Path("experiments/results/pretrain_compact.json")
+    """File for the figures."""
+    minutes: float = 65.0
+    """Time for training; a run that is cut short has learned with a schedule of this length."""
+    steps: int = 6000
+    """Batches at most; training ends when either is used up."""
+    batch_size: int = 16
+    """Views in a batch."""
+    learning_rate: float = 1e-3
+    """Greatest, of AdamW."""
+    seed: int = 0
+    """Of photographs and training."""
+    calibrate: Literal["photographs", "worlds", "none"] = "photographs"
+    """What confidences are fitted on: held-out photographs, or views of the worlds' training scenes."""
+    views: ViewsConfig = field(default_factory=ViewsConfig)
+    """On which views of worlds it is tried out."""
+
+
+def run(config: CompactConfig) -> None:
+    """Makes the weights.
+
+    Raises:
+        SbmError: if settings make no sense, furniture is missing, or training breaks down.
+    """
+    import os
+
+    # Threads that spin at barriers cost seven times the work on a machine that does other things too. Read by torch's
+    # OpenMP when torch is imported.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    from experiments.pretraining import PretrainConfig
+
+    training = PretrainConfig(
+        minutes=config.minutes,
+        steps=config.steps,
+        batch_size=config.batch_size,
+        learning_rate=config.learning_rate,
+        seed=config.seed,
+    )
+    training.check()
+    train, val = _photographs(config)
+    finished = _trained(config, training, train, val)
+    _finish(config, finished, val)
+
+
+def _photographs(config: CompactConfig) -> tuple[list, list]:
+    from labeling.detectors.pictures import read_pictures
+    from sbm_gym.photographs.album import AlbumSettings, make_album
+
+    pictures = []
+    for split, count in (("train", config.count), ("val", config.val_count)):
+        folder = config.photographs / split
+        make_album(folder, AlbumSettings(split, config.seed, config.size, False), count, config.workers)
+        pictures.append(read_pictures(folder))
+    return pictures[0], pictures[1]
+
+
+def _trained(config: CompactConfig, training: Any, train: list, val: list) -> Any:
+    """The network after pre-training, with averaged weights."""
+    import torch
+
+    from experiments.pretraining import pretrain
+    from experiments.pretraining_views import ViewConfig
+    from labeling.detectors.network import build_from_imagenet
+    from labeling.detectors.spec import NetworkSpec
+    from sbm_gym.photographs.models import CATEGORIES
+
+    torch.manual_seed(config.seed)
+    network = build_from_imagenet(NetworkSpec("compact", CATEGORIES))
+    return pretrain(network, config.out, train, val, training, ViewConfig(), say=lambda text: print(text, flush=True))
+
+
+def _finish(config: CompactConfig, network: Any, val: list) -> None:
+    """Calibrates, measures, and writes weights and figures."""
+    import json
+    from dataclasses import asdict, replace
+
+    from experiments.pretraining import HISTORY_FILE
+    from experiments.world_views import figures, summary, world_views
+    from labeling.detectors.calibration import fit_calibration, outcomes
+    from labeling.detectors.network_detector import NetworkDetector
+    from labeling.detectors.training import detect_all
+    from labeling.detectors.weights import load_network, save_network
+    from labeling.files import write_json
+
+    raw = NetworkDetector(network, "compact")
+    splits: tuple[Literal["train", "val"], ...] = ("train", "val")
+    parts = {f"{world}_{split}": world_views(config.views, world, split) for world in WORLDS for split in splits}
+    truths, found = detect_all(raw, val)
+    scores, right = outcomes(found, truths)
+    if config.calibrate == "worlds":
+        scores, right = [], []
+        for world in WORLDS:
+            there, seen = detect_all(raw, parts[f"{world}_train"])
+            more = outcomes(seen, there)
+            scores, right = scores + more[0], right + more[1]
+    spec = network.spec
+    if config.calibrate != "none":
+        spec = spec.with_calibration(fit_calibration(scores, right))
+    history = json.loads((config.out / HISTORY_FILE).read_text(encoding="utf-8"))
+    about = {
+        "trained_on": f"{config.count} rendered photographs, seed {config.seed}",
+        "steps": history[-1]["step"],
+        "minutes": history[-1]["minutes"],
+        "calibrated_on": config.calibrate,
+    }
+    save_network(config.weights, network, replace(spec, about=about))
+    if config.weights.stat().st_size > MAX_BYTES:
+        raise UsageError(f"{config.weights} has more than {MAX_BYTES} bytes; the network is too large to ship")
+    # Measured as shipped: in half precision and calibrated.
+    shipped = NetworkDetector(load_network(config.weights), "compact")
+    content = {
+        "bytes": config.weights.stat().st_size,
+        "config": {key: str(value) if isinstance(value, Path) else value for key, value in asdict(config).items()},
+        "calibration": asdict(spec.calibration),
+        **about,
+        "held_out_photographs": figures(shipped, val),
+        "before_calibration": {
+            "held_out_photographs": summary(truths, found),
+            "worlds": {name: figures(raw, pictures) for name, pictures in parts.items()},
+        },
+        "worlds": {name: figures(shipped, pictures) for name, pictures in parts.items()},
+    }
+    content["config"]["views"]["folder"] = str(config.views.folder)
+    write_json(config.results, content)
+    for name, row in {"photographs": content["held_out_photographs"], **content["worlds"]}.items():
+        print(f"{name}: AP50 {row['ap50']}, confident precision {row['confident_precision']}")
+    print(config.weights)
+    print(config.results)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(CompactConfig, run, "python -m experiments.pretrain_compact", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""Runs a detector on recorded episodes: ``python -m labeling.detect EPISODES --detector NAME_OR_RUN``."""
+
+import hashlib
+import json
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from labeling.cli import run_command
+from labeling.detectors.registry import DEFAULT
+from labeling.errors import SbmError, UsageError
+from labeling.recordings.config import RecordingConfig
+
+if TYPE_CHECKING:
+    from labeling.detectors.base import Detector
+    from labeling.episodes import Episode
+    from labeling.instances import Detection
+
+DETECTIONS_FILE, ABOUT_FILE, TRUTH_FILE = "detections.json", "episode.json", "ground_truth.json"
+
+
+@dataclass(frozen=True)
+class DetectConfig:
+    """Writes ``detections.json`` (COCO results with RLE masks and scores) beside the frames of each episode.
+
+    Episodes that this detector has already looked at are passed over.
+    """
+
+    dataset: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="EPISODES")]]
+    """An episode, or a folder of episodes."""
+    detector: str = DEFAULT
+    """``compact``, ``maskrcnn_resnet50_fpn``, the folder of a labeling.finetune run, ``onnx:FILE`` or
+    ``package.module:function``."""
+    replace: bool = False
+    """Replace detections that this command did not write."""
+    device: str | None = None
+    """cpu, cuda, ...; by default a GPU if there is one."""
+    batch_size: int = 8
+    """Pictures at a time."""
+    recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
+
+
+def run(config: DetectConfig) -> None:
+    """Detects in all episodes.
+
+    Raises:
+        SbmError: if there is no such detector or no episode; and, after all the others are done, if any episode failed.
+    """
+    from tqdm import tqdm
+
+    from labeling.detectors.registry import load_detector
+    from labeling.episodes import find_episodes
+
+    config.recording.check()
+    detector = load_detector(config.detector, config.device, config.batch_size)
+    folders = find_episodes(config.dataset, config.recording)
+    counts = {"views": 0, "detections": 0, "passed over": 0}
+    failed = 0
+    for folder in tqdm(folders, desc="detecting", unit="episode", delay=2.0, leave=False, file=sys.stderr):
+        try:
+            found = detect_episode(folder, detector, config.recording, config.replace)
+        except SbmError as error:
+            tqdm.write(f"error: {error}", file=sys.stderr)
+            failed += 1
+            continue
+        if found is None:
+            counts["passed over"] += 1
+        else:
+            counts["views"] += found[0]
+            counts["detections"] += found[1]
+    done = len(folders) - failed - counts["passed over"]
+    print(f"{counts['detections']} detections in {counts['views']} views of {done} episodes", end="")
+    print(f"; {counts['passed over']} were done already" if counts["passed over"] else "")
+    if failed:
+        raise SbmError(f"{failed} of {len(folders)} episodes failed, for the reasons above")
+
+
+def detect_episode(
+    folder: Path, detector: "Detector", recording: RecordingConfig | None = None, replace: bool = False
+) -> tuple[int, int] | None:
+    """Writes ``detections.json`` of one episode, and into ``episode.json`` who found them.
+
+    Args:
+        folder: of the episode.
+        detector: any.
+        recording: how to read it.
+        replace: overwrite detections that were not written here.
+
+    Returns:
+        Numbers of views and of detections; None if this detector had looked already.
+
+    Raises:
+        SbmError: if the episode is malformed, the detector fails, or there are other detections.
+    """
+    from dataclasses import asdict
+
+    from labeling.detector_call import run_detector
+    from labeling.episode_json import read_json
+    from labeling.episodes import read_episode
+    from labeling.files import write_json
+
+    recording = recording or RecordingConfig()
+    path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
+    about: dict[str, Any] = dict(read_json(about_path).mapping()) if about_path.is_file() else {}
+    mark = hashlib.sha256(f"{detector.digest}\0{sorted(asdict(recording).items())}".encode()).hexdigest()
+    kept = about.get("detector_run")
+    ours = isinstance(kept, dict) and path.is_file() and kept.get("detections_sha256") == _digest(path)
+    if isinstance(kept, dict) and ours and (kept.get("detector"), kept.get("mark")) == (detector.name, mark):
+        return None
+    if path.is_file() and not ours and not replace:
+        raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
+    episode = read_episode(folder, recording)
+    found = run_detector(detector, episode)
+    ids, categories = _category_ids(folder, about, found, detector)
+    records = _records(found, _image_ids(folder, episode), ids)
+    # Were the process killed between the two files, the sum would not fit, and the detector would run again.
+    digest = hashlib.sha256(_as_written(records)).hexdigest()
+    run_record = {"detector": detector.name, "mark": mark, "detections_sha256": digest}
+    about |= {"categories": categories, "detector": detector.name, "detector_run": run_record}
+    if detector.categories is not None:
+        about["detector_categories"] = list(detector.categories)
+    else:
+        about.pop("detector_categories", None)
+    write_json(about_path, about)
+    write_json(path, records)
+    return episode.num_views, len(records)
+
+
+def _as_written(records: list[dict[str, Any]]) -> bytes:
+    """The bytes that ``labeling.files.write_json`` writes."""
+    return (json.dumps(records, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _records(
+    found: "tuple[Detection, ...]", image_ids: dict[int, int], category_ids: dict[str, int]
+) -> list[dict[str, Any]]:
+    from labeling.instances import box_xywh, encode_mask
+
+    return [
+        {
+            "image_id": image_ids[one.view_index],
+            "category_id": category_ids[one.category],
+            "segmentation": encode_mask(one.mask),
+            "bbox": list(box_xywh(one.mask)),
+            "score": round(one.confidence, 6),
+        }
+        for one in found
+    ]
+
+
+def _image_ids(folder: Path, episode: "Episode") -> dict[int, int]:
+    """Image id of each view: that of ``ground_truth.json``, or the position of its frame in the recording."""
+    from labeling.episode_json import read_json
+
+    if (folder / TRUTH_FILE).is_file() and read_json(folder / TRUTH_FILE).has("images"):
+        of_name = {
+            Path(image.text("file_name").replace("\\", "/")).as_posix(): image.integer("id")
+            for image in read_json(folder / TRUTH_FILE).list_of("images")
+        }
+        missing = [name for name in episode.file_names if name not in of_name]
+        if missing:
+            raise UsageError(f"{folder / TRUTH_FILE}: images: does not list {missing[0]}, so its detections have no id")
+        return {view: of_name[name] for view, name in enumerate(episode.file_names)}
+    frames = {name: position for position, name in enumerate(episode.frame_names or episode.file_names)}
+    return {view: frames[name] for view, name in enumerate(episode.file_names)}
+
+
+def _category_ids(
+    folder: Path, about: dict[str, Any], found: "tuple[Detection, ...]", detector: "Detector"
+) -> tuple[dict[str, int], list[dict[str, Any]]]:
+    """Ids of the categories, and the list for ``episode.json``: what the episode has names for keeps its id."""
+    from labeling.coco_records import CategoryTable
+    from labeling.episode_json import read_json
+    from labeling.episodes import NAMING_FILES
+
+    files = [read_json(folder / name) for name in NAMING_FILES if (folder / name).is_file()]
+    known = CategoryTable.from_files(files).name_of_id
+    ids: dict[str, int] = {}
+    for number, name in known.items():
+        ids.setdefault(name, number)
+    new = dict.fromkeys([*(detector.categories or ()), *(one.category for one in found)])
+    for name in new:
+        if name not in ids:
+            ids[name] = max([0, *known, *ids.values()]) + 1
+    listed = [*about.get("categories", [])]
+    there = {entry.get("id") for entry in listed}
+    listed += [{"id": number, "name": name} for name, number in ids.items() if number not in there]
+    return ids, listed
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(DetectConfig, run, "python -m labeling.detect", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,116 @@
+"""Detectors by name."""
+
+from pathlib import Path
+
+from labeling.detectors.base import Detector, DetectorError
+from labeling.errors import UsageError
+
+WEIGHTS_FOLDER = Path(__file__).with_name("weights")
+COMPACT_FILE = WEIGHTS_FOLDER / "compact.safetensors"
+DEFAULT = "compact"
+NAMES = ("compact", "maskrcnn_resnet50_fpn")
+KINDS = (*NAMES, "onnx:FILE", "package.module:function", "the folder of a labeling.finetune run")
+ONNX_PREFIX = "onnx:"
+
+
+def check_name(name: str) -> None:
+    """Refuses names that lead nowhere, without loading anything.
+
+    Raises:
+        UsageError: listing what there is.
+    """
+    if name in NAMES or is_run(name):
+        return
+    kind, colon, rest = name.partition(":")
+    if colon and kind and rest:
+        return
+    hint = " (give package.module:function)" if colon else ""
+    if Path(name).is_dir():
+        hint = f" (the folder {name} holds no {run_weights(name).name})"
+    raise UsageError(f"unknown detector {name!r}{hint}; known: {', '.join(KINDS)}")
+
+
+def load_detector(name: str, device: str | None = None, batch_size: int = 8) -> Detector:
+    """Makes a detector from its name.
+
+    Args:
+        name: one of ``KINDS``.
+        device: of networks: "cpu", "cuda", ...; by default a GPU if there is one.
+        batch_size: pictures at a time, for detectors that can take several.
+
+    Raises:
+        UsageError: if there is no such detector.
+        DetectorError: if its files are missing or damaged.
+    """
+    check_name(name)
+    if batch_size < 1:
+        raise UsageError(f"--batch-size must be at least 1, not {batch_size}")
+    if name in NAMES or is_run(name):
+        from labeling.detectors.network_detector import NetworkDetector
+
+        network, digest = load_named_network(name)
+        return NetworkDetector(network, name, digest, choose_device(device), batch_size)
+    if name.startswith(ONNX_PREFIX):
+        from labeling.detectors.onnx_detector import OnnxDetector
+
+        return OnnxDetector(Path(name.removeprefix(ONNX_PREFIX)), name, batch_size)
+    from labeling.detectors.function_detector import FunctionDetector
+
+    return FunctionDetector(name)
+
+
+def load_named_network(name: str):
+    """The network (labeling.detectors.network.Network) of a detector that is one, to use or to train, and its digest.
+
+    Raises:
+        UsageError: if this detector is no network of ours.
+        DetectorError: if its weights are missing or damaged.
+    """
+    from labeling.detectors.weights import file_digest, load_network
+
+    check_name(name)
+    if name == "maskrcnn_resnet50_fpn":
+        from labeling.detectors.coco_network import load_coco_network
+
+        return load_coco_network(), "torchvision COCO_V1"
+    if name == "compact":
+        if not COMPACT_FILE.is_file():
+            raise DetectorError(
+                f"{COMPACT_FILE}: the weights of compact are missing; python -m experiments.pretrain_compact makes them"
+            )
+        return load_network(COMPACT_FILE), file_digest(COMPACT_FILE)
+    if is_run(name):
+        path = run_weights(name)
+        return load_network(path), file_digest(path)
+    raise UsageError(f"{name} cannot be trained here; these can: {', '.join(NAMES)}, {KINDS[-1]}")
+
+
+def is_run(name: str) -> bool:
+    """Whether this is the folder of a fine-tuning run, or the file of a network."""
+    return run_weights(name).is_file()
+
+
+def run_weights(name: str) -> Path:
+    """Where the weights of a run lie."""
+    from labeling.detectors.run_files import WEIGHTS_FILE
+
+    path = Path(name)
+    return path if path.suffix == ".safetensors" else path / WEIGHTS_FILE
+
+
+def choose_device(device: str | None = None) -> str:
+    """The device asked for, or the fastest there is.
+
+    Raises:
+        UsageError: if there is no such device.
+    """
+    import torch
+
+    chosen = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        torch.zeros(1, device=chosen)
+    except (RuntimeError, AssertionError) as error:
+        from labeling.detectors.function_detector import first_line
+
+        raise UsageError(f"--device {chosen}: cannot be used ({first_line(error)})") from None
+    return chosen

@@ -1,0 +1,12 @@
+"""Names of the files of a training run."""
+
+WEIGHTS_FILE = "detector.safetensors"
+"""The best network, with what it is in its header."""
+CHECKPOINT_FILE = "checkpoint.pt"
+"""Where a killed run goes on."""
+HISTORY_FILE = "history.json"
+"""Losses and figures of every validation."""
+CONFIG_FILE = "train.json"
+"""Settings, data and versions."""
+RESULTS_FILE = "results.json"
+"""The final table."""

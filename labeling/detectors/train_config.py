@@ -1,0 +1,96 @@
+"""Settings of training and augmentation."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from labeling.errors import UsageError
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How a network is trained."""
+
+    iterations: int = 4000
+    """Batches at most."""
+    batch_size: int = 2
+    """Pictures a batch. Source: thesis 5.1.3."""
+    learning_rate: float = 1e-3
+    """Source: thesis 5.1.3."""
+    optimizer: Literal["sgd", "adamw"] = "sgd"
+    """SGD with momentum .9, as Mask R-CNN is trained; AdamW suits training from the start."""
+    weight_decay: float = 1e-4
+    schedule: Literal["constant", "cosine"] = "constant"
+    """Learning rate after the warm-up; cosine falls to a hundredth of it."""
+    warmup: int = 200
+    """Batches over which the learning rate rises."""
+    clip: float = 10.0
+    """Largest norm of the gradient."""
+    frozen_statistics: bool = True
+    """Keep the statistics of batch normalisation; small batches want it."""
+    average: float = 0.0
+    """Decay per batch of a running average of the weights, which is what is validated and kept (.998 averages over 500
+    batches); 0 keeps the weights themselves."""
+    validate_every: int = 500
+    """Batches between validations."""
+    patience: int = 5
+    """Validations without a better AP50 after which training stops; 0: never."""
+    replay_share: float = 0.5
+    """Share of the samples that are replayed source pictures, if there are any."""
+    workers: int = 0
+    """Processes that read and augment pictures."""
+    seed: int = 0
+
+    def check(self) -> None:
+        """Refuses settings that make no sense.
+
+        Raises:
+            UsageError: naming the setting.
+        """
+        for name in ("iterations", "batch_size", "learning_rate", "clip", "validate_every"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise UsageError(f"--{name.replace('_', '-')} must be above 0, not {getattr(self, name)}")
+        for name in ("weight_decay", "warmup", "patience", "workers", "seed"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise UsageError(f"--{name.replace('_', '-')} must be 0 or more, not {getattr(self, name)}")
+        for name in ("replay_share", "average"):
+            if not 0 <= getattr(self, name) < 1:
+                raise UsageError(
+                    f"--{name.replace('_', '-')} must be at least 0 and below 1, not {getattr(self, name)}"
+                )
+
+
+@dataclass(frozen=True)
+class AugmentConfig:
+    """How strongly pictures are changed while training; all zeros leave them as they are."""
+
+    flip: float = 0.5
+    """Probability of mirroring left and right."""
+    short_side_px: tuple[int, int] = (128, 320)
+    """Pictures are resized so that their shorter side lies in this range ..."""
+    scale: tuple[float, float] = (0.75, 1.33)
+    """... and is this many times what it was."""
+    crop: float = 0.5
+    """Probability of cutting out a part; objects that lose nearly all of themselves are ignored."""
+    crop_least: float = 0.6
+    """Least side of such a part, as a share of the whole."""
+    colour: float = 0.3
+    """Brightness, contrast, saturation and hue change by up to this share (hue by a tenth of it)."""
+    blur: float = 0.15
+    """Probability of Gaussian blur, up to 1.2 px."""
+    noise: float = 0.3
+    """Probability of sensor noise, up to 4 % of full scale."""
+
+    def check(self) -> None:
+        """Refuses settings that make no sense.
+
+        Raises:
+            UsageError: naming the setting.
+        """
+        for name in ("flip", "crop", "crop_least", "colour", "blur", "noise"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise UsageError(f"--{name.replace('_', '-')} must lie in [0, 1], not {getattr(self, name)}")
+        if not 0 < self.scale[0] <= self.scale[1] or not 0 < self.short_side_px[0] <= self.short_side_px[1]:
+            raise UsageError("--scale and --short-side-px are ranges above 0: low, then high")
+
+
+NO_AUGMENTATION = AugmentConfig(flip=0.0, scale=(1.0, 1.0), crop=0.0, colour=0.0, blur=0.0, noise=0.0)

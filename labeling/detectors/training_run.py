@@ -1,0 +1,235 @@
+"""A training run: a folder that holds the best network so far, and all it takes to go on after a kill."""
+
+import copy
+import json
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from labeling.detectors.network import Network, channels_last
+from labeling.detectors.network_detector import NetworkDetector
+from labeling.detectors.pictures import AnnotatedPicture
+from labeling.detectors.run_files import CHECKPOINT_FILE, CONFIG_FILE, HISTORY_FILE, WEIGHTS_FILE
+from labeling.detectors.samples import Mixture, batches
+from labeling.detectors.spec import NetworkSpec
+from labeling.detectors.train_config import AugmentConfig, TrainConfig
+from labeling.detectors.training import evaluate, learning_rate, make_optimizer, train_one_epoch
+from labeling.detectors.weights import load_network, save_network
+from labeling.errors import SbmError, UsageError
+from labeling.files import atomic_file, write_json
+
+
+@dataclass
+class Progress:
+    """How far training has come; what a checkpoint holds beside tensors."""
+
+    iteration: int = 0
+    best: float = -1.0
+    best_iteration: int = 0
+    history: list[dict[str, Any]] = field(default_factory=list)
+
+
+def train(
+    network: Network,
+    out: Path,
+    pictures: Sequence[AnnotatedPicture],
+    validation: Sequence[AnnotatedPicture],
+    config: TrainConfig,
+    augmentation: AugmentConfig,
+    replay: Sequence[AnnotatedPicture] = (),
+    device: str | torch.device = "cpu",
+    about: dict[str, Any] | None = None,
+    say: Callable[[str], None] = print,
+    bar: Callable[..., Any] | None = None,
+) -> Progress:
+    """Trains a network and keeps the best of it in ``out/detector.safetensors``; goes on where a killed run stopped.
+
+    Args:
+        network: where to start; changed.
+        out: folder of the run.
+        pictures: to learn from. What is not annotated is background.
+        validation: to choose the best by; if empty, the last is kept and training does not stop early.
+        config: settings of training.
+        augmentation: settings of augmentation.
+        replay: source pictures to mix in, against forgetting.
+        device: where to train.
+        about: written into the weights: where they come from.
+        say: where progress is told.
+        bar: makes a progress bar (``tqdm``), if there is to be one.
+
+    Raises:
+        SbmError: if settings make no sense, the folder holds another run, or training breaks down.
+    """
+    config.check()
+    augmentation.check()
+    out.mkdir(parents=True, exist_ok=True)
+    device = torch.device(device)
+    mixture = Mixture(pictures, network.spec.categories, augmentation, config.seed, replay, config.replay_share)
+    network.frozen_statistics = config.frozen_statistics
+    channels_last(network.to(device))
+    optimizer = make_optimizer(network, config)
+    averaged = _copy(network) if config.average else None
+    scaler = torch.amp.GradScaler("cuda") if device.type == "cuda" else None
+    identity = _identity(network.spec, config, augmentation, mixture, validation)
+    state = _resume(out, identity, network, averaged, optimizer, device)
+    if state.iteration:
+        say(f"going on from step {state.iteration}")
+    write_json(out / CONFIG_FILE, {**json.loads(identity), "about": about or {}})
+    board = _board(out, state.iteration, say)
+    kept = averaged or network
+    while state.iteration < config.iterations and not _is_over(state, config, validation):
+        count = min(config.validate_every, config.iterations - state.iteration)
+        stream = batches(mixture, config.batch_size, state.iteration, count, config.workers)
+        if bar is not None:
+            stream = bar(stream, total=count, desc=f"steps {state.iteration}-{state.iteration + count}")
+        losses = train_one_epoch(
+            network,
+            optimizer,
+            stream,
+            lambda step: learning_rate(step, config),
+            state.iteration,
+            config,
+            averaged,
+            scaler,
+            lambda step, values: _draw(board, "train", values, step),
+        )
+        state.iteration += count
+        record: dict[str, Any] = {"iteration": state.iteration, **losses}
+        score = float(state.iteration)
+        if validation:
+            scores = evaluate(NetworkDetector(kept, "training", device=device), validation)
+            record |= {name: value for name, value in asdict(scores).items() if name not in ("pictures", "objects")}
+            score = scores.mask_ap50 or 0.0
+            _draw(
+                board, "val", {k: v for k, v in record.items() if "ap" in k and isinstance(v, float)}, state.iteration
+            )
+        state.history.append(record)
+        if score > state.best:
+            state.best, state.best_iteration = score, state.iteration
+            save_network(out / WEIGHTS_FILE, kept, _described(kept.spec, about, state, config))
+        _save(out, identity, network, averaged, optimizer, state)
+        say(_line(record, state))
+    if board is not None:
+        board.close()
+    return state
+
+
+def _is_over(state: Progress, config: TrainConfig, validation: Sequence[AnnotatedPicture]) -> bool:
+    waited = state.iteration - state.best_iteration
+    return bool(validation) and config.patience > 0 and waited >= config.patience * config.validate_every
+
+
+def _described(spec: NetworkSpec, about: dict[str, Any] | None, state: Progress, config: TrainConfig) -> NetworkSpec:
+    trained = {"iteration": state.iteration, "seed": config.seed, "validation_ap50": state.history[-1].get("mask_ap50")}
+    return replace(spec, about={**spec.about, **(about or {}), "trained": trained})
+
+
+def _copy(network: Network) -> Network:
+    return copy.deepcopy(network).requires_grad_(False)
+
+
+def _identity(
+    spec: NetworkSpec,
+    config: TrainConfig,
+    augmentation: AugmentConfig,
+    mixture: Mixture,
+    validation: Sequence[AnnotatedPicture],
+) -> str:
+    """What a checkpoint must agree on to be gone on from; more iterations or patience are welcome."""
+    fixed = {k: v for k, v in asdict(config).items() if k not in ("iterations", "patience", "workers")}
+    if config.schedule == "cosine":
+        fixed["iterations"] = config.iterations
+    return json.dumps(
+        {
+            "architecture": spec.architecture,
+            "categories": list(spec.categories),
+            "train": fixed,
+            "augment": asdict(augmentation),
+            "pictures": [len(mixture.pictures), len(mixture.replay), len(validation)],
+            "objects": sum(len(picture.annotations) for picture in mixture.pictures),
+        },
+        sort_keys=True,
+    )
+
+
+def _save(
+    out: Path,
+    identity: str,
+    network: Network,
+    averaged: Network | None,
+    optimizer: torch.optim.Optimizer,
+    state: Progress,
+) -> None:
+    content = {
+        "identity": identity,
+        "network": network.state_dict(),
+        "averaged": averaged.state_dict() if averaged is not None else None,
+        "optimizer": optimizer.state_dict(),
+        "progress": json.dumps(asdict(state)),
+    }
+    with atomic_file(out / CHECKPOINT_FILE) as temporary:
+        torch.save(content, temporary)
+    write_json(out / HISTORY_FILE, state.history)
+
+
+def _resume(
+    out: Path,
+    identity: str,
+    network: Network,
+    averaged: Network | None,
+    optimizer: torch.optim.Optimizer,
+    device: torch.device,
+) -> Progress:
+    path = out / CHECKPOINT_FILE
+    if not path.is_file():
+        return Progress()
+    try:
+        content = torch.load(path, map_location=device, weights_only=True)
+        if content["identity"] != identity:
+            raise UsageError(
+                f"{out}: holds a run with other data or settings; give another --out, or remove {CHECKPOINT_FILE} there"
+            )
+        network.load_state_dict(content["network"])
+        if averaged is not None:
+            averaged.load_state_dict(content["averaged"])
+        optimizer.load_state_dict(content["optimizer"])
+        return Progress(**json.loads(content["progress"]))
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        if isinstance(error, UsageError):
+            raise
+        raise SbmError(f"{path}: is damaged ({type(error).__name__}); remove it to start anew") from None
+
+
+def best_of(out: Path) -> Network:
+    """The best network of a run."""
+    return load_network(out / WEIGHTS_FILE)
+
+
+def _board(out: Path, iteration: int, say: Callable[[str], None]) -> Any:
+    """Writes curves for TensorBoard, where it is installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
+        return None
+    return SummaryWriter(str(out / "tensorboard"), purge_step=iteration)
+
+
+def _draw(board: Any, group: str, values: dict[str, float], step: int) -> None:
+    if board is not None:
+        for name, value in values.items():
+            board.add_scalar(f"{group}/{name}", value, step)
+
+
+def _line(record: dict[str, Any], state: Progress) -> str:
+    parts = [f"step {record['iteration']}: loss {record['loss']:.3f}"]
+    if "mask_ap50" in record:
+        parts += [
+            f"{name} {100 * (record[key] or 0):.1f}" for name, key in (("AP50", "mask_ap50"), ("AP30", "mask_ap30"))
+        ]
+        parts.append(f"best AP50 {100 * state.best:.1f} at step {state.best_iteration}")
+    return ", ".join(parts)

@@ -1,0 +1,226 @@
+"""Sets indoors: one or a few pieces of furniture in part of a room."""
+
+import mujoco
+import numpy as np
+
+from sbm_gym.assets.library import FurnitureLibrary
+from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
+from sbm_gym.worlds import surfaces
+from sbm_gym.worlds import town_materials as materials
+from sbm_gym.worlds.arrange import Arranger
+from sbm_gym.worlds.building import SceneBuilder
+from sbm_gym.worlds.placing import Layout, Opening, Placement, Room
+from sbm_gym.worlds.shell import Finish, build_shell, hang_pictures, lay_rug
+
+MAX_TRIANGLES = 120_000
+"""Of all pieces together, so that a set takes a fraction of a second to build."""
+_FLOORS = (surfaces.wood_planks, surfaces.parquet, surfaces.carpet, surfaces.tiles)
+_WALLS = (surfaces.plaster, surfaces.plaster, surfaces.wallpaper)
+
+
+def _couch(a: Arranger) -> None:
+    a.sitting(lounge=0.5, television=a.chance(0.35))
+    if a.chance(0.4):
+        a.greening()
+
+
+def _bed(a: Arranger) -> None:
+    a.sleeping("double_bed" if a.chance(0.6) else "single_bed")
+    if a.chance(0.3):
+        a.greening()
+    if a.chance(0.3):
+        a.lounging("dining_chair")
+
+
+def _desk(a: Arranger) -> None:
+    a.working()
+    if a.chance(0.3):
+        a.greening()
+
+
+def _dining(a: Arranger) -> None:
+    a.dining((1, 4))
+    if a.chance(0.3):
+        a.greening()
+
+
+def _table(a: Arranger) -> None:
+    use = str(a.rng.choice(["dining_table", "coffee_table", "desk"]))
+    card = a.pick(use)
+    if card is not None and a.layout.in_the_open(card, around_m=0.4):
+        a.decorate(a.layout.placements[-1], ("table_thing", "small_plant", "desk_lamp"), 0.5)
+    if a.chance(0.4):
+        a.lounging("dining_chair")
+
+
+def _kitchen(a: Arranger) -> None:
+    a.kitchen(int(a.rng.integers(0, 4)))
+    if a.chance(0.25):
+        a.dining((1, 2))
+
+
+def _bath(a: Arranger) -> None:
+    a.bathing(tub=a.chance(0.3))
+    if a.chance(0.4):
+        a.small("bin")
+
+
+def _television(a: Arranger) -> None:
+    a.television(supports=("tv_stand", "dresser"))
+    if a.chance(0.4):
+        a.greening()
+    if a.chance(0.2):
+        a.lounging()
+
+
+def _plants(a: Arranger) -> None:
+    if a.chance(0.7):
+        a.greening()
+    support = a.along_wall(str(a.rng.choice(["dresser", "coffee_table", "desk", "tv_stand"])))
+    if support is not None:
+        a.decorate(support, ("small_plant", "small_plant", "table_thing"), 0.8)
+    if a.chance(0.4):
+        a.greening()
+
+
+def _chairs(a: Arranger) -> None:
+    for _ in range(int(a.rng.integers(1, 4))):
+        a.lounging(str(a.rng.choice(["dining_chair", "office_chair", "lounge_chair"], p=[0.5, 0.2, 0.3])))
+    if a.chance(0.3):
+        a.lamp()
+
+
+THEMES = {
+    "chair": _chairs,
+    "couch": _couch,
+    "plant": _plants,
+    "tv": _television,
+    "fridge": _kitchen,
+    "bed": _bed,
+    "table": _table,
+    "toilet": _bath,
+    "dining": _dining,
+    "desk": _desk,
+}
+"""What furnishes a set, by what it is mostly about."""
+_DISTRACTORS = ("shelf", "dresser", "cupboard", "bin", "floor_lamp", "nightstand", "beanbag", "office_cabinet")
+
+
+def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) -> PhotoSet:
+    """Draws a set indoors.
+
+    Args:
+        theme: a key of ``THEMES``.
+        library: where the furniture comes from.
+        rng: source of randomness.
+    """
+    room = _room(theme, rng)
+    layout = Layout(room, rng)
+    arranger = Arranger(layout, library, MAX_TRIANGLES, max_objects=8)
+    THEMES[theme](arranger)
+    for _ in range(int(rng.integers(0, 3))):
+        card = arranger.pick(str(rng.choice(_DISTRACTORS)))
+        if card is not None:
+            layout.against_wall(card, tries=10)
+    spec = mujoco.MjSpec()
+    spec.visual.headlight.active = 0
+    spec.visual.headlight.ambient = [float(rng.uniform(0.18, 0.42))] * 3
+    builder = SetBuilder(spec, library, rng)
+    bare = theme == "toilet"
+    build_shell(builder.scene, room, _finish(theme, rng), rng, "room", curtains=bool(not bare and rng.random() < 0.5))
+    hang_pictures(builder.scene, room, _taken(layout), rng, most=1 if bare else 3)
+    _light(spec, room, rng)
+    for number, rug in enumerate(arranger.rugs):
+        _lay(builder.scene, rug, number, rng)
+    for piece in layout.placements:
+        builder.stand(piece.card, (piece.x_m, piece.y_m, piece.z_m), piece.yaw_rad)
+    margin = 0.15
+    return PhotoSet(
+        name=theme,
+        spec=spec,
+        objects=tuple(builder.objects),
+        subjects=tuple(builder.subjects),
+        solids=tuple(builder.solids),
+        floor_m=(room.low_m[0] + margin, room.low_m[1] + margin, room.high_m[0] - margin, room.high_m[1] - margin),
+        ceiling_m=room.height_m - 0.3,
+        eye_m=(0.7, 1.65),
+        fov_rad=(np.deg2rad(42.0), np.deg2rad(74.0)),
+    )
+
+
+def _room(theme: str, rng: np.random.Generator) -> Room:
+    """A room with a window or two, a door in most."""
+    low = 2.2 if theme == "toilet" else 3.6
+    width, depth = rng.uniform(low, low + 2.6, 2)
+    height = float(rng.uniform(2.4, 3.1))
+    lengths = (width, depth, width, depth)
+    openings: list[Opening] = []
+    for wall, kind in enumerate(("window", "door", "window", "none")):
+        if rng.random() < 0.45:
+            continue
+        at = (wall + int(rng.integers(4))) % 4
+        span = float(rng.uniform(0.9, 1.8)) if kind == "window" else 0.85
+        if kind == "none" or span > lengths[at] - 0.8 or any(opening.wall == at for opening in openings):
+            continue
+        start = float(rng.uniform(0.4, lengths[at] - span - 0.4))
+        heights = (float(rng.uniform(0.8, 1.0)), 2.15) if kind == "window" else (0.0, 2.05)
+        openings.append(Opening(kind, at, start, start + span, *heights))
+    return Room((-width / 2, -depth / 2), (width / 2, depth / 2), height, tuple(openings))
+
+
+def _finish(theme: str, rng: np.random.Generator) -> Finish:
+    floors, walls = (
+        (_FLOORS, _WALLS) if theme != "toilet" else ((surfaces.tiles,), (surfaces.wall_tiles, surfaces.plaster))
+    )
+    wall = walls[rng.integers(len(walls))](rng)
+    if theme != "toilet" and rng.random() < 0.15:
+        bare = materials.wall_materials("brick" if rng.random() < 0.6 else "modern")
+        wall = bare[rng.integers(len(bare))]
+    wood, white = (0.5, 0.37, 0.25, 1.0), (0.92, 0.92, 0.9, 1.0)
+    return Finish(
+        floor=retinted(floors[rng.integers(len(floors))](rng), rng, 0.5),
+        wall=retinted(wall, rng, 0.8),
+        ceiling=surfaces.ceiling(rng),
+        trim=white if rng.random() < 0.75 else wood,
+        door=white if rng.random() < 0.5 else wood,
+    )
+
+
+def _light(spec: mujoco.MjSpec, room: Room, rng: np.random.Generator) -> None:
+    """One or two lamps anywhere below the ceiling, from warm to cool."""
+    count = int(rng.integers(1, 3))
+    warm = np.array([1.0, rng.uniform(0.86, 1.0), rng.uniform(0.7, 1.05)])
+    for index in range(count):
+        at = rng.uniform(np.array(room.low_m) * 0.8, np.array(room.high_m) * 0.8)
+        strength = rng.uniform(0.7, 1.1) / count * warm
+        spec.worldbody.add_light(
+            name=f"lamp_{index}",
+            type=mujoco.mjtLightType.mjLIGHT_POINT,
+            pos=[*at, room.height_m - rng.uniform(0.1, 0.7)],
+            dir=[0, 0, -1],
+            diffuse=strength.tolist(),
+            specular=(0.3 * strength).tolist(),
+            ambient=[0, 0, 0],
+            attenuation=[0.7, 0.0, 0.06],
+            castshadow=True,
+        )
+
+
+def _lay(scene: SceneBuilder, rug: Placement, number: int, rng: np.random.Generator) -> None:
+    half = rug.yaw_rad / 2
+    body = scene.spec.worldbody.add_body(
+        name=f"rug_{number}", pos=[rug.x_m, rug.y_m, 0.0], quat=[np.cos(half), 0.0, 0.0, np.sin(half)]
+    )
+    lay_rug(scene, body, rug.card.size_m, rng)
+
+
+def _taken(layout: Layout) -> list[tuple[int, float, float]]:
+    """Stretches of wall at eye level with an opening or something tall before them."""
+    taken = [(o.wall, o.start_m - 0.35, o.end_m + 0.35) for o in layout.room.openings]
+    for wall in layout.room.walls():
+        for piece in layout.placements:
+            relative = piece.box().corners() - wall.origin
+            if piece.box().high_m > 1.1 and (relative @ wall.normal).min() < 0.4:
+                along = relative @ wall.along
+                taken.append((wall.index, float(along.min()), float(along.max())))
+    return taken

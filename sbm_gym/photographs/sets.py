@@ -1,0 +1,92 @@
+"""A set: a few objects before a backdrop, of which several photographs are taken."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import UInt8
+
+from sbm_gym.assets.classes import VEHICLE_PAINT
+from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+from sbm_gym.photographs.models import CATEGORIES
+from sbm_gym.worlds.building import SceneBuilder
+from sbm_gym.worlds.placing import Box
+from sbm_gym.worlds.surfaces import Material
+from sbm_gym.worlds.vehicles import Standing
+from sbm_gym.worlds.world import ObjectInstance
+
+
+@dataclass(frozen=True)
+class PhotoSet:
+    """Objects before a backdrop, and where a photographer can stand."""
+
+    name: str
+    spec: mujoco.MjSpec
+    objects: tuple[ObjectInstance, ...]
+    """Those that have a class; all else has no name."""
+    subjects: tuple[ObjectInstance, ...]
+    """Objects that pictures may be about."""
+    solids: tuple[Box, ...]
+    """Where no camera can be."""
+    floor_m: tuple[float, float, float, float]
+    """Where the photographer can stand: min x, min y, max x, max y."""
+    ceiling_m: float
+    """Cameras stay below."""
+    eye_m: tuple[float, float]
+    """Least and greatest height of cameras."""
+    fov_rad: tuple[float, float]
+    """Least and greatest horizontal field of view."""
+
+
+class SetBuilder:
+    """Puts pieces into a set and keeps account of its objects."""
+
+    def __init__(self, spec: mujoco.MjSpec, library: FurnitureLibrary, rng: np.random.Generator):
+        """Builds into ``spec``."""
+        self.scene = SceneBuilder(spec)
+        self.library, self.rng = library, rng
+        self.objects: list[ObjectInstance] = []
+        self.subjects: list[ObjectInstance] = []
+        self.solids: list[Box] = []
+
+    def stand(self, card: ModelCard, xyz_m: tuple[float, float, float], yaw_rad: float, subject: bool = True) -> None:
+        """Stands a model in the set; it is an object if photographs name its class."""
+        standing = Standing(card, *xyz_m, yaw_rad)
+        name = f"{card.use}_{len(self.solids):03d}"
+        body = self.scene.spec.worldbody.add_body(name=name, pos=list(xyz_m), quat=standing.quaternion())
+        paint = VEHICLE_PAINT.get(card.model_id)
+        colour = None if paint is None else {paint: (*draw_paint(self.rng), 1.0)}
+        self.scene.furniture(body, self.library.load(card), colour)
+        box = standing.box()
+        self.solids.append(
+            Box(box.x_m, box.y_m, box.half_x_m, box.half_y_m, box.yaw_rad, xyz_m[2], xyz_m[2] + card.size_m[2])
+        )
+        if card.category in CATEGORIES:
+            instance = standing.instance(len(self.objects) + 1, name)
+            self.objects.append(instance)
+            if subject:
+                self.subjects.append(instance)
+
+
+def draw_paint(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Colour of a vehicle: mostly white, grey or black, else any."""
+    if rng.random() < 0.5:
+        grey = float(rng.choice([0.05, 0.1, 0.35, 0.55, 0.7, 0.85]))
+        return grey, grey, grey
+    import colorsys
+
+    return colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.4, 0.95), rng.uniform(0.2, 0.9))
+
+
+def retinted(material: Material, rng: np.random.Generator, strength: float = 0.5) -> Material:
+    """A building material in another tone, lighter or darker.
+
+    Args:
+        material: as it was.
+        rng: draws the tone.
+        strength: how far from white the tint may be, in [0, 1].
+    """
+    tint = 1.0 - strength * rng.random() * rng.random(3)
+    tint *= rng.uniform(0.6, 1.15)
+    texture: UInt8[np.ndarray, "h w 3"] = np.clip(np.rint(material.texture * tint), 0, 255).astype(np.uint8)
+    return Material(texture, material.size_m, material.specular, material.shininess)

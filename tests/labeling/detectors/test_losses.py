@@ -1,0 +1,105 @@
+"""The training stages: torchvision's where every label is certain; weights and ignored regions by their laws."""
+
+from typing import Any
+
+import pytest
+import torch
+
+from labeling.detectors.compact import compact_parts
+from labeling.detectors.losses import WeightedHeads, WeightedProposals, ignored
+from labeling.detectors.torchvision_operators import torchvision
+
+SIZE = (64, 96)
+
+
+@pytest.fixture(scope="module")
+def stage():
+    """Parts of torchvision's, ours made of the same parts, and features of two pictures."""
+    torch.manual_seed(0)
+    parts: Any = compact_parts(3)
+    parts.train()
+    features = parts.backbone(torch.randn(2, 3, *SIZE))
+    images = torchvision.models.detection.image_list.ImageList(torch.zeros(2, 3, *SIZE), [SIZE, SIZE])
+    ours = WeightedProposals.of(parts.rpn), WeightedHeads.of(parts.roi_heads)
+    for one in ours:
+        one.train()
+    return parts, ours, {k: v.detach() for k, v in features.items()}, images
+
+
+def target(weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions=()):
+    kept = torch.tensor(boxes, dtype=torch.float32).reshape(-1, 4)
+    masks = torch.zeros(len(kept), *SIZE, dtype=torch.uint8)
+    for mask, (left, top, right, bottom) in zip(masks, kept.long().tolist(), strict=True):
+        mask[top:bottom, left : (left + right) // 2] = 1
+    return {
+        "boxes": kept,
+        "labels": torch.arange(len(kept)) % 2 + 1,
+        "masks": masks,
+        "weights": torch.tensor(weights[: len(kept)], dtype=torch.float32),
+        "ignored": torch.tensor(regions, dtype=torch.float32).reshape(-1, 4),
+    }
+
+
+def losses(stages, features, images, targets) -> dict[str, float]:
+    rpn, heads = stages
+    torch.manual_seed(5)
+    proposals, first = rpn(images, features, targets)
+    fixed = [torch.tensor([[2.0, 2, 28, 38], [41, 22, 88, 61], [10, 40, 60, 62], [60, 0, 95, 18]]) for _ in proposals]
+    torch.manual_seed(6)
+    _, second = heads(features, fixed, images.image_sizes, targets)
+    return {name: float(value.detach()) for name, value in {**first, **second}.items()}
+
+
+def test_losses_are_torchvisions_where_all_labels_are_certain(stage):
+    parts, ours, features, images = stage
+    targets = [target(), target(boxes=((10, 10, 50, 50),))]
+    assert losses(ours, features, images, targets) == pytest.approx(
+        losses((parts.rpn, parts.roi_heads), features, images, targets), rel=1e-5
+    )
+
+
+def test_losses_are_linear_in_the_weight_of_a_label(stage):
+    _, ours, features, images = stage
+
+    def at(weight):
+        return losses(ours, features, images, [target((weight, 1.0)), target()])
+
+    none, half, full = at(0.0), at(0.5), at(1.0)
+    for name, value in half.items():
+        assert value == pytest.approx(0.5 * (none[name] + full[name]), rel=1e-4)
+    assert none["loss_mask"] < full["loss_mask"]
+
+
+def test_labels_of_no_weight_leave_only_the_background_to_learn(stage):
+    _, ours, features, images = stage
+    found = losses(ours, features, images, [target((0.0, 0.0)), target((0.0, 0.0))])
+    assert found["loss_box_reg"] == found["loss_mask"] == found["loss_rpn_box_reg"] == 0.0
+    assert found["loss_classifier"] > 0
+
+
+def test_where_everything_is_ignored_nothing_is_learnt(stage):
+    _, ours, features, images = stage
+    nothing = target(boxes=(), regions=((-500, -500, 700, 700),))
+    assert set(losses(ours, features, images, [nothing, nothing]).values()) == {0.0}
+
+
+def test_an_ignored_region_takes_nothing_from_the_objects_in_it(stage):
+    _, ours, features, images = stage
+    everywhere = ((-500, -500, 700, 700),)
+    found = losses(ours, features, images, [target(regions=everywhere), target(regions=everywhere)])
+    assert all(value > 0 for value in found.values())
+
+
+def test_a_picture_without_objects_is_all_background(stage):
+    parts, ours, features, images = stage
+    targets = [target(boxes=()), target(boxes=())]
+    assert losses(ours, features, images, targets) == pytest.approx(
+        losses((parts.rpn, parts.roi_heads), features, images, targets), rel=1e-5
+    )
+
+
+def test_boxes_are_ignored_that_lie_mostly_inside_a_region():
+    boxes = torch.tensor([[0.0, 0, 10, 10], [6, 0, 16, 10], [4, 0, 14, 10], [50, 50, 60, 60]])
+    regions = torch.tensor([[-5.0, -5, 10, 20], [59, 59, 60, 60]])
+    assert ignored(boxes, regions).tolist() == [True, False, True, False]
+    assert ignored(boxes, torch.zeros(0, 4)).tolist() == [False] * 4
