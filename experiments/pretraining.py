@@ -22,8 +22,10 @@ from labeling.errors import SbmError, UsageError
 from labeling.files import atomic_file, write_json
 
 CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE = "checkpoint.pt", "history.json", "pretrained.safetensors"
+_LONGEST_STEP_S = 60.0
+"""Whatever takes longer was a pause: a process that was stopped, a machine that slept."""
 _CHECKED = 200
-"""Held-out photographs that are scored at every checkpoint."""
+"""Held-out photographs that are scored on the way."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class PretrainConfig:
     """From this share of training on batch normalisation keeps its statistics."""
     checkpoint_minutes: float = 4.0
     """Between checkpoints."""
+    score_every: int = 250
+    """Batches between looks at held-out photographs, which steer nothing."""
     seed: int = 0
 
     def check(self) -> None:
@@ -61,7 +65,7 @@ class PretrainConfig:
         Raises:
             UsageError: naming the setting.
         """
-        for name in ("minutes", "steps", "batch_size", "learning_rate", "checkpoint_minutes"):
+        for name in ("minutes", "steps", "batch_size", "learning_rate", "checkpoint_minutes", "score_every"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise UsageError(f"--{name.replace('_', '-')} must be above 0, not {getattr(self, name)}")
         if not self.sides or any(side < 64 for sides in self.sides for side in sides):
@@ -111,7 +115,7 @@ def pretrain(
         network: trunk with ImageNet weights, the rest random; changed.
         out: folder for checkpoint, history and the averaged weights, which are usable at any time.
         photographs: to learn from.
-        held_out: scored at every checkpoint; nothing is chosen by them.
+        held_out: scored at times; nothing is chosen by them.
         config: settings of training.
         views: settings of augmentation.
         say: where progress is told.
@@ -129,7 +133,7 @@ def pretrain(
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     averaged = _copy(network)
     optimizer = make_optimizer(network, config)
-    identity = json.dumps({"train": asdict(config), "views": asdict(views), "photographs": len(photographs)})
+    identity = _identity(config, views, photographs)
     state = _resume(out, identity, network, averaged, optimizer)
     if state.step:
         say(f"going on from step {state.step}, {state.minutes:.1f} minutes in")
@@ -158,7 +162,8 @@ def pretrain(
         )
         state.step, state.minutes = clock.step, clock.minutes()
         record = {"step": state.step, "minutes": round(state.minutes, 2), **losses}
-        if checked:
+        scored = max((past["step"] for past in state.history if "ap50" in past), default=0)
+        if checked and (state.step - scored >= config.score_every or progress_of(state, config) >= 1.0):
             record["ap50"] = evaluate(NetworkDetector(averaged, "pretraining"), checked).mask_ap50 or 0.0
         state.history.append(record)
         save_network(out / WEIGHTS_FILE, averaged)
@@ -167,20 +172,30 @@ def pretrain(
     return averaged
 
 
+def _identity(config: PretrainConfig, views: ViewConfig, photographs: Sequence[AnnotatedPicture]) -> str:
+    """What a checkpoint must agree on to be gone on from. A run may be given more or less time on the way."""
+    free = ("minutes", "steps", "checkpoint_minutes", "score_every")
+    fixed = {name: value for name, value in asdict(config).items() if name not in free}
+    return json.dumps({"train": fixed, "views": asdict(views), "photographs": len(photographs)}, sort_keys=True)
+
+
 def progress_of(state: State, config: PretrainConfig) -> float:
     """Share of training that is over: of its steps or of its time, whichever is more."""
     return max(state.step / config.steps, state.minutes / config.minutes)
 
 
 class _Clock:
-    """Time and steps since the last checkpoint. Scoring and checkpoints themselves cost no training time."""
+    """Time and steps since the last checkpoint. Scoring, checkpoints and pauses cost no training time."""
 
     def __init__(self, state: State, config: PretrainConfig) -> None:
-        self._state, self._config, self._start = state, config, time.monotonic()
+        self._state, self._config, self._last, self._spent = state, config, time.monotonic(), 0.0
         self.step = state.step
 
     def minutes(self) -> float:
-        return self._state.minutes + (time.monotonic() - self._start) / 60
+        now = time.monotonic()
+        self._spent += min(now - self._last, _LONGEST_STEP_S)
+        self._last = now
+        return self._state.minutes + self._spent / 60
 
     def progress(self, step: int | None = None) -> float:
         return progress_of(State(self.step if step is None else step, self.minutes()), self._config)
