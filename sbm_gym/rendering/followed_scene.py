@@ -19,6 +19,8 @@ from sbm_gym.rendering.workers import Workers
 
 MAX_CACHED_GEOM_SETS = 256
 """Objects whose own ray-casting scenes are kept for amodal masks."""
+STORE_BELOW_M = -20.0
+"""Moving things wholly below this height wait their turn out of the world, and no ray looks for them there."""
 
 
 class FollowedScene:
@@ -61,9 +63,12 @@ class FollowedScene:
             # Planes have no tree to rebuild: they are followed with the moving geometry.
             geoms = geoms + plane_rows if moving else geoms
             pose = _poses(data, geoms)
-            if moving in self._placed and np.array_equal(self._placed[moving], pose):
-                continue
-            self.tables.place(data, geoms)
+            moved = np.ones(len(geoms), bool)
+            if moving in self._placed:
+                moved = (self._placed[moving] != pose).any(axis=1)
+                if not moved.any():
+                    continue
+            self.tables.place(data, [geom for geom, has_moved in zip(geoms, moved, strict=True) if has_moved])
             self._placed[moving] = pose
             self._rebuild(moving)
             if not moving:
@@ -95,8 +100,11 @@ class FollowedScene:
     def _rebuild(self, moving: bool) -> None:
         for special in (False, True):
             span = self.tables.spans[moving, special]
-            if span.stop > span.start:
-                rows = np.arange(span.start, span.stop)
+            rows = np.arange(span.start, span.stop)
+            if moving:
+                rows = rows[self.tables.corners[rows, :, 2].max(axis=1, initial=-np.inf) > STORE_BELOW_M]
+            self._scenes.pop((moving, special), None)
+            if len(rows):
                 self._scenes[moving, special] = self._triangle_scene(rows)
         order = [(False, False), (True, False)]
         # What moves may clear the way for a lamp, so it does not count there.

@@ -41,9 +41,11 @@ def draw_frame(builder: SceneBuilder, body: mujoco.MjsBody, wall: Wall, o: Openi
     for along in sides:
         wall_box(builder, body, wall, along, (-deep, 0.0), (o.low_m, o.high_m), trim)
     wall_box(builder, body, wall, (o.start_m, o.end_m), (-deep, 0.0), (o.high_m - 0.02, o.high_m), trim)
-    for along in ((o.start_m - 0.06, o.start_m), (o.end_m, o.end_m + 0.06)):
-        wall_box(builder, body, wall, along, (0.0, 0.02), (o.low_m, o.high_m), trim)
-    wall_box(builder, body, wall, (o.start_m - 0.06, o.end_m + 0.06), (0.0, 0.02), (o.high_m, o.high_m + 0.06), trim)
+    # Flush with the sides inside: a step there would lie in the dark and read as a dashed line from afar.
+    for along in ((o.start_m - 0.06, o.start_m + 0.02), (o.end_m - 0.02, o.end_m + 0.06)):
+        wall_box(builder, body, wall, along, (0.0, 0.02), (o.low_m, o.high_m - 0.02), trim)
+    top = (o.high_m - 0.02, o.high_m + 0.06)
+    wall_box(builder, body, wall, (o.start_m - 0.06, o.end_m + 0.06), (0.0, 0.02), top, trim)
     if o.kind == "passage":
         wall_box(builder, body, wall, (o.start_m, o.end_m), (-deep, 0.0), (-0.01, 0.004), trim)
     if o.low_m > 0:
