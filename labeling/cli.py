@@ -20,6 +20,7 @@ def run_command(
     prog: str,
     arguments: list[str] | None = None,
     description: str | None = None,
+    start: Config | None = None,
 ) -> int:
     """Parses the command line into a config and runs it.
 
@@ -30,12 +31,14 @@ def run_command(
         prog: how the command is called, for the help text.
         arguments: the command line; ``sys.argv`` if None.
         description: of a command with subcommands, for the help text.
+        start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
 
     Returns:
         The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted.
     """
-    config = tyro.cli(config_type, prog=prog, args=arguments, description=description)
+    given = {} if start is None else {"default": start}
     try:
+        config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
         run(config)
         sys.stdout.flush()
     except SbmError as error:
