@@ -42,8 +42,7 @@ def object_log_odds(
         rng = np.random.default_rng([config.seed, k])
         _one_object(cloud, candidates[k], object_m, config, rng, log_odds[:, k])
 
-    for _ in in_threads(fill_column, range(len(candidates))):
-        pass
+    in_threads(fill_column, range(len(candidates)))
     return log_odds
 
 

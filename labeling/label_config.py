@@ -117,7 +117,7 @@ class LabelConfig:
     calibrate: bool = True
     """Give each label its expected IoU as confidence, from what all views say about its object (labeling.trust); False:
     the mean confidence of its sources times the mean probability in its mask."""
-    min_confidence: float = 0.1
+    min_confidence: float = 0.05
     """Labels below are marked as regions to ignore instead."""
     ignore_unconfirmed: float = 0.3
     """Detections at least this confident that no label explains are marked as regions to ignore, so that nobody learns

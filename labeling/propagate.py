@@ -8,6 +8,7 @@ Source: thesis 4.3 and figure 4.1; what goes beyond it is told in docs/how-it-wo
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
@@ -96,7 +97,8 @@ def propagate(
         candidates, probability = _segment(cloud, candidates, scale, config)
         objects, kept = _describe(cloud, candidates, probability, config)
         views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
-    return judged(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud.voxel_m, config)
+    labels = judged(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud.voxel_m, config)
+    return replace(labels, labels=damaged(labels.labels, config.published))
 
 
 def _check(rgb, depth_m, intrinsics, camera_to_world, detections) -> None:
@@ -263,4 +265,4 @@ def _label_views(
     labels = [label for one in in_threads(labels_of, range(len(views.rgb))) for label in one]
     instance_ids = np.array([0, *(one.instance_id for one in objects)], np.int32)[owner + 1]
     segmented = SegmentedCloud(cloud.points, cloud.colours, instance_ids, probability)
-    return EpisodeLabels(tuple(objects), damaged(labels, config.published), segmented, scale)
+    return EpisodeLabels(tuple(objects), tuple(labels), segmented, scale)

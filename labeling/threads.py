@@ -26,10 +26,9 @@ def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
         yield pool.submit(work).result
 
 
-def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Results of ``work`` in the order of the items; worth it where the work leaves Python's lock to others."""
     if num_threads() == 1:
-        yield from map(work, items)
-        return
+        return [work(item) for item in items]
     with ThreadPoolExecutor(num_threads()) as pool:
-        yield from pool.map(work, items)
+        return list(pool.map(work, items))

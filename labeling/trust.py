@@ -73,14 +73,14 @@ def load_model() -> TrustModel:
 
 
 def fit_model(
-    features: Float[np.ndarray, "n f"], iou: Float[np.ndarray, "n"], ridge: float = 1e-3, steps: int = 4000
+    features: Float[np.ndarray, "n f"], iou: Float[np.ndarray, "n"], ridge: float = 0.03, steps: int = 4000
 ) -> TrustModel:
     """Fits the model to measured IoU by maximum likelihood of a fractional logistic regression.
 
     Args:
         features: of the labels, in the order of ``FEATURES``.
         iou: of each label with the ground truth it names, in [0, 1].
-        ridge: weight of the squared weights.
+        ridge: weight of the squared weights; .03 did best on training episodes left out of the fit.
         steps: of accelerated projected gradient; the problem is convex.
 
     Source: Papke and Wooldridge, "Econometric methods for fractional response variables" (1996).

@@ -18,9 +18,11 @@ COMMANDS = (
     "sbm_gym.preview",
     "agents.collect",
     "experiments.bench",
+    "experiments.calibrate_labels",
     "experiments.capture",
     "experiments.demo",
     "experiments.pictures",
+    "experiments.run",
 )
 HEAVY = ("torch", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib")
 

@@ -93,7 +93,8 @@ class Placement:
 
     def at(self, right_m: float, back_m: float) -> Float[np.ndarray, "2"]:
         """Floor position of a point given along the piece's own axes, from its middle."""
-        return np.array([self.x_m, self.y_m]) + rotation(self.yaw_rad) @ [right_m, back_m]
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return np.array([self.x_m + cos * right_m - sin * back_m, self.y_m + sin * right_m + cos * back_m])
 
     def front_zone(self, depth_m: float, width_m: float | None = None) -> Box:
         """The floor before the piece, as wide as the piece unless given."""
@@ -274,8 +275,10 @@ class Layout:
                 along = width / 2 + WALL_GAP_M + self.rng.uniform(0, slack)
             x, y = wall.point(along, depth / 2 + gap_m)
             piece = Placement(card, float(x), float(y), wall.yaw_rad, elevation_m)
+            if not self.fits(piece, margin_m, ignore_zones):
+                continue
             zone = piece.front_zone(front_m)
-            if self.fits(piece, margin_m, ignore_zones) and (front_m == 0 or self.is_clear(zone)):
+            if front_m == 0 or self.is_clear(zone):
                 return self.add(piece, zone) if front_m else self.add(piece)
         return None
 

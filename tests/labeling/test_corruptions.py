@@ -1,4 +1,4 @@
-"""Whatever happens to an episode's files, labelling works or says in one line what is wrong; nothing by halves."""
+"""Whatever happens to an episode's files, labelling either works or says in one line what is wrong: never half."""
 
 import copy
 import json
@@ -35,7 +35,7 @@ ODD_VALUES = st.one_of(
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded") / "room"
-    room = make_episode(1, num_views=3, size=(24, 32), num_objects=2)
+    room = make_episode(1, num_views=3, size=(48, 64), num_objects=2)
     sure = tuple(Detection(t.view_index, t.category, 0.95, t.modal) for t in room.ground_truth or () if t.modal.any())
     write_episode(folder, replace(room, detections=(*sure, *(room.detections or ()))))
     if not (folder / "episode.json").exists():

@@ -132,6 +132,7 @@ def test_inspection_finds_a_region_that_contradicts_itself(room, tmp_path: Path)
     file = tmp_path / "labels" / "instances_modal.json"
     content = json.loads(file.read_text())
     region = next(one for one in content["annotations"] if one["iscrowd"] == 1)
+    region.setdefault("instance_id", 1)
     region["iscrowd"] = 0
     file.write_text(json.dumps(content))
     problems = inspect_label_set(tmp_path / "labels")

@@ -135,9 +135,9 @@ def worktop_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     elif kind == 2:  # knife block
         wood = paints.wood(rng)
         side = [(-0.4 * d, 0), (0.45 * d, 0), (0.45 * d, 0.35 * h), (0.0, 0.78 * h), (-0.4 * d, 0.5 * h)]
-        kit.prism(wood, side, 0, -0.32 * w, 0.32 * w)
+        kit.prism(wood, side, 0, -0.5 * w, 0.5 * w)
         for i in range(4):
-            x = (-0.2 + 0.135 * i) * w
+            x = (-0.33 + 0.22 * i) * w
             kit.tube(paints.BLACK, [(x, -0.2 * d, 0.6 * h), (x, -0.42 * d, h - 0.012)], 0.01, 6)
     else:  # jars
         r = 0.15 * w

@@ -74,7 +74,9 @@ HOUSEHOLD: dict[str, Recipe] = {
     "washing_machine": Recipe(
         "washing machine", ((0.58, 0.62), (0.56, 0.62), (0.83, 0.87)), appliances.washing_machine, supports=True
     ),
-    "worktop_thing": Recipe("kitchen thing", ((0.18, 0.50), (0.16, 0.34), (0.18, 0.30)), appliances.worktop_thing),
+    "worktop_thing": Recipe(
+        "kitchen thing", ((0.18, 0.50), (0.16, 0.34), (0.18, 0.30)), appliances.worktop_thing, free=True
+    ),
     "fridge": Recipe("fridge", ((0.56, 0.72), (0.62, 0.74), (0.86, 2.0)), fridges.fridge, adjust=fridges.fridge_size),
     "toilet": Recipe("toilet", ((0.37, 0.45), (0.62, 0.74), (0.74, 0.86)), bathroom.toilet),
     "tv": Recipe("television", ((0.75, 1.25), (0.2, 0.28), (0.5, 0.82)), screens.tv),
