@@ -11,8 +11,13 @@ import tyro
 from labeling.cli import run_command
 from labeling.errors import UsageError
 
-BENCHES = {"render": "experiments.bench_render", "detect": "experiments.bench_detect"}
-"""Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench."""
+BENCHES = {
+    "render": "experiments.bench_render",
+    "labels": "experiments.bench_labels",
+    "detect": "experiments.bench_detect",
+}
+"""Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench. One
+with a function ``draw(rows, folder)`` also makes pictures of them."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,8 @@ def run(config: BenchConfig) -> None:
         write_json(
             config.out / f"{name}.json", {"bench": name, "machine": machine(), "rows": [as_json(r) for r in rows]}
         )
+        if hasattr(module, "draw"):
+            module.draw(rows, config.out)
         print(table(name, rows))
 
 
@@ -108,7 +115,8 @@ def table(name: str, rows: list[Row]) -> str:
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.1f}x"
         theirs = "" if row.rival_seconds is None else _time(row.rival_seconds)
-        verdict = {True: "holds", False: "MISSED", None: row.note}[row.holds]
+        verdict = {True: "holds; ", False: "MISSED; ", None: ""}[row.holds]
+        verdict = (verdict + row.note).removesuffix("; ")
         cells.append((row.what, _time(row.seconds), row.rival, theirs, ratio, row.wanted, verdict))
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     lines = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in cells]

@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import tyro
 
@@ -15,21 +15,30 @@ BAD_INPUT, INTERRUPTED = 2, 130
 
 
 def run_command(
-    config_type: type[Config], run: Callable[[Config], object], prog: str, arguments: list[str] | None = None
+    config_type: type[Config] | Any,
+    run: Callable[[Config], object],
+    prog: str,
+    arguments: list[str] | None = None,
+    description: str | None = None,
+    start: Config | None = None,
 ) -> int:
     """Parses the command line into a config and runs it.
 
     Args:
-        config_type: frozen dataclass of options; its docstrings are the help text.
+        config_type: frozen dataclass of options; its docstrings are the help text. For subcommands a union of such,
+            each annotated with ``tyro.conf.subcommand``.
         run: does the work; what it returns is ignored. Raises ``SbmError`` where something about the input is wrong.
         prog: how the command is called, for the help text.
         arguments: the command line; ``sys.argv`` if None.
+        description: of a command with subcommands, for the help text.
+        start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
 
     Returns:
         The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted.
     """
-    config = tyro.cli(config_type, prog=prog, args=arguments)
+    given = {} if start is None else {"default": start}
     try:
+        config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
         run(config)
         sys.stdout.flush()
     except SbmError as error:

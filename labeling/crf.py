@@ -2,15 +2,15 @@
 
 Source: Kraehenbuehl and Koltun, "Efficient Inference in Fully Connected CRFs with Gaussian Edge Potentials" (2011);
 thesis equation 4.1. The background's message follows from those of the objects (the filter is linear and the marginals
-of a point sum to 1), so only one channel per object is filtered.
+of a point sum to 1), so only the objects are filtered.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int
 from numba import njit, prange
 
 
@@ -52,56 +52,118 @@ def mean_field(
     Returns:
         Probability of each object at each point. With ``exclusive`` a row sums to at most 1.
     """
-    unary = np.ascontiguousarray(unary, np.float32)
-    prepared = []
+    n, k = unary.shape
+    terms = []
     for kernel in kernels:
-        ones = np.ones((len(unary), 1), np.float32)
-        norm = 1.0 / np.sqrt(np.maximum(kernel.filter.filter(ones), np.float32(1e-20)))
-        prepared.append((kernel, norm, norm * kernel.filter.filter(norm)))
-    probability = _probabilities(unary, exclusive)
+        norm = _norm(kernel, n)
+        everything = norm * kernel.filter.filter(norm[:, None])[:, 0]
+
+        def messages(rows, kernel=kernel, norm=norm):
+            return (norm[:, None] * kernel.filter.filter(norm[:, None] * rows.reshape(n, k))).ravel()
+
+        terms.append(_Term(messages, np.repeat(everything, k), kernel.weight))
+    rows = np.ascontiguousarray(unary, np.float32).ravel()
+    return _iterate(rows, np.arange(n * k), np.arange(0, n * k + 1, max(k, 1)), terms, iterations, exclusive).reshape(
+        n, k
+    )
+
+
+def mean_field_near(
+    unary: Float32[np.ndarray, "m"],
+    point: Int[np.ndarray, "m"],
+    kernels: Sequence[Kernel],
+    iterations: int,
+    *,
+    exclusive: bool = True,
+) -> Float32[np.ndarray, "m"]:
+    """Marginal probabilities where objects can be at all: ``mean_field`` with points left out of objects.
+
+    Each row is one object at one point near it. Everything that is not a row is certain background; it is not part of
+    the kernels either.
+
+    Args:
+        unary: log-odds of the row's object against the background, nats.
+        point: which point a row speaks of; rows of one point share it.
+        kernels: between rows of the same object, and 0 between others.
+        iterations: mean-field updates.
+        exclusive: whether the objects at a point share one unit of probability with the background.
+
+    Returns:
+        Probability of the row's object at its point.
+    """
+    terms = []
+    for kernel in kernels:
+        norm = _norm(kernel, len(unary))
+        everything = norm * kernel.filter.filter(norm[:, None])[:, 0]
+
+        def messages(rows, kernel=kernel, norm=norm):
+            return norm * kernel.filter.filter((norm * rows)[:, None])[:, 0]
+
+        terms.append(_Term(messages, everything, kernel.weight))
+    order = np.argsort(point, kind="stable")
+    first = np.flatnonzero(np.diff(point[order], prepend=-1))
+    start = np.append(first, len(point))
+    return _iterate(np.ascontiguousarray(unary, np.float32), order, start, terms, iterations, exclusive)
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A normalised kernel, acting on rows of one object and one point each."""
+
+    messages: Callable[[Float32[np.ndarray, "m"]], Float32[np.ndarray, "m"]]
+    everything: Float32[np.ndarray, "m"]
+    """The message if all neighbours were certain."""
+    weight: float
+
+
+def _norm(kernel: Kernel, count: int) -> Float32[np.ndarray, "m"]:
+    ones = np.ones((count, 1), np.float32)
+    return 1.0 / np.sqrt(np.maximum(kernel.filter.filter(ones)[:, 0], np.float32(1e-20)))
+
+
+def _iterate(unary, order, start, terms: Sequence[_Term], iterations: int, exclusive: bool):
+    """Mean-field updates of rows; ``order[start[g]:start[g + 1]]`` are the rows of one point."""
+    probability = _probabilities(unary, order, start, exclusive)
     for _ in range(iterations):
         energy = unary.copy()
-        for kernel, norm, everything in prepared:
-            message = kernel.filter.filter(norm * probability)
-            _add_message(energy, message, norm, everything, np.float32(kernel.weight), exclusive)
-        probability = _probabilities(energy, exclusive)
+        for term in terms:
+            own = term.messages(probability)
+            _add_message(energy, own, term.everything, order, start, np.float32(term.weight), exclusive)
+        probability = _probabilities(energy, order, start, exclusive)
     return probability
 
 
 @njit(cache=True, parallel=True)
-def _add_message(energy, message, norm, everything, weight, exclusive):  # pragma: no cover - compiled
+def _add_message(energy, own, everything, order, start, weight, exclusive):  # pragma: no cover - compiled
     """Adds ``weight * (message of the object - message of the background)`` to the log-odds."""
-    n, k = energy.shape
-    for i in prange(n):
+    for group in prange(len(start) - 1):
         total = np.float32(0.0)
-        if exclusive:
-            for c in range(k):
-                total += norm[i, 0] * message[i, c]
-        for c in range(k):
-            own = norm[i, 0] * message[i, c]
-            background = everything[i, 0] - (total if exclusive else own)
-            energy[i, c] += weight * (own - background)
+        for place in range(start[group], start[group + 1]):
+            total += own[order[place]]
+        for place in range(start[group], start[group + 1]):
+            row = order[place]
+            taken = total if exclusive else own[row]
+            energy[row] += weight * (own[row] - (everything[row] - taken))
 
 
 @njit(cache=True, parallel=True)
-def _probabilities(energy, exclusive):  # pragma: no cover - compiled
+def _probabilities(energy, order, start, exclusive):  # pragma: no cover - compiled
     """Softmax over the objects and the background (log-odds 0), or a logistic function for each object alone."""
-    n, k = energy.shape
-    probability = np.empty((n, k), np.float32)
-    for i in prange(n):
+    probability = np.empty(len(energy), np.float32)
+    for group in prange(len(start) - 1):
+        highest, total = np.float32(0.0), np.float32(0.0)
         if exclusive:
-            highest = np.float32(0.0)
-            for c in range(k):
-                highest = max(highest, energy[i, c])
+            for place in range(start[group], start[group + 1]):
+                highest = max(highest, energy[order[place]])
             total = np.exp(-highest)
-            for c in range(k):
-                probability[i, c] = np.exp(energy[i, c] - highest)
-                total += probability[i, c]
-            for c in range(k):
-                probability[i, c] /= total
-        else:
-            for c in range(k):
-                probability[i, c] = np.float32(1.0) / (np.float32(1.0) + np.exp(-energy[i, c]))
+            for place in range(start[group], start[group + 1]):
+                total += np.exp(energy[order[place]] - highest)
+        for place in range(start[group], start[group + 1]):
+            row = order[place]
+            if exclusive:
+                probability[row] = np.exp(energy[row] - highest) / total
+            else:
+                probability[row] = np.float32(1.0) / (np.float32(1.0) + np.exp(-energy[row]))
     return probability
 
 

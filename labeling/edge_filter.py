@@ -3,20 +3,28 @@
 Source: Gastal and Oliveira, "Domain Transform for Edge-Aware Image and Video Processing" (2011), recursive filtering.
 Values spread along rows and columns and lose strength where the guide changes, so that a hole takes the values of the
 surface it belongs to.
+
+Everything here runs on one thread and leaves Python's lock to others, so that views can be filled side by side.
 """
 
 import numpy as np
-from jaxtyping import Float32
-from numba import njit, prange
+from jaxtyping import Float32, UInt8
+from numba import njit
+
+ITERATIONS = 3
+"""Passes over rows and columns, each half as wide as the one before."""
+REACH_FACTOR = 6.0
+"""So many times the reach away from where it was known, a value has lost all but 1/10,000 of its strength."""
+_ROWS = 8
+"""Rows filtered side by side: each waits for its own last pixel only."""
 
 
 def edge_aware_fill(
     values: Float32[np.ndarray, "h w c"],
     weight: Float32[np.ndarray, "h w"],
-    guide: Float32[np.ndarray, "h w g"],
+    guide: UInt8[np.ndarray, "h w 3"],
     reach_px: float,
     edge: float,
-    iterations: int = 3,
 ) -> tuple[Float32[np.ndarray, "h w c"], Float32[np.ndarray, "h w"]]:
     """Weighted means of ``values`` over neighbourhoods that end at edges of the guide.
 
@@ -25,56 +33,80 @@ def edge_aware_fill(
         weight: trust in each pixel, 0 in holes.
         guide: picture whose edges stop the spreading.
         reach_px: standard deviation of the smoothing in pixels, where the guide is flat.
-        edge: change of the guide (summed over its channels) that counts as much as ``reach_px`` pixels.
-        iterations: passes over rows and columns, each half as wide as the one before.
+        edge: change of the guide (channels in [0, 1], summed) that counts as much as ``reach_px`` pixels.
 
     Returns:
         The means, and the total weight that reached each pixel (0: nothing known nearby).
     """
-    guide = np.ascontiguousarray(guide, np.float32)
-    across = np.zeros(guide.shape[:2], np.float32)
-    down = np.zeros(guide.shape[:2], np.float32)
-    across[:, 1:] = np.abs(np.diff(guide, axis=1)).sum(axis=2)
-    down[1:] = np.abs(np.diff(guide, axis=0)).sum(axis=2)
-    stack = np.concatenate([values * weight[:, :, None], weight[:, :, None]], axis=2).astype(np.float32)
-    for i in range(iterations):
-        # Equation 14: widths halve from pass to pass and their squares add up to reach_px^2.
-        sigma = reach_px * np.sqrt(3.0) * 2.0 ** (iterations - i - 1) / np.sqrt(4.0**iterations - 1.0)
-        base = np.float32(np.exp(-np.sqrt(2.0) / sigma))
-        ratio = np.float32(reach_px / edge)
-        _filter_rows(stack, base ** (1.0 + ratio * across))
-        _filter_columns(stack, base ** (1.0 + ratio * down))
-    total = stack[:, :, -1]
-    return stack[:, :, :-1] / np.maximum(total, 1e-12)[:, :, None], total
+    across, down = feedback_maps(guide, reach_px, edge)
+    total = np.array(weight, np.float32, order="C")
+    smooth(total, across, down)
+    means = np.empty(values.shape, np.float32)
+    for channel in range(values.shape[2]):
+        plane = np.ascontiguousarray(values[:, :, channel] * weight, np.float32)
+        smooth(plane, across, down)
+        means[:, :, channel] = plane / np.maximum(total, np.float32(1e-12))
+    return means, total
 
 
-@njit(cache=True, parallel=True)
-def _filter_rows(image, feedback):  # pragma: no cover - compiled
-    height, width, channels = image.shape
-    for y in prange(height):
-        for x in range(1, width):
-            a = feedback[y, x]
+def feedback_maps(
+    guide: UInt8[np.ndarray, "h w 3"], reach_px: float, edge: float
+) -> tuple[Float32[np.ndarray, "i h w"], Float32[np.ndarray, "i h w"]]:
+    """How much of its left and of its upper neighbour each pixel takes, for every iteration."""
+    steps = np.arange(3 * 255 + 1) / 255.0
+    # Equation 14: widths halve from pass to pass and their squares add up to reach_px^2.
+    halving = 2.0 ** (ITERATIONS - 1 - np.arange(ITERATIONS))
+    sigma = reach_px * np.sqrt(3.0) * halving / np.sqrt(4.0**ITERATIONS - 1.0)
+    table = np.exp(-np.sqrt(2.0) / sigma)[:, None] ** (1.0 + reach_px / edge * steps)
+    return _feedback(np.ascontiguousarray(guide), table.astype(np.float32))
+
+
+@njit(cache=True, nogil=True)
+def _feedback(guide, table):  # pragma: no cover - compiled
+    height, width, channels = guide.shape
+    iterations = len(table)
+    across = np.empty((iterations, height, width), np.float32)
+    down = np.empty((iterations, height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            left, up = 0, 0
             for c in range(channels):
-                image[y, x, c] = (1 - a) * image[y, x, c] + a * image[y, x - 1, c]
-        for x in range(width - 2, -1, -1):
-            a = feedback[y, x + 1]
-            for c in range(channels):
-                image[y, x, c] = (1 - a) * image[y, x, c] + a * image[y, x + 1, c]
+                here = np.int32(guide[y, x, c])
+                if x > 0:
+                    left += abs(here - np.int32(guide[y, x - 1, c]))
+                if y > 0:
+                    up += abs(here - np.int32(guide[y - 1, x, c]))
+            for i in range(iterations):
+                across[i, y, x] = table[i, left]
+                down[i, y, x] = table[i, up]
+    return across, down
 
 
-@njit(cache=True, parallel=True)
-def _filter_columns(image, feedback):  # pragma: no cover - compiled
-    height, width, channels = image.shape
-    strip = 16
-    for block in prange((width + strip - 1) // strip):
-        first, last = block * strip, min(width, (block + 1) * strip)
+@njit(cache=True, nogil=True)
+def smooth(plane, across, down):  # pragma: no cover - compiled
+    """Filters a picture (h, w) in place, with the feedback maps of the same window of the guide."""
+    height, width = plane.shape
+    last = np.empty(_ROWS, np.float32)
+    for i in range(len(across)):
+        for top in range(0, height, _ROWS):
+            rows = min(_ROWS, height - top)
+            for r in range(rows):
+                last[r] = plane[top + r, 0]
+            for x in range(1, width):
+                for r in range(rows):
+                    value = plane[top + r, x]
+                    last[r] = value + across[i, top + r, x] * (last[r] - value)
+                    plane[top + r, x] = last[r]
+            for x in range(width - 2, -1, -1):
+                for r in range(rows):
+                    value = plane[top + r, x]
+                    last[r] = value + across[i, top + r, x + 1] * (last[r] - value)
+                    plane[top + r, x] = last[r]
         for y in range(1, height):
-            for x in range(first, last):
-                a = feedback[y, x]
-                for c in range(channels):
-                    image[y, x, c] = (1 - a) * image[y, x, c] + a * image[y - 1, x, c]
+            for x in range(width):
+                value = plane[y, x]
+                plane[y, x] = value + down[i, y, x] * (plane[y - 1, x] - value)
         for y in range(height - 2, -1, -1):
-            for x in range(first, last):
-                a = feedback[y + 1, x]
-                for c in range(channels):
-                    image[y, x, c] = (1 - a) * image[y, x, c] + a * image[y + 1, x, c]
+            for x in range(width):
+                value = plane[y, x]
+                plane[y, x] = value + down[i, y + 1, x] * (plane[y + 1, x] - value)

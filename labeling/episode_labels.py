@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from labeling.instances import Box3d, PseudoLabel
 from labeling.scale import Scale
@@ -31,6 +31,20 @@ class LabelledObject:
     """None if no point was left for it."""
     sources: tuple[Source, ...]
     """The most confident first."""
+
+
+@dataclass(frozen=True, eq=False)
+class IgnoredRegion:
+    """A region that is neither surely an object nor surely background: nobody should learn from it."""
+
+    view_index: int
+    category: str
+    """What it might be."""
+    confidence: float
+    """In [0, 1]."""
+    mask: Bool[np.ndarray, "h w"]
+    instance_id: int | None = None
+    """The object whose label is not trusted here; None for a detection that no label explains."""
 
 
 @dataclass(frozen=True)
@@ -65,3 +79,5 @@ class EpisodeLabels:
     cloud: SegmentedCloud
     scale: Scale | None
     """None if no usable detection lies on known depth (there are no labels then)."""
+    ignored: tuple[IgnoredRegion, ...] = ()
+    """What is left out of ``labels`` for want of trust, sorted by view."""

@@ -100,13 +100,16 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
     return found
 
 
-def read_episode(folder: Path, config: RecordingConfig | None = None, straighten: bool = False) -> Episode:
+def read_episode(
+    folder: Path, config: RecordingConfig | None = None, straighten: bool = False, ground_truth: bool = True
+) -> Episode:
     """Reads and validates one episode, or any other recording whose layout is known (labeling.recordings).
 
     Args:
         folder: the recording.
         config: its layout and which of its frames to take.
         straighten: remove lens distortion from pictures and masks; without it distorted pictures are refused.
+        ground_truth: take the masks of ``ground_truth.json`` too, if it is there; they are most of what is to be read.
 
     Raises:
         EpisodeFormatError: naming file and field, if anything is missing or malformed.
@@ -127,7 +130,7 @@ def read_episode(folder: Path, config: RecordingConfig | None = None, straighten
         frame_names=() if names == found.names else found.names,
         notes=(*found.notes, *views.notes),
     )
-    return _straight_masks(_with_annotations(folder, episode), views)
+    return _straight_masks(_with_annotations(folder, episode, ground_truth), views)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
@@ -163,7 +166,7 @@ def write_episode(folder: Path, episode: Episode) -> None:
 # Reading -------------------------------------------------------------------------------------------------------------
 
 
-def _with_annotations(folder: Path, episode: Episode) -> Episode:
+def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Episode:
     """Adds what the optional files know."""
     from labeling.coco_records import CategoryTable, read_detections, read_ground_truth
 
@@ -172,7 +175,7 @@ def _with_annotations(folder: Path, episode: Episode) -> Episode:
     if "episode.json" in found:
         metadata = {key: value for key, value in found["episode.json"].mapping().items() if key != "categories"}
         episode = replace(episode, metadata=metadata)
-    if "ground_truth.json" in found:
+    if "ground_truth.json" in found and ground_truth:
         episode = replace(episode, ground_truth=read_ground_truth(found["ground_truth.json"], table, episode))
     if "detections.json" in found:
         images = found.get("ground_truth.json")

@@ -33,7 +33,8 @@ PROTOCOL = {
     "boxes": "the tightest box around each mask",
     "ignored": (
         "ground truth marked ignored (COCO iscrowd) is neither rewarded nor punished; ground truth and labels without "
-        "a visible pixel are left out of the modal figures; so are categories that the detector has no name for"
+        "a visible pixel are left out of the modal figures; so are categories that the detector has no name for. "
+        "Labels marked ignored are no predictions: neither right nor wrong, and what they cover is not found by them"
     ),
     "detector": "all detections of the episodes at every confidence, on the views the label set covers",
     "amodal": "pseudo-labels' whole-object masks against ground truth's, on views where that is known for all objects",

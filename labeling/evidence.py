@@ -7,7 +7,10 @@ from jaxtyping import Bool, Float32, Int32
 
 from labeling.instances import Detection
 from labeling.label_config import LabelConfig
+from labeling.outliers import far_from_mean
 from labeling.pointcloud import Cloud
+from labeling.rims import dilated, eroded
+from labeling.tally import split_voxels
 
 
 @dataclass(frozen=True)
@@ -43,35 +46,61 @@ def split_mask(
 
     size_px = float(np.sqrt(np.count_nonzero(mask)))
     inner, outer = max(1.0, erode * size_px), max(2.0, dilate * size_px)
-    pixels = mask.astype(np.uint8)
-    to_edge = cv2.distanceTransform(np.pad(pixels, 1, mode="edge"), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    to_mask = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5) if not mask.all() else np.zeros(mask.shape)
-    foreground = mask & (to_edge > inner)
-    background = to_mask > outer
-    return (foreground if foreground.any() else mask), background, background & (to_mask <= outer + 0.25 * size_px + 2)
+    rim_px = outer + 0.25 * size_px + 2
+    # Distances further out than the rim decide nothing, so they are measured around the mask only.
+    window = _around(mask, int(rim_px) + 2)
+    pixels = mask[window].astype(np.uint8)
+    framed = np.pad(pixels, 1, mode="edge")
+    to_edge = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    to_mask = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5) if not pixels.all() else np.zeros(pixels.shape)
+    foreground, background = np.zeros(mask.shape, bool), np.ones(mask.shape, bool)
+    rim = np.zeros(mask.shape, bool)
+    foreground[window] = mask[window] & (to_edge > inner)
+    background[window] = to_mask > outer
+    rim[window] = background[window] & (to_mask <= rim_px)
+    return (foreground if foreground.any() else mask), background, rim
+
+
+def _around(mask: Bool[np.ndarray, "h w"], margin_px: int) -> tuple[slice, slice]:
+    """The window that holds a mask and a margin around it; the whole picture for an empty mask."""
+    sides = []
+    for axis in (1, 0):
+        filled = np.flatnonzero(mask.any(axis=axis))
+        first, last = (filled[0], filled[-1]) if len(filled) else (0, mask.shape[1 - axis])
+        sides.append(slice(max(0, int(first) - margin_px), int(last) + 1 + margin_px))
+    return sides[0], sides[1]
+
+
+def rim_widths(confidence: float, config: LabelConfig) -> tuple[float, float]:
+    """Shares of a mask's size that its uncertain rim takes inside and outside: the less sure, the wider."""
+    doubt = 1.0 - confidence
+    return config.erode + config.erode_doubt * doubt, config.dilate + config.dilate_doubt * doubt
 
 
 def gather_evidence(cloud: Cloud, detection: Detection, config: LabelConfig) -> Evidence:
     """Moves a detection into the cloud, without the outliers in space that a mask over an object's edge picks up."""
-    voxels = cloud.voxel_of_pixel[detection.view_index]
-    foreground, background, rim = split_mask(detection.mask, config.erode, config.dilate)
+    seen, ranks = cloud.seen_in(detection.view_index)
+    foreground, background, rim = split_mask(detection.mask, *rim_widths(detection.confidence, config))
+    if config.erosions is not None:
+        foreground = eroded(detection.mask, config.erosions)
+    if config.dilations is not None:
+        background = ~dilated(detection.mask, config.dilations)
+        rim = rim & background
     if detection.exact:
         foreground = detection.mask
-    seen = voxels >= 0
-    inside = np.bincount(voxels[foreground & seen], minlength=1)
-    outside = np.bincount(voxels[background & seen], minlength=1)
-    total = np.bincount(voxels[seen], minlength=1)
-    front = _majority(inside, total)
+    front, back, near = (seen[chosen] for chosen in split_voxels(ranks, foreground, background, rim, len(seen)))
     return Evidence(
         detection=detection,
-        foreground=front[~outliers(cloud.points[front])].astype(np.int32),
-        background=_majority(outside, total).astype(np.int32),
-        rim=np.unique(voxels[rim & seen]).astype(np.int32),
+        foreground=front[~_seed_outliers(cloud.points[front], config)],
+        background=back,
+        rim=near,
     )
 
 
-def _majority(votes, total) -> np.ndarray:
-    return np.flatnonzero(2 * votes > total[: len(votes)])
+def _seed_outliers(points: Float32[np.ndarray, "n 3"], config: LabelConfig) -> Bool[np.ndarray, "n"]:
+    if config.seed_outliers == "off":
+        return np.zeros(len(points), bool)
+    return (outliers if config.seed_outliers == "median" else far_from_mean)(points, config.outlier_spread)
 
 
 def outliers(points: Float32[np.ndarray, "n 3"], spread: float = 3.0) -> Bool[np.ndarray, "n"]:

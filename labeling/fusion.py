@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32
 
 from labeling.label_config import LabelConfig
 from labeling.merging import Candidate
+from labeling.neighbourhood import crop_around, sample_back, sample_front
 from labeling.pointcloud import Cloud
-from labeling.unaries import train_unary
+from labeling.threads import in_threads
+from labeling.unary_choices import train_classifier
 
 FAR_LOG_ODDS = -8.0
 """Given to points out of an object's reach: they can never join it."""
@@ -35,36 +37,51 @@ def object_log_odds(
         Log-odds per point and object.
     """
     log_odds = np.full((cloud.num_points, len(candidates)), FAR_LOG_ODDS, np.float32)
-    for k, candidate in enumerate(candidates):
+
+    def fill_column(k: int) -> None:
         rng = np.random.default_rng([config.seed, k])
-        _one_object(cloud, candidate, object_m, config, rng, log_odds[:, k])
+        _one_object(cloud, candidates[k], object_m, config, rng, log_odds[:, k])
+
+    in_threads(fill_column, range(len(candidates)))
     return log_odds
 
 
 def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfig, rng, log_odds) -> None:
-    support, denial, rim = _votes(cloud.num_points, candidate, config.weak_evidence)
+    support, denial, rim = _votes(cloud.num_points, candidate, config)
     front = np.flatnonzero(support > denial)
     if len(front) == 0:
         return
-    centre, near = _neighbourhood(cloud, front, config.crop * object_m)
-    back = np.flatnonzero(near & (denial >= support) & (denial > 0))
+    against = (denial >= support) & (denial > 0)
+    centre, near = crop_around(cloud, front, against, object_m, config)
+    back = np.flatnonzero(near & against)
     reachable = np.flatnonzero(near)
-    votes = _vote_log_odds(support, denial, candidate)
-    log_odds[reachable] = votes[reachable]
-    if len(back) == 0:
-        return
-    hard = _sample(back[rim[back]], config.svm_samples // 2, rng)
-    easy = _sample(back, config.svm_samples - len(hard), rng)
-    features = np.concatenate([cloud.colours, cloud.points - centre], axis=1)
-    unary = train_unary(features[_sample(front, config.svm_samples, rng)], features[np.concatenate([hard, easy])], rng)
-    log_odds[reachable] += np.clip(unary.log_odds(features[reachable]), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    log_odds[reachable] = _vote_log_odds(support, denial, candidate)[reachable] if config.votes else 0.0
+    if len(back) > 0:
+        learnt_back = sample_back(back, rim, config, rng)
+        learnt_front = sample_front(cloud.points, front, centre, config, rng)
+        learnt = (_features(cloud, rows, centre) for rows in (learnt_front, learnt_back))
+        unary = train_classifier(config.unary, *learnt, rng, config.gaussian_share)
+        if unary is not None:
+            decided = unary.log_odds(_features(cloud, reachable, centre))
+            log_odds[reachable] += np.clip(decided, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    if config.clamp_seeds:
+        log_odds[front[near[front]]] = MAX_LOG_ODDS
+        log_odds[back] = -MAX_LOG_ODDS
 
 
-def _votes(num_points: int, candidate: Candidate, weak: bool):
+def _features(cloud: Cloud, rows, centre) -> Float32[np.ndarray, "n 6"]:
+    """Colour and position of some points."""
+    return np.concatenate([cloud.colours[rows], cloud.points[rows] - centre], axis=1)
+
+
+def _votes(num_points: int, candidate: Candidate, config: LabelConfig):
     """Confidence-weighted votes for and against every point, and the hard rim around the masks."""
     support, denial = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
     rim = np.zeros(num_points, bool)
-    for evidence in [*candidate.sources, *(candidate.weak if weak else [])]:
+    sources = candidate.sources
+    if config.max_sources:
+        sources = sorted(sources, key=lambda one: -one.detection.confidence)[: config.max_sources]
+    for evidence in [*sources, *(candidate.weak if config.weak_evidence else [])]:
         support[evidence.foreground] += evidence.detection.confidence
         denial[evidence.background] += evidence.detection.confidence
         rim[evidence.rim] = True
@@ -79,15 +96,3 @@ def _vote_log_odds(support, denial, candidate: Candidate) -> Float32[np.ndarray,
     reliability = float(np.clip(confidence, 0.5, 0.99))
     strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(reliability / (1 - reliability))
     return (balance * strength).astype(np.float32)
-
-
-def _neighbourhood(cloud: Cloud, front, margin_m: float) -> tuple[Float32[np.ndarray, "3"], Bool[np.ndarray, "n"]]:
-    """Centre of the seeds, and the points within a box around them grown by a margin."""
-    seeds = cloud.points[front]
-    centre = np.median(seeds, axis=0)
-    half = np.quantile(np.abs(seeds - centre), 0.98, axis=0) + margin_m
-    return centre, np.all(np.abs(cloud.points - centre) <= half, axis=1)
-
-
-def _sample(members, count: int, rng: np.random.Generator):
-    return rng.choice(members, min(count, len(members)), replace=False)

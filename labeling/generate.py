@@ -1,15 +1,19 @@
 """Labels every view of recorded episodes: ``python -m labeling.generate DATASET --out LABELS``."""
 
 import sys
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from labeling.cli import run_command
 from labeling.errors import SbmError, UsageError
 from labeling.label_config import LabelConfig
+from labeling.label_workers import Job, label_all
+from labeling.presets import PRESETS, PresetName, describe
 from labeling.recordings.config import RecordingConfig
 from labeling.source_config import SourceConfig
 
@@ -29,9 +33,24 @@ class GenerateConfig:
     """An episode, or a folder of episodes: nerfstudio, Record3D, Polycam, TUM RGB-D or ScanNet folders."""
     out: Path
     """Folder of the label set; made if it does not exist."""
+    workers: int = 1
+    """Episodes labelled side by side, in processes of their own; the threads are shared out among them."""
     recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
     sources: tyro.conf.OmitArgPrefixes[SourceConfig] = field(default_factory=SourceConfig)
-    label: tyro.conf.OmitArgPrefixes[LabelConfig] = field(default_factory=LabelConfig)
+    label: Annotated[LabelConfig, tyro.conf.arg(name="")] = field(default_factory=LabelConfig)
+
+
+@dataclass(frozen=True)
+class GenerateCommand(GenerateConfig):
+    """Turns the confident detections of each episode into masks and boxes of every object in all of its views.
+
+    Writes COCO JSON (modal and amodal masks), 3-D boxes and segmented clouds. Episodes that are already labelled are
+    passed over unless their files, the settings or the program have changed.
+    """
+
+    preset: PresetName = "default"
+    """Where the settings of label generation start from: the best known, the thesis as written ("paper"), or the code
+    published with it, with its defects ("released"). Other flags change single settings of it."""
 
 
 def run(config: GenerateConfig) -> None:
@@ -50,18 +69,21 @@ def run(config: GenerateConfig) -> None:
     config.label.check()
     config.recording.check()
     config.sources.check()
-    inputs = [asdict(config.recording), identity(config.sources)]
+    if config.workers < 1:
+        raise UsageError(f"--workers must be at least 1, not {config.workers}")
+    inputs = (asdict(config.recording), identity(config.sources))
     folders = find_episodes(config.dataset, config.recording)
     _check_out(config.out, config.dataset)
+    job = Job(config.dataset, config.out, config.recording, config.sources, config.label, inputs)
     states = []
-    for folder in tqdm(folders, desc="labelling", unit="episode", delay=2.0, leave=False, file=sys.stderr):
-        state = _label_one(folder, config, inputs)
-        for note in [] if state.record is None else state.record["notes"]:
-            tqdm.write(f"note: {state.name}: {note}", file=sys.stderr)
-        if state.error is not None:
-            tqdm.write(f"error: {state.error}", file=sys.stderr)
-        states.append(state)
+    bar = tqdm(total=len(folders), desc="labelling", unit="episode", delay=2.0, leave=False, file=sys.stderr)
+    with bar, closing(label_all(job, folders, config.workers)) as found:
+        for state in found:
+            bar.update()
+            states.append(state)
+            _tell(state)
     about = {
+        **describe(config.label),
         "recording": asdict(config.recording),
         "sources": {name: value and str(value) for name, value in asdict(config.sources).items()},
     }
@@ -72,43 +94,14 @@ def run(config: GenerateConfig) -> None:
         raise SbmError(f"{failed} of {len(states)} episodes could not be labelled, for the reasons above")
 
 
-def _label_one(folder: Path, config: GenerateConfig, inputs: list[Any]) -> "EpisodeState":
-    """Labels one episode, or takes what an earlier run has left."""
-    from labeling.episodes import read_episode
-    from labeling.files import write_json
-    from labeling.label_set import EpisodeState, episode_record, fingerprint, read_record
-    from labeling.label_sources import DETECTIONS_FOLDER, find_sources
-    from labeling.ply import write_ply
+def _tell(state: "EpisodeState") -> None:
+    """Says on stderr, beside the progress bar, what a user should know about an episode."""
+    from tqdm import tqdm
 
-    name = folder.resolve().name
-    relative = "." if folder == config.dataset else folder.relative_to(config.dataset).as_posix()
-    record_file, cloud_file = config.out / "episodes" / f"{name}.json", config.out / "clouds" / f"{name}.ply"
-    try:
-        mark = fingerprint(folder, config.label, inputs)
-        record = read_record(record_file, mark)
-        if record is None or not cloud_file.is_file():
-            episode = read_episode(folder, config.recording)
-            cache = config.out / DETECTIONS_FOLDER / f"{name}.json"
-            sources = find_sources(folder, episode, relative, config.sources, config.label, cache)
-            from labeling.propagate import propagate
-
-            labels = propagate(
-                episode.rgb,
-                episode.depth_m,
-                episode.intrinsics,
-                episode.camera_to_world,
-                sources.detections,
-                config.label,
-            )
-            cloud = labels.cloud
-            write_ply(cloud_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
-            record = episode_record(episode, labels, name, mark, sources.origin, (*episode.notes, *sources.notes))
-            write_json(record_file, record)
-    except SbmError as error:
-        return EpisodeState(name, relative, None, str(error))
-    except OSError as error:
-        return EpisodeState(name, relative, None, f"{folder}: cannot be read or written ({error})")
-    return EpisodeState(name, relative, record)
+    for note in [] if state.record is None else state.record["notes"]:
+        tqdm.write(f"note: {state.name}: {note}", file=sys.stderr)
+    if state.error is not None:
+        tqdm.write(f"error: {state.error}", file=sys.stderr)
 
 
 def _check_out(out: Path, dataset: Path) -> None:
@@ -133,7 +126,18 @@ def _report(config: GenerateConfig, states: "list[EpisodeState]") -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(GenerateConfig, run, "python -m labeling.generate", arguments)
+    preset = _named_preset(sys.argv[1:] if arguments is None else arguments)
+    start = GenerateCommand(dataset=tyro.MISSING, out=tyro.MISSING, label=PRESETS[preset], preset=preset)
+    return run_command(GenerateCommand, run, "python -m labeling.generate", arguments, start=start)
+
+
+def _named_preset(arguments: list[str]) -> PresetName:
+    """The preset on the command line, which must be known before the defaults of all other flags are."""
+    names = [after for flag, after in pairwise([*arguments, ""]) if flag == "--preset"]
+    names += [argument.removeprefix("--preset=") for argument in arguments if argument.startswith("--preset=")]
+    # Anything else is told by the parser, with the names there are.
+    chosen: list[PresetName] = [name for name in PRESETS if name in names[-1:]]
+    return chosen[0] if chosen else "default"
 
 
 if __name__ == "__main__":

@@ -144,25 +144,39 @@ def _check_instances(file: Json, names: dict[int, str], known: _Known, masks: di
         sizes[image.integer("id")] = (image.integer("height"), image.integer("width"))
     seen: set[tuple[int, int]] = set()
     for record in file.list_of("annotations"):
-        image_id, category_id, number = (record.integer(name) for name in ("image_id", "category_id", "instance_id"))
+        image_id, category_id = record.integer("image_id"), record.integer("category_id")
+        ignored = _is_ignored(record)
+        if record.has("ignore") and (record.integer("ignore") == 1) != ignored:
+            yield f"{record.where('ignore')}: is {record.integer('ignore')}, but iscrowd is {int(ignored)}"
         for name in ("image_id", "source_image_id"):
             if record.has(name) and record.integer(name) not in sizes:
                 yield f"{record.where(name)}: there is no image {record.integer(name)}"
         if category_id not in names:
             yield f"{record.where('category_id')}: there is no category {category_id}"
         known.used.add(names.get(category_id, ""))
-        if number not in known.objects:
-            yield f"{record.where('instance_id')}: there is no object {number} in {BOXES_FILE}"
-        elif known.objects[number] != known.episodes.get(image_id, known.objects[number]):
-            yield f"{record.where('instance_id')}: object {number} belongs to episode {known.objects[number]}"
-        if (image_id, number) in seen:
-            yield f"{record.where()}: object {number} has a second label in image {image_id}"
-        seen.add((image_id, number))
+        # A region to be ignored need not be of any object.
+        if not ignored or record.has("instance_id"):
+            yield from _check_object(record, known, seen)
         for name in ("score", "source_score"):
             if record.has(name) or name == "score":
                 yield from _check_score(record, name)
         if image_id in sizes:
             yield from _check_mask(record, sizes[image_id], masks)
+
+
+def _is_ignored(record: Json) -> bool:
+    return record.has("iscrowd") and record.integer("iscrowd") == 1
+
+
+def _check_object(record: Json, known: _Known, seen: set[tuple[int, int]]) -> Iterator[str]:
+    image_id, number = record.integer("image_id"), record.integer("instance_id")
+    if number not in known.objects:
+        yield f"{record.where('instance_id')}: there is no object {number} in {BOXES_FILE}"
+    elif known.objects[number] != known.episodes.get(image_id, known.objects[number]):
+        yield f"{record.where('instance_id')}: object {number} belongs to episode {known.objects[number]}"
+    if (image_id, number) in seen:
+        yield f"{record.where()}: object {number} has a second label in image {image_id}"
+    seen.add((image_id, number))
 
 
 def _check_score(record: Json, name: str) -> Iterator[str]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
 CONFIDENT = 0.9
 """Detections at least this confident are trusted as sources of labels, unless configured. Source: thesis A.2.2."""
@@ -103,10 +103,9 @@ def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
 
 def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict:
     """COCO compressed RLE of a mask, ready for JSON: ``{"size": [height, width], "counts": text}``."""
-    from hotcoco import mask as coco_mask
+    from labeling.rle_codec import encode_text
 
-    rle = coco_mask.encode(np.asfortranarray(mask, dtype=np.uint8))
-    return {"size": [int(side) for side in rle["size"]], "counts": rle["counts"].decode("ascii")}
+    return {"size": [int(side) for side in mask.shape], "counts": encode_text(mask)[0]}
 
 
 def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
@@ -115,8 +114,6 @@ def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
     Raises:
         ValueError: if the RLE is malformed or its runs do not fill its size.
     """
-    from hotcoco import mask as coco_mask
-
     if not isinstance(rle, dict) or "size" not in rle or "counts" not in rle:
         raise ValueError("an RLE is an object with 'size' and 'counts'")
     size = rle["size"]
@@ -131,7 +128,7 @@ def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
     if not isinstance(counts, str | bytes):
         raise ValueError(f"RLE counts must be text or a list of run lengths, not {type(counts).__name__}")
     text = counts.decode("ascii") if isinstance(counts, bytes) else counts
-    return np.ascontiguousarray(_checked_decode(coco_mask, list(size), text)).astype(bool)
+    return _decode_text(text, (size[0], size[1]))
 
 
 def fill_polygons(polygons: Any, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
@@ -167,12 +164,14 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _checked_decode(coco_mask, size: list[int], text: str) -> UInt8[np.ndarray, "h w"]:
+def _decode_text(text: str, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
     """Decodes compressed RLE text; refuses runs that do not fill the picture, which decoders pad or cut silently."""
-    filled = _total_run_length(text)
-    if filled != size[0] * size[1]:
-        raise ValueError(f"RLE runs cover {filled} pixels, but its size is {size[0]}x{size[1]}")
-    return coco_mask.decode({"size": size, "counts": text})
+    from labeling.rle_codec import decode_text
+
+    mask = decode_text(text.encode("ascii", "replace"), size)
+    if mask is None:
+        raise ValueError(f"RLE runs cover {_total_run_length(text)} pixels, but its size is {size[0]}x{size[1]}")
+    return mask
 
 
 def _total_run_length(text: str) -> int:

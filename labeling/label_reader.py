@@ -29,6 +29,8 @@ class LabelSet:
     modal: tuple[MaskInstance, ...]
     """``image`` is a ``View``; labels without a visible pixel are left out."""
     amodal: tuple[MaskInstance, ...]
+    ignored: tuple[MaskInstance, ...]
+    """Regions to leave out of account (COCO's ``iscrowd``): neither surely an object nor surely background."""
     provenance: dict[str, Any]
     """Content of ``label_set.json``; empty if there is none."""
 
@@ -52,7 +54,15 @@ def read_label_set(folder: Path) -> LabelSet:
         dataset = _dataset(folder, provenance)
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
-    return LabelSet(folder, dataset, sizes, tuple(modal), tuple(amodal), provenance.mapping() if provenance else {})
+    return LabelSet(
+        folder=folder,
+        dataset=dataset,
+        sizes=sizes,
+        modal=tuple(item for item in modal if not item.ignore),
+        amodal=tuple(item for item in amodal if not item.ignore),
+        ignored=tuple(item for item in modal if item.ignore),
+        provenance=provenance.mapping() if provenance else {},
+    )
 
 
 def recording_config(provenance: dict[str, Any]) -> RecordingConfig:
@@ -118,4 +128,5 @@ def _instance(
         decode_mask(rle.value)
     except ValueError as error:
         raise rle.error(str(error)) from None
-    return MaskInstance(view, table.name(record), rle.value, score)
+    ignore = any(record.has(name) and record.integer(name) == 1 for name in ("iscrowd", "ignore"))
+    return MaskInstance(view, table.name(record), rle.value, score, ignore)

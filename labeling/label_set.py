@@ -16,15 +16,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from labeling.files import write_json
-from labeling.instances import box_xywh, encode_mask
 from labeling.label_config import LabelConfig
+from labeling.rle_codec import encode_text
+from labeling.trust import MODEL_FILE
 
 if TYPE_CHECKING:
     from labeling.episode_labels import EpisodeLabels
     from labeling.episodes import Episode
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _GENERATOR_MODULES = [
+    "box_completion",
     "boxes3d",
     "crf",
     "edge_filter",
@@ -34,21 +36,37 @@ _GENERATOR_MODULES = [
     "consistency",
     "detector_call",
     "evidence",
+    "free_space",
     "fusion",
+    "gaussians",
     "geometry",
+    "judgement",
+    "kernels",
     "label_config",
     "label_set",
     "label_sources",
     "lattice",
     "masks_2d",
     "merging",
+    "near",
+    "neighbourhood",
+    "outliers",
+    "per_detection",
     "ply",
     "pointcloud",
     "propagate",
+    "published_defects",
+    "rims",
+    "rle_codec",
     "scale",
     "splatting",
     "strays",
+    "svm",
+    "tally",
+    "trust",
     "unaries",
+    "unary_choices",
+    "visibility",
     "weak",
 ]
 _LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scikit-learn")
@@ -83,6 +101,7 @@ def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
     digest.update(json.dumps([SCHEMA_VERSION, asdict(config), versions(), inputs], sort_keys=True).encode())
     for name in _GENERATOR_MODULES:
         digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
+    digest.update(MODEL_FILE.read_bytes())
     for module in sorted(Path(__file__).with_name("recordings").glob("*.py")):
         digest.update(module.read_bytes())
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
@@ -107,6 +126,7 @@ def episode_record(
         notes: what a user should know about it.
     """
     height_px, width_px = episode.size
+    named = (*labels.objects, *labels.ignored)
     return {
         "schema_version": SCHEMA_VERSION,
         "fingerprint": mark,
@@ -116,7 +136,7 @@ def episode_record(
         "width": width_px,
         "height": height_px,
         "file_names": list(episode.file_names),
-        "categories": list(dict.fromkeys([*episode.categories, *(one.category for one in labels.objects)])),
+        "categories": list(dict.fromkeys([*episode.categories, *(one.category for one in named)])),
         "objects": [_object_record(one) for one in labels.objects],
         "labels": [
             {
@@ -130,6 +150,16 @@ def episode_record(
                 "source_score": label.source_confidence,
             }
             for label in labels.labels
+        ],
+        "ignored": [
+            {
+                "view": region.view_index,
+                "instance_id": region.instance_id,
+                "category": region.category,
+                "score": round(region.confidence, 6),
+                "modal": _mask_record(region.mask),
+            }
+            for region in labels.ignored
         ],
     }
 
@@ -149,10 +179,12 @@ def _object_record(one) -> dict[str, Any]:
 
 def _mask_record(mask: np.ndarray) -> dict[str, Any] | None:
     """A mask as COCO wants it; None for an empty one."""
-    area = int(np.count_nonzero(mask))
+    text, area, box = encode_text(mask)
     if area == 0:
         return None
-    return {"segmentation": encode_mask(mask), "bbox": list(box_xywh(mask)), "area": area}
+    height_px, width_px = mask.shape
+    segmentation = {"size": [height_px, width_px], "counts": text}
+    return {"segmentation": segmentation, "bbox": [float(side) for side in box], "area": area}
 
 
 def read_record(path: Path, mark: str) -> dict[str, Any] | None:
@@ -204,6 +236,20 @@ def write_label_set(
             for kind, kept in annotations.items():
                 if label[kind] is not None:
                     kept.append({**shared, **label[kind]})
+        for region in record["ignored"]:
+            label_id += 1
+            annotations["modal"].append(
+                {
+                    "id": label_id,
+                    "image_id": first_image + region["view"],
+                    "category_id": category_id[region["category"]],
+                    "iscrowd": 1,
+                    "ignore": 1,
+                    "score": region["score"],
+                    **({} if region["instance_id"] is None else {"instance_id": instances + region["instance_id"]}),
+                    **region["modal"],
+                }
+            )
         for one in record["objects"]:
             boxes.append(
                 {

@@ -2,13 +2,16 @@
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
+from numba import njit
 
-from labeling.edge_filter import edge_aware_fill
+from labeling.edge_filter import REACH_FACTOR, feedback_maps, smooth
 
 BORROWED_TRUST = np.float32(0.3)
 """Weight of what other views show where a view has no depth: poses are less exact than a view's own depth."""
 MIN_TRUST = 1e-4
 """Below this total weight nothing is known near a pixel, and it belongs to no object."""
+FAINT = np.float32(0.005)
+"""Probabilities below this are taken for 0 where a view shows nothing likelier of the object nearby."""
 
 
 def view_probabilities(
@@ -40,10 +43,65 @@ def view_probabilities(
     if borrowed is not None:
         trust[(voxels < 0) & (borrowed >= 0)] = BORROWED_TRUST
         voxels = np.where(voxels >= 0, voxels, borrowed)
-    values = np.where((voxels >= 0)[:, :, None], probability[np.maximum(voxels, 0)], np.float32(0))
-    guide = rgb.astype(np.float32) / np.float32(255)
-    filled, total = edge_aware_fill(values, trust, guide, reach_px, edge)
-    return filled, total > MIN_TRUST
+    across, down = feedback_maps(rgb, reach_px, edge)
+    total = trust.copy()
+    smooth(total, across, down)
+    margin = int(np.ceil(REACH_FACTOR * reach_px)) + 1
+    windows = _windows(np.ascontiguousarray(voxels), probability, FAINT, margin)
+    planes = np.zeros((probability.shape[1], *voxels.shape), np.float32)
+    for k, (top, bottom, left, right) in enumerate(windows.tolist()):
+        if bottom > top:
+            window = slice(top, bottom), slice(left, right)
+            maps = across[:, *window], down[:, *window]
+            planes[k][window] = _fill(voxels[window], trust[window], total[window], probability[:, k], *maps)
+    return np.moveaxis(planes, 0, -1), total > MIN_TRUST
+
+
+@njit(cache=True, nogil=True)
+def _windows(voxels, probability, faint, margin):  # pragma: no cover - compiled
+    """Rows and columns (first, and one past the last) around each object's pixels; 0, 0, 0, 0 for those out of view."""
+    height, width = voxels.shape
+    objects = probability.shape[1]
+    windows = np.zeros((objects, 4), np.int64)
+    for k in range(objects):
+        windows[k, 0], windows[k, 2] = height, width
+    for y in range(height):
+        x = 0
+        while x < width:
+            voxel, first = voxels[y, x], x
+            while x < width and voxels[y, x] == voxel:
+                x += 1
+            if voxel < 0:
+                continue
+            for k in range(objects):
+                if probability[voxel, k] > faint:
+                    windows[k, 0] = min(windows[k, 0], y)
+                    windows[k, 1] = y + 1
+                    windows[k, 2] = min(windows[k, 2], first)
+                    windows[k, 3] = max(windows[k, 3], x)
+    for k in range(objects):
+        if windows[k, 1] == 0:
+            windows[k] = 0
+        else:
+            windows[k, 0], windows[k, 1] = max(0, windows[k, 0] - margin), min(height, windows[k, 1] + margin)
+            windows[k, 2], windows[k, 3] = max(0, windows[k, 2] - margin), min(width, windows[k, 3] + margin)
+    return windows
+
+
+@njit(cache=True, nogil=True)
+def _fill(voxels, trust, total, probability, across, down):  # pragma: no cover - compiled
+    """Means of one object's probability over a window."""
+    height, width = voxels.shape
+    plane = np.zeros((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            if voxels[y, x] >= 0:
+                plane[y, x] = trust[y, x] * probability[voxels[y, x]]
+    smooth(plane, across, down)
+    for y in range(height):
+        for x in range(width):
+            plane[y, x] /= max(total[y, x], np.float32(1e-12))
+    return plane
 
 
 def modal_masks(
@@ -52,7 +110,26 @@ def modal_masks(
     """The object each pixel belongs to, -1 for none: the likeliest, if likelier than the background."""
     if probability.shape[2] == 0:
         return np.full(known.shape, -1, np.int32)
-    best = probability.argmax(axis=2).astype(np.int32)
-    highest = np.take_along_axis(probability, best[:, :, None], axis=2)[:, :, 0]
-    background = 1 - probability.sum(axis=2) if exclusive else 1 - highest
-    return np.where(known & (highest > background), best, np.int32(-1))
+    planes = np.ascontiguousarray(np.moveaxis(probability, -1, 0), np.float32)
+    return _likeliest(planes, np.ascontiguousarray(known), exclusive)
+
+
+@njit(cache=True, nogil=True)
+def _likeliest(planes, known, exclusive):  # pragma: no cover - compiled
+    objects, height, width = planes.shape
+    best = np.full((height, width), -1, np.int32)
+    highest, total = np.empty(width, np.float32), np.empty(width, np.float32)
+    for y in range(height):
+        highest[:], total[:] = np.float32(0.0), np.float32(0.0)
+        for k in range(objects):
+            for x in range(width):
+                value = planes[k, y, x]
+                total[x] += value
+                if value > highest[x]:
+                    highest[x] = value
+                    best[y, x] = k
+        for x in range(width):
+            taken = total[x] if exclusive else highest[x]
+            if not (known[y, x] and highest[x] > np.float32(1.0) - taken):
+                best[y, x] = -1
+    return best

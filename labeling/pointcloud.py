@@ -1,13 +1,16 @@
 """All views of an episode fused into one voxelised cloud in the world frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
-from numba import njit, prange
+from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64, UInt8
+from numba import njit
 
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
+_REMEMBERED = 16
+"""So many views are remembered of which voxels each has seen."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +27,34 @@ class Cloud:
     """The voxel that each pixel fell into; -1 for pixels without (usable) depth."""
     voxel_m: float
     """Edge of a voxel."""
+    _seen_in: dict[int, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def num_points(self) -> int:
         """How many occupied voxels there are."""
         return len(self.points)
+
+    def within(self, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Bool[np.ndarray, "n"]:
+        """Which points lie in an upright box, its faces included; metres, world."""
+        inside = np.ones(self.num_points, np.bool_)
+        for axis in range(3):
+            along = self.points[:, axis]
+            inside &= (along >= np.float32(low[axis])) & (along <= np.float32(high[axis]))
+        return inside
+
+    def seen_in(self, view: int) -> tuple[Int32[np.ndarray, "s"], Int32[np.ndarray, "h w"]]:
+        """The voxels that a view sees, rising, and which of these each pixel shows (-1 for none)."""
+        known = self._seen_in.get(view)
+        if known is None:
+            known = _rank(self.voxel_of_pixel[view], self.num_points)
+            if len(self._seen_in) >= _REMEMBERED:
+                self._seen_in.pop([*self._seen_in][0], None)  # noqa: RUF015 - a list, as other threads add entries
+            self._seen_in[view] = known
+        return known
+
+    def parents_of(self, fine: "Cloud") -> Int32[np.ndarray, "m"]:
+        """The voxel of this cloud that each point of a finer cloud of the same views lies in; -1 for none."""
+        return _parents(fine.voxel_of_pixel.ravel(), self.voxel_of_pixel.ravel(), fine.num_points)
 
 
 def build_cloud(
@@ -58,31 +84,53 @@ def build_cloud(
     """
     if not voxel_m > 0:
         raise ValueError(f"voxel_m must be positive, not {voxel_m}")
-    depth_m = np.ascontiguousarray(depth_m, np.float32)
+    depth_m, rgb = np.ascontiguousarray(depth_m, np.float32), np.ascontiguousarray(rgb)
     origin = np.floor(camera_to_world[:, :3, 3].mean(axis=0) / voxel_m) * voxel_m
     poses = np.ascontiguousarray(camera_to_world, np.float64)
     cameras = np.ascontiguousarray(intrinsics, np.float64)
-    keys = _voxel_keys(depth_m, cameras, poses, origin, float(voxel_m), float(max_range_m))
-    capacity = 1 << max(16, int(keys.size // 8).bit_length())
-    while True:
-        if capacity > 4 * max_voxels and capacity > 1 << 16:
-            return build_cloud(rgb, depth_m, intrinsics, camera_to_world, 2.0 * voxel_m, max_range_m, max_voxels)
-        numbers, count = _number_voxels(keys, capacity)
-        if count >= 0:
-            break
-        capacity *= 2
-    if count > max_voxels:
-        factor = np.sqrt(count / max_voxels) * 1.1
-        return build_cloud(rgb, depth_m, intrinsics, camera_to_world, factor * voxel_m, max_range_m, max_voxels)
-    sums, counts = _accumulate(numbers, count, np.ascontiguousarray(rgb), depth_m, cameras, poses)
-    mean = sums / np.maximum(counts, 1)[:, None]
-    return Cloud(
-        points=mean[:, :3].astype(np.float32),
-        colours=(mean[:, 3:] / 255.0).astype(np.float32),
-        counts=counts,
-        voxel_of_pixel=numbers,
-        voxel_m=float(voxel_m),
-    )
+    table, count = _Table.of(1 << 16), 0
+    numbers = np.empty(depth_m.shape, np.int32)
+    for view in range(len(depth_m)):
+        camera, pose = cameras[view], poses[view]
+        keys = _voxel_keys(
+            depth_m[view], camera, pose, origin.astype(float), float(voxel_m), float(max_range_m)
+        ).ravel()
+        flat, done = numbers[view].ravel(), 0
+        while True:
+            done, count = _number(keys, flat, done, count, table.key, table.id)
+            if done == len(keys):
+                break
+            table = table.enlarged(count)
+        if count > max_voxels:
+            factor = float(np.sqrt(count / max_voxels * len(depth_m) / (view + 1))) * 1.1
+            return build_cloud(rgb, depth_m, intrinsics, camera_to_world, factor * voxel_m, max_range_m, max_voxels)
+        _accumulate(numbers[view], rgb[view], depth_m[view], camera, pose, table.sums)
+    points, colours, counts = _means(table.sums[:count])
+    return Cloud(points, colours, counts, numbers, float(voxel_m))
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Hash table from packed voxels to their numbers, and what is summed in each."""
+
+    key: Int64[np.ndarray, "capacity"]
+    """-1 in free slots."""
+    id: Int32[np.ndarray, "capacity"]
+    sums: Float64[np.ndarray, "half 7"]
+    """Position, colour, pixels."""
+
+    @classmethod
+    def of(cls, capacity: int) -> "_Table":
+        """An empty table with so many slots, a power of 2."""
+        half = capacity // 2
+        return cls(np.full(capacity, -1, np.int64), np.empty(capacity, np.int32), np.zeros((half, 7)))
+
+    def enlarged(self, count: int) -> "_Table":
+        """One of four times the size with the same content, ``count`` voxels."""
+        larger = _Table.of(4 * len(self.key))
+        _enter(larger.key, larger.id, self.key, self.id)
+        larger.sums[:count] = self.sums[:count]
+        return larger
 
 
 @njit(cache=True, inline="always")
@@ -95,74 +143,130 @@ def _world(x, y, z, camera, pose):  # pragma: no cover - compiled
     )
 
 
-@njit(cache=True, parallel=True)
-def _voxel_keys(depth_m, cameras, poses, origin, voxel_m, max_range_m):  # pragma: no cover - compiled
+@njit(cache=True, nogil=True)
+def _voxel_keys(depth_m, camera, pose, origin, voxel_m, max_range_m):  # pragma: no cover - compiled
     """The packed voxel of each pixel; -1 without depth, beyond range, or beyond the 2^21 voxels a side can number."""
-    views, height, width = depth_m.shape
-    keys = np.empty((views, height, width), np.int64)
-    for row in prange(views * height):
-        view, y = row // height, row % height
+    height, width = depth_m.shape
+    keys = np.empty((height, width), np.int64)
+    for y in range(height):
         for x in range(width):
-            z = depth_m[view, y, x]
-            keys[view, y, x] = -1
+            z = depth_m[y, x]
+            keys[y, x] = -1
             if not (z > 0.0 and z <= max_range_m):
                 continue
-            point = _world(x, y, z, cameras[view], poses[view])
+            point = _world(x, y, z, camera, pose)
             i = np.int64(np.floor((point[0] - origin[0]) / voxel_m)) + _HALF
             j = np.int64(np.floor((point[1] - origin[1]) / voxel_m)) + _HALF
             k = np.int64(np.floor((point[2] - origin[2]) / voxel_m)) + _HALF
             if min(i, j, k) >= 0 and max(i, j, k) < 2 * _HALF:
-                keys[view, y, x] = (i << (2 * _BITS)) | (j << _BITS) | k
+                keys[y, x] = (i << (2 * _BITS)) | (j << _BITS) | k
     return keys
 
 
-@njit(cache=True)
-def _number_voxels(keys, capacity):  # pragma: no cover - compiled
-    """Numbers distinct keys in order of appearance; count -1 if the table got more than half full."""
-    mask = capacity - 1
-    table_key = np.full(capacity, -1, np.int64)
-    table_id = np.empty(capacity, np.int32)
-    numbers = np.empty(keys.shape, np.int32)
-    flat_keys, flat_numbers = keys.ravel(), numbers.ravel()
-    count, last_key, last_number = 0, np.int64(-1), np.int32(-1)
-    for p in range(flat_keys.size):
-        key = flat_keys[p]
-        if key == last_key:
-            flat_numbers[p] = last_number
-            continue
-        if key == -1:
-            flat_numbers[p] = -1
-            continue
-        mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-        slot = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
-        while table_key[slot] != -1 and table_key[slot] != key:
-            slot = (slot + 1) & mask
-        if table_key[slot] == -1:
-            if 2 * count >= capacity:
-                return numbers, -1
-            table_key[slot] = key
-            table_id[slot] = count
+@njit(cache=True, inline="always")
+def _slot(table_key, mask, key):  # pragma: no cover - compiled
+    """The slot of a key, or the free slot where it belongs. Fibonacci hashing, high bits folded onto low ones."""
+    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    slot = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
+    while table_key[slot] != -1 and table_key[slot] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@njit(cache=True, nogil=True)
+def _enter(table_key, table_id, old_key, old_id):  # pragma: no cover - compiled
+    for old in range(len(old_key)):
+        if old_key[old] != -1:
+            slot = _slot(table_key, len(table_key) - 1, old_key[old])
+            table_key[slot], table_id[slot] = old_key[old], old_id[old]
+
+
+@njit(cache=True, nogil=True)
+def _number(keys, numbers, done, count, table_key, table_id):  # pragma: no cover - compiled
+    """Numbers distinct keys in order of appearance, from pixel ``done`` on, until the table is half full.
+
+    One thread does it: the table is the bottleneck. Returns the first pixel left over and the number of voxels.
+    """
+    mask = len(table_key) - 1
+    last_key, last_number = np.int64(-1), np.int32(-1)
+    for p in range(done, len(keys)):
+        key = keys[p]
+        if key != last_key:
+            last_key, last_number = key, np.int32(-1)
+            if key != -1:
+                slot = _slot(table_key, mask, key)
+                if table_key[slot] == -1:
+                    if 2 * count > mask:
+                        return p, count
+                    table_key[slot] = key
+                    table_id[slot] = count
+                    count += 1
+                last_number = table_id[slot]
+        numbers[p] = last_number
+    return len(keys), count
+
+
+@njit(cache=True, nogil=True)
+def _accumulate(numbers, rgb, depth_m, camera, pose, sums):  # pragma: no cover - compiled
+    """Adds position, colour and number of the pixels of a view to their voxels."""
+    height, width = numbers.shape
+    for y in range(height):
+        for x in range(width):
+            number = numbers[y, x]
+            if number < 0:
+                continue
+            point = _world(x, y, depth_m[y, x], camera, pose)
+            for axis in range(3):
+                sums[number, axis] += point[axis]
+                sums[number, 3 + axis] += rgb[y, x, axis]
+            sums[number, 6] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def _means(sums):  # pragma: no cover - compiled
+    """Mean position, mean colour in [0, 1], and number of pixels of each voxel."""
+    count = len(sums)
+    points, colours = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    pixels = np.empty(count, np.int32)
+    for voxel in range(count):
+        weight = sums[voxel, 6]
+        for axis in range(3):
+            points[voxel, axis] = sums[voxel, axis] / weight
+            colours[voxel, axis] = sums[voxel, 3 + axis] / weight / 255.0
+        pixels[voxel] = weight
+    return points, colours, pixels
+
+
+@njit(cache=True, nogil=True)
+def _parents(fine, coarse, num_fine):  # pragma: no cover - compiled
+    parents = np.full(num_fine, -1, np.int32)
+    for pixel in range(len(fine)):
+        if fine[pixel] >= 0:
+            parents[fine[pixel]] = coarse[pixel]
+    return parents
+
+
+@njit(cache=True, nogil=True)
+def _rank(voxels, num_voxels):  # pragma: no cover - compiled
+    """The distinct voxels of a view, rising, and the place of each pixel's voxel among them."""
+    height, width = voxels.shape
+    place = np.full(num_voxels, -1, np.int32)
+    for y in range(height):
+        for x in range(width):
+            if voxels[y, x] >= 0:
+                place[voxels[y, x]] = 0
+    count = 0
+    for voxel in range(num_voxels):
+        if place[voxel] == 0:
+            place[voxel] = count
             count += 1
-        last_key, last_number = key, table_id[slot]
-        flat_numbers[p] = last_number
-    return numbers, count
-
-
-@njit(cache=True)
-def _accumulate(numbers, count, rgb, depth_m, cameras, poses):  # pragma: no cover - compiled
-    """Sums of position and colour per voxel."""
-    views, height, width = numbers.shape
-    sums = np.zeros((count, 6))
-    counts = np.zeros(count, np.int32)
-    for view in range(views):
-        for y in range(height):
-            for x in range(width):
-                number = numbers[view, y, x]
-                if number < 0:
-                    continue
-                point = _world(x, y, depth_m[view, y, x], cameras[view], poses[view])
-                for axis in range(3):
-                    sums[number, axis] += point[axis]
-                    sums[number, 3 + axis] += rgb[view, y, x, axis]
-                counts[number] += 1
-    return sums, counts
+    seen = np.empty(count, np.int32)
+    for voxel in range(num_voxels):
+        if place[voxel] >= 0:
+            seen[place[voxel]] = voxel
+    ranks = np.full((height, width), np.int32(-1))
+    for y in range(height):
+        for x in range(width):
+            if voxels[y, x] >= 0:
+                ranks[y, x] = place[voxels[y, x]]
+    return seen, ranks

@@ -8,33 +8,39 @@ Source: thesis 4.3 and figure 4.1; what goes beyond it is told in docs/how-it-wo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
 from labeling.boxes3d import fit_box
 from labeling.consistency import is_consistent
-from labeling.crf import Kernel, mean_field
 from labeling.episode_labels import EpisodeLabels, LabelledObject, SegmentedCloud, Source
 from labeling.evidence import Evidence, gather_evidence
-from labeling.fusion import object_log_odds
+from labeling.free_space import Cameras, without_phantoms
+from labeling.fusion import FAR_LOG_ODDS, object_log_odds
 from labeling.instances import Detection, PseudoLabel
+from labeling.judgement import judged
+from labeling.kernels import crf_kernels
 from labeling.label_config import LabelConfig
-from labeling.lattice import build_lattice
 from labeling.masks_2d import modal_masks, view_probabilities
 from labeling.merging import Candidate, agreed_objects, attach_weak, group_detections, merge_segments
+from labeling.near import Near
+from labeling.outliers import segment_outliers
+from labeling.per_detection import label_per_detection, lone_detections
 from labeling.pointcloud import Cloud, build_cloud
+from labeling.published_defects import damaged, last_write_wins
 from labeling.scale import Scale, measure_scale
 from labeling.splatting import nearest_points, silhouettes
-from labeling.strays import stray_points
+from labeling.threads import beside, in_threads
+from labeling.visibility import Views, fill_reach_px, voxels_shown
 
 FINE_PX = 2.0
 """Spacing of the points that masks are drawn from, in pixels: as fine as depth sensors sample."""
 MAX_FINE_POINTS = 3_000_000
 """Bounds the memory for them."""
-STRAY_GAP_VOXELS = 2.0
-"""Pieces of a segment closer than this are one piece."""
+BOX_MARGIN_VOXELS = 0.75
+"""Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
 
 
 def propagate(
@@ -72,16 +78,27 @@ def propagate(
     cloud = build_cloud(
         rgb, depth_m, intrinsics, camera_to_world, scale.voxel_m(config), config.max_range_m, config.max_voxels
     )
-    candidates = _find_objects(cloud, usable, config)
-    if not candidates:
-        return _nothing(scale)
-    candidates, probability = _segment(cloud, candidates, scale, config)
-    objects, kept = _describe(cloud, candidates, probability, config)
-    fine = build_cloud(
-        rgb, depth_m, intrinsics, camera_to_world, FINE_PX * scale.pixel_m, config.max_range_m, MAX_FINE_POINTS
-    )
-    views = _Views(rgb, intrinsics, camera_to_world, cloud, fine)
-    return _label_views(views, objects, probability[:, kept], scale, config)
+    if config.free_space:
+        cleared_m = without_phantoms(cloud, Cameras(depth_m, intrinsics, camera_to_world))
+        if cleared_m is not depth_m:
+            depth_m, voxel_m = cleared_m, cloud.voxel_m
+            cloud = build_cloud(
+                rgb, depth_m, intrinsics, camera_to_world, voxel_m, config.max_range_m, config.max_voxels
+            )
+    scene = rgb, depth_m, intrinsics, camera_to_world
+    with beside(lambda: build_cloud(*scene, FINE_PX * scale.pixel_m, config.max_range_m, MAX_FINE_POINTS)) as fine:
+        find = _find_objects if config.fuse_views else lone_detections
+        candidates = find(cloud, usable, config)
+        if not candidates:
+            return judged(_nothing(scale), usable, cloud.voxel_m, config)
+        if not config.fuse_views:
+            views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
+            return label_per_detection(views, candidates, scale, config)
+        candidates, probability = _segment(cloud, candidates, scale, config)
+        objects, kept = _describe(cloud, candidates, probability, config)
+        views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
+    labels = judged(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud.voxel_m, config)
+    return replace(labels, labels=damaged(labels.labels, config.published))
 
 
 def _check(rgb, depth_m, intrinsics, camera_to_world, detections) -> None:
@@ -112,12 +129,11 @@ def _find_objects(cloud: Cloud, detections: Sequence[Detection], config: LabelCo
     """Which objects there are, and which detections speak for each."""
     strong: list[Evidence] = []
     weak: list[Evidence] = []
-    for detection in detections:
-        sure = detection.confidence >= config.confident
-        if sure or config.weak_evidence or config.agreeing_views:
-            evidence = gather_evidence(cloud, detection, config)
-            if len(evidence.foreground) > 0:
-                (strong if sure else weak).append(evidence)
+    if not (config.weak_evidence or config.agreeing_views):
+        detections = [one for one in detections if one.confidence >= config.confident]
+    for evidence in in_threads(lambda one: gather_evidence(cloud, one, config), detections):
+        if len(evidence.foreground) > 0:
+            (strong if evidence.detection.confidence >= config.confident else weak).append(evidence)
     candidates = group_detections(strong, cloud.num_points, config.merge_overlap)
     homeless = attach_weak(candidates, weak, cloud.num_points, config.merge_overlap)
     if not config.weak_evidence:
@@ -135,8 +151,9 @@ def _segment(
 ) -> tuple[list[Candidate], Float32[np.ndarray, "n k"]]:
     """Probability of every object at every point, after objects that turn out to be one have been merged."""
     log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
-    kernels = _kernels(cloud, scale, config)
-    alone = mean_field(log_odds, kernels, config.iterations, exclusive=False)
+    near = Near.of(log_odds > FAR_LOG_ODDS)
+    kernels = crf_kernels(cloud, near, scale.object_m, config)
+    alone = near.marginals(log_odds, kernels, config.iterations, exclusive=False)
     groups = merge_segments(candidates, alone, config.merge_overlap)
     if len(groups) < len(candidates):
         merged = []
@@ -148,21 +165,12 @@ def _segment(
             merged.append(candidates[first])
         candidates = merged
         log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
+        near = Near.of(log_odds > FAR_LOG_ODDS)
+        kernels = crf_kernels(cloud, near, scale.object_m, config)
         alone = None
     if alone is not None and not config.exclusive:
         return candidates, alone
-    return candidates, mean_field(log_odds, kernels, config.iterations, exclusive=config.exclusive)
-
-
-def _kernels(cloud: Cloud, scale: Scale, config: LabelConfig) -> list[Kernel]:
-    """Appearance and smoothness kernels; their lattices serve all objects."""
-    width_m = config.appearance_width * scale.object_m
-    appearance = np.concatenate([cloud.points / width_m, cloud.colours / config.appearance_colour], axis=1)
-    smoothness = cloud.points / (config.smoothness_width_voxels * cloud.voxel_m)
-    return [
-        Kernel(build_lattice(appearance), config.appearance_weight),
-        Kernel(build_lattice(smoothness), config.smoothness_weight),
-    ]
+    return candidates, near.marginals(log_odds, kernels, config.iterations, exclusive=config.exclusive)
 
 
 def _describe(
@@ -170,7 +178,7 @@ def _describe(
 ) -> tuple[list[LabelledObject], list[int]]:
     """Objects that kept any point, numbered from 1, and their columns; clears strays out of ``probability``."""
     owner = _owner(probability, config.exclusive)
-    strays = stray_points(cloud.points, owner, len(candidates), STRAY_GAP_VOXELS * cloud.voxel_m, config.min_piece)
+    strays = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config)
     probability[strays] = 0
     owner[strays] = -1
     objects, kept = [], []
@@ -185,7 +193,7 @@ def _describe(
                 instance_id=len(objects) + 1,
                 category=category,
                 confidence=_object_confidence(candidate, category),
-                box_3d=fit_box(cloud.points[members], margin_m=cloud.voxel_m),
+                box_3d=fit_box(cloud.points[members], margin_m=BOX_MARGIN_VOXELS * cloud.voxel_m),
                 sources=tuple(
                     Source(s.detection.view_index, float(s.detection.confidence), s.detection.category) for s in sources
                 ),
@@ -207,27 +215,8 @@ def _object_confidence(candidate: Candidate, category: str) -> float:
     return mean * votes[category] / max(sum(votes.values()), 1e-9)
 
 
-@dataclass(frozen=True)
-class _Views:
-    """What masks are drawn from."""
-
-    rgb: UInt8[np.ndarray, "views h w 3"]
-    intrinsics: Float[np.ndarray, "views 3 3"]
-    camera_to_world: Float[np.ndarray, "views 4 4"]
-    cloud: Cloud
-    fine: Cloud
-    """The same points at the resolution of the pictures, so that what is drawn from them has sharp outlines."""
-
-    def voxel_of_fine(self) -> Int32[np.ndarray, "m"]:
-        """The voxel that each fine point lies in."""
-        voxel = np.full(self.fine.num_points, -1, np.int32)
-        own = self.fine.voxel_of_pixel >= 0
-        voxel[self.fine.voxel_of_pixel[own]] = self.cloud.voxel_of_pixel[own]
-        return voxel
-
-
 def _label_views(
-    views: _Views,
+    views: Views,
     objects: list[LabelledObject],
     probability: Float32[np.ndarray, "n k"],
     scale: Scale,
@@ -236,13 +225,14 @@ def _label_views(
     """Masks of all objects in all views."""
     cloud, fine = views.cloud, views.fine
     owner = _owner(probability, config.exclusive)
-    voxel_of_fine = views.voxel_of_fine()
+    voxel_of_fine = cloud.parents_of(fine)
     owner_of_fine = owner[voxel_of_fine]
-    reach_px = config.fill_px or max(2.0, 0.5 * cloud.voxel_m / scale.pixel_m)
-    labels = []
-    for view in range(len(views.rgb)):
+    reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
+
+    def labels_of(view: int) -> list[PseudoLabel]:
+        labels = []
         camera = (views.intrinsics[view], views.camera_to_world[view], views.rgb.shape[1:3], fine.voxel_m)
-        own = cloud.voxel_of_pixel[view]
+        own = voxels_shown(views, view, voxel_of_fine, config)
         borrowed = None
         if (own < 0).any():
             nearest = nearest_points(fine.points, *camera)
@@ -250,6 +240,8 @@ def _label_views(
         chance, known = view_probabilities(views.rgb[view], own, borrowed, probability, reach_px, config.fill_edge)
         modal = modal_masks(chance, known, config.exclusive)
         whole = silhouettes(fine.points, owner_of_fine, len(objects), *camera)
+        if config.published.missing_z_buffer:
+            modal = last_write_wins(whole)
         for k, one in enumerate(objects):
             visible = modal == k
             amodal = whole[k] | visible
@@ -268,6 +260,9 @@ def _label_views(
                     source_confidence=one.sources[0].confidence,
                 )
             )
+        return labels
+
+    labels = [label for one in in_threads(labels_of, range(len(views.rgb))) for label in one]
     instance_ids = np.array([0, *(one.instance_id for one in objects)], np.int32)[owner + 1]
     segmented = SegmentedCloud(cloud.points, cloud.colours, instance_ids, probability)
     return EpisodeLabels(tuple(objects), tuple(labels), segmented, scale)

@@ -30,6 +30,11 @@ class SourceConfig:
         """Whether a person's masks are the sources."""
         return self.weak != "off" or self.annotations is not None
 
+    @property
+    def reads_ground_truth(self) -> bool:
+        """Whether the sources are taken from ``ground_truth.json``."""
+        return self.is_weak and self.annotations is None
+
     def check(self) -> None:
         """Refuses settings that contradict each other.
 

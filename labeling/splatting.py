@@ -30,7 +30,7 @@ def nearest_points(
     """
     index = np.full(size, -1, np.int32)
     depth = np.full(size, np.inf, np.float32)
-    _paint_nearest(index, depth, _in_camera(points, camera_to_world), np.asarray(intrinsics, float), point_size_m)
+    _paint_nearest(index, depth, points, *_camera(intrinsics, camera_to_world), point_size_m)
     return index
 
 
@@ -57,16 +57,24 @@ def silhouettes(
     Returns:
         One mask per object.
     """
-    chosen = object_of_point >= 0
-    drawn = np.zeros((num_objects, *size), np.uint8)
-    placed = _in_camera(points[chosen], camera_to_world)
-    _paint_all(drawn, placed, object_of_point[chosen], np.asarray(intrinsics, float), point_size_m)
-    return drawn.astype(bool)
+    drawn = np.zeros((num_objects, *size), np.bool_)
+    _paint_all(drawn, points, object_of_point, *_camera(intrinsics, camera_to_world), point_size_m)
+    return drawn
 
 
-def _in_camera(points, camera_to_world) -> Float32[np.ndarray, "n 3"]:
-    inverse = invert_rigid(camera_to_world)
-    return (points.astype(float) @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
+def _camera(intrinsics, camera_to_world) -> tuple[np.ndarray, np.ndarray]:
+    return np.ascontiguousarray(intrinsics, float), np.ascontiguousarray(invert_rigid(camera_to_world))
+
+
+@njit(cache=True, inline="always")
+def _place(point, to_camera):  # pragma: no cover - compiled
+    """A world point in the camera's frame."""
+    x, y, z = float(point[0]), float(point[1]), float(point[2])
+    return (
+        to_camera[0, 0] * x + to_camera[0, 1] * y + to_camera[0, 2] * z + to_camera[0, 3],
+        to_camera[1, 0] * x + to_camera[1, 1] * y + to_camera[1, 2] * z + to_camera[1, 3],
+        to_camera[2, 0] * x + to_camera[2, 1] * y + to_camera[2, 2] * z + to_camera[2, 3],
+    )
 
 
 @njit(cache=True, inline="always")
@@ -92,23 +100,28 @@ def _square(point, camera, point_size_m, height, width):  # pragma: no cover - c
     return max(0, left), min(width - 1, right), max(0, top), min(height - 1, bottom)
 
 
-@njit(cache=True)
-def _paint_nearest(index, depth, in_camera, camera, point_size_m):  # pragma: no cover - compiled
+@njit(cache=True, nogil=True)
+def _paint_nearest(index, depth, points, camera, to_camera, point_size_m):  # pragma: no cover - compiled
     height, width = index.shape
-    for p in range(len(in_camera)):
-        left, right, top, bottom = _square(in_camera[p], camera, point_size_m, height, width)
+    for p in range(len(points)):
+        placed = _place(points[p], to_camera)
+        left, right, top, bottom = _square(placed, camera, point_size_m, height, width)
+        z = np.float32(placed[2])
         for v in range(top, bottom + 1):
             for u in range(left, right + 1):
-                if in_camera[p, 2] < depth[v, u]:
-                    depth[v, u] = in_camera[p, 2]
+                if z < depth[v, u]:
+                    depth[v, u] = z
                     index[v, u] = p
 
 
-@njit(cache=True)
-def _paint_all(drawn, in_camera, object_of_point, camera, point_size_m):  # pragma: no cover - compiled
+@njit(cache=True, nogil=True)
+def _paint_all(drawn, points, object_of_point, camera, to_camera, point_size_m):  # pragma: no cover - compiled
     _, height, width = drawn.shape
-    for p in range(len(in_camera)):
-        left, right, top, bottom = _square(in_camera[p], camera, point_size_m, height, width)
+    for p in range(len(points)):
+        owner = object_of_point[p]
+        if owner < 0:
+            continue
+        left, right, top, bottom = _square(_place(points[p], to_camera), camera, point_size_m, height, width)
         for v in range(top, bottom + 1):
             for u in range(left, right + 1):
-                drawn[object_of_point[p], v, u] = 1
+                drawn[owner, v, u] = True

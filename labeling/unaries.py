@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
-from numba import njit, prange
+
+from labeling.svm import decide, train_svm
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,8 @@ class Unary:
 
     def log_odds(self, features: Float[np.ndarray, "n d"]) -> Float32[np.ndarray, "n"]:
         """Log-odds of the object at each row of features (same units as in training)."""
-        scaled = np.ascontiguousarray((features - self.mean) / self.std, np.float32)
-        decision = _decide(scaled, self.support, self.coefficient, np.float32(self.gamma), np.float32(self.intercept))
+        scaled = (np.asarray(features, np.float32) - self.mean.astype(np.float32)) / self.std.astype(np.float32)
+        decision = decide(scaled, self.support, self.coefficient, self.gamma, self.intercept)
         return (self.platt[0] * decision + self.platt[1]).astype(np.float32)
 
 
@@ -45,8 +46,6 @@ def train_unary(
     Source: thesis 4.3 (SVM on normalised colour and position); Platt, "Probabilistic Outputs for Support Vector
     Machines" (1999), whose targets keep a separable hold-out from giving certainty.
     """
-    from sklearn.svm import SVC
-
     features = np.concatenate([foreground, background]).astype(float)
     labels = np.concatenate([np.ones(len(foreground)), np.zeros(len(background))])
     mean, std = features.mean(axis=0), features.std(axis=0)
@@ -56,16 +55,12 @@ def train_unary(
     for value in (0, 1):
         members = np.flatnonzero(labels == value)
         held[rng.permutation(members)[: len(members) // 5]] = True
-    machine = SVC(C=1.0, gamma=1.0 / features.shape[1])
-    machine.fit(features[~held], labels[~held])
-    coefficient = machine.dual_coef_.ravel().astype(np.float32)
-    support = np.ascontiguousarray(machine.support_vectors_, np.float32)
-    gamma, intercept = 1.0 / features.shape[1], float(machine.intercept_[0])
+    gamma = 1.0 / features.shape[1]
+    support, coefficient, intercept = train_svm(features[~held], labels[~held] > 0, 1.0, gamma)
     if not held.any() or len(np.unique(labels[held])) < 2:
         platt = (2.0, 0.0)
     else:
-        checked = np.ascontiguousarray(features[held], np.float32)
-        decision = _decide(checked, support, coefficient, np.float32(gamma), np.float32(intercept))
+        decision = decide(features[held].astype(np.float32), support, coefficient, gamma, intercept)
         platt = fit_platt(decision.astype(float), labels[held] > 0)
     return Unary(mean, std, support, coefficient, intercept, gamma, platt)
 
@@ -86,20 +81,3 @@ def fit_platt(decision: Float64[np.ndarray, "n"], positive: np.ndarray) -> tuple
         if np.abs(step).max() < 1e-7:
             break
     return float(max(slope, 0.0)), float(offset)
-
-
-@njit(cache=True, parallel=True)
-def _decide(features, support, coefficient, gamma, intercept):  # pragma: no cover - compiled
-    """Decision values of an RBF machine; every row is summed in one order, whatever the number of threads."""
-    n, d = features.shape
-    decision = np.empty(n, np.float32)
-    for i in prange(n):
-        total = intercept
-        for s in range(len(coefficient)):
-            square = np.float32(0.0)
-            for j in range(d):
-                difference = features[i, j] - support[s, j]
-                square += difference * difference
-            total += coefficient[s] * np.exp(-gamma * square)
-        decision[i] = total
-    return decision

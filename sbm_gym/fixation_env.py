@@ -6,26 +6,30 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
-from jaxtyping import Float, Int32
+from jaxtyping import Float
 
-from labeling.geometry import intrinsics_from_fov
-from labeling.instances import Detection
+from sbm_gym import episode_report
 from sbm_gym.agent_body import BodyConfig
-from sbm_gym.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
-from sbm_gym.observations import Situation, encode_depth, observation_space, state_names, state_vector
-from sbm_gym.recording import Capture, ground_truth_of_view
-from sbm_gym.rendering.base import Frame
-from sbm_gym.rendering.third_person import AgentTrace, Find, ThirdPersonView
+from sbm_gym.env_arguments import (
+    check_choices,
+    check_numbers,
+    checked_action,
+    checked_options,
+    checked_start,
+    make_detector,
+)
+from sbm_gym.episode import Episode, EpisodeSettings
+from sbm_gym.object_memory import MemoryConfig, ObjectMemory
+from sbm_gym.observations import observation_space, state_names
+from sbm_gym.recording import Capture
+from sbm_gym.rendering.third_person import AgentTrace, ThirdPersonView
 from sbm_gym.rewards import RewardWeights, reward_terms
-from sbm_gym.scenes import SPLITS, Scene, SceneCache, WorldSource, check_renderer
-from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
+from sbm_gym.scenes import Scene, SceneCache, WorldSource, check_renderer
+from sbm_gym.simulated_detector import SimulatedDetectorConfig
 from sbm_gym.viewer_window import ViewerWindow, check_screen, screen_available
-from sbm_gym.world_sources import world_source
+from sbm_gym.world_sources import chosen_source
 from sbm_gym.worlds.navigable import NavigableMap
 
-DETECTORS = ("simulated",)
-GAZES = ("fixate", "free")
-RESET_OPTIONS = ("scene", "start", "reuse_scene")
 NUM_VIEWS = 25
 """Views of an episode (thesis 5.1.1)."""
 
@@ -85,6 +89,8 @@ class FixationEnv(gym.Env, EzPickle):
     ## Arguments
     - `worlds`: the name of a kind of world, or an object that builds them (`sbm_gym.scenes.WorldSource`).
     - `split`: "train", "val", "test" or None for all scenes.
+    - `unseen_models`: keep the furniture and vehicle models that validation and test scenes show out of all other
+      scenes, so that testing is on models never seen in training. Only with a name as `worlds`.
     - `detector`: "simulated", or a `SimulatedDetectorConfig`. Steps run it on the picture of the observation, captures
       on the captured one.
     - `renderer`: "rays", "gl", or "auto": `gl` where a GPU is, `rays` elsewhere.
@@ -115,6 +121,7 @@ class FixationEnv(gym.Env, EzPickle):
         self,
         worlds: str | WorldSource = "indoor",
         split: str | None = "train",
+        unseen_models: bool = False,
         detector: str | SimulatedDetectorConfig = "simulated",
         renderer: str = "auto",
         image_size: tuple[int, int] | None = None,
@@ -136,45 +143,38 @@ class FixationEnv(gym.Env, EzPickle):
             ValueError: if an argument makes no sense, naming the alternatives.
         """
         EzPickle.__init__(**{name: value for name, value in locals().items() if name != "__class__"})
-        if split is not None and split not in SPLITS:
-            raise ValueError(f"unknown split {split!r}; known: {', '.join(SPLITS)}, or None for all scenes")
-        if gaze not in GAZES:
-            raise ValueError(f"unknown gaze {gaze!r}; known: {', '.join(GAZES)}")
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
+        check_choices(split, gaze, render_mode, self.metadata["render_modes"])
+        check_numbers(num_views, stride_m, episodes_per_scene)
+        check_renderer(renderer)
         if render_mode == "human":
             check_screen()
         elif not screen_available():
             # So that checkers and wrappers that try every mode of an env leave out what cannot work here.
             modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
             self.metadata = {**self.metadata, "render_modes": modes}
-        if num_views is not None and num_views < 1:
-            raise ValueError(f"num_views must be at least 1, not {num_views}")
-        if stride_m is not None and not stride_m > 0.0:
-            raise ValueError(f"stride_m must be positive, not {stride_m}")
-        if episodes_per_scene < 1:
-            raise ValueError(f"episodes_per_scene must be at least 1, not {episodes_per_scene}")
-        check_renderer(renderer)
-        self._source = world_source(worlds) if isinstance(worlds, str) else worlds
+        self._source = chosen_source(worlds, unseen_models)
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
-        self._detector = _make_detector(detector, self.profile.detector)
+        self._detector = make_detector(detector, self.profile.detector)
         self.scene_names = self._source.scenes(split)
         """Names of the scenes that ``reset`` draws from."""
         self._weights = reward_weights or RewardWeights()
-        self._memory_config = memory or self.profile.memory
-        self._bins = self._memory_config.bins
-        self._size, self._antialias = image_size or self.profile.image_size, antialias
-        self._stride_m = self.profile.stride_m if stride_m is None else stride_m
-        self._gaze, self._num_views = gaze, num_views
-        self._episodes_per_scene = episodes_per_scene
+        self._settings = EpisodeSettings(
+            memory=memory or self.profile.memory,
+            image_size=image_size or self.profile.image_size,
+            antialias=antialias,
+            stride_m=self.profile.stride_m if stride_m is None else stride_m,
+            gaze=gaze,
+        )
+        self._bins = self._settings.memory.bins
+        self._num_views, self._episodes_per_scene = num_views, episodes_per_scene
         self._cache = SceneCache(self._source, renderer, body or self.profile.body, scene_cache)
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(self._bins)
         """What the entries of the ``state`` observation mean."""
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
-        self.observation_space = observation_space(*self._size, self._bins)
-        self._scene: Scene | None = None
+        self.observation_space = observation_space(*self._settings.image_size, self._bins)
+        self._episode: Episode | None = None
         self._third_person: tuple[Scene, ThirdPersonView] | None = None
         self._window = ViewerWindow()
         self._episodes_in_scene = 0
@@ -194,25 +194,15 @@ class FixationEnv(gym.Env, EzPickle):
             ValueError: if an option or scene is unknown, naming the alternatives, or the start is not free.
         """
         super().reset(seed=seed)
-        options = dict(options or {})
-        unknown = sorted(set(options) - set(RESET_OPTIONS))
-        if unknown:
-            raise ValueError(f"unknown reset option {unknown[0]!r}; known: {', '.join(RESET_OPTIONS)}")
+        options = checked_options(options)
         scene = self._choose_scene(options, seeded=seed is not None).for_episode(self.np_random)
         position_m, yaw_rad = self._choose_start(scene, options)
-        self._scene = scene
-        self._entropy = int(self.np_random.integers(2**62))
-        self._step_index, self._collided, self._path_m = 0, False, 0.0
-        self.memory = ObjectMemory(self._memory_config)
-        """What the robot knows about objects."""
-        self._target_id: int | None = None
-        scene.body.place(position_m, yaw_rad, self.profile.rest_tilt_rad)
-        self._origin_m = position_m
-        self._places_m = [position_m]
-        update = self._look()
-        terms = dict.fromkeys(reward_terms(update, False, self._weights), 0.0)
+        entropy = int(self.np_random.integers(2**62))
+        tilt_rad = self.profile.rest_tilt_rad
+        self._episode = Episode(scene, self._settings, self._detector, entropy, position_m, yaw_rad, tilt_rad)
+        terms = dict.fromkeys(reward_terms(self._episode.update, False, self._weights), 0.0)
         self._show_human()
-        return self._observation(update), self._info(terms)
+        return self._observation(), self._info(terms)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Moves, looks, detects.
@@ -224,24 +214,13 @@ class FixationEnv(gym.Env, EzPickle):
             ValueError: if the action is not four finite numbers.
             gymnasium.error.ResetNeeded: before the first ``reset``.
         """
-        scene = self._current_scene()
-        action = np.asarray(action, float)
-        if action.shape != (4,) or not np.all(np.isfinite(action)):
-            raise ValueError(f"an action is four finite numbers (forward, left, gaze yaw, gaze pitch), not {action}")
-        action = np.clip(action, -1.0, 1.0)
-        before = scene.body.position_m
-        move = scene.body.move(self._displacement_m(action[:2], scene.body.yaw_rad))
-        self._path_m += float(np.linalg.norm(scene.body.position_m - before))
-        self._places_m.append(scene.body.position_m)
-        self._collided = move.collided
-        self._aim(action[2:])
-        self._step_index += 1
-        update = self._look()
-        terms = reward_terms(update, move.collided, self._weights)
+        episode = self.episode
+        episode.act(checked_action(action))
+        terms = reward_terms(episode.update, episode.collided, self._weights)
         # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
-        truncated = self._step_index >= self.num_views and (self._num_views is not None or self.spec is None)
+        truncated = episode.step_index >= self.num_views and (self._num_views is not None or self.spec is None)
         self._show_human()
-        return self._observation(update), float(sum(terms.values())), False, truncated, self._info(terms)
+        return self._observation(), float(sum(terms.values())), False, truncated, self._info(terms)
 
     def render(self) -> np.ndarray | None:
         """The current view, without aliasing, as ``render_mode`` says; None if there is none, or it is a window."""
@@ -253,7 +232,7 @@ class FixationEnv(gym.Env, EzPickle):
             return None
         if self.render_mode == "third_person":
             return self._view_from_outside()
-        frame, _, _ = self._draw(*self._render_size, antialias=self.render_mode == "rgb_array")
+        frame = self.episode.draw(*self._render_size, antialias=self.render_mode == "rgb_array").frame
         return frame.rgb if self.render_mode == "rgb_array" else frame.depth_m
 
     def close(self) -> None:
@@ -263,39 +242,7 @@ class FixationEnv(gym.Env, EzPickle):
             self._third_person[1].close()
             self._third_person = None
         self._cache.clear()
-        self._scene = None
-
-    def _view_from_outside(self) -> np.ndarray:
-        scene = self._current_scene()
-        if self._third_person is None or self._third_person[0].model is not scene.model:
-            if self._third_person is not None:
-                self._third_person[1].close()
-            view = ThirdPersonView(scene.model, self._cache.make_renderer, float(scene.body.camera_to_world[2, 3]))
-            self._third_person = (scene, view)
-        return self._third_person[1].draw(scene.data, self._trace(), *self._render_size)
-
-    def _show_human(self) -> None:
-        if self.render_mode == "human":
-            scene = self._current_scene()
-            self._window.show(scene.model, scene.data, self._trace())
-
-    def _trace(self) -> AgentTrace:
-        """What a picture from outside shows of the agent."""
-        return AgentTrace(
-            camera_to_world=self._current_scene().body.camera_to_world,
-            intrinsics=self._intrinsics,
-            picture_size_px=self._size,
-            path_m=tuple(self._places_m),
-            finds=tuple(
-                Find(
-                    known.centroid_m,
-                    float(np.max(known.extent_m)),
-                    f"{known.category} {known.best_confidence:.2f}",
-                    known.object_id == self._target_id,
-                )
-                for known in self.memory.objects
-            ),
-        )
+        self._episode = None
 
     # For policies and recorders ---------------------------------------------------------------------------------------
 
@@ -314,7 +261,7 @@ class FixationEnv(gym.Env, EzPickle):
     @property
     def stride_m(self) -> float:
         """Longest move of one step."""
-        return self._stride_m
+        return self._settings.stride_m
 
     @property
     def num_azimuths(self) -> int:
@@ -326,14 +273,30 @@ class FixationEnv(gym.Env, EzPickle):
         return self._bins.azimuth_bin(azimuth_rad)
 
     @property
+    def memory(self) -> ObjectMemory:
+        """What the robot knows about objects."""
+        return self.episode.memory
+
+    @property
     def navigable(self) -> NavigableMap:
         """The map the robot navigates by."""
-        return self._current_scene().world.navigable
+        return self.scene.world.navigable
 
     @property
     def scene(self) -> Scene:
         """The compiled scene, for tests and pictures; policies have no business here."""
-        return self._current_scene()
+        return self.episode.scene
+
+    @property
+    def episode(self) -> Episode:
+        """The robot's state.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first ``reset``.
+        """
+        if self._episode is None:
+            raise gym.error.ResetNeeded("call reset() first: there is no scene yet")
+        return self._episode
 
     def fixate(self, object_id: int) -> None:
         """Makes another confirmed object the fixation target, from the next step on.
@@ -341,9 +304,7 @@ class FixationEnv(gym.Env, EzPickle):
         Raises:
             ValueError: if no object with this id has been confirmed.
         """
-        if not 0 <= object_id < len(self.memory.objects):
-            raise ValueError(f"no confirmed object {object_id}; there are {len(self.memory.objects)}, counted from 0")
-        self._target_id = object_id
+        self.episode.fixate(object_id)
 
     def capture(self, height_px: int | None = None, width_px: int | None = None) -> Capture:
         """A full frame of the current view. Changes nothing: the rollout goes on as if it had not been taken.
@@ -352,34 +313,10 @@ class FixationEnv(gym.Env, EzPickle):
             height_px: picture height; by default that of the world's profile, as is the width.
             width_px: picture width; the field of view is 90 degrees across.
         """
-        scene = self._current_scene()
-        height_px, width_px = height_px or self.profile.capture_size[0], width_px or self.profile.capture_size[1]
-        frame, instance_map, intrinsics = self._draw(height_px, width_px, antialias=True)
-        camera_to_world = scene.body.camera_to_world
-        return Capture(
-            rgb=frame.rgb,
-            depth_m=frame.depth_m,
-            intrinsics=intrinsics,
-            camera_to_world=camera_to_world,
-            detections=tuple(self._detect(frame, instance_map, intrinsics)),
-            ground_truth=ground_truth_of_view(
-                scene.world,
-                scene.renderer,
-                scene.data,
-                instance_map,
-                scene.geoms_of_instance,
-                intrinsics,
-                camera_to_world,
-                self._step_index,
-            ),
-        )
+        height, width = self.profile.capture_size
+        return self.episode.capture(height_px or height, width_px or width)
 
-    # Parts of a step --------------------------------------------------------------------------------------------------
-
-    def _current_scene(self) -> Scene:
-        if self._scene is None:
-            raise gym.error.ResetNeeded("call reset() first: there is no scene yet")
-        return self._scene
+    # Parts of the above -----------------------------------------------------------------------------------------------
 
     def _choose_scene(self, options: dict[str, Any], seeded: bool) -> Scene:
         """The scene asked for, the current one while its episodes last, or one drawn from the split."""
@@ -387,8 +324,8 @@ class FixationEnv(gym.Env, EzPickle):
         stay = bool(options.get("reuse_scene", not seeded and self._episodes_in_scene <= self._episodes_per_scene))
         if "scene" in options:
             name = self._source.canonical(options["scene"])
-        elif stay and self._scene is not None:
-            return self._scene
+        elif stay and self._episode is not None:
+            return self._episode.scene
         else:
             name = self.scene_names[int(self.np_random.integers(len(self.scene_names)))]
         self._episodes_in_scene = 1
@@ -397,142 +334,30 @@ class FixationEnv(gym.Env, EzPickle):
     def _choose_start(self, scene: Scene, options: dict[str, Any]) -> tuple[Float[np.ndarray, "2"], float]:
         yaw_rad = float(self.np_random.uniform(-np.pi, np.pi))
         position_m = (scene.world.starts or scene.world.navigable).random_point(self.np_random)
-        if options.get("start") is not None:
-            start = np.asarray(options["start"], float)
-            if start.shape not in ((2,), (3,)) or not np.all(np.isfinite(start)):
-                raise ValueError(
-                    f"option 'start' is (x, y) or (x, y, yaw) in metres and radians, not {options['start']}"
-                )
-            if not scene.world.navigable.is_free(start[:2]):
-                free = scene.world.navigable.nearest_free(start[:2])
-                raise ValueError(
-                    f"option 'start': the robot cannot stand at ({start[0]:g}, {start[1]:g}); "
-                    f"the nearest free place is ({free[0]:.2f}, {free[1]:.2f})"
-                )
-            position_m = start[:2]
-            yaw_rad = float(start[2]) if len(start) == 3 else yaw_rad
-        return position_m, yaw_rad
+        if options.get("start") is None:
+            return position_m, yaw_rad
+        start = checked_start(options["start"], scene.world.navigable)
+        return start[:2], float(start[2]) if len(start) == 3 else yaw_rad
 
-    def _displacement_m(self, forward_left: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
-        """World displacement of a move command, at most one stride long."""
-        forward, left = forward_left / max(1.0, float(np.linalg.norm(forward_left)))
-        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-        return self._stride_m * np.array([cos * forward - sin * left, sin * forward + cos * left])
-
-    def _aim(self, yaw_pitch: Float[np.ndarray, "2"]) -> None:
-        """Turns the camera: around the target's direction, or on from where it points."""
-        body, target = self._current_scene().body, self._target
-        if target is None or self._gaze == "free":
-            body.look(
-                body.yaw_rad + yaw_pitch[0] * np.deg2rad(60.0),
-                body.tilt_rad + yaw_pitch[1] * np.deg2rad(30.0),
-            )
-            return
-        offset = target.centroid_m - body.camera_to_world[:3, 3]
-        yaw_rad = float(np.arctan2(offset[1], offset[0]))
-        tilt_rad = float(np.arctan2(offset[2], np.hypot(offset[0], offset[1])))
-        body.look(yaw_rad + yaw_pitch[0] * np.deg2rad(45.0), tilt_rad + yaw_pitch[1] * np.deg2rad(45.0))
-
-    @property
-    def _target(self) -> KnownObject | None:
-        return None if self._target_id is None else self.memory.objects[self._target_id]
-
-    def _look(self) -> MemoryUpdate:
-        """Draws what the robot sees now, detects, and lets the memory learn from it."""
-        scene = self._current_scene()
-        frame, instance_map, intrinsics = self._draw(*self._size, antialias=self._antialias)
-        self._frame = frame
-        self._intrinsics = intrinsics
-        self._detections = self._detect(frame, instance_map, intrinsics)
-        update = self.memory.observe(self._detections, frame.depth_m, intrinsics, scene.body.camera_to_world)
-        if self._target_id is None and self.memory.objects:
-            self._target_id = 0
-        return update
-
-    def _draw(
-        self, height_px: int, width_px: int, antialias: bool
-    ) -> tuple[Frame, Int32[np.ndarray, "h w"], Float[np.ndarray, "3 3"]]:
-        scene = self._current_scene()
-        intrinsics = intrinsics_from_fov(width_px, height_px, 0.5 * np.pi)
-        frame = scene.renderer.render(
-            scene.data, intrinsics, scene.body.camera_to_world, height_px, width_px, antialias=antialias
-        )
-        return frame, scene.instance_of_geom[frame.geom_id], intrinsics
-
-    def _detect(self, frame: Frame, instance_map: Int32[np.ndarray, "h w"], intrinsics) -> list[Detection]:
-        """Detections in a frame. Noise belongs to the step, so that looking twice at one view gives one answer."""
-        scene = self._current_scene()
-        view = SimulatedView(
-            view_index=self._step_index,
-            instance_map=instance_map,
-            depth_m=frame.depth_m,
-            objects=tuple(scene.surfaces.observe(instance_map, intrinsics, scene.body.camera_to_world)),
-        )
-        return self._detector.detect(np.random.default_rng([self._entropy, self._step_index]), view)
-
-    # What the step returns --------------------------------------------------------------------------------------------
-
-    def _observation(self, update: MemoryUpdate) -> dict[str, np.ndarray]:
-        scene, target = self._current_scene(), self._target
-        body = scene.body
-        situation = Situation(
-            position_m=body.position_m,
-            yaw_rad=body.yaw_rad,
-            tilt_rad=body.tilt_rad,
-            camera_m=body.camera_to_world[:3, 3],
-            target=target,
-            target_visible=target is not None and target.object_id in update.visible,
-            target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
-            candidate=update.candidate,
-            num_confirmed=len(self.memory.objects),
-            collided=self._collided,
-            time_left=max(0.0, 1.0 - self._step_index / self.num_views),
-        )
-        self._visible = update.visible
-        return {
-            "rgb": self._frame.rgb.copy(),
-            "depth": encode_depth(self._frame.depth_m, self.profile.scales.depth_level_m),
-            "state": state_vector(situation, self._bins, scene.world.navigable, self.profile.scales),
-        }
+    def _observation(self) -> dict[str, np.ndarray]:
+        return episode_report.observation(self.episode, self.num_views, self._bins, self.profile.scales)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        scene, target = self._current_scene(), self._target
-        known = [self._describe(known) for known in self.memory.objects]
-        return {
-            "scene": scene.name,
-            "detections": list(self._detections),
-            "fixation_target": {} if target is None else self._describe(target),
-            "confirmed_objects": known,
-            "reward_terms": terms,
-            "agent": {
-                "position_m": scene.body.position_m,
-                "yaw_rad": scene.body.yaw_rad,
-                "tilt_rad": scene.body.tilt_rad,
-                "camera_to_world": scene.body.camera_to_world,
-                "intrinsics": self._intrinsics.copy(),
-            },
-            "collided": self._collided,
-            "is_success": bool(known),
-            "coverage": max((len(k.azimuths) for k in self.memory.objects), default=0) / self._bins.num_azimuths,
-            "path_length_m": self._path_m,
-        }
+        return episode_report.info(self.episode, terms, self.num_azimuths)
 
-    def _describe(self, known: KnownObject) -> dict[str, Any]:
-        """A known object as ``info`` shows it."""
-        return {
-            "object_id": known.object_id,
-            "category": known.category,
-            "best_confidence": known.best_confidence,
-            "centroid_m": known.centroid_m.copy(),
-            "extent_m": known.extent_m,
-            "visible": known.object_id in self._visible,
-            "azimuths": sorted(known.azimuths),
-        }
+    def _view_from_outside(self) -> np.ndarray:
+        scene = self.scene
+        if self._third_person is None or self._third_person[0].model is not scene.model:
+            if self._third_person is not None:
+                self._third_person[1].close()
+            view = ThirdPersonView(scene.model, self._cache.make_renderer, float(scene.body.camera_to_world[2, 3]))
+            self._third_person = (scene, view)
+        return self._third_person[1].draw(scene.data, self._trace(), *self._render_size)
 
+    def _show_human(self) -> None:
+        if self.render_mode == "human":
+            self._window.show(self.scene.model, self.scene.data, self._trace())
 
-def _make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig) -> SimulatedDetector:
-    if isinstance(detector, SimulatedDetectorConfig):
-        return SimulatedDetector(detector)
-    if detector not in DETECTORS:
-        raise ValueError(f"unknown detector {detector!r}; known: {', '.join(DETECTORS)}, or a SimulatedDetectorConfig")
-    return SimulatedDetector(fitting)
+    def _trace(self) -> AgentTrace:
+        """What a picture from outside shows of the robot."""
+        return self.episode.trace()

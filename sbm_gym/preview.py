@@ -1,8 +1,9 @@
 """Contact sheets of worlds, renderers and furniture: ``python -m sbm_gym.preview``. Faults are seen there first."""
 
 import sys
+import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,19 +11,19 @@ from labeling.cli import run_command
 from labeling.errors import UsageError
 
 if TYPE_CHECKING:
-    import mujoco
     import numpy as np
-    from jaxtyping import Float, UInt8
+    from jaxtyping import UInt8
 
     from sbm_gym.assets.library import FurnitureLibrary, ModelCard
     from sbm_gym.rendering.base import Renderer
     from sbm_gym.scenes import WorldSource
-    from sbm_gym.worlds.world import World
 
 SHEETS = ("scenes", "renderers", "assets")
 EYE_VIEWS = 4
 SCENES_PER_SHEET = 6
 """Sheets stay below 2000 pixels in height at the default size."""
+ABOVE_ASPECT = 1.4
+"""Width of pictures from above, over their height."""
 CARDS_PER_ROW = 8
 _MARGIN_PX = 4
 _CAPTION_PX = 16
@@ -111,18 +112,24 @@ def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height:
     from labeling.geometry import intrinsics_from_fov
     from sbm_gym.rendering.gl import GlRenderer
     from sbm_gym.rendering.rays import RaysRenderer
+    from sbm_gym.viewpoints import eye_level_views, view_from_above
 
     world = source.build(name)
     model = world.spec.compile()
     data = mujoco.MjData(model)
+    if world.stage is not None:
+        # As an episode finds it.
+        arrangement = world.stage.arrange(np.random.default_rng(zlib.crc32(name.encode())))
+        arrangement.apply(model)
+        world = replace(world, objects=arrangement.objects)
     mujoco.mj_forward(model, data)
-    eye_m = source.profile.body.camera_height_m
-    cameras = eye_level_views(world, model, data, eye_m, EYE_VIEWS)
-    intrinsics = intrinsics_from_fov(width, height, 0.5 * np.pi)
     rays = RaysRenderer(model)
+    eye_m, near_m = source.profile.body.camera_height_m, source.profile.ring_m[0]
+    cameras = eye_level_views(world, model, data, eye_m, EYE_VIEWS, near_m, rays)
+    intrinsics = intrinsics_from_fov(width, height, 0.5 * np.pi)
     overview, pairs = [], []
     if "scenes" in config.what:
-        overview.append((view_from_above(model, data, eye_m, height, width), name))
+        overview.append((view_from_above(model, data, eye_m, height, round(ABOVE_ASPECT * height)), name))
         bar.update()
     frames = [rays.render(data, intrinsics, camera, height, width).rgb for camera in cameras]
     bar.update(len(frames))
@@ -136,75 +143,6 @@ def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height:
             bar.update()
         gl.close()
     return overview, pairs
-
-
-def eye_level_views(
-    world: "World", model: "mujoco.MjModel", data: "mujoco.MjData", height_m: float, count: int
-) -> "list[Float[np.ndarray, '4 4']]":
-    """Cameras far apart where an agent can stand, each looking at the objects nearest to it that are in sight.
-
-    Args:
-        world: the scene.
-        model: its compiled model.
-        data: where everything is.
-        height_m: height of the cameras.
-        count: how many.
-    """
-    import numpy as np
-
-    from labeling.geometry import look_at
-
-    rng = np.random.default_rng(0)
-    places = np.array([world.navigable.random_point(rng) for _ in range(200)])
-    chosen = [0]
-    while len(chosen) < count:
-        # The place farthest from those chosen already.
-        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(axis=1)
-        chosen.append(int(np.argmax(distance)))
-    return [look_at(eye, _target(world, model, data, eye)) for eye in np.insert(places[chosen], 2, height_m, axis=1)]
-
-
-def _target(world: "World", model: "mujoco.MjModel", data: "mujoco.MjData", eye: "Float[np.ndarray, '3']"):
-    """Middle of the nearest two objects in sight, not right before the camera; else the most open direction."""
-    import mujoco
-    import numpy as np
-
-    groups, hit = np.array([1, 1, 1, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
-
-    def first_hit(way: "Float[np.ndarray, '3']") -> tuple[float, int]:
-        reach = mujoco.mj_ray(model, data, eye, way, groups, 1, -1, hit)
-        return (reach if reach >= 0.0 else float("inf")), int(hit[0])
-
-    seen = []
-    for instance in world.objects:
-        way = np.asarray(instance.box_3d.centre_m, float) - eye
-        away = float(np.linalg.norm(way[:2]))
-        if away >= 1.0:
-            reach, geom = first_hit(way)
-            is_it = geom >= 0 and model.geom_bodyid[geom] == model.body(instance.body_name).id
-            if is_it or reach >= 1.0:
-                seen.append((away, way))
-    if seen:
-        nearest = sorted(seen, key=lambda entry: entry[0])[:2]
-        return eye + np.mean([way for _, way in nearest], axis=0)
-    angles = np.arange(16) * (2.0 * np.pi / 16)
-    ways = np.stack([np.cos(angles), np.sin(angles), np.full(16, -0.15)], axis=1)
-    return eye + max(ways, key=lambda way: min(first_hit(way)[0], 50.0))
-
-
-def view_from_above(
-    model: "mujoco.MjModel", data: "mujoco.MjData", eye_m: float, height: int, width: int
-) -> "UInt8[np.ndarray, 'h w 3']":
-    """The whole world from a raised camera, without its ceiling."""
-    import numpy as np
-
-    from sbm_gym.rendering.rays import RaysRenderer
-    from sbm_gym.rendering.third_person import ELEVATION_RAD, floor_bounds, opened_model, overview_camera
-
-    low, high = floor_bounds(model, data)
-    middle = np.array([*(0.5 * (low + high)), 0.6])
-    intrinsics, camera = overview_camera(middle, 0.5 * (high - low), height, width, ELEVATION_RAD)
-    return RaysRenderer(opened_model(model, data, eye_m)).render(data, intrinsics, camera, height, width).rgb
 
 
 # Furniture ------------------------------------------------------------------------------------------------------------
@@ -276,22 +214,24 @@ def _close(renderer: "Renderer", data: "mujoco.MjData", intrinsics: Any, camera:
 def contact_sheet(
     tiles: "list[tuple[UInt8[np.ndarray, 'h w 3'], str]]", columns: int
 ) -> "UInt8[np.ndarray, 'sheet_h sheet_w 3']":
-    """Pictures of one size in rows on light paper, each with a caption below it.
+    """Pictures of one height in rows on light paper, each with a caption below it.
 
     Args:
-        tiles: pictures and captions; at least one.
+        tiles: pictures and captions; at least one. Columns are as wide as their widest picture.
         columns: pictures in a row.
     """
     import cv2
     import numpy as np
 
-    height, width = tiles[0][0].shape[:2]
-    cell_h, cell_w = height + _CAPTION_PX + _MARGIN_PX, width + _MARGIN_PX
+    height = tiles[0][0].shape[0]
+    cell_h = height + _CAPTION_PX + _MARGIN_PX
     rows = -(-len(tiles) // columns)
-    columns = min(columns, len(tiles))
-    sheet = np.full((rows * cell_h + _MARGIN_PX, columns * cell_w + _MARGIN_PX, 3), _PAPER, np.uint8)
+    widths = [max(picture.shape[1] for picture, _ in tiles[column::columns]) for column in range(len(tiles[:columns]))]
+    lefts = _MARGIN_PX + np.concatenate([[0], np.cumsum(np.add(widths, _MARGIN_PX))])
+    sheet = np.full((rows * cell_h + _MARGIN_PX, int(lefts[-1]), 3), _PAPER, np.uint8)
     for index, (picture, caption) in enumerate(tiles):
-        top, left = (_MARGIN_PX + place for place in (index // columns * cell_h, index % columns * cell_w))
+        top, left = _MARGIN_PX + index // columns * cell_h, int(lefts[index % columns])
+        width = picture.shape[1]
         sheet[top : top + height, left : left + width] = picture
         # Captions too long for their picture lose their beginnings, which are the same for all.
         letters = max(width // 6, 4)

@@ -9,21 +9,45 @@ from sbm_gym.worlds.world import World
 WORLD_KINDS = ("indoor", "outdoor", "indoor-builtin", "outdoor-builtin")
 
 
-def world_source(kind: str) -> WorldSource:
+def world_source(kind: str, unseen_models: bool = False) -> WorldSource:
     """The source of a kind of world.
+
+    Args:
+        kind: one of ``WORLD_KINDS``.
+        unseen_models: keep the models that validation and test scenes show out of all other scenes.
 
     Raises:
         ValueError: if there is no such kind, naming those there are.
     """
     if kind == "indoor":
-        return IndoorWorlds()
+        return IndoorWorlds(unseen_models=unseen_models)
     if kind == "outdoor":
-        return OutdoorWorlds()
+        return OutdoorWorlds(unseen_models=unseen_models)
     if kind == "indoor-builtin":
-        return IndoorBuiltinWorlds()
+        return IndoorBuiltinWorlds(unseen_models=unseen_models)
     if kind == "outdoor-builtin":
-        return OutdoorBuiltinWorlds()
+        return OutdoorBuiltinWorlds(unseen_models=unseen_models)
     raise ValueError(f"unknown kind of world {kind!r}; known: {', '.join(WORLD_KINDS)}")
+
+
+def chosen_source(worlds: str | WorldSource, unseen_models: bool) -> WorldSource:
+    """The source that an environment was asked for, by name or itself.
+
+    Raises:
+        ValueError: if there is no such kind, or ``unseen_models`` is asked of a source that has decided already.
+    """
+    if isinstance(worlds, str):
+        return world_source(worlds, unseen_models)
+    if unseen_models:
+        raise ValueError(f"unseen_models goes with worlds given by name ({', '.join(WORLD_KINDS)}), not with an object")
+    return worlds
+
+
+def _seed_of(name: str) -> int:
+    """Seed of the builtin library that a scene has to itself."""
+    import hashlib
+
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
 
 
 @dataclass(frozen=True)
@@ -59,13 +83,11 @@ class IndoorBuiltinWorlds(IndoorWorlds):
 
     def build(self, scene: str) -> World:
         """Builds a scene."""
-        import hashlib
-
         from sbm_gym.assets.builtin import BuiltinLibrary
         from sbm_gym.worlds.indoor import build_indoor
 
         name = self.canonical(scene)
-        library = BuiltinLibrary(int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big"))
+        library = BuiltinLibrary(_seed_of(name))
         return build_indoor(name, library=library, unseen_models=self.unseen_models)
 
 
@@ -74,6 +96,8 @@ class OutdoorWorlds:
     """Towns with vehicles, from the installed furniture libraries."""
 
     profile: WorldProfile = OUTDOOR
+    unseen_models: bool = False
+    """Keep the models of vehicles of validation and test towns out of all others."""
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """Names of the towns of a split, of all named towns for None."""
@@ -91,7 +115,7 @@ class OutdoorWorlds:
         """Builds a town."""
         from sbm_gym.worlds.outdoor import build_outdoor
 
-        return build_outdoor(scene)
+        return build_outdoor(scene, unseen_models=self.unseen_models)
 
 
 @dataclass(frozen=True)
@@ -100,11 +124,9 @@ class OutdoorBuiltinWorlds(OutdoorWorlds):
 
     def build(self, scene: str) -> World:
         """Builds a town."""
-        import hashlib
-
         from sbm_gym.assets.builtin import BuiltinLibrary
         from sbm_gym.worlds.outdoor import build_outdoor
 
         name = self.canonical(scene)
-        library = BuiltinLibrary(int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big"))
-        return build_outdoor(name, library=library)
+        library = BuiltinLibrary(_seed_of(name))
+        return build_outdoor(name, library=library, unseen_models=self.unseen_models)

@@ -14,15 +14,21 @@ COMMANDS = (
     "labeling.evaluate",
     "labeling.convert",
     "labeling.inspect",
+    "labeling.detect",
+    "labeling.finetune",
     "sbm_gym.assets",
+    "sbm_gym.photographs",
     "sbm_gym.preview",
     "agents.collect",
     "experiments.bench",
+    "experiments.calibrate_labels",
     "experiments.capture",
     "experiments.demo",
     "experiments.pictures",
+    "experiments.pretrain_compact",
+    "experiments.run",
 )
-HEAVY = ("torch", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib")
+HEAVY = ("torch", "torchvision", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib")
 
 
 def modules_of(package: str) -> list[Path]:

@@ -18,6 +18,7 @@ from labeling.recordings.pictures import (
     same_view,
     size_text,
 )
+from labeling.threads import in_threads
 
 MAX_DEPTH_UNIT_M = 1000.0
 _UP = {"z": (0, 0, 1), "y": (0, 1, 0), "x": (1, 0, 0), "-z": (0, 0, -1), "-y": (0, -1, 0), "-x": (-1, 0, 0)}
@@ -95,15 +96,17 @@ def load(frames: Sequence[Frame], straighten: bool) -> Views:
     rgb: list[np.ndarray] = []
     depth, intrinsics, straightening = [], [], []
     resized = 0
-    for frame in frames:
-        colour = read_colour(frame.colour_file)
+    pictures = in_threads(lambda frame: (read_colour(frame.colour_file), _read_depth(frame)), frames)
+    for frame, (colour, depth_or_error) in zip(frames, pictures, strict=True):
         if rgb and colour.shape != rgb[0].shape:
             raise EpisodeFormatError(
                 f"{frame.colour_file}: is {size_text(colour)} pixels, but the first view is {size_text(rgb[0])}; "
                 "all views of an episode have one size"
             )
         camera = frame.camera((colour.shape[0], colour.shape[1]))
-        depth_m = read_depth(frame.depth_file, frame.depth_unit_m)
+        if isinstance(depth_or_error, EpisodeFormatError):
+            raise depth_or_error
+        depth_m = depth_or_error
         aligned = _align(frame, depth_m, camera, colour.shape[:2])
         resized += aligned is not depth_m
         lens = None
@@ -122,6 +125,14 @@ def load(frames: Sequence[Frame], straighten: bool) -> Views:
         straightening.append(lens)
     notes = [f"depth of {resized} views was brought to the size of their colour pictures"] if resized else []
     return Views(np.stack(rgb), np.stack(depth), np.stack(intrinsics), tuple(straightening), notes)
+
+
+def _read_depth(frame: Frame) -> np.ndarray | EpisodeFormatError:
+    """Depth, or what is wrong with it: told only after what is wrong with the colour picture."""
+    try:
+        return read_depth(frame.depth_file, frame.depth_unit_m)
+    except EpisodeFormatError as error:
+        return error
 
 
 def _align(frame: Frame, depth_m, camera, size: tuple[int, int]) -> np.ndarray:

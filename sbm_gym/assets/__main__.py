@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from labeling.errors import SbmError
+from labeling.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -42,18 +42,16 @@ Command = (
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns the exit code."""
-    command = tyro.cli(Command, prog="python -m sbm_gym.assets", description=__doc__, args=arguments)  # type: ignore[arg-type]
-    try:
-        if isinstance(command, ListModels):
-            _list(command.category, command.builtin)
-        elif isinstance(command, Install):
-            _install()
-        else:
-            _credits(command.out)
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return run_command(Command, _run, "python -m sbm_gym.assets", arguments, description=__doc__)
+
+
+def _run(command: ListModels | Install | Credits) -> None:
+    if isinstance(command, ListModels):
+        _list(command.category, command.builtin)
+    elif isinstance(command, Install):
+        _install()
+    else:
+        _credits(command.out)
 
 
 def _list(category: str | None, builtin: bool) -> None:
@@ -88,14 +86,14 @@ def _list_builtin(category: str | None) -> None:
     from rich.table import Table
 
     from sbm_gym.assets.builtin import RECIPES
-    from sbm_gym.assets.classes import categories
+    from sbm_gym.assets.classes import USES, categories
 
     table = Table("class", "use", "name", "width (m)", "depth (m)", "height (m)")
     order = [*categories(), None]
-    for use, recipe in sorted(RECIPES.items(), key=lambda item: order.index(item[1].category)):
-        if category in (None, recipe.category):
+    for use, recipe in sorted(RECIPES.items(), key=lambda item: order.index(USES[item[0]].category)):
+        if category in (None, USES[use].category):
             ranges = [f"{low:.2f} .. {high:.2f}" for low, high in recipe.size_m]
-            table.add_row(recipe.category or "-", use, recipe.name, *ranges)
+            table.add_row(USES[use].category or "-", use, recipe.name, *ranges)
     console = Console()
     console.print(table)
     console.print("every whole number from 0 on is the seed of another model")

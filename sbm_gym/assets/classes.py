@@ -19,7 +19,9 @@ NOVEL_CATEGORIES = ("cushion", "nightstand", "shelf", "beanbag")
 MAX_TRIANGLES = 46_000
 """Models with more triangles are left out for now; nothing is thinned, so legs, slats and leaves stay as drawn.
 
-Trees have more: towns thin them leaf by leaf (sbm_gym.worlds.foliage)."""
+Trees have more: they are thinned leaf by leaf (sbm_gym.assets.foliage)."""
+THINNED = {"street_tree": 8_000, "park_tree": 8_000}
+"""Uses whose models are thinned when they are converted, and to how many triangles."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +144,40 @@ USES: dict[str, Use] = {
     "kitchen_unit": Use(
         None,
         _ids(
-            (_BLEND0, "lowerCabinet sinkCabinet drawersCabinet"),
-            (_BLEND_BY, "kitchenSink kitchenLowerCabinet kitchenDrawersCabinet"),
+            (_BLEND0, "lowerCabinet drawersCabinet"),
+            (_BLEND_BY, "kitchenLowerCabinet kitchenDrawersCabinet kitchenSmallLowerCabinet"),
         ),
     ),
-    "washbasin": Use(None, _ids((_BLEND0, "modernVanity"), (_BLEND_BY, "washbasin_jay_hardy"))),
+    "kitchen_sink": Use(None, _ids((_BLEND0, "sinkCabinet"), (_BLEND_BY, "kitchenSink"))),
+    "wall_cabinet": Use(
+        None,
+        _ids(
+            (_BLEND0, "upperCabinet glassDoorCabinet smallUpperCabinet"),
+            (_BLEND_BY, "kitchenUpperCabinet kitchenSmallUpperCabinet kitchenGlassDoorCabinet"),
+        ),
+    ),
+    # Cookers of the libraries have as many triangles as a whole kitchen.
+    "cooker": Use(None, ()),
+    "cooker_hood": Use(None, _ids((_BLEND0, "rangeHood"))),
+    "washing_machine": Use(None, _ids((_SCOPIA, "clothes_washing_machine dryer_machine"))),
+    "worktop_thing": Use(
+        None,
+        _ids(
+            (_BLEND_BY, "boiler breadBox utensilsPot"),
+            (_SCOPIA, "toaster coffee_machine paperTowelHolder"),
+        ),
+    ),
+    "washbasin": Use(
+        None, _ids((_BLEND0, "modernVanity"), (_BLEND_BY, "washbasin_jay_hardy"), (_SCOPIA, "bathroom_vanity"))
+    ),
     "bathtub": Use(None, _ids((_SCOPIA, "islandBath"))),
+    "shower": Use(None, ()),
+    "mirror": Use(None, ()),
+    "towel_rail": Use(None, _ids((_BLEND0, "towel3"))),
+    "bath_mat": Use(None, _ids((_KATOR, "bathmat"))),
+    "coat_rack": Use(None, ()),
+    "whiteboard": Use(None, ()),
+    "wall_clock": Use(None, ()),
     "floor_lamp": Use(None, _ids((_SCOPIA, "living_lamp"))),
     "table_lamp": Use(
         None,

@@ -10,11 +10,21 @@ from jaxtyping import Float, UInt8
 from labeling.files import atomic_folder
 from sbm_gym.assets.archive import ArchiveError, FurnitureArchive, resolve
 from sbm_gym.assets.catalog import CatalogEntry
-from sbm_gym.assets.model import FurnitureModel, Surface, footprint_rectangles, load_model, save_model
+from sbm_gym.assets.foliage import thin_foliage
+from sbm_gym.assets.model import (
+    FurnitureModel,
+    Surface,
+    footprint_rectangles,
+    load_model,
+    save_model,
+    saved_triangles,
+)
 from sbm_gym.assets.wavefront import ModelFormatError, ObjMaterial, ObjMesh, parse_mtl, parse_obj
 
-CONVERTER_VERSION = 3
+CONVERTER_VERSION = 4
 """Goes up whenever conversion gives other results, so that older caches are left behind."""
+CLEAR_M = 2.3
+"""Thinned trees are pruned up to this height, so that people can walk below."""
 CACHE_VARIABLE = "SBM_CACHE"
 """Environment variable that names the cache folder."""
 MAX_TEXTURE_PX = 512
@@ -39,6 +49,7 @@ def cached_model(
     quarter_turns: int = 0,
     folder: Path | None = None,
     version: int = CONVERTER_VERSION,
+    thin_to: int | None = None,
 ) -> FurnitureModel:
     """The model of a catalogue entry: from the cache, or converted and put there.
 
@@ -48,17 +59,20 @@ def cached_model(
         quarter_turns: how often to turn the model by 90 degrees (counter-clockwise from above) so that it faces -Y.
         folder: the cache; by default the user's.
         version: of the converter.
+        thin_to: for trees: about how many triangles they may have.
 
     Raises:
         ArchiveError, ModelFormatError: if the library or the model is damaged.
     """
-    where = model_folder(entry, library_hash, quarter_turns, folder, version)
+    where = model_folder(entry, library_hash, quarter_turns, folder, version, thin_to)
     if where.is_dir():
         try:
             return load_model(where)
         except (OSError, ValueError, KeyError, TypeError):
             pass  # damaged: made again below
     model = convert(entry, quarter_turns)
+    if thin_to is not None:
+        model = thin_foliage(model, thin_to, CLEAR_M)
     try:
         with atomic_folder(where) as temporary:
             save_model(temporary, model)
@@ -69,17 +83,37 @@ def cached_model(
     return model
 
 
+def cached_triangles(
+    entry: CatalogEntry,
+    library_hash: str,
+    quarter_turns: int = 0,
+    folder: Path | None = None,
+    thin_to: int | None = None,
+) -> int:
+    """How many triangles ``cached_model`` with the same arguments has; reads no mesh that the cache holds.
+
+    Raises:
+        ArchiveError, ModelFormatError: if the library or the model is damaged.
+    """
+    try:
+        return saved_triangles(model_folder(entry, library_hash, quarter_turns, folder, thin_to=thin_to))
+    except (OSError, ValueError, KeyError, TypeError):
+        return cached_model(entry, library_hash, quarter_turns, folder, thin_to=thin_to).num_triangles
+
+
 def model_folder(
     entry: CatalogEntry,
     library_hash: str,
     quarter_turns: int = 0,
     folder: Path | None = None,
     version: int = CONVERTER_VERSION,
+    thin_to: int | None = None,
 ) -> Path:
     """Where the cache keeps a model."""
     safe = "".join(character if character.isalnum() or character in "-_" else "_" for character in entry.model_id)
     turned = f"-{quarter_turns % 4}" if quarter_turns % 4 else ""
-    return (folder or cache_folder()) / "furniture" / f"v{version}" / library_hash / (safe[:80] + turned)
+    thinned = "" if thin_to is None else f"-thin{thin_to}"
+    return (folder or cache_folder()) / "furniture" / f"v{version}" / library_hash / (safe[:80] + turned + thinned)
 
 
 def convert(entry: CatalogEntry, quarter_turns: int = 0) -> FurnitureModel:

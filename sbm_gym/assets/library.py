@@ -8,8 +8,8 @@ from typing import Protocol
 
 from labeling.errors import MissingAssetsError
 from sbm_gym.assets.catalog import CatalogEntry, Library, find_libraries, read_library
-from sbm_gym.assets.classes import QUARTER_TURNS, USES
-from sbm_gym.assets.home3d import cached_model
+from sbm_gym.assets.classes import QUARTER_TURNS, THINNED, USES
+from sbm_gym.assets.home3d import cached_model, cached_triangles
 from sbm_gym.assets.model import FurnitureModel
 
 
@@ -43,6 +43,10 @@ class FurnitureLibrary(Protocol):
         """The model of a card that ``models`` gave."""
         ...
 
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has; cheaper than loading it where that can be."""
+        ...
+
 
 class Home3dLibrary:
     """The mapped models of Sweet Home 3D furniture libraries."""
@@ -72,7 +76,9 @@ class Home3dLibrary:
                 f"the furniture libraries found ({found}) hold none of the models rooms are made of: "
                 "run `sudo apt-get install sweethome3d-furniture`"
             )
+        self._thin_to = {model_id: count for use, count in THINNED.items() for model_id in USES[use].models}
         self._load = functools.lru_cache(maxsize=512)(self._load_uncached)
+        self._triangles: dict[str, int] = {}
 
     def models(self, use: str) -> tuple[ModelCard, ...]:
         """Models for a use, in the class map's order; empty if there are none."""
@@ -86,6 +92,13 @@ class Home3dLibrary:
         """The model of a card, from memory, from the cache, or converted now."""
         return self._load(card.model_id)
 
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has, from the cache's notes."""
+        if card.model_id not in self._triangles:
+            thin_to = self._thin_to.get(card.model_id)
+            self._triangles[card.model_id] = cached_triangles(*self._place(card.model_id), thin_to=thin_to)
+        return self._triangles[card.model_id]
+
     def install(self, report: Callable[[ModelCard], None]) -> None:
         """Makes sure the cache holds every mapped model; calls ``report`` after each."""
         for card in self.cards():
@@ -93,8 +106,12 @@ class Home3dLibrary:
             report(card)
 
     def _load_uncached(self, model_id: str) -> FurnitureModel:
+        return cached_model(*self._place(model_id), thin_to=self._thin_to.get(model_id))
+
+    def _place(self, model_id: str) -> tuple[CatalogEntry, str, int, Path | None]:
+        """What says where the cache keeps a model."""
         entry, content_hash = self._entries[model_id]
-        return cached_model(entry, content_hash, QUARTER_TURNS.get(model_id, 0), self._cache)
+        return entry, content_hash, QUARTER_TURNS.get(model_id, 0), self._cache
 
 
 def _card(entry: CatalogEntry, use: str) -> ModelCard:

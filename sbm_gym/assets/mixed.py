@@ -1,32 +1,70 @@
 """Catalogue furniture, and builtin models of what catalogues lack."""
 
 import functools
+from collections.abc import Mapping
 
 from sbm_gym.assets.builtin import BUILTIN, BuiltinLibrary
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.library import FurnitureLibrary, ModelCard, default_library
 from sbm_gym.assets.model import FurnitureModel
-from sbm_gym.assets.reserved import worlds_library
 
-FROM_SEEDS = {"cushion": 16, "leaning_cushion": 24, "beanbag": 7, "nightstand": 6, "rug": 12, "bathtub": 6}
+FROM_SEEDS = {
+    "cushion": 16,
+    "leaning_cushion": 24,
+    "beanbag": 7,
+    "nightstand": 6,
+    "rug": 12,
+    "bathtub": 6,
+    "washbasin": 6,
+    "shower": 8,
+    "mirror": 12,
+    "towel_rail": 8,
+    "cooker": 8,
+    "cooker_hood": 5,
+    "washing_machine": 3,
+    "worktop_thing": 8,
+    "coat_rack": 8,
+    "whiteboard": 8,
+    "wall_clock": 8,
+}
 """How many builtin models join the catalogues' for these uses, of which catalogues have none or two at most."""
+
+IN_STREETS = {"litter_bin": 6, "cafe_table": 4, "cafe_chair": 4, "fountain": 4}
+"""How many builtin models stand in for the catalogues' in towns: those have one for each use, heavier than a car."""
 
 
 class MixedLibrary:
-    """A library's models, and builtin ones for the uses in ``FROM_SEEDS``."""
+    """A library's models, and builtin ones for some uses."""
 
-    def __init__(self, library: FurnitureLibrary):
-        """Adds to ``library``."""
-        self._library = library
-        self._builtin = BuiltinLibrary(seed=0, variants=max(FROM_SEEDS.values()))
+    def __init__(
+        self, library: FurnitureLibrary, added: Mapping[str, int] = FROM_SEEDS, instead: Mapping[str, int] | None = None
+    ):
+        """Mixes.
+
+        Args:
+            library: what builtin models join.
+            added: uses with builtin models after the library's, and how many.
+            instead: uses with builtin models only, and how many.
+        """
+        self._library, self._added, self._instead = library, added, instead or {}
+        self._builtin = BuiltinLibrary(seed=0, variants=max([1, *added.values(), *self._instead.values()]))
 
     def models(self, use: str) -> tuple[ModelCard, ...]:
         """Models for a use, the library's first."""
-        count = FROM_SEEDS.get(use, 0)
+        if use in self._instead:
+            return self._builtin.models(use)[: self._instead[use]]
+        count = self._added.get(use, 0)
         return self._library.models(use) + (self._builtin.models(use)[:count] if count else ())
 
     def load(self, card: ModelCard) -> FurnitureModel:
         """The model of a card that ``models`` gave."""
-        return (self._builtin if card.library == BUILTIN else self._library).load(card)
+        return self._of(card).load(card)
+
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has."""
+        return self._of(card).triangles(card)
+
+    def _of(self, card: ModelCard) -> FurnitureLibrary:
+        return self._builtin if card.library == BUILTIN else self._library
 
 
 @functools.cache
@@ -36,4 +74,14 @@ def indoor_library() -> MixedLibrary:
     Raises:
         MissingAssetsError: if no catalogue is installed.
     """
-    return MixedLibrary(worlds_library())
+    return MixedLibrary(default_library())
+
+
+@functools.cache
+def town_library() -> MixedLibrary:
+    """What towns are furnished from: the installed catalogues with builtin models for what is too heavy there.
+
+    Raises:
+        MissingAssetsError: if no catalogue is installed.
+    """
+    return MixedLibrary(default_library(), added={}, instead=IN_STREETS)

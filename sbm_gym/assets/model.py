@@ -117,7 +117,12 @@ def save_model(folder: Path, model: FurnitureModel) -> None:
             }
         )
     np.savez(folder / "model.npz", allow_pickle=False, **arrays)
-    record = {"model_id": model.model_id, "size_m": model.size_m, "surfaces": surfaces}
+    record = {
+        "model_id": model.model_id,
+        "size_m": model.size_m,
+        "triangles": model.num_triangles,
+        "surfaces": surfaces,
+    }
     (folder / "model.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
@@ -145,6 +150,15 @@ def load_model(folder: Path) -> FurnitureModel:
         )
         footprint_m = arrays["footprint_m"]
     return FurnitureModel(record["model_id"], tuple(record["size_m"]), surfaces, footprint_m)
+
+
+def saved_triangles(folder: Path) -> int:
+    """How many triangles a model that ``save_model`` wrote has, without reading them.
+
+    Raises:
+        OSError, ValueError, KeyError: if the folder is not a whole, well-formed model.
+    """
+    return int(json.loads((folder / "model.json").read_text(encoding="utf-8"))["triangles"])
 
 
 def _picture_reader(folder: Path) -> Callable[[str], UInt8[np.ndarray, "h w c"]]:

@@ -61,6 +61,10 @@ class WorldsLibrary:
         """The model of a card that ``models`` gave."""
         return self._library.load(card)
 
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles a model has."""
+        return self._library.triangles(card)
+
 
 @functools.cache
 def worlds_library() -> WorldsLibrary:

@@ -60,6 +60,10 @@ class PartLibrary:
         """The model of a card."""
         return self._library.load(card)
 
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has."""
+        return self._library.triangles(card)
+
     def _part(self, use: str) -> tuple[ModelCard, ...]:
         cards = self._library.models(use)
         category = USES[use].category

@@ -15,10 +15,11 @@ from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from sbm_gym.rendering.base import Frame, check_camera
 from sbm_gym.rendering.gl_context import GlContext
 from sbm_gym.rendering.gl_lights import place_lights
+from sbm_gym.rendering.gl_sheets import sheets
 from sbm_gym.rendering.lights import LightLevel, light_level, sky_of
 from sbm_gym.rendering.scene_tables import GLASS, HOLES, geom_kinds, visible_geoms
-from sbm_gym.rendering.shading import HOLE_ALPHA
 from sbm_gym.rendering.sky import add_haze, sky_colour
+from sbm_gym.rendering.texture_sampling import HOLE_ALPHA
 
 SHADOW_SIZES = {"off": 0, "low": 1024, "high": 4096}
 """Texels along the edge of a shadow map, by quality."""
@@ -66,6 +67,7 @@ class GlRenderer:
         self._open: _Open | None = None
         self._level: LightLevel | None = None
         self._kind = geom_kinds(model)
+        self._is_sheet = sheets(model) & (self._kind != GLASS)
         self._has_skybox = bool(np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX))
         self._drawn = set(np.flatnonzero(visible_geoms(model)).tolist())
         self._options = _scene_options()
@@ -225,8 +227,9 @@ class GlRenderer:
         for index in range(self._scene.ngeom):
             geom = self._geoms[index]
             number = geom.objid
-            if self._kind[number] == HOLES and geom.type == _MESH:
-                # MuJoCo does not cut out what a texture leaves transparent: these are drawn afterwards.
+            if (self._kind[number] == HOLES and geom.type == _MESH) or self._is_sheet[number]:
+                # MuJoCo does not cut out what a texture leaves transparent, nor can it leave out the side of a cloth
+                # that is not seen: these are drawn afterwards.
                 self._cut_out.append((index, number))
                 geom.type = _NOTHING
             elif geom.type == _PLANE and float(np.dot(position - geom.pos, geom.mat[:, 2])) < 0.0:
@@ -306,7 +309,9 @@ class GlRenderer:
         rgb[rows, columns] = np.maximum(rgb[rows, columns], sky_colour(directions, sky_of(self._model)[0]))
 
     def _draw_cut_out(self, mjr: mujoco.MjrContext, geoms: list[tuple[int, int]], *, as_ids: bool) -> None:
-        """Draws meshes whose textures have holes into the picture that MuJoCo has just drawn, holes left out.
+        """Draws meshes whose textures have holes, and cloth, into the picture that MuJoCo has just drawn.
+
+        Holes are left out, and so is the side of cloth that faces away. Neither casts nor gets shadows.
 
         MuJoCo leaves camera and lights in OpenGL's state, and its meshes and textures are OpenGL objects.
         """
@@ -314,11 +319,10 @@ class GlRenderer:
 
         GL.glPushAttrib(GL.GL_ALL_ATTRIB_BITS)
         GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glDisable(GL.GL_CULL_FACE)
+        GL.glCullFace(GL.GL_BACK)
         GL.glEnable(GL.GL_ALPHA_TEST)
         GL.glAlphaFunc(GL.GL_GEQUAL, HOLE_ALPHA)
         GL.glActiveTexture(GL.GL_TEXTURE0)
-        GL.glEnable(GL.GL_TEXTURE_2D)
         if as_ids:
             # Colour from the geom, opacity from its texture.
             GL.glDisable(GL.GL_LIGHTING)
@@ -340,7 +344,11 @@ class GlRenderer:
                 GL.glColor4f(*(float(value) for value in geom.rgba))
                 GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_EMISSION, (*(geom.emission * geom.rgba[:3]), 1.0))
                 GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_SPECULAR, (geom.specular,) * 3 + (1.0,))
-            GL.glBindTexture(GL.GL_TEXTURE_2D, int(mjr.texture[self._texture_of(geom)]))
+            (GL.glEnable if self._is_sheet[number] else GL.glDisable)(GL.GL_CULL_FACE)
+            texture = self._texture_of(geom)
+            (GL.glEnable if texture >= 0 else GL.glDisable)(GL.GL_TEXTURE_2D)
+            if texture >= 0:
+                GL.glBindTexture(GL.GL_TEXTURE_2D, int(mjr.texture[texture]))
             pose = np.eye(4, dtype=np.float32)
             pose[:3, :3], pose[:3, 3] = geom.mat, geom.pos
             GL.glPushMatrix()
@@ -350,7 +358,8 @@ class GlRenderer:
         GL.glPopAttrib()
 
     def _texture_of(self, geom: mujoco.MjvGeom) -> int:
-        if geom.texid >= 0:
+        """-1 for none."""
+        if geom.texid >= 0 or geom.matid < 0:
             return geom.texid
         roles = self._model.mat_texid.reshape(self._model.nmat, -1)[geom.matid]
         plain = int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from sbm_gym.rendering.light_tables import DIRECTIONAL, POINT, LightTable
 from sbm_gym.rendering.lights import BELOW_LAMP_M, LightLevel, is_in_sight, light_table
-from sbm_gym.rendering.shading import DIRECTIONAL, POINT, LightTable
 from sbm_gym.rendering.textures import srgb_encode
 
 MAX_LIGHTS = 8

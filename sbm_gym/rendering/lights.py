@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sbm_gym.rendering.light_tables import DIRECTIONAL, POINT, SPOT, AmbientTable, LightTable
 from sbm_gym.rendering.occupancy import FilledSpace
 from sbm_gym.rendering.scene_tables import FIRST_HIDDEN_GROUP
-from sbm_gym.rendering.shading import DIRECTIONAL, POINT, SPOT, AmbientTable, LightTable
 
 BOUNCE = 0.25
 """Share of the lamps' light that comes back from walls and floor as ambient light: a bright room's first bounces."""

@@ -1,22 +1,14 @@
 """Ray casting against the triangles and planes of a scene: nearest opaque hits, glass on the way, and shadows."""
 
-import itertools
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Int64
 
+from sbm_gym.rendering.ray_kernels import intersect_planes, name_triangles, occlude_planes, reach_boxes
 from sbm_gym.rendering.scene_tables import GLASS, SceneTables
-from sbm_gym.rendering.shading import (
-    TextureTable,
-    hole_test,
-    intersect_planes,
-    name_triangles,
-    occlude_planes,
-    reach_boxes,
-)
+from sbm_gym.rendering.texture_sampling import TextureTable, hole_test
+from sbm_gym.rendering.workers import Workers
 
 MAX_LAYERS = 16
 """A ray passes through at most this many holes and panes."""
@@ -24,32 +16,6 @@ LAYER_GAP_M = 1e-4
 """A ray goes on this far behind a hole or pane."""
 MAX_BOXES = 64
 """Beyond this many geoms with holes or of glass, rays are not tried against each one's box first."""
-_MIN_RAYS_PER_THREAD = 2048
-
-
-class Workers:
-    """Splits ranges of rays over threads. Kernels release the interpreter lock, so plain threads suffice."""
-
-    def __init__(self, threads: int) -> None:
-        """Starts the threads.
-
-        Args:
-            threads: how many; no more than that run at any time.
-        """
-        self.threads = threads
-        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
-
-    def split(self, kernel: Callable[..., None], count: int, *arguments: object) -> None:
-        """Calls ``kernel(start, stop, *arguments)`` for parts that cover ``range(count)``."""
-        parts = min(self.threads, max(count // _MIN_RAYS_PER_THREAD, 1))
-        if parts == 1 or self._pool is None:
-            kernel(0, count, *arguments)
-            return
-        bounds = np.linspace(0, count, parts + 1).astype(int).tolist()
-        others = [self._pool.submit(kernel, a, b, *arguments) for a, b in itertools.pairwise(bounds[1:])]
-        kernel(bounds[0], bounds[1], *arguments)
-        for other in others:
-            other.result()
 
 
 class TriangleScene:
@@ -165,18 +131,7 @@ class Caster:
             rays: origins and un-normalised directions.
             footprint: metres per metre of depth that a ray stands for; decides how textures with holes are filtered.
         """
-        hits = Hits(
-            np.full(len(rays), np.inf, np.float32),
-            np.full(len(rays), -1, np.int64),
-            np.zeros((len(rays), 2), np.float32),
-        )
-        for index, scene in enumerate(self.opaque):
-            t, triangle, uv = scene.cast(rays)
-            if index == 0:
-                hits = Hits(t, triangle, uv)
-                continue
-            nearer = t < hits.t
-            hits.t[nearer], hits.triangle[nearer], hits.uv[nearer] = t[nearer], triangle[nearer], uv[nearer]
+        hits = self._nearest(self.opaque, rays)
         if len(self.plane_rows):
             # Rows of planes stand together; a subset is cast as its own table.
             local = np.full(len(rays), -1, np.int64)
@@ -195,13 +150,17 @@ class Caster:
         self._workers.split(reach_boxes, len(rays), rays, far, boxes, reached)
         return np.flatnonzero(reached)
 
-    def _next_special(self, rays):
-        t, triangle, uv = self.special[0].cast(rays)
-        for scene in self.special[1:]:
+    def _nearest(self, scenes: list[TriangleScene], rays) -> Hits:
+        if not scenes:
+            count = len(rays)
+            t, triangle = np.full(count, np.inf, np.float32), np.full(count, -1, np.int64)
+            return Hits(t, triangle, np.zeros((count, 2), np.float32))
+        t, triangle, uv = scenes[0].cast(rays)
+        for scene in scenes[1:]:
             other_t, other_triangle, other_uv = scene.cast(rays)
-            nearer = other_t < t
+            nearer = np.flatnonzero(other_t < t)
             t[nearer], triangle[nearer], uv[nearer] = other_t[nearer], other_triangle[nearer], other_uv[nearer]
-        return t, triangle, uv
+        return Hits(t, triangle, uv)
 
     def _walk_special(
         self, rays, hits: Hits, footprint: float, active: Int64[np.ndarray, "k"] | None = None
@@ -220,8 +179,8 @@ class Caster:
         for _ in range(MAX_LAYERS):
             moved = rays[active].copy()
             moved[:, :3] += passed[active, None] * moved[:, 3:]
-            t, triangle, uv = self._next_special(moved)
-            t = t + passed[active]
+            found_next = self._nearest(self.special, moved)
+            t, triangle, uv = found_next.t + passed[active], found_next.triangle, found_next.uv
             reached = t < hits.t[active]
             active, t, triangle, uv = active[reached], t[reached], triangle[reached], uv[reached]
             if len(active) == 0:
@@ -275,8 +234,8 @@ class Caster:
 
     def _special_shadows(self, rays, occluded) -> None:
         holed = [scene for scene in self.special if scene.has_holes]
-        active = np.flatnonzero(~occluded)
-        active = active[self._near_special(rays[active], np.ones(len(active), np.float32), holed, True)]
+        far = np.where(occluded, np.float32(-1.0), np.float32(1.0))
+        active = self._near_special(rays, far, holed, True)
         reached = np.zeros(len(active), bool)
         for scene in holed:
             reached |= scene.occluded(rays[active], 1.0)

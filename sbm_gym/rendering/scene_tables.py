@@ -39,6 +39,8 @@ class GeomTable(NamedTuple):
     emission: Float32[np.ndarray, "g"]
     specular: Float32[np.ndarray, "g"]
     gloss_exponent: Float32[np.ndarray, "g"]
+    gloss_cosine: Float32[np.ndarray, "g"]
+    """Where the half-way direction leaves the normal by more, gloss is below a thousandth."""
     texture: Int32[np.ndarray, "g"]
     """-1 for none."""
     kind: Int32[np.ndarray, "g"]
@@ -206,6 +208,7 @@ def _geom_table(model: mujoco.MjModel, textures: TextureStore) -> GeomTable:
         specular=specular.astype(np.float32),
         # OpenGL's exponent is 128 times MuJoCo's shininess. Source: MuJoCo, render_gl3.c.
         gloss_exponent=(128.0 * shininess).astype(np.float32),
+        gloss_cosine=np.where(shininess > 0, 1e-3 ** (1.0 / np.maximum(128.0 * shininess, 1e-6)), 0).astype(np.float32),
         texture=texture,
         kind=_geom_kinds(rgba, texture, textures.has_holes > 0),
     )

@@ -14,6 +14,8 @@ SEAT_M = (0.22, 0.85)
 """Heights at which one sits or lies."""
 SINK_M = 0.012
 """How far a cushion presses into what it lies on; both are soft."""
+MOST_SUNK_M = 0.035
+"""Likewise beside a steep back or arm, where a little sideways is much in height."""
 
 
 class _Shape:
@@ -59,6 +61,19 @@ def _underside(library: FurnitureLibrary, card: ModelCard) -> tuple[Float[np.nda
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     low = _shape(card.model_id, library, card).bottom(points)
     return points[np.isfinite(low)], low[np.isfinite(low)]
+
+
+@functools.lru_cache(maxsize=256)
+def _skin(library: FurnitureLibrary, card: ModelCard) -> Float32[np.ndarray, "n 3"]:
+    """The vertices of a cushion."""
+    return np.concatenate([surface.vertices_m for surface in library.load(card).surfaces])
+
+
+def _sunk_m(shape: _Shape, xy_m: Float[np.ndarray, "n 2"], z_m: Float[np.ndarray, "n"]) -> float:
+    """How deep points are below the upper side of what carries them, but for the deepest few."""
+    depth = shape.top(xy_m) - z_m
+    carried = depth[np.isfinite(depth)]
+    return float(np.percentile(carried, 98)) if len(carried) else 0.0
 
 
 def scatter_cushions(layout: Layout, library: FurnitureLibrary, support: Placement, count: int) -> list[Placement]:
@@ -126,8 +141,13 @@ def _drop(
         wall = top[at + 1 : at + 4].max()
         if wall < rest[at] + 0.5 * card.size_m[2]:
             return None  # too low to hold it
-        # The underside is sampled: between the samples a steep back may reach a little further.
-        at = max(at - 1, start)
+        # The underside is sampled: between the samples a steep back or arm may reach further.
+        skin = _skin(library, card)
+        around = skin[:, :2] @ rotation(turn).T + [x, 0.0]
+        while _sunk_m(shape, np.add(around, [0.0, ys[at]]), float(rest[at]) - SINK_M + skin[:, 2]) > MOST_SUNK_M:
+            if at == start:
+                return None
+            at -= 1
     else:
         at = 0
         if np.ptp(top[at]) > 0.05:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from sbm_gym.worlds.doors import hang_leaves
 from sbm_gym.worlds.placing import Opening, Room
 
 INNER_WALL_M = 0.12
@@ -84,7 +85,7 @@ class PlannedRoom:
 
 @dataclass(frozen=True)
 class Passage:
-    """An opening in the wall between two rooms, without a door leaf."""
+    """An opening in the wall between two rooms; its leaf, if it has one, stands open in one of them."""
 
     rooms: tuple[int, int]
     rectangle: Rectangle
@@ -335,16 +336,26 @@ def _build(cells, doorways, height: float, whole: Rectangle, rng: np.random.Gene
     outer = [_outer_walls(cell, whole) for _, cell in cells]
     _entrance(cells, bare, openings, outer, rng)
     for index, (kind, _) in enumerate(cells):
-        # Worktops fit below kitchen windows; bathrooms have small ones high up.
-        sill = {"bathroom": 1.35, "kitchen": 1.08, "kitchen_diner": 1.08}.get(kind, float(rng.choice([0.85, 0.95])))
+        # Worktops and taps fit below kitchen windows; bathrooms have small ones high up.
+        sill = {"bathroom": 1.35, "kitchen": 1.2, "kitchen_diner": 1.2}.get(kind, float(rng.choice([0.85, 0.95])))
         _windows(ROOM_SHAPES[kind], bare[index], openings[index], outer[index], rng, sill)
-    rooms = tuple(
-        PlannedRoom(kind, Room(room.low_m, room.high_m, height, tuple(found)))
-        for (kind, _), room, found in zip(cells, bare, openings, strict=True)
-    )
+    furnishable = [
+        Room(room.low_m, room.high_m, height, tuple(found)) for room, found in zip(bare, openings, strict=True)
+    ]
+    kinds = [kind for kind, _ in cells]
+    furnishable = hang_leaves(furnishable, [_leaf_wish(kinds, i, j) for i, j, _, _ in doorways], rng)
+    rooms = tuple(PlannedRoom(kind, room) for kind, room in zip(kinds, furnishable, strict=True))
     edge = OUTER_WALL_M - half
     bounds = (whole[0] - edge, whole[1] - edge, whole[2] + edge, whole[3] + edge)
     return FloorPlan(rooms, tuple(passages), bounds)
+
+
+def _leaf_wish(kinds: Sequence[str], i: int, j: int) -> tuple[int, int, float]:
+    """The room that the leaf of a doorway opens into, the other one, and how likely there is a leaf."""
+    private = [not ROOM_SHAPES[kinds[index]].public for index in (i, j)]
+    # Into the room that one enters, not into the one that one comes from.
+    enters_i = private[0] or (not private[1] and kinds[j] == "hall")
+    return (i, j, 0.95 if any(private) else 0.5) if enters_i else (j, i, 0.95 if any(private) else 0.5)
 
 
 def _outer_walls(cell: Rectangle, whole: Rectangle) -> list[int]:

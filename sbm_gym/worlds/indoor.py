@@ -10,20 +10,12 @@ from jaxtyping import Bool, Float
 from labeling.instances import Box3d
 from sbm_gym.assets.library import FurnitureLibrary
 from sbm_gym.worlds.building import SceneBuilder
+from sbm_gym.worlds.fittings import hang_lamps, hang_pictures, lay_rug
 from sbm_gym.worlds.floor_plan import PROGRAMMES, FloorPlan, PlannedRoom, complement, draw_plan
 from sbm_gym.worlds.navigable import NavigableMap, navigable_map
-from sbm_gym.worlds.placing import Layout, Placement, rotation
+from sbm_gym.worlds.placing import Layout, Placement, Room, rotation
 from sbm_gym.worlds.room_kinds import ROOM_KINDS, furnish
-from sbm_gym.worlds.shell import (
-    Style,
-    build_shell,
-    build_walls,
-    draw_finish,
-    draw_style,
-    hang_lamps,
-    hang_pictures,
-    lay_rug,
-)
+from sbm_gym.worlds.shell import Style, build_shell, build_walls, draw_finish, draw_style
 from sbm_gym.worlds.splits import scene_seed
 from sbm_gym.worlds.world import ObjectInstance, World
 
@@ -58,6 +50,8 @@ class _Furnished:
     rugs: list[Placement]
     missing: int
     """Classes its kind needs that found no place."""
+    unmet: int
+    """Uses without a class that it should have and that found none."""
 
 
 def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
@@ -124,9 +118,9 @@ def _furnish_all(plan: FloorPlan, library: FurnitureLibrary, rng: np.random.Gene
         best: _Furnished | None = None
         for stream in rng.spawn(ROOM_ATTEMPTS):
             furnished = _furnish(plan, index, library, stream, budget)
-            if best is None or furnished.missing < best.missing:
+            if best is None or (furnished.missing, furnished.unmet) < (best.missing, best.unmet):
                 best = furnished
-            if best.missing == 0:
+            if best.missing == best.unmet == 0:
                 break
         assert best is not None
         left -= sum(library.load(piece.card).num_triangles for piece in best.layout.placements)
@@ -142,9 +136,10 @@ def _furnish(
     layout = Layout(planned.room, rng)
     rugs = furnish(planned.kind, layout, library, max_triangles)
     _make_approachable(plan, index, layout, library)
-    present = {piece.card.category for piece in layout.placements}
-    missing = sum(category not in present for category in ROOM_KINDS[planned.kind].needed)
-    return _Furnished(planned, layout, rugs, missing)
+    kind = ROOM_KINDS[planned.kind]
+    missing = set(kind.needed) - {piece.card.category for piece in layout.placements}
+    unmet = set(kind.expected) - {piece.card.use for piece in layout.placements}
+    return _Furnished(planned, layout, rugs, len(missing), len(unmet))
 
 
 def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: FurnitureLibrary) -> None:
@@ -158,7 +153,7 @@ def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: Fur
     high = np.array(room.high_m) + margin
     # The room and its doorways are all there is: what one sees an object from is never behind a wall.
     open_floor = [(*room.low_m, *room.high_m), *(passage.through(margin) for passage in doorways)]
-    walls = _rows(complement(open_floor, (*low.tolist(), *high.tolist())))
+    walls = np.concatenate([_rows(complement(open_floor, (*low.tolist(), *high.tolist()))), _leaf_rows(room)])
     while True:
         everything = navigable_map(
             low, high, np.concatenate([walls, _obstacles(layout.placements, library)]), cell_m=CELL_M
@@ -188,6 +183,12 @@ def _rows(rectangles) -> Float[np.ndarray, "n 5"]:
     r = np.array(rectangles, float).reshape(-1, 4)
     middle, half = 0.5 * (r[:, :2] + r[:, 2:]), 0.5 * (r[:, 2:] - r[:, :2])
     return np.concatenate([middle, half, np.zeros((len(r), 1))], axis=1)
+
+
+def _leaf_rows(room: Room) -> Float[np.ndarray, "n 5"]:
+    """Open door leaves as rows of ``navigable_map``."""
+    rows = [(leaf.x_m, leaf.y_m, leaf.half_x_m, leaf.half_y_m, leaf.yaw_rad) for leaf in room.leaves]
+    return np.array(rows, float).reshape(-1, 5)
 
 
 def ring_viewpoints(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> Bool[np.ndarray, "bearings radii"]:
@@ -245,7 +246,7 @@ def _assemble(
     pieces = 0
     for number, room in enumerate(rooms):
         _finish_room(builder, room, number, style, lamps[number], library, rng)
-        obstacles.append(_obstacles(room.layout.placements, library))
+        obstacles += [_leaf_rows(room.planned.room), _obstacles(room.layout.placements, library)]
         for piece in room.layout.placements:
             body_name = f"{piece.card.category or piece.card.use}_{pieces:03d}"
             pieces += 1
@@ -326,10 +327,8 @@ def _taken_wall(layout: Layout) -> list[tuple[int, float, float]]:
         for beside in [0.35 if o.kind == "window" else 0.08]
     ]
     for wall in layout.room.walls():
-        for piece in layout.placements:
-            box = piece.box()
-            relative = box.corners() - wall.origin
-            if box.high_m > 1.2 and (relative @ wall.normal).min() < 0.3:
-                along = relative @ wall.along
-                taken.append((wall.index, float(along.min()), float(along.max())))
+        for box in (*layout.room.leaves, *(piece.box() for piece in layout.placements)):
+            low, high, out = wall.shadow(box)
+            if box.high_m > 1.2 and out < 0.3:
+                taken.append((wall.index, low, high))
     return taken

@@ -14,13 +14,15 @@ from jaxtyping import Bool, Float
 
 from labeling.errors import MissingAssetsError
 from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.reserved import worlds_library
+from sbm_gym.assets.mixed import town_library
+from sbm_gym.assets.unseen import PartLibrary
 from sbm_gym.worlds.building import SceneBuilder
 from sbm_gym.worlds.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.placing import Box, overlap
 from sbm_gym.worlds.soup import QuadSoup
 from sbm_gym.worlds.splits import town_seed
-from sbm_gym.worlds.town_furniture import Furnisher, add_solid, furnish_town
+from sbm_gym.worlds.town_furnisher import Furnisher, add_solid
+from sbm_gym.worlds.town_furniture import furnish_town
 from sbm_gym.worlds.town_ground import build_ground
 from sbm_gym.worlds.town_houses import build_houses, house_rows
 from sbm_gym.worlds.town_plan import Spawn, TownPlan, draw_plan
@@ -46,18 +48,23 @@ MAX_PARKED = 16
 VISITORS = {"car": 4, "van": 1, "truck": 1, "bus": 1, "motorcycle": 2, "bicycle": 1}
 """Of which an episode shows two; roads have about these shares."""
 HEAVY_TRIANGLES = 16_000
-"""Models with more triangles come at most once to a town."""
+"""Of models with more triangles a town has one at most."""
+VISITOR_TRIANGLES = 6_000
+"""Visitors have no more triangles than this where there is a choice: they move between episodes, which costs time."""
 _UNDERGROUND_M = -60.0
 
 
-def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None) -> World:
+def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
     """Builds a town.
 
     The same scene gives the same world in any process, given the same libraries.
 
     Args:
         scene: a named town (``town/train/00``), ``town/seed/N`` or N.
-        library: where vehicles, trees and street furniture come from; the installed Sweet Home 3D libraries if None.
+        library: where vehicles, trees and street furniture come from; the installed catalogues with some builtin
+            street furniture if None.
+        unseen_models: keep the vehicle models that validation and test towns show out of every other town. Validation
+            and test towns are the same either way.
 
     Returns:
         The world, without an agent. Its ``stage`` places the vehicles of an episode.
@@ -67,7 +74,7 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None) 
         MissingAssetsError: if there are no models of vehicles.
     """
     name, seed = town_seed(scene)
-    library = library or worlds_library()
+    library = _part(name, library or town_library(), unseen_models)
     rng = np.random.default_rng(seed)
     plan = draw_plan(rng)
     spec = mujoco.MjSpec()
@@ -102,6 +109,13 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None) 
     return World(name, spec, tuple(objects), navigable, stage=stage)
 
 
+def _part(name: str, library: FurnitureLibrary, unseen_models: bool) -> FurnitureLibrary:
+    """The models that a town may show."""
+    if name.startswith(("town/val/", "town/test/")):
+        return PartLibrary(library, training=False)
+    return PartLibrary(library, training=True) if unseen_models else library
+
+
 def _rows(boxes: Sequence[Box]) -> Float[np.ndarray, "n 5"]:
     return np.array([(b.x_m, b.y_m, b.half_x_m, b.half_y_m, b.yaw_rad) for b in boxes], float).reshape(-1, 5)
 
@@ -120,7 +134,7 @@ def _park_vehicles(
         raise MissingAssetsError(
             "the furniture libraries hold no vehicles: run `sudo apt-get install sweethome3d-furniture`"
         )
-    used: set[str] = set()
+    heavy: set[str] = set()
     parked: list[Standing] = []
     taken: set[Spawn] = set()
     limit = min(MAX_PARKED, max(len(spawns) // 3, 2))
@@ -130,7 +144,10 @@ def _park_vehicles(
         if len(parked) >= limit:
             break
         choices = [
-            card for use in VEHICLE_USES for card in cards[use] if fits(card, spawn) and card.model_id not in used
+            card
+            for use in VEHICLE_USES
+            for card in cards[use]
+            if fits(card, spawn) and not (heavy and library.triangles(card) > HEAVY_TRIANGLES)
         ]
         # Nobody parks a motorcycle where a car fits as often as a car.
         weights = np.array([VISITORS[card.use] / len(cards[card.use]) for card in choices])
@@ -141,8 +158,8 @@ def _park_vehicles(
             continue
         if approach_bearings(still, np.array([spawn.x_m, spawn.y_m])) < MIN_BEARINGS:
             continue
-        if library.load(standing.card).num_triangles > HEAVY_TRIANGLES:
-            used.add(standing.card.model_id)
+        if library.triangles(standing.card) > HEAVY_TRIANGLES:
+            heavy.add(standing.card.model_id)
         parked.append(standing)
         taken.add(spawn)
     return parked, taken
@@ -173,7 +190,8 @@ def _add_visitors(
 ) -> tuple[Visitor, ...]:
     visitors: list[Visitor] = []
     for use, count in VISITORS.items():
-        cards = [card for card in library.models(use) if library.load(card).num_triangles <= HEAVY_TRIANGLES]
+        cards = sorted(library.models(use), key=library.triangles)
+        cards = [card for card in cards if library.triangles(card) <= VISITOR_TRIANGLES] or cards[:1]
         for k in rng.permutation(len(cards))[:count]:
             number = len(visitors)
             card = cards[int(k)]

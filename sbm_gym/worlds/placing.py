@@ -1,6 +1,10 @@
-"""Putting pieces into a room without collisions: oriented footprints with heights, walls, keep-out zones."""
+"""Putting pieces into a room without collisions: oriented footprints with heights, walls, keep-out zones.
+
+Thousands of places are tried for one scene: what is asked for each of them is plain arithmetic on a few numbers.
+"""
 
 import functools
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -11,6 +15,8 @@ from sbm_gym.assets.library import ModelCard
 
 WALL_GAP_M = 0.03
 """Between the back of a piece and its wall: room for the skirting."""
+LEAF_GAP_M = 0.06
+"""Between a piece and a door leaf: room for the handle."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,16 @@ class Box:
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float) * [self.half_x_m, self.half_y_m]
         return signs @ rotation(self.yaw_rad).T + [self.x_m, self.y_m]
 
+    def reach_m(self, yaw_rad: float = 0.0) -> tuple[float, float]:
+        """How far the rectangle reaches from its middle along axes turned by ``yaw_rad``."""
+        cos, sin = abs(math.cos(self.yaw_rad - yaw_rad)), abs(math.sin(self.yaw_rad - yaw_rad))
+        return self.half_x_m * cos + self.half_y_m * sin, self.half_x_m * sin + self.half_y_m * cos
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The least x and y of the rectangle, and the greatest."""
+        x, y = self.reach_m()
+        return self.x_m - x, self.y_m - y, self.x_m + x, self.y_m + y
+
 
 def rotation(yaw_rad: float) -> Float[np.ndarray, "2 2"]:
     """Turns floor vectors counter-clockwise by ``yaw_rad``."""
@@ -44,16 +60,16 @@ def overlap(a: Box, b: Box, margin_m: float = 0.0) -> bool:
     """
     if a.low_m >= b.high_m - 1e-6 or b.low_m >= a.high_m - 1e-6:
         return False
-    reach = np.hypot(a.half_x_m, a.half_y_m) + np.hypot(b.half_x_m, b.half_y_m) + margin_m
-    if (a.x_m - b.x_m) ** 2 + (a.y_m - b.y_m) ** 2 > reach**2:
+    x, y = b.x_m - a.x_m, b.y_m - a.y_m
+    reach = math.hypot(a.half_x_m, a.half_y_m) + math.hypot(b.half_x_m, b.half_y_m) + margin_m
+    if x * x + y * y > reach * reach:
         return False  # their circles do not meet: the cheap answer to most questions
-    first, second = a.corners(), b.corners()
-    for yaw in (a.yaw_rad, b.yaw_rad):
-        axes = rotation(yaw)
-        p, q = first @ axes, second @ axes
-        if np.any(p.min(axis=0) >= q.max(axis=0) + margin_m - 1e-9) or np.any(
-            q.min(axis=0) >= p.max(axis=0) + margin_m - 1e-9
-        ):
+    for one, other in ((a, b), (b, a)):
+        cos, sin = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
+        along, across = other.reach_m(one.yaw_rad)
+        if abs(x * cos + y * sin) - one.half_x_m - along >= margin_m - 1e-9:
+            return False
+        if abs(y * cos - x * sin) - one.half_y_m - across >= margin_m - 1e-9:
             return False
     return True
 
@@ -77,7 +93,8 @@ class Placement:
 
     def at(self, right_m: float, back_m: float) -> Float[np.ndarray, "2"]:
         """Floor position of a point given along the piece's own axes, from its middle."""
-        return np.array([self.x_m, self.y_m]) + rotation(self.yaw_rad) @ [right_m, back_m]
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return np.array([self.x_m + cos * right_m - sin * back_m, self.y_m + sin * right_m + cos * back_m])
 
     def front_zone(self, depth_m: float, width_m: float | None = None) -> Box:
         """The floor before the piece, as wide as the piece unless given."""
@@ -121,6 +138,14 @@ class Wall:
         """A floor point given along the wall and out from it."""
         return self.origin + along_m * self.along + out_m * self.normal
 
+    def shadow(self, box: Box) -> tuple[float, float, float]:
+        """Where a box begins and ends along the wall, and how far it keeps from it."""
+        x, y = box.x_m - float(self.origin[0]), box.y_m - float(self.origin[1])
+        along = x * float(self.along[0]) + y * float(self.along[1])
+        out = x * float(self.normal[0]) + y * float(self.normal[1])
+        half, deep = box.reach_m(math.atan2(float(self.along[1]), float(self.along[0])))
+        return along - half, along + half, out - deep
+
 
 @dataclass(frozen=True)
 class Room:
@@ -130,6 +155,8 @@ class Room:
     high_m: tuple[float, float]
     height_m: float
     openings: tuple[Opening, ...] = ()
+    leaves: tuple[Box, ...] = ()
+    """Door leaves that stand open in it."""
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -176,10 +203,9 @@ class Layout:
     def fits(self, piece: Placement, margin_m: float = 0.03, ignore_zones: Iterable[Box] = ()) -> bool:
         """Whether a piece is inside the room and clear of every other piece, opening and zone."""
         box = piece.box()
-        corners = box.corners()
-        if np.any(corners < np.array(self.room.low_m) + 0.005) or np.any(corners > np.array(self.room.high_m) - 0.005):
+        if not self._is_inside(box, 0.005) or box.high_m > self.room.height_m + 1e-6 or self._hides_opening(box):
             return False
-        if box.high_m > self.room.height_m + 1e-6 or self._hides_opening(box):
+        if any(overlap(box, leaf, max(margin_m, LEAF_GAP_M)) for leaf in self.room.leaves):
             return False
         if any(overlap(box, other.box(), margin_m) for other in self.placements):
             return False
@@ -192,6 +218,14 @@ class Layout:
         self.zones.extend(zones)
         return piece
 
+    def mark(self) -> tuple[int, int]:
+        """Where the room stands now, for ``undo``."""
+        return len(self.placements), len(self.zones)
+
+    def undo(self, mark: tuple[int, int]) -> None:
+        """Takes out what was put in since ``mark``."""
+        del self.placements[mark[0] :], self.zones[mark[1] :]
+
     def against_wall(
         self,
         card: ModelCard,
@@ -203,6 +237,8 @@ class Layout:
         front_m: float = 0.0,
         elevation_m: float = 0.0,
         tries: int = 40,
+        margin_m: float = 0.03,
+        gap_m: float = WALL_GAP_M,
         ignore_zones: Iterable[Box] = (),
     ) -> Placement | None:
         """Stands a piece with its back to a wall.
@@ -216,6 +252,8 @@ class Layout:
             front_m: free floor it needs before it, which is kept free from then on.
             elevation_m: height of its underside.
             tries: how many places to try.
+            margin_m: how near other pieces may be.
+            gap_m: between its back and the wall.
             ignore_zones: zones it may stand in.
 
         Returns:
@@ -235,10 +273,12 @@ class Layout:
                 along = width / 2 + WALL_GAP_M + (slack if self.rng.random() < 0.5 else 0.0)
             else:
                 along = width / 2 + WALL_GAP_M + self.rng.uniform(0, slack)
-            x, y = wall.point(along, depth / 2 + WALL_GAP_M)
+            x, y = wall.point(along, depth / 2 + gap_m)
             piece = Placement(card, float(x), float(y), wall.yaw_rad, elevation_m)
+            if not self.fits(piece, margin_m, ignore_zones):
+                continue
             zone = piece.front_zone(front_m)
-            if self.fits(piece, ignore_zones=ignore_zones) and (front_m == 0 or self.is_clear(zone)):
+            if front_m == 0 or self.is_clear(zone):
                 return self.add(piece, zone) if front_m else self.add(piece)
         return None
 
@@ -290,10 +330,14 @@ class Layout:
 
     def is_clear(self, zone: Box) -> bool:
         """Whether a stretch of floor is inside the room and nothing stands on it."""
-        corners = zone.corners()
-        if np.any(corners < np.array(self.room.low_m)) or np.any(corners > np.array(self.room.high_m)):
-            return False
-        return not any(overlap(zone, piece.box()) for piece in self.placements)
+        solid = (*self.room.leaves, *(piece.box() for piece in self.placements))
+        return self._is_inside(zone) and not any(overlap(zone, box) for box in solid)
+
+    def _is_inside(self, box: Box, gap_m: float = 0.0) -> bool:
+        """Whether a box keeps ``gap_m`` from all walls."""
+        x0, y0, x1, y1 = box.bounds()
+        low, high = self.room.low_m, self.room.high_m
+        return min(x0 - low[0], y0 - low[1], high[0] - x1, high[1] - y1) >= gap_m
 
     def _hides_opening(self, box: Box) -> bool:
         """Whether a box stands close before a door or window and reaches into its height."""
@@ -301,11 +345,9 @@ class Layout:
         for opening in self.room.openings:
             if box.high_m <= opening.low_m + 0.02 or box.low_m >= opening.high_m:
                 continue
-            wall = walls[opening.wall]
-            relative = box.corners() - wall.origin
-            along, out = relative @ wall.along, relative @ wall.normal
+            low, high, out = walls[opening.wall].shadow(box)
             # Beside windows hang curtains.
             beside = 0.3 if opening.kind == "window" else 0.06
-            if out.min() < 0.3 and along.max() > opening.start_m - beside and along.min() < opening.end_m + beside:
+            if out < 0.3 and high > opening.start_m - beside and low < opening.end_m + beside:
                 return True
         return False

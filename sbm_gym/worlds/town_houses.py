@@ -1,10 +1,13 @@
 """Houses in rows along the streets: storeys with windows, doors, shops with signs and awnings, roofs."""
 
+import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sbm_gym.worlds import town_materials as materials
+from sbm_gym.worlds import town_shops as shops
 from sbm_gym.worlds.soup import Facade, QuadSoup, Rgba, box_quads
 from sbm_gym.worlds.surfaces import Material
 from sbm_gym.worlds.town_plan import HOUSE_DEPTH_M, KERB_M, PAVEMENT_M, Rect, TownPlan
@@ -254,23 +257,29 @@ def _shop_front(soup: QuadSoup, house: House, facade: Facade, length: float, rng
     count = max(int((last - first) / 2.2), 1)
     cuts = np.linspace(first, last, count + 1)
     soup.plain(facade.boxes(first, last, -REVEAL_M, 0.0, 0.0, sill), paint, specular=0.15)
-    picture = materials.shop_window(int(rng.integers(6)))
-    soup.pictured(facade.quads(cuts[:-1], cuts[1:], sill, head, -0.1), picture, specular=0.6, shininess=0.8)
+    trade = list(shops.SHOPS)[int(rng.integers(len(shops.SHOPS)))]
+    picture = shops.shop_window(trade)
+    glass: dict[str, Any] = {"picture": picture, "specular": 0.6, "shininess": 0.8}
+    # Panes show one part of the shop after the other; two shops of one trade hardly ever begin with the same.
+    begin = float(rng.uniform())
+    for a0, a1 in [(float(a), float(b)) for a, b in itertools.pairwise(cuts)]:
+        part = (begin + a0 / shops.WINDOW_M, begin + a1 / shops.WINDOW_M)
+        soup.pictured(facade.quads(a0, a1, sill, head, -0.1), part=part, **glass)
     posts = np.append(cuts, door_at if door_at == edge else door_at + door_w)
     soup.plain(facade.boxes(posts - 0.05, posts + 0.05, -REVEAL_M, 0.02, 0.0, head), paint, specular=0.15)
     soup.plain(facade.boxes(edge, length - edge, -REVEAL_M, 0.02, head - 0.08, head), paint, specular=0.15)
-    soup.pictured(facade.quads(door_at, door_at + door_w, 0.12, head, -0.12), picture, specular=0.6, shininess=0.8)
+    part = (begin + door_at / shops.WINDOW_M, begin + (door_at + door_w) / shops.WINDOW_M)
+    soup.pictured(facade.quads(door_at, door_at + door_w, 0.12, head, -0.12), part=part, **glass)
     rails = [facade.boxes(door_at, door_at + door_w, -0.12, -0.08, z, z + 0.1) for z in (0.12, 1.0)]
     soup.plain(np.concatenate(rails), paint, specular=0.15)
     soup.plain(facade.boxes(door_at, door_at + door_w, -0.2, 0.1, 0.0, 0.12), house.accent)
     soup.plain(facade.boxes(edge, length - edge, 0.0, 0.08, head, head + board), paint, specular=0.15)
     wide = min(length - 2 * edge, 7 * board)
     middle = length / 2
-    name = materials.SHOPS[int(rng.integers(len(materials.SHOPS)))]
     sign = facade.quads(middle - wide / 2, middle + wide / 2, head, head + board, 0.085)
-    soup.pictured(sign, materials.fascia(name, ground, ink), specular=0.1)
+    soup.pictured(sign, shops.fascia(trade, ground, ink), specular=0.1)
     if rng.random() < 0.5:
-        cloth = materials.awning(_AWNINGS[int(rng.integers(len(_AWNINGS)))])
+        cloth = shops.awning(_AWNINGS[int(rng.integers(len(_AWNINGS)))])
         p, reach = facade.points, 1.25
         a0, a1 = edge + 0.1, length - edge - 0.1
         slope = [p(a0, reach, head - 0.45), p(a1, reach, head - 0.45), p(a1, 0.09, head), p(a0, 0.09, head)]

@@ -215,69 +215,6 @@ def window_panes() -> tuple[UInt8[np.ndarray, "h w 3"], ...]:
 
 
 @functools.cache
-def shop_window(number: int) -> UInt8[np.ndarray, "h w 3"]:
-    """A shop seen through its window: shelves of goods in the dark, lamps, the street's reflection."""
-    rng = _rng(f"shop{number}")
-    height, width = 192, 320
-    y, x = np.mgrid[0:height, 0:width]
-    picture = np.broadcast_to(np.array([58.0, 54.0, 50.0]), (height, width, 3)).copy()
-    picture *= (0.75 + 0.5 * (1 - y / height))[..., None]
-    for shelf in range(3):
-        base = int(height * (0.42 + 0.19 * shelf))
-        picture[base : base + 4] = (96, 84, 70)
-        at = int(rng.integers(4, 20))
-        while at < width - 12:
-            wide, tall = int(rng.integers(6, 22)), int(rng.integers(8, 28))
-            picture[base - tall : base, at : at + wide] = (
-                0.55 * rng.uniform(40, 170, 3) + 0.45 * rng.uniform(60, 150)
-            ) * 0.75
-            at += wide + int(rng.integers(2, 12))
-    for lamp in rng.uniform(0.1, 0.9, 4):
-        glow = np.exp(-(((x / width - lamp) / 0.05) ** 2 + ((y / height - 0.08) / 0.06) ** 2))
-        picture += glow[..., None] * np.array([170.0, 150.0, 110.0])
-    mirror = np.clip(1.2 * periodic_noise(rng, (height, width), (30, 12)), 0, 1.5)[..., None]
-    picture = picture * 0.86 + np.array([120.0, 134.0, 150.0]) * (0.08 + 0.10 * mirror)
-    return _bytes(picture)
-
-
-SHOPS = (
-    "BAKERY",
-    "BOOKS",
-    "CAFE",
-    "PHARMACY",
-    "FLOWERS",
-    "MARKET",
-    "TAILOR",
-    "BARBER",
-    "BANK",
-    "OPTICIAN",
-    "HOTEL",
-    "PIZZA",
-)
-"""What is written over shops."""
-
-
-@functools.cache
-def fascia(text: str, ground: Colour, ink: Colour) -> UInt8[np.ndarray, "h w 3"]:
-    """The board over a shop with its name."""
-    height, width = 64, 448
-    picture = np.full((height, width, 3), ground, np.uint8)
-    picture[:4] = picture[-4:] = np.array(ground) * 0.7
-    (wide, tall), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 1.3, 3)
-    at = ((width - wide) // 2, (height + tall) // 2)
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, 1.3, ink, 3, cv2.LINE_AA)
-    return picture
-
-
-@functools.cache
-def awning(colour: Colour) -> UInt8[np.ndarray, "h w 3"]:
-    """Striped cloth."""
-    stripes = (np.arange(256) // 16) % 2 == 0
-    row = np.where(stripes[:, None], np.array(colour), np.array([236, 232, 222]))
-    return np.broadcast_to(row, (32, 256, 3)).astype(np.uint8).copy()
-
-
-@functools.cache
 def door(colour: Colour) -> UInt8[np.ndarray, "h w 3"]:
     """A panelled front door with a fanlight, knob and letter slot."""
     height, width = 240, 110

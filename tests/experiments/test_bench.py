@@ -66,3 +66,18 @@ def test_render_bench_measures_every_promise(tmp_path):
     assert {row["wanted"] for row in rows} >= {"12x", "6x", "2x", "< 2 s", "< 50 ms"}
     assert all(row["seconds"] > 0 for row in rows)
     assert all((row["ratio"] is None) == (row["rival_seconds"] is None) for row in rows)
+
+
+@pytest.mark.bench
+@pytest.mark.slow
+def test_label_bench_measures_every_promise(tmp_path):
+    command = [sys.executable, "-m", "experiments.bench", "labels", "--quick", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / "labels.json").read_text())["rows"]
+    assert {row["wanted"] for row in rows} >= {"15x, IoU no lower", "< 2.5 s", "< 1000 MB", "exponent <= 1.1"}
+    # No stage can be faster than its floor.
+    stages = [row for row in rows if row["what"].startswith("stage: ")]
+    assert len(stages) >= 10
+    assert all(row["ratio"] < 1.2 for row in stages)
+    assert (tmp_path / "labels_views.png").is_file()

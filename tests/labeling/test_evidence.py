@@ -1,8 +1,9 @@
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.evidence import gather_evidence, outliers, split_mask
+from labeling.evidence import gather_evidence, outliers, rim_widths, split_mask
 from labeling.geometry import intrinsics_from_fov, look_at
 from labeling.instances import Detection
 from labeling.label_config import LabelConfig
@@ -56,6 +57,14 @@ def test_a_full_mask_has_no_background() -> None:
     assert not rim.any()
 
 
+def test_the_rim_is_wider_the_less_sure_a_detection_is() -> None:
+    config = LabelConfig(erode=0.01, dilate=0.02, erode_doubt=0.1, dilate_doubt=0.2)
+    assert rim_widths(1.0, config) == pytest.approx((0.01, 0.02))
+    assert rim_widths(0.5, config) == pytest.approx((0.06, 0.12))
+    plain = LabelConfig(erode_doubt=0, dilate_doubt=0)
+    assert rim_widths(0.1, plain) == (plain.erode, plain.dilate)
+
+
 def test_outliers_are_the_points_far_away() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.normal(0, 0.2, (500, 3)), rng.normal(6, 0.2, (40, 3))]).astype(np.float32)
@@ -97,3 +106,22 @@ def test_scale_is_unknown_without_depth_or_detections() -> None:
     intrinsics = intrinsics_from_fov(8, 6, 1.2)[None]
     assert measure_scale([Detection(0, "box", 0.9, np.ones((6, 8), bool))], depth, intrinsics) is None
     assert measure_scale([], depth, intrinsics) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parts_are_those_that_distances_over_the_whole_picture_give(seed: int) -> None:
+    import cv2
+
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((120, 160), bool)
+    top, left = rng.integers(-10, 90), rng.integers(-10, 120)
+    mask[max(0, top) : top + 30, max(0, left) : left + 45] = True
+    foreground, background, rim = split_mask(mask, 0.05, 0.1)
+    size = np.sqrt(mask.sum())
+    framed = np.pad(mask.astype(np.uint8), 1, mode="edge")
+    inside = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    outer = max(2.0, 0.1 * size)
+    np.testing.assert_array_equal(foreground, inside > max(1.0, 0.05 * size))
+    np.testing.assert_array_equal(background, outside > outer)
+    np.testing.assert_array_equal(rim, (outside > outer) & (outside <= outer + 0.25 * size + 2))

@@ -1,3 +1,5 @@
+import itertools
+
 import numba
 import numpy as np
 import pytest
@@ -89,3 +91,45 @@ def test_features_that_are_not_finite_are_refused(bad: float) -> None:
 def test_values_of_another_length_are_refused() -> None:
     with pytest.raises(ValueError, match="3 points"):
         build_lattice(np.zeros((3, 2))).filter(np.zeros((4, 1), np.float32))
+
+
+def test_blocks_are_lattices_of_their_own() -> None:
+    rng = np.random.default_rng(5)
+    features, values = rng.normal(size=(900, 6)), rng.random((900, 2), np.float32)
+    blocks = np.array([0, 300, 300, 310, 900])
+    together = build_lattice(features, blocks).filter(values)
+    for first, last in itertools.pairwise(blocks):
+        if last > first:
+            alone = build_lattice(features[first:last]).filter(values[first:last])
+            np.testing.assert_allclose(together[first:last], alone, rtol=1e-5, atol=1e-7)
+
+
+def test_points_that_share_no_vertex_overfill_no_table() -> None:
+    rng = np.random.default_rng(6)
+    features = np.concatenate([np.zeros((2000, 6)), rng.uniform(-30, 30, (2000, 6))])
+    lattice = build_lattice(features, np.array([0, 2000, 4000]))
+    assert lattice.num_vertices > 10_000
+    ones = lattice.filter(np.ones((4000, 1), np.float32))[:, 0]
+    alone = build_lattice(np.zeros((1, 6))).filter(np.ones((1, 1), np.float32)).item()
+    np.testing.assert_allclose(ones[:2000], 2000 * alone, rtol=1e-5)
+    assert np.median(ones[2000:]) < 2
+
+
+def test_blocks_do_not_depend_on_the_number_of_threads() -> None:
+    rng = np.random.default_rng(7)
+    features, values = rng.normal(size=(4000, 6)), rng.random((4000, 1), np.float32)
+    blocks = np.array([0, 100, 2500, 2600, 3900, 4000])
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in {1, before}:
+            numba.set_num_threads(threads)
+            results.append(build_lattice(features, blocks).filter(values))
+    finally:
+        numba.set_num_threads(before)
+    assert all(np.array_equal(result, results[0]) for result in results)
+
+
+@pytest.mark.parametrize("blocks", [[0, 2], [1, 3], [0, 2, 1, 3]])
+def test_blocks_that_are_not_those_of_the_points_are_refused(blocks: list[int]) -> None:
+    with pytest.raises(ValueError, match="block_start"):
+        build_lattice(np.zeros((3, 2)), np.array(blocks))

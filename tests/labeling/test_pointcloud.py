@@ -61,3 +61,44 @@ def test_no_depth_at_all_gives_an_empty_cloud() -> None:
 def test_a_voxel_needs_a_size() -> None:
     with pytest.raises(ValueError, match="positive"):
         build_cloud(*views(), voxel_m=0.0)
+
+
+def test_many_voxels_are_numbered_in_order_of_appearance() -> None:
+    """More than the first table holds."""
+    rng = np.random.default_rng(5)
+    poses = np.stack([look_at(np.array([0.0, 0.0, 1.5]), np.array([3.0, 0.5, 0.2]))] * 2)
+    intrinsics = np.stack([intrinsics_from_fov(320, 240, 1.0)] * 2)
+    depth = rng.uniform(0.5, 40.0, (2, 240, 320)).astype(np.float32)
+    cloud = build_cloud(np.zeros((2, 240, 320, 3), np.uint8), depth, intrinsics, poses, 0.1)
+    assert cloud.num_points > 100_000
+    first = np.unique(cloud.voxel_of_pixel, return_index=True)[1]
+    assert np.all(np.diff(first) > 0)
+    assert cloud.counts.sum() == depth.size
+
+
+def test_a_view_sees_the_voxels_of_its_pixels() -> None:
+    rgb, depth, intrinsics, poses = views(6)
+    cloud = build_cloud(rgb, depth, intrinsics, poses, 0.2)
+    for view in range(3):
+        seen, ranks = cloud.seen_in(view)
+        shown = cloud.voxel_of_pixel[view]
+        np.testing.assert_array_equal(seen, np.unique(shown[shown >= 0]))
+        np.testing.assert_array_equal(np.where(ranks >= 0, seen[ranks], -1), shown)
+    assert cloud.seen_in(1)[1] is cloud.seen_in(1)[1]
+
+
+def test_points_within_a_box() -> None:
+    cloud = build_cloud(*views(7), voxel_m=0.1)
+    low, high = cloud.points[3], cloud.points[3] + np.array([0.5, 0.7, 0.4], np.float32)
+    inside = cloud.within(low, high)
+    np.testing.assert_array_equal(inside, np.all((cloud.points >= low) & (cloud.points <= high), axis=1))
+    assert inside[3]
+
+
+def test_fine_points_lie_in_voxels_of_their_pixels() -> None:
+    scene = views(8)
+    coarse, fine = build_cloud(*scene, voxel_m=0.4), build_cloud(*scene, voxel_m=0.05)
+    parents = coarse.parents_of(fine)
+    assert parents.min() >= 0
+    for point, parent in enumerate(parents):
+        assert parent in coarse.voxel_of_pixel[fine.voxel_of_pixel == point]

@@ -95,7 +95,7 @@ def test_a_confusion_is_outvoted(room: Episode) -> None:
     views = [t for t in truths if t.instance_id == target][:3]
     names = ["submarine", views[0].category, views[0].category]
     sources = tuple(Detection(t.view_index, n, 0.95, t.modal) for t, n in zip(views, names, strict=True))
-    objects = label(room, detections=sources).objects
+    objects = label(room, LabelConfig(calibrate=False), detections=sources).objects
     assert [one.category for one in objects] == [views[0].category]
     assert len(objects[0].sources) == 3
     assert objects[0].confidence < 0.7
@@ -157,7 +157,7 @@ def test_without_a_confident_detection_there_are_no_labels(room: Episode, agreei
 def test_views_that_agree_make_up_for_confidence(room: Episode) -> None:
     unsure = tuple(replace(d, confidence=0.7) for d in true_sources(room, share=2))
     several = {d.category for d in unsure if sum(other.category == d.category for other in unsure) > 1}
-    objects = label(room, LabelConfig(agreeing_views=2), detections=unsure).objects
+    objects = label(room, LabelConfig(agreeing_views=2, calibrate=False), detections=unsure).objects
     assert {one.category for one in objects} == several
     assert all(one.confidence == pytest.approx(0.7) for one in objects)
     assert label(room, LabelConfig(agreeing_views=0), detections=unsure).objects == ()

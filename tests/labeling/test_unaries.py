@@ -23,7 +23,8 @@ def test_decisions_are_those_of_the_library() -> None:
     machine = SVC(C=1.0, gamma="auto").fit(scaled[~held], (np.arange(600) < 300)[~held].astype(float))
     decision = machine.decision_function(scaled)
     expected = unary.platt[0] * decision + unary.platt[1]
-    np.testing.assert_allclose(unary.log_odds(features), expected, rtol=1e-3, atol=1e-3)
+    # Both stop where no optimality condition is violated by more than 1e-3.
+    np.testing.assert_allclose(unary.log_odds(features), expected, atol=1e-2)
 
 
 def test_probabilities_are_calibrated_on_new_points() -> None:

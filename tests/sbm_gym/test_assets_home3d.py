@@ -7,7 +7,7 @@ from labeling.errors import MissingAssetsError
 from sbm_gym.assets import archive as archive_module
 from sbm_gym.assets.archive import ArchiveError, FurnitureArchive, resolve
 from sbm_gym.assets.catalog import FURNITURE_VARIABLE, find_libraries, read_library
-from sbm_gym.assets.home3d import cached_model, convert, model_folder
+from sbm_gym.assets.home3d import cached_model, cached_triangles, convert, model_folder
 from sbm_gym.assets.model import footprint_rectangles, load_model
 from sbm_gym.assets.wavefront import ModelFormatError, parse_obj
 
@@ -188,3 +188,14 @@ def test_an_empty_corner_is_cut_out_of_the_footprint(mirror_x, mirror_y):
 def test_a_full_footprint_stays_one_box():
     points = np.random.default_rng(0).uniform([-1, -0.5, 0], [1, 0.5, 1], (20_000, 3))
     np.testing.assert_allclose(footprint_rectangles(points, (2.0, 1.0, 1.0)), [[-1, -0.5, 1, 0.5]])
+
+
+def test_triangles_are_counted_without_reading_the_mesh(library, tmp_path):
+    cache, entry = tmp_path / "cache", library.entries[0]
+    assert cached_triangles(entry, library.content_hash, folder=cache) == 12  # converted for it
+    folder = model_folder(entry, library.content_hash, folder=cache)
+    (folder / "model.npz").unlink()
+    assert cached_triangles(entry, library.content_hash, folder=cache) == 12
+    (folder / "model.json").write_text("{}", encoding="utf-8")
+    assert cached_triangles(entry, library.content_hash, folder=cache) == 12  # damaged: converted again
+    assert load_model(folder).num_triangles == 12

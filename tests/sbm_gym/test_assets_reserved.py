@@ -6,12 +6,11 @@ import pytest
 from sbm_gym.assets.builtin import BuiltinLibrary
 from sbm_gym.assets.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, OUTDOOR_CATEGORIES, USES
 from sbm_gym.assets.library import default_library
-from sbm_gym.assets.mixed import FROM_SEEDS, indoor_library
+from sbm_gym.assets.mixed import FROM_SEEDS, MixedLibrary, indoor_library
 from sbm_gym.assets.reserved import ENOUGH_MODELS, RESERVED_SHARE, kept_apart, reserved_models, worlds_library
 from sbm_gym.assets.unseen import too_small
 from sbm_gym.photographs.models import BUILTIN_SEEDS, SPLITS, PhotographLibrary, catalogue_models
-from sbm_gym.worlds.indoor import build_indoor
-from sbm_gym.worlds.outdoor import VISITORS, build_outdoor
+from sbm_gym.worlds.outdoor import VISITORS
 
 KEPT_APART = [use for use, described in USES.items() if described.category in kept_apart()]
 
@@ -47,23 +46,13 @@ def test_every_class_kept_apart_has_models_in_all_three(category):
 
 
 def test_worlds_can_still_hold_models_back_from_training():
-    assert too_small(indoor_library()) == ()
+    assert too_small(MixedLibrary(worlds_library())) == ()
 
 
 def test_worlds_keep_enough_light_cars_for_visitors():
     library = worlds_library()
     light = [card for card in library.models("car") if library.load(card).num_triangles <= 16_000]
     assert len(light) >= VISITORS["car"]
-
-
-@pytest.mark.parametrize("build", [lambda: build_indoor("val/00"), lambda: build_outdoor("town/val/00")])
-def test_no_world_shows_a_reserved_model(build):
-    world = build()
-    shown = {instance.model_name for instance in world.objects}
-    if world.stage is not None:
-        shown |= {visitor.card.model_id for visitor in world.stage.visitors}
-    assert shown
-    assert not shown & set(reserved_models())
 
 
 def test_all_installed_models_of_other_classes_stay_in_worlds():

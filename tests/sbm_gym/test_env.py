@@ -338,3 +338,28 @@ def test_vector_environments_run():
     for _ in range(30):
         envs.step(envs.action_space.sample())
     envs.close()
+
+
+@pytest.mark.parametrize("unseen_models", [False, True])
+@pytest.mark.parametrize("env_id", list(ENV_IDS))
+def test_unseen_models_reach_whoever_builds_the_scenes(env_id, unseen_models, monkeypatch):
+    """That training scenes then show no model of test scenes is tested where scenes are built."""
+    asked = []
+
+    def build(scene, library=None, unseen_models=False):
+        asked.append((scene, unseen_models))
+        return BoxRooms().build("box_0")
+
+    monkeypatch.setattr("sbm_gym.worlds.indoor.build_indoor", build)
+    monkeypatch.setattr("sbm_gym.worlds.outdoor.build_outdoor", build)
+    with gym.make(f"sbm_gym:{env_id}", unseen_models=unseen_models) as env:
+        copied = pickle.loads(pickle.dumps(env.unwrapped))
+        for each in (env.unwrapped, copied):
+            each.reset(seed=0)
+            each.close()
+    assert [unseen for _, unseen in asked] == [unseen_models] * 2
+
+
+def test_a_source_of_worlds_decides_by_itself_which_models_are_unseen():
+    with pytest.raises(ValueError, match="unseen_models goes with worlds given by name"):
+        FixationEnv(BoxRooms(), unseen_models=True)

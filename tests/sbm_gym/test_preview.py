@@ -10,7 +10,8 @@ import pytest
 
 from labeling.geometry import project
 from sbm_gym import preview, world_sources
-from sbm_gym.preview import EYE_VIEWS, PreviewConfig, contact_sheet, eye_level_views, view_from_above
+from sbm_gym.preview import EYE_VIEWS, PreviewConfig, contact_sheet
+from sbm_gym.viewpoints import eye_level_views, fitted_camera, view_from_above
 
 from .box_rooms import FURNITURE, BoxRooms
 
@@ -40,7 +41,7 @@ def test_sheets_of_scenes_and_renderers_show_every_scene(box_worlds, tmp_path, c
     assert preview.main(["--out", str(tmp_path), "--what", "scenes", "renderers", "--size", "48"]) == 0
     scenes = read(tmp_path / "scenes_boxes_0.png")
     renderers = read(tmp_path / "renderers_boxes_0.png")
-    assert scenes.shape[1] == 4 + (1 + EYE_VIEWS) * (48 + 4)
+    assert scenes.shape[1] == 4 + round(1.4 * 48) + 4 + EYE_VIEWS * (48 + 4)
     assert scenes.shape[0] == renderers.shape[0] == 4 + 4 * (48 + 16 + 4)
     listed = capsys.readouterr().out.split()
     assert listed == [str(tmp_path / name) for name in ("scenes_boxes_0.png", "renderers_boxes_0.png")]
@@ -65,6 +66,20 @@ def test_eye_level_views_stand_apart_and_look_at_objects_in_sight():
     for view in views:
         pixels, depth = project(centres, intrinsics, view)
         assert np.any((depth > 0.5) & (np.abs(pixels - 49.5) < 50).all(axis=1))
+
+
+@pytest.mark.parametrize("size_m", [(100.0, 100.0, 1.5), (140.0, 60.0, 1.5), (3.0, 9.0, 1.5)])
+@pytest.mark.parametrize("size_px", [(240, 336), (120, 120)])
+def test_pictures_from_above_hold_everything_and_little_else(size_m, size_px):
+    corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]) * size_m + [7, -3, 0]
+    height, width = size_px
+    pixels, depth = project(corners, *fitted_camera(corners, height, width, 0.9))
+    assert np.all(depth > 0)
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    assert np.all(low >= -0.5)
+    assert np.all(high <= np.array([width, height]) - 0.5)
+    # One of the two directions is filled.
+    assert max((high - low) / [width, height]) > 0.93
 
 
 def test_from_above_all_furniture_shows():

@@ -149,9 +149,9 @@ def test_shadow_lies_where_the_light_cannot_reach(kind):
     darker = (frame.rgb.astype(int) < lit.rgb.astype(int) - 15).all(axis=2).ravel()
     assert (floor & (miss < 0.38)).sum() > 30
     assert darker[floor & (miss < 0.38)].all()
-    assert np.array_equal(
-        frame.rgb.reshape(-1, 3)[floor & (miss > 0.42)], lit.rgb.reshape(-1, 3)[floor & (miss > 0.42)]
-    )
+    # Between pixels whose light is worked out it is interpolated, here and there by one level otherwise.
+    far = floor & (miss > 0.42)
+    assert np.abs(frame.rgb.astype(int) - lit.rgb).reshape(-1, 3)[far].max() <= 1
 
 
 def test_lambert_and_attenuation_follow_their_formulas():

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from labeling.geometry import intrinsics_from_fov, look_at
-from sbm_gym.rendering.raycast import Workers
 from sbm_gym.rendering.rays import RaysRenderer
+from sbm_gym.rendering.workers import Workers
 
 
 def cluttered_model() -> mujoco.MjModel:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from labeling.geometry import intrinsics_from_fov, look_at
 from sbm_gym.rendering import gl_context
 from sbm_gym.rendering.gl import FAR_M, GlRenderer
 from sbm_gym.rendering.gl_context import NoOpenGlError
+from sbm_gym.rendering.gl_sheets import sheets
 from sbm_gym.rendering.rays import RaysRenderer
 from sbm_gym.scenes import make_renderer
 
@@ -200,6 +202,32 @@ def test_every_kind_of_light_lights_and_throws_shadows(kind):
         brightness[shadows] = light[far < 0.25].mean(), light[(far > 0.9) & (far < 1.2)].mean()
     assert brightness["off"][0] > 0.9 * brightness["off"][1]
     assert brightness["high"][0] < 0.8 * brightness["high"][1]
+
+
+def test_cloth_with_a_front_and_a_back_in_one_place_has_no_speckles():
+    """Each pixel of a flat cloth in even light is like those around it."""
+    spec = mujoco.MjSpec()
+    mesh = spec.add_mesh(name="cloth", inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    corners = np.array([[0, -1, 0], [0, 1, 0], [0, 1, 2], [0, -1, 2]], float)
+    mesh.uservert = np.concatenate([corners, corners]).ravel().tolist()
+    mesh.userface = [0, 1, 2, 0, 2, 3, 4, 6, 5, 4, 7, 6]
+    kinds = mujoco.mjtGeom
+    spec.worldbody.add_geom(type=kinds.mjGEOM_MESH, meshname="cloth", contype=0, conaffinity=0)
+    spec.worldbody.add_geom(type=kinds.mjGEOM_BOX, size=[3, 3, 0.1], pos=[0, 0, -1.5])
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_POINT, pos=[2.0, 0.5, 2.4], diffuse=[0.8] * 3, castshadow=True
+    )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert sheets(model).tolist() == [True, False]
+    middle = data.geom_xpos[0]
+    camera = look_at(middle + np.array([3.0, 0.4, 0.3]), middle)
+    frame = GlRenderer(model).render(data, INTRINSICS, camera, HEIGHT_PX, WIDTH_PX)
+    cloth = cv2.erode((frame.geom_id == 0).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    red = np.ascontiguousarray(frame.rgb[..., 0])
+    assert cloth.sum() > 500
+    assert np.abs(red.astype(int) - cv2.medianBlur(red, 5))[cloth].max() <= 6
 
 
 def test_pictures_are_about_as_bright_as_those_of_rays():

@@ -1,13 +1,16 @@
 """Brightness of worlds with many rooms, which lamps are searched for where, shadows that are borrowed, and haze."""
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
 
 from labeling.geometry import intrinsics_from_fov, look_at
-from sbm_gym.rendering import rays as rays_module
+from sbm_gym.rendering import followed_scene as scene_module
 from sbm_gym.rendering.gl import GlRenderer
 from sbm_gym.rendering.lamp_reach import everywhere
+from sbm_gym.rendering.light_tables import NOWHERE, WHOLLY
+from sbm_gym.rendering.lighting import Shader
 from sbm_gym.rendering.lights import is_in_sight, light_level
 from sbm_gym.rendering.rays import RaysRenderer
 
@@ -75,19 +78,51 @@ def test_in_sight_means_that_nothing_drawn_stands_between():
     assert is_in_sight(model, data, np.array([2.0, 1.5, 1.0]), through_the_wall)
 
 
-@pytest.mark.parametrize("room", [0, 1, 3])
-def test_searching_lamps_only_where_they_shine_changes_no_picture(monkeypatch, room):
-    model, data = rooms(5)
-    camera = look_at(CAMERA[:3, 3] + [4 * room, 0, 0], np.array([4 * room + 3.5, 0.2, 0.8]))
+def reach_of(model, data):
+    """The grid that says how much of each lamp is drawn where."""
     renderer = RaysRenderer(model)
-    limited = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False)
-    assert renderer._reach is not None
-    reached = renderer._reach[1].reached
-    assert reached.shape[0] == 5
-    assert 0.1 < reached.mean() < 0.9
-    monkeypatch.setattr(rays_module, "lamp_reach", lambda lights, caster, bounds: everywhere(lights))
-    full = draw(model, data, camera)
-    assert np.array_equal(limited.rgb, full.rgb)
+    renderer.render(data, INTRINSICS, CAMERA, SIZE_PX, SIZE_PX)
+    return renderer._scene.illumination(data, CAMERA, True).reach
+
+
+def at(grid, place):
+    x, y, z = np.floor((np.array(place) - grid.origin) / grid.cell_m).astype(int)
+    return grid.share[:, z, y, x], grid.around[:, z, y, x]
+
+
+def test_lamps_are_drawn_in_their_own_room_and_fade_beyond_its_door():
+    reach = reach_of(*rooms(5))
+    assert reach.share.shape[0] == 5
+    for lamp in range(5):
+        for dx, dy, z in ((0.0, 0.0, 1.0), (-1.2, -1.2, 0.1), (1.2, 1.2, 2.0)):
+            assert at(reach, (4 * lamp + 2 + dx, dy, z))[0][lamp] == 1.0
+        if lamp < 4:
+            beyond = [at(reach, (4 * lamp + 4 + along, 0.0, 0.5))[0][lamp] for along in (0.3, 1.0, 2.0, 3.5)]
+            assert beyond[0] > beyond[1] > beyond[2]
+            # Far in the next room next to nothing is left, though the lamp can be seen from there.
+            assert max(beyond[2:]) < 0.1
+        assert all(
+            at(reach, (4 * room + 2, -1.5, 1.0))[1][lamp] == NOWHERE for room in range(5) if abs(room - lamp) > 1
+        )
+
+
+def test_codes_of_the_reach_grid_tell_what_is_around_a_cell():
+    reach = reach_of(*rooms(3))
+    for share, code in zip(reach.share, reach.around, strict=True):
+        padded = np.pad(share, 1, mode="edge")
+        around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3, 3)).reshape(*share.shape, 27)
+        np.testing.assert_array_equal(code == NOWHERE, around.max(axis=-1) == 0.0)
+        np.testing.assert_array_equal(code == WHOLLY, around.min(axis=-1) == 1.0)
+
+
+def test_searching_lamps_only_where_they_shine_changes_nothing_in_one_room(monkeypatch):
+    model, data = rooms(2, doors=False)
+    # Both lamps shine in the first room.
+    model.light_pos[1] = model.light_pos[0] + [-0.8, -0.6, 0.0]
+    mujoco.mj_forward(model, data)
+    limited = draw(model, data)
+    monkeypatch.setattr(scene_module, "lamp_reach", lambda lights, caster, bounds: everywhere(lights))
+    assert np.abs(limited.rgb.astype(int) - draw(model, data).rgb).max() <= 1
 
 
 def test_moved_lamps_and_walls_are_searched_anew():
@@ -104,19 +139,39 @@ def test_moved_lamps_and_walls_are_searched_anew():
         assert np.array_equal(seen.rgb, draw(model, data).rgb)
 
 
-def test_borrowed_shadows_are_those_that_would_have_been_cast(monkeypatch):
-    """Where four neighbours agree nothing is cast: hardly a pixel may differ from casting everywhere."""
+@pytest.mark.parametrize("smooth", [False, True])
+def test_borrowed_light_is_the_light_that_would_have_been_worked_out(monkeypatch, smooth):
+    """Where four neighbours agree nothing is worked out: hardly a pixel may differ from doing so everywhere."""
     model, data = rooms(2)
-    borrowed = {smooth: draw(model, data, antialias=smooth).rgb.astype(int) for smooth in (False, True)}
+    borrowed = draw(model, data, antialias=smooth).rgb.astype(int)
 
-    def cast_all(self, geom, normal, shadow_rays, needs_ray, occluded, picture, around):
-        self._cast_shadows(shadow_rays, needs_ray, occluded)
+    def light_every_pixel(self, surfaces, scene, black, related, height_px, width_px):
+        self.light_all(surfaces, scene)
 
-    monkeypatch.setattr(RaysRenderer, "_find_shadows", cast_all)
-    for smooth, picture in borrowed.items():
-        difference = np.abs(picture - draw(model, data, antialias=smooth).rgb).max(axis=-1)
-        assert (difference > 2).mean() < 0.003
-        assert (difference > 40).mean() < 0.001
+    monkeypatch.setattr(Shader, "light_picture", light_every_pixel)
+    difference = np.abs(borrowed - draw(model, data, antialias=smooth).rgb).max(axis=-1)
+    assert (difference > 2).mean() < 0.004
+    assert (difference > 40).mean() < 0.001
+
+
+def test_edges_of_shadows_are_softened_and_nothing_else_of_a_surface_changes():
+    """Away from them light is the same; across them it falls in steps instead of one."""
+    model, data = rooms(1)
+    hard, soft = (draw(model, data, antialias=smooth) for smooth in (False, True))
+    floor = hard.geom_id == 0
+    inside = cv2.erode(floor.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    rgb = hard.rgb.astype(int)[..., 0]
+    highest, lowest = (f(rgb.astype(np.uint8), np.ones((3, 3), np.uint8)) for f in (cv2.dilate, cv2.erode))
+    flat = inside & (highest.astype(int) - lowest <= 3)
+    on_edge = inside & (highest.astype(int) - lowest > 12)
+    change = np.abs(soft.rgb.astype(int) - hard.rgb).max(axis=-1)
+    assert flat.sum() > 300
+    assert on_edge.sum() > 40
+    assert change[flat].max() <= 3
+    steps = [
+        np.abs(np.diff(picture.rgb[..., 0].astype(int), axis=0))[inside[1:] & inside[:-1]] for picture in (hard, soft)
+    ]
+    assert steps[1].max() < 0.8 * steps[0].max()
 
 
 def test_haze_hides_what_is_far_in_both_renderers():

@@ -88,3 +88,38 @@ def test_openings_stay_inside_their_walls_and_apart(kind, seed):
 
 def test_all_kinds_of_rooms_can_be_furnished():
     assert {room for programmes in PROGRAMMES.values() for rooms in programmes for room in rooms} == set(ROOM_KINDS)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(list(PROGRAMMES)), st.integers(0, 2**32 - 1))
+def test_door_leaves_stand_beside_their_doorway_clear_of_windows_and_doorways(kind, seed):
+    plan = draw_plan(kind, np.random.default_rng(seed))
+    hung = 0
+    for planned in plan.rooms:
+        room, walls = planned.room, planned.room.walls()
+        for leaf in room.leaves:
+            hung += 1
+            corners = leaf.corners()
+            assert np.all(corners > room.low_m)
+            assert np.all(corners < room.high_m)
+            # Its hinge is at a jamb of one of the room's narrow doorways.
+            hinge = np.array([leaf.x_m, leaf.y_m]) - leaf.half_x_m * np.array(
+                [np.cos(leaf.yaw_rad), np.sin(leaf.yaw_rad)]
+            )
+            jambs = [
+                walls[o.wall].point(at, 0.0)
+                for o in room.openings
+                if o.kind == "passage"
+                for at in (o.start_m, o.end_m)
+            ]
+            assert min(np.linalg.norm(hinge - jamb) for jamb in jambs) < 0.1
+            for opening in room.openings:
+                # No point of it lies before an opening, nearer than the leaf is wide (windows: than a curtain).
+                wall = walls[opening.wall]
+                t = np.linspace(0, 1, 21)[:, None]
+                rim = np.concatenate([a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)])
+                along, out = (rim - wall.origin) @ wall.along, (rim - wall.origin) @ wall.normal
+                before = (along > opening.start_m) & (along < opening.end_m)
+                assert not np.any(before & (out < (0.3 if opening.kind == "window" else 0.9)))
+    narrow = sum(max(q.rectangle[2] - q.rectangle[0], q.rectangle[3] - q.rectangle[1]) < 1.1 for q in plan.passages)
+    assert hung <= narrow

@@ -58,7 +58,7 @@ def drawn_points(model, data, body):
 
 
 def furniture_bodies(model):
-    fixed = ("world", "room_", "pictures_", "lamps_", "walls")
+    fixed = ("world", "room_", "pictures_", "lamps_", "walls", "door_")
     names = [model.body(body).name for body in range(model.nbody)]
     return {name: index for index, name in enumerate(names) if not name.startswith(fixed)}
 
@@ -224,6 +224,86 @@ def test_every_room_can_be_entered_from_every_other(name):
         assert all(navigable.line_is_free(a, b) for a, b in itertools.pairwise(way))
 
 
+@pytest.mark.parametrize("name", SCENES)
+def test_open_door_leaves_stand_where_they_are_drawn_in_one_room_and_in_nobodys_way(name):
+    model, data = compiled(name)
+    navigable = world(name).navigable
+    rooms = room_bodies(model, data)
+    for body in range(model.nbody):
+        touched = [g for g in np.flatnonzero(model.geom_bodyid == body) if model.geom_group[g] == GEOM_GROUP_COLLISION]
+        if not model.body(body).name.startswith("door_") or not touched:
+            continue
+        (solid,) = touched
+        drawn = [g for g in np.flatnonzero(model.geom_bodyid == body) if g != solid]
+        largest = max(drawn, key=lambda g: np.prod(model.geom_size[g]))
+        np.testing.assert_allclose(model.geom_size[largest], model.geom_size[solid], atol=1e-6)
+        np.testing.assert_allclose(data.geom_xpos[largest], data.geom_xpos[solid], atol=1e-6)
+        half_x, half_y, half_z = model.geom_size[solid]
+        turn, middle = data.geom_xmat[solid].reshape(3, 3), data.geom_xpos[solid]
+        assert middle[2] - half_z == pytest.approx(0.0, abs=1e-6)
+        corners = middle + (np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [half_x, half_y, 0]) @ turn.T
+        homes = [(a, b) for _, a, b in rooms if np.all(corners[:, :2] > a) and np.all(corners[:, :2] < b)]
+        assert len(homes) == 1
+        # It stands along a wall: its far end is as near to one as its hinge is to its own.
+        tip = middle + half_x * turn[:, 0]
+        assert min((tip[:2] - homes[0][0]).min(), (homes[0][1] - tip[:2]).min()) < 0.45
+        for t in np.linspace(-1, 1, 9):
+            assert not navigable.is_free((middle + t * half_x * turn[:, 0])[:2])
+
+
+def test_most_homes_have_doors_that_stand_open():
+    leaves = {}
+    for name in scene_names("train"):
+        model, _ = compiled(name)
+        bodies = np.flatnonzero([model.body(body).name.startswith("door_") for body in range(model.nbody)])
+        solid = model.geom_bodyid[model.geom_group == GEOM_GROUP_COLLISION]
+        leaves[name] = int(np.isin(bodies, solid).sum())
+    assert sum(count > 0 for count in leaves.values()) >= 12
+    assert sum(leaves.values()) >= 20
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_wall_cabinets_and_hoods_hang_over_kitchen_cabinets(name):
+    """Seen from above, each lies within the cabinets and cookers below it, with a worktop's height between."""
+    model, data = compiled(name)
+    bodies = furniture_bodies(model)
+    spans = {
+        n: (p.min(axis=0), p.max(axis=0))
+        for n, p in ((n, drawn_points(model, data, b)) for n, b in bodies.items() if _is_fitted(n))
+    }
+    below = [
+        span for n, span in spans.items() if n.startswith(("kitchen_unit", "kitchen_sink", "cooker_0", "cooker_1"))
+    ]
+    for body, (low, high) in spans.items():
+        if body.startswith(("wall_cabinet", "cooker_hood")):
+            assert low[2] > 1.3
+            middle = 0.5 * (low + high)[:2]
+            under = [b for a, b in below if np.all(middle > a[:2] - 0.02) and np.all(middle < b[:2] + 0.02)]
+            assert len(under) >= 1, body
+            assert all(b[2] < low[2] for b in under), body
+
+
+def _is_fitted(body):
+    return body.startswith(("kitchen_unit", "kitchen_sink", "cooker", "wall_cabinet"))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_kitchen_cabinets_of_a_row_leave_no_gap(name):
+    """Each cabinet, sink or cooker touches another one side to side; a single one may stand alone."""
+    model, data = compiled(name)
+    boxes = []
+    for geom in np.flatnonzero(model.geom_group == GEOM_GROUP_COLLISION):
+        body = model.body(model.geom_bodyid[geom]).name
+        if body.startswith(("kitchen_unit", "kitchen_sink", "cooker")) and not body.startswith("cooker_hood"):
+            half = np.abs(data.geom_xmat[geom].reshape(3, 3)[:2, :2]) @ model.geom_size[geom][:2]
+            boxes.append((data.geom_xpos[geom][:2] - half, data.geom_xpos[geom][:2] + half))
+    alone = 0
+    for index, (low, high) in enumerate(boxes):
+        gaps = [np.maximum(np.maximum(a - high, low - b), 0).sum() for k, (a, b) in enumerate(boxes) if k != index]
+        alone += min(gaps, default=np.inf) > 0.005
+    assert alone <= max(2, len(boxes) // 3)
+
+
 @pytest.mark.parametrize("name", SCENES[:6])
 def test_the_agent_touches_nothing_where_the_map_is_free(name):
     """MuJoCo as the oracle: a pole of the agent's radius, put down at free places, has no contact."""
@@ -245,9 +325,10 @@ def test_the_agent_touches_nothing_where_the_map_is_free(name):
     assert not world(name).navigable.is_free(outside)
 
 
-def test_every_class_has_ten_instances_in_training():
+def test_every_class_has_ten_instances_in_training_and_some_to_spare():
     found = [instance.category for name in scene_names("train") for instance in world(name).objects]
-    assert all(found.count(category) >= 10 for category in COCO_CATEGORIES + NOVEL_CATEGORIES)
+    counts = {category: found.count(category) for category in COCO_CATEGORIES + NOVEL_CATEGORIES}
+    assert min(counts.values()) >= 11, counts
 
 
 def test_homes_have_what_they_are_lived_in_with():
@@ -264,6 +345,13 @@ def test_homes_have_what_they_are_lived_in_with():
             for word, category in (("kitchen", "fridge"), ("bathroom", "toilet"), ("bedroom", "bed")):
                 if word in kind:
                     assert category in inside, (name, kind)
+            names = furniture_bodies(model)
+            fixtures = {
+                n for n, b in names.items() if np.all(data.xpos[b][:2] > low) and np.all(data.xpos[b][:2] < high)
+            }
+            for word, expected in (("kitchen", "kitchen_sink"), ("kitchen", "cooker_"), ("bathroom", "washbasin")):
+                if word in kind:
+                    assert any(n.startswith(expected) for n in fixtures), (name, kind, expected)
 
 
 def test_lamps_cast_shadows():

@@ -24,9 +24,12 @@ class Paint:
     """Length that one picture covers; None where a part brings texture coordinates of its own."""
     specular: float = 0.0
     shininess: float = 0.3
+    alpha: float = 1.0
+    """Below 1 it is glass."""
 
 
-def _picture(colour: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+def picture(colour: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture of colours in [0, 1]."""
     return np.ascontiguousarray(np.clip(np.rint(255.0 * colour), 0, 255).astype(np.uint8))
 
 
@@ -46,6 +49,11 @@ def plain(rgb: Sequence[float], specular: float = 0.1, shininess: float = 0.3) -
     return Paint((float(rgb[0]), float(rgb[1]), float(rgb[2])), specular=specular, shininess=shininess)
 
 
+BLACK = plain((0.035, 0.035, 0.04), 0.5, 0.7)
+CHROME = plain((0.72, 0.73, 0.75), 0.9, 0.8)
+CERAMIC = plain((0.93, 0.93, 0.92), 0.6, 0.7)
+STEEL = plain((0.62, 0.63, 0.65), 0.7, 0.7)
+GLASS = Paint((0.80, 0.88, 0.90), specular=0.9, shininess=0.9, alpha=0.25)
 WOODS = ((0.55, 0.36, 0.22), (0.72, 0.53, 0.34), (0.82, 0.68, 0.48), (0.36, 0.23, 0.15), (0.62, 0.45, 0.30))
 
 
@@ -55,7 +63,7 @@ def wood(rng: np.random.Generator) -> Paint:
     fine = periodic_noise(rng, (SIDE_PX, SIDE_PX), (0.8, 14.0))
     rings = periodic_noise(rng, (SIDE_PX, SIDE_PX), (3.0, 26.0))
     shade = 1 + 0.06 * fine + 0.07 * np.sin(3.0 * rings)
-    return Paint(texture=_picture(base * shade[..., None]), tile_m=0.6, specular=0.15, shininess=0.4)
+    return Paint(texture=picture(base * shade[..., None]), tile_m=0.6, specular=0.15, shininess=0.4)
 
 
 def board(rng: np.random.Generator) -> Paint:
@@ -118,7 +126,7 @@ def fabric(rng: np.random.Generator, patterned: float = 0.35) -> Paint:
             figure = np.hypot(u, v) < 0.4 * np.abs(np.cos(rng.integers(2, 4) * np.arctan2(v, u)))
         colour[figure] = other
     weave = 1 + 0.05 * periodic_noise(rng, (n, n), (0.6, 0.6)) + 0.012 * periodic_noise(rng, (n, n), (9, 9))
-    return Paint(texture=_picture(colour * weave[..., None]), tile_m=float(rng.uniform(0.25, 0.5)))
+    return Paint(texture=picture(colour * weave[..., None]), tile_m=float(rng.uniform(0.25, 0.5)))
 
 
 def leather(rng: np.random.Generator) -> Paint:
@@ -130,7 +138,7 @@ def leather(rng: np.random.Generator) -> Paint:
         + 0.035 * periodic_noise(rng, (SIDE_PX, SIDE_PX), (7, 7))
         + 0.04 * periodic_noise(rng, (SIDE_PX, SIDE_PX), (0.8, 0.8))
     )
-    return Paint(texture=_picture(base * shade[..., None]), tile_m=0.5, specular=0.25, shininess=0.4)
+    return Paint(texture=picture(base * shade[..., None]), tile_m=0.5, specular=0.25, shininess=0.4)
 
 
 def upholstery(rng: np.random.Generator) -> Paint:
@@ -140,9 +148,9 @@ def upholstery(rng: np.random.Generator) -> Paint:
 
 def darker(paint: Paint, factor: float) -> Paint:
     """The same paint in another tone."""
-    texture = None if paint.texture is None else _picture(paint.texture / 255.0 * factor)
+    texture = None if paint.texture is None else picture(paint.texture / 255.0 * factor)
     rgb = paint.rgb if texture is not None else tuple(float(np.clip(c * factor, 0, 1)) for c in paint.rgb)
-    return Paint((rgb[0], rgb[1], rgb[2]), texture, paint.tile_m, paint.specular, paint.shininess)
+    return Paint((rgb[0], rgb[1], rgb[2]), texture, paint.tile_m, paint.specular, paint.shininess, paint.alpha)
 
 
 def leaf(rng: np.random.Generator) -> Paint:
@@ -163,4 +171,4 @@ def books(rng: np.random.Generator) -> Paint:
         colour[band : band + int(rng.integers(3, 10)), at + 1 : at + width - 1] = np.clip(tone + 0.3, 0, 1)
         colour[:, at] *= 0.5
         at += width
-    return Paint(texture=_picture(colour), tile_m=None)
+    return Paint(texture=picture(colour), tile_m=None)

@@ -1,25 +1,10 @@
-"""Chairs, couches and beanbags."""
+"""Chairs and beanbags."""
 
 import numpy as np
 
 from sbm_gym.assets.builtin_models import paints
-from sbm_gym.assets.builtin_models.shapes import Kit, grid_triangles, turn_x, turn_z
-
-Size = tuple[float, float, float]
-
-
-def four_legs(kit: Kit, paint, w: float, d: float, top: float, thick: float, style: int, inset: float = 0.0) -> None:
-    """Legs at the corners of a w x d rectangle: straight, tapered or splayed rods, or square posts."""
-    for sx in (-1, 1):
-        for sy in (-1, 1):
-            x, y = sx * (w / 2 - thick / 2 - inset), sy * (d / 2 - thick / 2 - inset)
-            if style == 0:
-                kit.box(paint, (x - thick / 2, y - thick / 2, 0), (x + thick / 2, y + thick / 2, top))
-            elif style == 1:
-                kit.lathe(paint, [(0, 0), (0.32 * thick, 0), (0.5 * thick, top), (0, top)], (x, y), sides=10)
-            else:
-                foot = (sx * (w / 2 - 0.3 * thick), sy * (d / 2 - 0.3 * thick), 0.0)
-                kit.tube(paint, [foot, (0.72 * x, 0.72 * y, top)], [0.32 * thick, 0.5 * thick], sides=9)
+from sbm_gym.assets.builtin_models.legs import four_legs
+from sbm_gym.assets.builtin_models.shapes import Kit, Size, grid_triangles, turn_x, turn_z
 
 
 def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -191,96 +176,6 @@ def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             kit.box(black, (x - 0.03, -0.13, seat + 0.2), (x + 0.03, 0.12, seat + 0.235), bevel=0.012)
 
 
-def couch(kit: Kit, rng: np.random.Generator, size: Size, seats: int | None = None, corner: bool = False) -> None:
-    """A couch with arms, seat and back cushions; an armchair if it has one seat."""
-    w, d, h = size
-    cover = paints.upholstery(rng)
-    legs_high = float(rng.choice([0.04, 0.1, 0.15]))
-    foot = paints.wood(rng) if rng.random() < 0.6 else paints.metal(rng)
-    arm = float(rng.uniform(0.10, 0.22)) * (1.0 if w > 1.2 else 0.75)
-    seat = float(rng.uniform(0.40, 0.46))
-    arm_top = float(rng.uniform(seat + 0.12, min(h - 0.08, seat + 0.26)))
-    back = float(rng.uniform(0.16, 0.24))
-    front = -d / 2
-    rolled = rng.random() < 0.3
-    kit.box(cover, (-w / 2 + 0.02, front + 0.03, legs_high), (w / 2 - 0.02, d / 2 - 0.02, seat - 0.12), bevel=0.02)
-    for sx in (-1, 1):
-        for y in (front + 0.08, d / 2 - 0.08):
-            kit.lathe(
-                foot,
-                [(0, 0), (0.016, 0), (0.026, legs_high + 0.01), (0, legs_high + 0.01)],
-                (sx * (w / 2 - 0.09), y),
-                sides=8,
-            )
-    for sx in (-1, 1):
-        x0, x1 = sorted((sx * (w / 2 - arm), sx * w / 2))
-        if rolled:
-            r = arm / 2
-            kit.box(
-                cover,
-                (x0 + 0.2 * arm, front + 0.01, legs_high),
-                (x1 - 0.2 * arm, d / 2 - 0.03, arm_top - r),
-                bevel=0.01,
-            )
-            ring = [
-                (arm_top - r + r * np.sin(a), 0.5 * (x0 + x1) + r * np.cos(a)) for a in np.arange(14) * 2 * np.pi / 14
-            ]
-            kit.prism(cover, ring[::-1], 1, front, d / 2 - 0.03)
-        else:
-            kit.box(cover, (x0, front, legs_high), (x1, d / 2 - 0.03, arm_top), bevel=min(0.05, 0.35 * arm), puff=0.008)
-    high_back = h - float(rng.uniform(0.0, 0.06))
-    kit.box(cover, (-w / 2 + 0.02, d / 2 - back, legs_high), (w / 2 - 0.02, d / 2, high_back), bevel=0.05, puff=0.006)
-    count = seats or max(1, round((w - 2 * arm) / float(rng.uniform(0.6, 0.85))))
-    inner = w - 2 * arm
-    lean = float(rng.uniform(0.08, 0.2))
-    for i in range(count):
-        x0, x1 = -inner / 2 + inner * i / count, -inner / 2 + inner * (i + 1) / count
-        kit.box(
-            cover,
-            (x0 + 0.003, front + 0.005, seat - 0.14),
-            (x1 - 0.003, d / 2 - back + 0.03, seat),
-            bevel=0.035,
-            puff=0.02,
-        )
-        if d - back > 0.45:
-            with kit.placed((0.5 * (x0 + x1), d / 2 - back + 0.02, seat - 0.01), turn_x(-lean)):
-                top = (h - seat + 0.01) / np.cos(lean)
-                kit.box(
-                    cover,
-                    (-0.5 * (x1 - x0) + 0.004, -0.16, 0),
-                    (0.5 * (x1 - x0) - 0.004, 0, top - 0.03),
-                    bevel=0.05,
-                    puff=0.03,
-                )
-
-
-def lounge_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
-    """An armchair, upholstered all over or with cushions in a wooden frame."""
-    if rng.random() < 0.6:
-        couch(kit, rng, size, seats=1)
-        return
-    w, d, h = size
-    frame, cover = paints.wood(rng), paints.fabric(rng, 0.25)
-    seat, post = 0.42, 0.045
-    arm_top = float(rng.uniform(0.54, 0.62))
-    for sx in (-1, 1):
-        x = sx * (w / 2 - post / 2)
-        for y in (-d / 2 + 0.04, d / 2 - 0.16):
-            kit.box(frame, (x - post / 2, y - post / 2, 0), (x + post / 2, y + post / 2, arm_top), bevel=0.006)
-        kit.box(frame, (x - 0.035, -d / 2, arm_top - 0.005), (x + 0.035, d / 2 - 0.08, arm_top + 0.025), bevel=0.01)
-        kit.box(frame, (x - 0.015, -d / 2 + 0.04, 0.24), (x + 0.015, d / 2 - 0.16, 0.3))
-    for y in (-d / 2 + 0.05, d / 2 - 0.2):
-        kit.box(frame, (-w / 2 + post, y - 0.015, 0.24), (w / 2 - post, y + 0.015, 0.31))
-    half = w / 2 - post - 0.01
-    with kit.placed((0, 0, 0.30), turn_x(-0.06)):
-        kit.box(cover, (-half, -d / 2 + 0.02, 0), (half, d / 2 - 0.16, 0.13), bevel=0.035, puff=0.015)
-    lean = 0.3
-    with kit.placed((0, d / 2 - 0.24, seat - 0.05), turn_x(-lean)):
-        kit.box(cover, (-half, -0.09, 0), (half, 0.03, (h - seat + 0.03) / np.cos(lean)), bevel=0.035, puff=0.015)
-        for x in np.linspace(-half + 0.05, half - 0.05, 5):
-            kit.box(frame, (x - 0.02, 0.03, -0.08), (x + 0.02, 0.045, (h - seat) / np.cos(lean)))
-
-
 def beanbag(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A sack of beads that somebody has sat in: panels that bulge between their seams, a dent, a gathered top."""
     w, d, h = size
@@ -321,28 +216,3 @@ def beanbag(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             0.015,
             sides=6,
         )
-
-
-def cushion(kit: Kit, rng: np.random.Generator, size: Size, lean_rad: float = 0.0) -> None:
-    """A throw pillow with piped edges, lying flat, or leaning back by an angle from lying."""
-    del size
-    w = float(rng.uniform(0.36, 0.52))
-    d = w if rng.random() < 0.65 else float(rng.uniform(0.28, 0.38))
-    thick = float(rng.uniform(0.11, 0.17))
-    cover = paints.fabric(rng, 0.6)
-    piping = None
-    if rng.random() < 0.7:
-        piping = (
-            paints.darker(cover, 0.75) if rng.random() < 0.5 else paints.plain(tuple(rng.uniform(0.15, 0.9, 3)), 0.0)
-        )
-        if piping.texture is not None:
-            mean = piping.texture.reshape(-1, 3).mean(axis=0) / 255.0
-            piping = paints.plain((float(mean[0]), float(mean[1]), float(mean[2])), 0.0)
-    sag, sharp = float(rng.uniform(0.02, 0.08)), float(rng.uniform(0.34, 0.5))
-    with kit.placed((0, 0, 0), turn_x(lean_rad)):
-        kit.pillow(cover, (w, d, thick), cells=14, piping=piping, sag=sag, sharp=sharp)
-
-
-def leaning_cushion(kit: Kit, rng: np.random.Generator, size: Size) -> None:
-    """A throw pillow that leans against something behind it."""
-    cushion(kit, rng, size, float(rng.uniform(1.0, 1.2)))

@@ -12,6 +12,8 @@ from sbm_gym.assets.model import FurnitureModel, Surface
 CREASE_RAD = np.deg2rad(42.0)
 """Faces that meet at a larger angle keep an edge; others are shaded as one round surface."""
 
+Size = tuple[float, float, float]
+"""Width, depth and height, metres."""
 Triangles = Float[np.ndarray, "t 3 3"]
 Warp = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]
 
@@ -77,6 +79,8 @@ class Kit:
         """Starts with nothing."""
         self._parts: list[tuple[Paint, Triangles, Triangles, Float[np.ndarray, "t 3 2"]]] = []
         self._rotation, self._shift = np.eye(3), np.zeros(3)
+        self.footprint: list[tuple[float, float, float, float]] | None = None
+        """Rectangles (min x, min y, max x, max y) that it stands on or hangs over; all of its size if None."""
 
     @contextmanager
     def placed(self, shift: Sequence[float] = (0.0, 0.0, 0.0), rotation: np.ndarray | None = None) -> Iterator[None]:
@@ -354,14 +358,14 @@ class Kit:
                     normals=np.ascontiguousarray(unique[:, 3:6]),
                     texcoords=np.ascontiguousarray(unique[:, 6:8]) if textured else None,
                     faces=inverse.reshape(-1, 3).astype(np.int32),
-                    rgba=(*paint.rgb, 1.0),
+                    rgba=(*paint.rgb, paint.alpha),
                     specular=paint.specular,
                     shininess=paint.shininess,
                     texture=paint.texture,
                 )
             )
         half_x, half_y = 0.5 * size_m[0], 0.5 * size_m[1]
-        footprint = np.array([[-half_x, -half_y, half_x, half_y]])
+        footprint = np.array(self.footprint or [(-half_x, -half_y, half_x, half_y)])
         return FurnitureModel(model_id, size_m, tuple(surfaces), footprint)
 
 

@@ -1,0 +1,62 @@
+"""Recorded episodes that experiments share: rooms to choose settings on, others to report them on, and streets."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from experiments.provenance import versions
+from experiments.stages import Scale, Workplace, code_digest, digest
+
+RECORDING_CODE = ("agents.recorder", "sbm_gym.fixation_env", "sbm_gym.registration")
+POLICY = "ring"
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Some episodes of one kind of world and one split."""
+
+    name: str
+    env: str
+    split: Literal["train", "val"]
+    """Settings are chosen on "train" and reported on "val"; test scenes are for final tables only."""
+    episodes: int
+    seed: int = 0
+
+
+def pools(scale: Scale) -> tuple[Pool, ...]:
+    """The pools of a scale."""
+    counts = {"smoke": (2, 1, 1, 1), "quick": (10, 6, 4, 3), "full": (30, 12, 12, 8)}[scale]
+    rooms, streets = "sbm_gym/Indoor-v0", "sbm_gym/Outdoor-v0"
+    return (
+        Pool("rooms_train", rooms, "train", counts[0]),
+        Pool("rooms_val", rooms, "val", counts[1]),
+        Pool("streets_train", streets, "train", counts[2]),
+        Pool("streets_val", streets, "val", counts[3]),
+    )
+
+
+def record(pool: Pool, workplace: Workplace) -> list[Path]:
+    """Records what the pool lacks.
+
+    Episode i depends on the settings and on i alone, so that pools of different sizes share their first episodes.
+
+    Returns:
+        The folders of its episodes.
+
+    Raises:
+        SbmError: if the world cannot be built.
+    """
+    from agents.collect import CollectConfig
+    from agents.recorder import collect
+
+    settings = {"env": pool.env, "split": pool.split, "seed": pool.seed, "policy": POLICY}
+    name = f"{pool.name}-{digest(settings, versions(), code_digest(*RECORDING_CODE))}"
+    return collect(CollectConfig(out=workplace.cache / "episodes" / name, episodes=pool.episodes, **settings))
+
+
+def about(pool: Pool, folders: list[Path]) -> dict[str, Any]:
+    """What a reader of figures wants to know about the pool."""
+    import json
+
+    scenes = [json.loads((folder / "episode.json").read_text())["scene"] for folder in folders]
+    return {**asdict(pool), "policy": POLICY, "detector": "simulated", "views_per_episode": 25, "scenes": scenes}

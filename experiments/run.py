@@ -1,0 +1,102 @@
+"""Experiments: ``python -m experiments.run NAME`` runs one, ``python -m experiments.run list`` names them all."""
+
+import os
+import sys
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated
+
+import tyro
+
+from experiments.stages import Scale, Workplace
+from labeling.cli import run_command
+from labeling.errors import UsageError
+
+EXPERIMENTS = {
+    "label_ablation": "experiments.label_ablation",
+    "label_modes": "experiments.label_modes",
+}
+"""Modules by the name of the experiment. Each has a ``DESCRIPTION``, a function ``run(workplace)`` that returns what is
+to be kept of it as JSON, and a function ``report(results, docs)`` that writes the page about it."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Runs an experiment and writes its figures to RESULTS/NAME.json.
+
+    What it has done so far is kept in the cache: killed and started again, it goes on where it was.
+    """
+
+    name: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="NAME")]]
+    """Which experiment; "list" names them all."""
+    scale: Scale = "quick"
+    """How many episodes and settings: "smoke" to see that it runs, "quick" to see whether anything has changed, "full"
+    to decide by."""
+    seeds: int = 1
+    """How many seeds each setting is run with (0, 1, ...)."""
+    report: bool = False
+    """Only write the page about it anew, from the figures that are there."""
+    workers: int = 0
+    """Processes at a time, of one thread each; 0 takes one per core."""
+    cache: Path = Path("out/experiments")
+    """Folder for recorded episodes and intermediate results; experiments share it."""
+    results: Path = Path("experiments/results")
+    """Folder for the figures."""
+    docs: Path = Path("docs")
+    """Folder for the page."""
+
+
+def run(config: RunConfig) -> None:
+    """Runs an experiment, or writes its page, or lists all.
+
+    Raises:
+        SbmError: if there is no such experiment, or it cannot run.
+    """
+    if config.name == "list":
+        for name, module in EXPERIMENTS.items():
+            print(f"{name:16} {import_module(module).DESCRIPTION}")
+        return
+    if config.name not in EXPERIMENTS:
+        raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(EXPERIMENTS)}")
+    if config.seeds < 1 or config.workers < 0:
+        raise UsageError("--seeds must be 1 or more, --workers 0 or more")
+    module = import_module(EXPERIMENTS[config.name])
+    if not config.report:
+        _run_one(module, config)
+    for path in module.report(config.results, config.docs):
+        print(path)
+
+
+def _run_one(module: ModuleType, config: RunConfig) -> None:
+    from experiments.provenance import provenance
+    from labeling.files import write_json
+
+    workplace = Workplace(
+        scale=config.scale,
+        seeds=tuple(range(config.seeds)),
+        workers=config.workers or len(os.sched_getaffinity(0)),
+        cache=config.cache,
+    )
+    found = module.run(workplace)
+    path = config.results / f"{config.name}.json"
+    content = {
+        "experiment": config.name,
+        "description": module.DESCRIPTION,
+        "scale": config.scale,
+        "seeds": list(workplace.seeds),
+        **provenance(),
+        **found,
+    }
+    write_json(path, content)
+    print(path)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(RunConfig, run, "python -m experiments.run", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""Stages of experiments: done once, kept on disk under a digest of all that decides their outcome.
+
+A killed experiment goes on where it was, a changed setting or a changed line of code makes anew what depends on it, and
+experiments share what they have in common.
+"""
+
+import ast
+import contextlib
+import hashlib
+import json
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from labeling.errors import SbmError
+from labeling.files import write_json
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("labeling", "sbm_gym", "agents", "experiments")
+THREAD_SETTINGS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+Task = TypeVar("Task")
+Scale = Literal["smoke", "quick", "full"]
+
+
+def digest(*parts: Any) -> str:
+    """A short name for JSON content, the same for the same content."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()[:24]
+
+
+@cache
+def code_digest(*modules: str) -> str:
+    """Changes whenever the source of one of these modules does, or of any module of the project that they import."""
+    found = hashlib.sha256()
+    for path in sorted(reached_files(modules)):
+        found.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
+
+
+def reached_files(modules: Sequence[str]) -> set[Path]:
+    """Source files of these modules and of all that they import, within the project; imports in functions count.
+
+    So do JSON files beside them: what a module has learnt decides its outcome as its code does.
+    """
+    found: set[Path] = set()
+    waiting = list(modules)
+    while waiting:
+        path = _source(waiting.pop())
+        if path is None or path in found:
+            continue
+        found.add(path)
+        found.update(path.parent.glob("*.json"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                waiting.extend(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                waiting.append(node.module)
+                waiting.extend(f"{node.module}.{alias.name}" for alias in node.names)
+    return found
+
+
+def _source(module: str) -> Path | None:
+    if module.split(".")[0] not in PACKAGES:
+        return None
+    stem = ROOT.joinpath(*module.split("."))
+    return next((path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file()), None)
+
+
+def folder_digest(folder: Path) -> str:
+    """Changes whenever a file in the folder does."""
+    found = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        found.update(path.relative_to(folder).as_posix().encode() + b"\0")
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+@dataclass(frozen=True)
+class Store:
+    """Outcomes of stages, one JSON file each."""
+
+    folder: Path
+
+    def path(self, stage: str, key: str) -> Path:
+        """Where the outcome lies."""
+        return self.folder / stage / key[:2] / f"{key}.json"
+
+    def has(self, stage: str, key: str) -> bool:
+        """Whether it is there."""
+        return self.path(stage, key).is_file()
+
+    def read(self, stage: str, key: str) -> Any:
+        """The outcome.
+
+        Raises:
+            SbmError: if it is not there or damaged.
+        """
+        path = self.path(stage, key)
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise SbmError(f"{path}: cannot be read ({error}); delete it to have it made again") from None
+
+    def write(self, stage: str, key: str, content: Any) -> None:
+        """Keeps an outcome."""
+        write_json(self.path(stage, key), content)
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What an experiment needs to know about the run it is part of."""
+
+    scale: Scale
+    seeds: tuple[int, ...]
+    workers: int
+    """Processes at a time."""
+    cache: Path
+    """Folder for recorded episodes and the outcomes of stages."""
+
+    @property
+    def store(self) -> Store:
+        """The outcomes of stages."""
+        return Store(self.cache / "stages")
+
+
+def run_tasks(
+    work: Callable[[Task], object],
+    tasks: Sequence[Task],
+    workers: int,
+    title: str,
+    weight: Callable[[Task], int] = lambda task: 1,
+) -> None:
+    """Works through tasks in processes of one thread each, with a progress bar.
+
+    Args:
+        work: a function of a module, which keeps its outcome itself.
+        tasks: what to give it; picklable.
+        workers: how many processes.
+        title: of the progress bar.
+        weight: how much of the work a task is.
+
+    Raises:
+        SbmError: once all other tasks are done, if any has failed.
+    """
+    from tqdm import tqdm
+
+    errors: list[str] = []
+    with tqdm(total=sum(map(weight, tasks)), desc=title, unit="run", smoothing=0.05, file=sys.stderr) as bar:
+        if not tasks:
+            return
+        context = multiprocessing.get_context("spawn")
+        with _one_thread(), ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+            running: dict[Future[object], Task] = {pool.submit(work, task): task for task in tasks}
+            try:
+                for done in as_completed(running):
+                    error = done.exception()
+                    if isinstance(error, SbmError):
+                        errors.append(str(error))
+                        tqdm.write(f"error: {error}", file=sys.stderr)
+                    elif error is not None:
+                        raise error
+                    bar.update(weight(running[done]))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    if errors:
+        raise SbmError(f"{len(errors)} of {len(tasks)} tasks failed; the first: {errors[0]}")
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Lets the processes started meanwhile compute in one thread each."""
+    before = {name: os.environ.get(name) for name in THREAD_SETTINGS}
+    os.environ.update(dict.fromkeys(THREAD_SETTINGS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,235 @@
+"""Labelling the episodes of a dataset, one after the other or in several processes side by side."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from multiprocessing import connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labeling.errors import SbmError
+from labeling.label_config import LabelConfig
+from labeling.recordings.config import RecordingConfig
+from labeling.source_config import SourceConfig
+from labeling.threads import num_threads
+
+if TYPE_CHECKING:
+    from multiprocessing.context import SpawnProcess
+
+    from labeling.label_set import EpisodeState
+
+THREAD_VARIABLES = (
+    "NUMBA_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+"""What bounds the threads of numba and of the BLAS libraries; read when a process imports them."""
+_PATIENCE_S = 10.0
+"""So long a worker may take to clean up."""
+_STOPPED = 143
+"""Exit code of a worker that was told to stop (128 + SIGTERM)."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is the same for all episodes of a dataset."""
+
+    dataset: Path
+    out: Path
+    """Folder of the label set."""
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
+    sources: SourceConfig = field(default_factory=SourceConfig)
+    label: LabelConfig = field(default_factory=LabelConfig)
+    inputs: tuple[Any, ...] = ()
+    """Whatever else decides what the labels are, as JSON; part of the fingerprint."""
+
+    def label_episode(self, folder: Path) -> "EpisodeState":
+        """Labels one episode and writes its record and cloud, or takes what an earlier run has left."""
+        from labeling.episodes import read_episode
+        from labeling.files import write_json
+        from labeling.label_set import EpisodeState, episode_record, fingerprint, read_record
+        from labeling.label_sources import DETECTIONS_FOLDER, find_sources
+        from labeling.ply import write_ply
+        from labeling.published_defects import with_amodal_boxes
+
+        name = folder.resolve().name
+        relative = self.relative(folder)
+        record_file, cloud_file = self.out / "episodes" / f"{name}.json", self.out / "clouds" / f"{name}.ply"
+        try:
+            mark = fingerprint(folder, self.label, list(self.inputs))
+            record = read_record(record_file, mark)
+            if record is None or not cloud_file.is_file():
+                episode = read_episode(folder, self.recording, ground_truth=self.sources.reads_ground_truth)
+                cache = self.out / DETECTIONS_FOLDER / f"{name}.json"
+                sources = find_sources(folder, episode, relative, self.sources, self.label, cache)
+                from labeling.propagate import propagate
+
+                labels = propagate(
+                    episode.rgb,
+                    episode.depth_m,
+                    episode.intrinsics,
+                    episode.camera_to_world,
+                    sources.detections,
+                    self.label,
+                )
+                cloud = labels.cloud
+                write_ply(cloud_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
+                record = episode_record(episode, labels, name, mark, sources.origin, (*episode.notes, *sources.notes))
+                if self.label.published.amodal_boxes:
+                    record = with_amodal_boxes(record)
+                write_json(record_file, record)
+        except SbmError as error:
+            return EpisodeState(name, relative, None, str(error))
+        except OSError as error:
+            return EpisodeState(name, relative, None, f"{folder}: cannot be read or written ({error})")
+        return EpisodeState(name, relative, record)
+
+    def relative(self, folder: Path) -> str:
+        """An episode's folder as seen from the dataset; ``.`` if it is the dataset."""
+        return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
+
+
+def label_all(job: Job, folders: Sequence[Path], workers: int) -> Iterator["EpisodeState"]:
+    """Labels episodes.
+
+    Args:
+        job: what to do.
+        folders: the episodes.
+        workers: processes side by side; with 1 the work is done in this one. What comes out is the same for any number.
+
+    Yields:
+        How it went with each episode, in their order. Whoever stops asking stops the workers.
+
+    Raises:
+        RuntimeError: if the program is at fault, as it would be without workers.
+    """
+    workers = min(workers, len(folders))
+    if workers <= 1:
+        yield from map(job.label_episode, folders)
+        return
+    crew = _Crew(job, workers)
+    try:
+        yield from crew.work(folders)
+    finally:
+        crew.stop()
+
+
+class _Crew:
+    """Worker processes, one episode each at a time."""
+
+    def __init__(self, job: Job, size: int) -> None:
+        self._job, self._threads = job, max(1, num_threads() // size)
+        self._workers: dict[connection.Connection, SpawnProcess] = {}
+        self._doing: dict[connection.Connection, int] = {}
+        self._size = size
+
+    def work(self, folders: Sequence[Path]) -> Iterator["EpisodeState"]:
+        """Hands out episodes as workers get free, and yields their states in order."""
+        states: dict[int, EpisodeState] = {}
+        given, told = 0, 0
+        while len(self._workers) < self._size:
+            self._hire()
+        while told < len(folders):
+            for pipe in [pipe for pipe in self._workers if pipe not in self._doing]:
+                if given < len(folders):
+                    pipe.send(folders[given])
+                    self._doing[pipe] = given
+                    given += 1
+            for pipe in connection.wait(list(self._doing)):
+                assert isinstance(pipe, connection.Connection)
+                index = self._doing.pop(pipe)
+                try:
+                    answer = pipe.recv()
+                except (EOFError, ConnectionError):
+                    answer = self._lost(pipe, folders[index])
+                    self._hire()
+                if isinstance(answer, str):
+                    raise RuntimeError(f"{folders[index]}: a worker failed\n{answer}")
+                states[index] = answer
+            while told in states:
+                yield states.pop(told)
+                told += 1
+
+    def stop(self) -> None:
+        """Ends all workers and waits for them; files that they are writing disappear."""
+        for pipe, process in self._workers.items():
+            pipe.close()
+            process.terminate()
+        for process in self._workers.values():
+            process.join(_PATIENCE_S)
+            process.kill()
+            process.join()
+        self._workers.clear()
+        self._doing.clear()
+
+    def _hire(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(self._job, theirs), daemon=True)
+        with _environment(dict.fromkeys(THREAD_VARIABLES, str(self._threads))):
+            process.start()
+        theirs.close()
+        self._workers[ours] = process
+
+    def _lost(self, pipe: connection.Connection, folder: Path) -> "EpisodeState":
+        from labeling.label_set import EpisodeState
+
+        process = self._workers.pop(pipe)
+        process.join()
+        pipe.close()
+        problem = f"{folder}: its worker process ended with exit code {process.exitcode}; memory may have run out"
+        return EpisodeState(folder.resolve().name, self._job.relative(folder), None, f"{problem} (try fewer --workers)")
+
+
+def _serve(job: Job, pipe: connection.Connection) -> None:
+    """Labels the episodes that come through the pipe, until it closes."""
+    # Ctrl-C reaches all processes of a terminal; the first one decides, and ends the others in its own time.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    import cv2
+
+    cv2.setNumThreads(num_threads())
+    with contextlib.suppress(EOFError, ConnectionError):
+        while True:
+            folder = pipe.recv()
+            try:
+                answer = job.label_episode(folder)
+            except Exception:  # told by the process that a user sees
+                answer = traceback.format_exc()
+            pipe.send(answer)
+
+
+def _leave(*_) -> None:
+    raise SystemExit(_STOPPED)  # unwinds, so that temporary files are removed
+
+
+def _leave_with_parent() -> None:
+    """Ends this process when the one that started it is gone, however it went."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Environment variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,34 @@
+"""How many threads work side by side, and work spread over them in order."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def num_threads() -> int:
+    """As many as ``NUMBA_NUM_THREADS`` says, which bounds the compiled code too; else one for each usable core."""
+    told = os.environ.get("NUMBA_NUM_THREADS", "")
+    return int(told) if told.isdigit() and int(told) > 0 else len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+    """Starts ``work`` on another thread, if there is one; yields a function that waits for its result."""
+    if num_threads() == 1:
+        yield work
+        return
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(work).result
+
+
+def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Results of ``work`` in the order of the items; worth it where the work leaves Python's lock to others."""
+    if num_threads() == 1:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(num_threads()) as pool:
+        return list(pool.map(work, items))

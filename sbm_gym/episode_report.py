@@ -1,0 +1,82 @@
+"""What the environment says about an episode: observations and ``info``."""
+
+from typing import Any
+
+import numpy as np
+
+from sbm_gym.episode import Episode
+from sbm_gym.object_memory import KnownObject, ViewBins
+from sbm_gym.observations import ObservationScales, Situation, encode_depth, state_vector
+
+
+def observation(episode: Episode, num_views: int, bins: ViewBins, scales: ObservationScales) -> dict[str, np.ndarray]:
+    """What the robot sees and knows now, as the observation space has it.
+
+    Args:
+        episode: the robot.
+        num_views: steps of the episode.
+        bins: how views of an object are told apart.
+        scales: lengths that the observation is scaled by.
+    """
+    body, target, update = episode.scene.body, episode.target, episode.update
+    situation = Situation(
+        position_m=body.position_m,
+        yaw_rad=body.yaw_rad,
+        tilt_rad=body.tilt_rad,
+        camera_m=body.camera_to_world[:3, 3],
+        target=target,
+        target_visible=target is not None and target.object_id in update.visible,
+        target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
+        candidate=update.candidate,
+        num_confirmed=len(episode.memory.objects),
+        collided=episode.collided,
+        time_left=max(0.0, 1.0 - episode.step_index / num_views),
+    )
+    frame = episode.view.frame
+    return {
+        "rgb": frame.rgb.copy(),
+        "depth": encode_depth(frame.depth_m, scales.depth_level_m),
+        "state": state_vector(situation, bins, episode.scene.world.navigable, scales),
+    }
+
+
+def info(episode: Episode, terms: dict[str, float], num_azimuths: int) -> dict[str, Any]:
+    """Everything about the robot that is not in the observation.
+
+    Args:
+        episode: the robot.
+        terms: of the reward, by name.
+        num_azimuths: sectors around an object.
+    """
+    body, target = episode.scene.body, episode.target
+    known = [_describe(known, episode) for known in episode.memory.objects]
+    return {
+        "scene": episode.scene.name,
+        "detections": list(episode.detections),
+        "fixation_target": {} if target is None else _describe(target, episode),
+        "confirmed_objects": known,
+        "reward_terms": terms,
+        "agent": {
+            "position_m": body.position_m,
+            "yaw_rad": body.yaw_rad,
+            "tilt_rad": body.tilt_rad,
+            "camera_to_world": body.camera_to_world,
+            "intrinsics": episode.view.intrinsics.copy(),
+        },
+        "collided": episode.collided,
+        "is_success": bool(known),
+        "coverage": max((len(k.azimuths) for k in episode.memory.objects), default=0) / num_azimuths,
+        "path_length_m": episode.path_m,
+    }
+
+
+def _describe(known: KnownObject, episode: Episode) -> dict[str, Any]:
+    return {
+        "object_id": known.object_id,
+        "category": known.category,
+        "best_confidence": known.best_confidence,
+        "centroid_m": known.centroid_m.copy(),
+        "extent_m": known.extent_m,
+        "visible": known.object_id in episode.update.visible,
+        "azimuths": sorted(known.azimuths),
+    }

@@ -1,0 +1,169 @@
+"""The geometry of a model as the ray renderer follows it from picture to picture."""
+
+from collections import OrderedDict
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int64
+
+from sbm_gym.rendering.lamp_reach import lamp_reach
+from sbm_gym.rendering.light_tables import LampReach, LightTable
+from sbm_gym.rendering.lighting import Illumination
+from sbm_gym.rendering.lights import LightLevel, ambient_light, light_level, light_table
+from sbm_gym.rendering.occupancy import fill_space
+from sbm_gym.rendering.raycast import Caster, TriangleScene
+from sbm_gym.rendering.scene_tables import HOLES, SceneTables
+from sbm_gym.rendering.texture_sampling import TextureTable
+from sbm_gym.rendering.textures import build_texture_store
+from sbm_gym.rendering.workers import Workers
+
+MAX_CACHED_GEOM_SETS = 256
+"""Objects whose own ray-casting scenes are kept for amodal masks."""
+STORE_BELOW_M = -20.0
+"""Moving things wholly below this height wait their turn out of the world, and no ray looks for them there."""
+
+
+class FollowedScene:
+    """Tables and search trees of a model. What stands still is prepared once, what moves is placed anew."""
+
+    def __init__(self, model: mujoco.MjModel, workers: Workers) -> None:
+        """Reads geometry, materials and textures of a model.
+
+        Args:
+            model: the compiled model.
+            workers: threads.
+        """
+        store = build_texture_store(model)
+        self.textures = TextureTable(
+            store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
+        )
+        self.tables = SceneTables(model, store)
+        self._model = model
+        self._workers = workers
+        self.caster = Caster(self.tables, self.textures, workers)
+        self.caster.plane_rows = self.tables.first_plane + np.arange(len(self.tables.plane_geoms))
+        self._still = Caster(self.tables, self.textures, workers)
+        self._scenes: dict[tuple[bool, bool], TriangleScene] = {}
+        self._placed: dict[bool, Float[np.ndarray, "g 12"]] = {}
+        self._filled = fill_space(np.zeros((0, 3, 3), np.float32))
+        self._far_m = 1.0
+        self._bounds = np.zeros((2, 3))
+        self._level: LightLevel | None = None
+        self._reach: tuple[bytes, LampReach] | None = None
+        self._geom_sets: OrderedDict[tuple[int, ...], tuple[Float[np.ndarray, "g 12"], Caster]] = OrderedDict()
+
+    def follow(self, data: mujoco.MjData) -> None:
+        """Brings the world-frame tables up to date with ``data``.
+
+        Static geometry moves only when somebody edits the model in place; it is compared too, which costs little.
+        """
+        plane_rows = list(self.tables.plane_geoms)
+        for moving in (False, True):
+            geoms = self.tables.spans[moving, False].geoms + self.tables.spans[moving, True].geoms
+            # Planes have no tree to rebuild: they are followed with the moving geometry.
+            geoms = geoms + plane_rows if moving else geoms
+            pose = _poses(data, geoms)
+            moved = np.ones(len(geoms), bool)
+            if moving in self._placed:
+                moved = (self._placed[moving] != pose).any(axis=1)
+                if not moved.any():
+                    continue
+            self.tables.place(data, [geom for geom, has_moved in zip(geoms, moved, strict=True) if has_moved])
+            self._placed[moving] = pose
+            self._rebuild(moving)
+            if not moving:
+                self._measure_world()
+
+    def illumination(
+        self, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"], shadows: bool
+    ) -> Illumination:
+        """The light of the scene as it was last followed.
+
+        Args:
+            data: where lamps are.
+            camera_to_world: the headlight shines from here.
+            shadows: whether any light casts shadows.
+        """
+        if self._level is None:
+            self._level = light_level(self._model, data)
+        lights = light_table(self._model, data, camera_to_world, shadows)
+        ambient = ambient_light(self._model, self._filled, self._level)
+        return Illumination(lights, self._lamp_reach(lights), ambient, self._far_m)
+
+    def _lamp_reach(self, lights: LightTable) -> LampReach:
+        """Where light can arrive, worked out anew when lamps or walls have moved."""
+        key = lights.position[lights.is_fixed].tobytes() + lights.shadow_slot.tobytes()
+        if self._reach is None or self._reach[0] != key:
+            self._reach = (key, lamp_reach(lights, self._still, self._bounds))
+        return self._reach[1]
+
+    def _rebuild(self, moving: bool) -> None:
+        for special in (False, True):
+            span = self.tables.spans[moving, special]
+            rows = np.arange(span.start, span.stop)
+            if moving:
+                rows = rows[self.tables.corners[rows, :, 2].max(axis=1, initial=-np.inf) > STORE_BELOW_M]
+            self._scenes.pop((moving, special), None)
+            if len(rows):
+                self._scenes[moving, special] = self._triangle_scene(rows)
+        order = [(False, False), (True, False)]
+        # What moves may clear the way for a lamp, so it does not count there.
+        self._still.opaque = [scene for key, scene in self._scenes.items() if key == (False, False)]
+        self.caster.opaque = [self._scenes[key] for key in order if key in self._scenes]
+        self.caster.special = [self._scenes[m, True] for m, _ in order if (m, True) in self._scenes]
+
+    def _triangle_scene(self, rows: Int64[np.ndarray, "n"]) -> TriangleScene:
+        geoms = self.tables.triangles.geom[rows]
+        kinds = self.tables.geoms.kind[geoms]
+        corners = self.tables.corners[rows]
+        if not kinds.any():
+            return TriangleScene(corners, rows, self._workers.threads)
+        return TriangleScene(corners, rows, self._workers.threads, geoms, kinds == HOLES)
+
+    def _measure_world(self) -> None:
+        still = self.tables.spans[False, False]
+        corners = self.tables.corners[still.start : still.stop]
+        self._filled = fill_space(corners)
+        self._reach, self._level = None, None
+        if len(corners):
+            reach = np.abs(corners).max()
+            # Far enough for a shadow ray to leave the world from anywhere in it.
+            self._far_m = float(4.0 * reach + 10.0)
+            self._bounds = np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], float)
+        else:
+            self._far_m = 1000.0
+
+    def geom_set(self, data: mujoco.MjData, geoms: tuple[int, ...]) -> tuple[Caster, Float[np.ndarray, "2 3"] | None]:
+        """Casts rays against a few geoms alone; and their bounding box (None: infinite).
+
+        Args:
+            data: the same that was last followed.
+            geoms: drawn geoms, sorted.
+        """
+        pose = _poses(data, list(geoms))
+        cached = self._geom_sets.get(geoms)
+        if cached is None or not np.array_equal(cached[0], pose):
+            caster = Caster(self.tables, self.textures, self._workers)
+            rows = {False: [], True: []}
+            planes = []
+            for geom in geoms:
+                span = np.arange(*self.tables.geom_span[geom])
+                if span[0] >= self.tables.first_plane:
+                    planes.append(span)
+                else:
+                    rows[bool(self.tables.geoms.kind[geom])].append(span)
+            for special, scenes in ((False, caster.opaque), (True, caster.special)):
+                if rows[special]:
+                    chosen = np.concatenate(rows[special])
+                    scenes.append(self._triangle_scene(chosen))
+            caster.plane_rows = np.concatenate(planes) if planes else caster.plane_rows
+            self._geom_sets[geoms] = cached = (pose, caster)
+            while len(self._geom_sets) > MAX_CACHED_GEOM_SETS:
+                self._geom_sets.popitem(last=False)
+        self._geom_sets.move_to_end(geoms)
+        caster = cached[1]
+        return caster, caster.bounds()
+
+
+def _poses(data: mujoco.MjData, geoms: list[int]) -> Float[np.ndarray, "g 12"]:
+    return np.concatenate([data.geom_xpos[geoms], data.geom_xmat[geoms]], axis=1)

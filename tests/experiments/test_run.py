@@ -1,0 +1,122 @@
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+
+import experiments.episode_pool
+from experiments import label_ablation, label_comparison
+from experiments.ablation_variants import FACTORS, NOT_STUDIED, Factor, Variant, variants
+from experiments.episode_pool import Pool, pools
+from experiments.label_modes import modes
+from experiments.run import EXPERIMENTS, main
+from labeling.episodes import write_episode
+from labeling.label_config import LabelConfig
+
+from ..labeling.synthetic_room import make_episode
+
+
+def test_every_default_has_a_sentence() -> None:
+    settings = [name for factor in FACTORS for name in factor.settings] + list(NOT_STUDIED)
+    assert sorted(settings) == sorted(one.name for one in fields(LabelConfig))
+
+
+def test_variants_change_the_settings_of_their_factor_and_nothing_else() -> None:
+    seen = [LabelConfig()]
+    for factor, one in variants("full"):
+        assert set(one.changes) <= {*factor.settings, "dilations"}, one.name
+        config = one.config(seed=3)
+        config.check()
+        assert config.seed == 3
+        assert replace(config, seed=0) not in seen, f"{factor.title}: {one.name} has been tried already"
+        seen.append(replace(config, seed=0))
+    quick = [(factor.title, one.name) for factor, one in variants("quick")]
+    assert len(set(quick)) == len(quick) < len(variants("full"))
+
+
+def test_modes_are_checked_presets_and_at_full_scale_each_defect_alone() -> None:
+    assert list(modes("quick")) == ["default", "paper", "released"]
+    full = modes("full")
+    assert len(full) == 3 + 7
+    for name, config in full.items():
+        config.check()
+        if name.startswith("paper, "):
+            assert [key for key, on in vars(config.published).items() if on] == [name.removeprefix("paper, ")]
+
+
+def test_settings_are_never_chosen_on_test_scenes() -> None:
+    for scale in ("smoke", "quick", "full"):
+        found = pools(scale)
+        assert {pool.split for pool in found} == {"train", "val"}
+        assert all(pool.name.endswith(pool.split) for pool in found)
+
+
+def test_list_names_every_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(EXPERIMENTS)
+    assert all(len(line.split()) > 4 for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [(["table_0_0"], "label_ablation"), (["label_modes", "--seeds", "0"], "--seeds")],
+)
+def test_bad_requests_are_one_line(arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_a_report_needs_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["label_ablation", "--report", "--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
+    assert "label_ablation.json" in capsys.readouterr().err
+    assert not (tmp_path / "docs").exists()
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Two tiny rooms in place of recorded ones, and two variants."""
+    some = (Pool("rooms_train", "none", "train", 2), Pool("rooms_val", "none", "val", 1))
+    folders = {}
+    for number, pool in enumerate(some):
+        folders[pool.name] = [tmp_path / pool.name / f"{index:04d}" for index in range(pool.episodes)]
+        for index, folder in enumerate(folders[pool.name]):
+            room = make_episode(7 + number + 2 * index, 3, (36, 48), num_objects=3, confident_share=2.0)
+            write_episode(folder, replace(room, name=folder.name, metadata={"scene": f"room/{index}"}))
+    monkeypatch.setattr(experiments.episode_pool, "pools", lambda scale: some)
+    monkeypatch.setattr(label_comparison, "record", lambda pool, workplace: folders[pool.name])
+    tried = (Variant("votes alone", {"unary": "votes"}), Variant("no CRF", {"iterations": 0}))
+    factor = Factor("Anything", ("unary",), "Why not.", tried)
+    monkeypatch.setattr(label_ablation, "FACTORS", (factor,))
+    monkeypatch.setattr(label_ablation, "variants", lambda scale: [(factor, one) for one in tried])
+    return tmp_path
+
+
+def test_an_ablation_runs_resumes_and_reports(
+    small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(*flags: str) -> int:
+        places = ["--cache", str(small / "cache"), "--results", str(small / "results"), "--docs", str(small / "docs")]
+        return main(["label_ablation", *places, "--workers", "1", *flags])
+
+    assert run() == 0
+    written = small / "results" / "label_ablation.json"
+    content = json.loads(written.read_text())
+    assert content["seeds"] == [0]
+    assert content["pools"]["rooms_train"]["scenes"] == ["room/0", "room/1"]
+    base = content["results"]["default"]["rooms_train"]
+    assert base["difference"]["mean_iou"] == {"mean": 0.0, "low": None, "high": None, "episodes": 2}
+    (factor,) = content["factors"]
+    for one in factor["variants"]:
+        found = one["results"]["rooms_train"]
+        gaps = [a - b for a, b in zip(found["per_episode"]["mean_iou"], base["per_episode"]["mean_iou"], strict=True)]
+        assert found["difference"]["mean_iou"]["mean"] == pytest.approx(sum(gaps) / 2, abs=1e-4)
+    page = (small / "docs" / "label-generator.md").read_text()
+    assert "votes alone" in page
+    assert (small / "docs" / "pictures" / "label_ablation.png").stat().st_size > 1000
+    monkeypatch.setattr("experiments.stages.ProcessPoolExecutor", None)  # a second run has nothing left to do
+    assert run() == 0
+    assert json.loads(written.read_text()) == content
+    capsys.readouterr()

@@ -1,0 +1,48 @@
+"""Things that move are drawn where they are, wherever they have been in between."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from labeling.geometry import intrinsics_from_fov, look_at
+from sbm_gym.rendering.followed_scene import STORE_BELOW_M
+from sbm_gym.rendering.rays import RaysRenderer
+
+SCENE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/><light pos="0 0 4"/>
+<body name="a" mocap="true" pos="0 -0.6 0.5"><geom type="sphere" size="0.4"/></body>
+<body name="b" mocap="true" pos="0 0.6 0.5"><geom type="box" size="0.3 0.3 0.3"/></body></worldbody></mujoco>"""
+MODEL = mujoco.MjModel.from_xml_string(SCENE)
+CAMERA = look_at(np.array([4.0, 0.0, 1.5]), np.array([0.0, 0.0, 0.4]))
+
+
+def frame(renderer: RaysRenderer, data: mujoco.MjData):
+    mujoco.mj_forward(MODEL, data)
+    return renderer.render(data, intrinsics_from_fov(64, 48, 1.0), CAMERA, 48, 64)
+
+
+@pytest.mark.parametrize("away", [STORE_BELOW_M - 5.0, 30.0])
+def test_what_went_away_and_came_back_is_drawn_as_before(away: float) -> None:
+    data = mujoco.MjData(MODEL)
+    renderer = RaysRenderer(MODEL)
+    before = frame(renderer, data)
+    for moved in ([0], [0, 1]):
+        home = data.mocap_pos.copy()
+        data.mocap_pos[moved, 2] = away
+        without = frame(renderer, data)
+        geoms = [1 + one for one in moved]
+        assert set(geoms) <= set(np.unique(before.geom_id))
+        assert not set(geoms) & set(np.unique(without.geom_id))
+        data.mocap_pos[:] = home
+        again = frame(renderer, data)
+        assert np.array_equal(again.rgb, before.rgb)
+        assert np.array_equal(again.depth_m, before.depth_m)
+
+
+def test_moving_one_thing_gives_the_picture_of_a_new_renderer() -> None:
+    data = mujoco.MjData(MODEL)
+    renderer = RaysRenderer(MODEL)
+    frame(renderer, data)
+    data.mocap_pos[1] += [0.5, 0.2, 0.3]
+    moved, fresh = frame(renderer, data), frame(RaysRenderer(MODEL), data)
+    assert np.array_equal(moved.rgb, fresh.rgb)
+    assert np.array_equal(moved.geom_id, fresh.geom_id)
