@@ -4,6 +4,8 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from labeling.episode_json import read_json
-from labeling.errors import UsageError
+from labeling.errors import SbmError, UsageError
 from labeling.files import atomic_folder, write_json
 from labeling.instances import box_xywh, encode_mask
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
@@ -206,14 +208,21 @@ def _sets(folder: Path, settings: AlbumSettings, workers: int) -> Iterator[list[
         while True:
             yield make_set(folder, settings, number)
             number += 1
-    with _one_thread_each(), multiprocessing.get_context("spawn").Pool(workers) as pool:
+    context = multiprocessing.get_context("spawn")
+    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=context) as pool:
         waiting = []
-        while True:
-            # A few sets ahead, so that nobody waits for the slowest; what is too many is there for a larger count.
-            while len(waiting) < 2 * workers:
-                waiting.append(pool.apply_async(make_set, (folder, settings, number)))
-                number += 1
-            yield waiting.pop(0).get()
+        try:
+            while True:
+                # A few sets ahead, so that nobody waits for the slowest; what is too many is there for a larger count.
+                while len(waiting) < 2 * workers:
+                    waiting.append(pool.submit(make_set, folder, settings, number))
+                    number += 1
+                yield waiting.pop(0).result()
+        except BrokenProcessPool:
+            raise SbmError("a process that takes photographs was killed; the same command goes on") from None
+        finally:
+            for set_to_come in waiting:
+                set_to_come.cancel()
 
 
 @contextmanager

@@ -8,9 +8,16 @@ from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
 from sbm_gym.worlds import surfaces
 from sbm_gym.worlds import town_materials as materials
 from sbm_gym.worlds.arrange import Arranger
+from sbm_gym.worlds.arrange_bathroom import bathing
+from sbm_gym.worlds.arrange_extras import greening, standing_lamp
+from sbm_gym.worlds.arrange_kitchen import put_kitchen
+from sbm_gym.worlds.arrange_living import lounging, put_television, sitting
+from sbm_gym.worlds.arrange_sleeping import sleeping
+from sbm_gym.worlds.arrange_tables import dining, working
 from sbm_gym.worlds.building import SceneBuilder
+from sbm_gym.worlds.fittings import hang_pictures, lay_rug
 from sbm_gym.worlds.placing import Layout, Opening, Placement, Room
-from sbm_gym.worlds.shell import Finish, build_shell, hang_pictures, lay_rug
+from sbm_gym.worlds.shell import Finish, build_shell
 
 MAX_TRIANGLES = 120_000
 """Of all pieces together, so that a set takes a fraction of a second to build."""
@@ -19,29 +26,29 @@ _WALLS = (surfaces.plaster, surfaces.plaster, surfaces.wallpaper)
 
 
 def _couch(a: Arranger) -> None:
-    a.sitting(lounge=0.5, television=a.chance(0.35))
+    sitting(a, lounge=0.5, television=a.chance(0.35))
     if a.chance(0.4):
-        a.greening()
+        greening(a)
 
 
 def _bed(a: Arranger) -> None:
-    a.sleeping("double_bed" if a.chance(0.6) else "single_bed")
+    sleeping(a, "double_bed" if a.chance(0.6) else "single_bed")
     if a.chance(0.3):
-        a.greening()
+        greening(a)
     if a.chance(0.3):
-        a.lounging("dining_chair")
+        lounging(a, "dining_chair")
 
 
 def _desk(a: Arranger) -> None:
-    a.working()
+    working(a)
     if a.chance(0.3):
-        a.greening()
+        greening(a)
 
 
 def _dining(a: Arranger) -> None:
-    a.dining((1, 4))
+    dining(a, (1, 4))
     if a.chance(0.3):
-        a.greening()
+        greening(a)
 
 
 def _table(a: Arranger) -> None:
@@ -50,44 +57,44 @@ def _table(a: Arranger) -> None:
     if card is not None and a.layout.in_the_open(card, around_m=0.4):
         a.decorate(a.layout.placements[-1], ("table_thing", "small_plant", "desk_lamp"), 0.5)
     if a.chance(0.4):
-        a.lounging("dining_chair")
+        lounging(a, "dining_chair")
 
 
 def _kitchen(a: Arranger) -> None:
-    a.kitchen(int(a.rng.integers(0, 4)))
+    put_kitchen(a, int(a.rng.integers(0, 4)))
     if a.chance(0.25):
-        a.dining((1, 2))
+        dining(a, (1, 2))
 
 
 def _bath(a: Arranger) -> None:
-    a.bathing(tub=a.chance(0.3))
+    bathing(a, "bathtub" if a.chance(0.3) else None)
     if a.chance(0.4):
         a.small("bin")
 
 
 def _television(a: Arranger) -> None:
-    a.television(supports=("tv_stand", "dresser"))
+    put_television(a, supports=("tv_stand", "dresser"))
     if a.chance(0.4):
-        a.greening()
+        greening(a)
     if a.chance(0.2):
-        a.lounging()
+        lounging(a)
 
 
 def _plants(a: Arranger) -> None:
     if a.chance(0.7):
-        a.greening()
+        greening(a)
     support = a.along_wall(str(a.rng.choice(["dresser", "coffee_table", "desk", "tv_stand"])))
     if support is not None:
         a.decorate(support, ("small_plant", "small_plant", "table_thing"), 0.8)
     if a.chance(0.4):
-        a.greening()
+        greening(a)
 
 
 def _chairs(a: Arranger) -> None:
     for _ in range(int(a.rng.integers(1, 4))):
-        a.lounging(str(a.rng.choice(["dining_chair", "office_chair", "lounge_chair"], p=[0.5, 0.2, 0.3])))
+        lounging(a, str(a.rng.choice(["dining_chair", "office_chair", "lounge_chair"], p=[0.5, 0.2, 0.3])))
     if a.chance(0.3):
-        a.lamp()
+        standing_lamp(a)
 
 
 THEMES = {
@@ -183,6 +190,7 @@ def _finish(theme: str, rng: np.random.Generator) -> Finish:
         ceiling=surfaces.ceiling(rng),
         trim=white if rng.random() < 0.75 else wood,
         door=white if rng.random() < 0.5 else wood,
+        panels=int(rng.integers(4)),
     )
 
 

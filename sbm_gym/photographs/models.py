@@ -92,6 +92,13 @@ class PhotographLibrary:
             self._models[card.model_id] = model
         return self._models[card.model_id]
 
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has; colours change nothing."""
+        if card.library == BUILTIN:
+            return self.load(card).num_triangles
+        assert self._catalogue is not None
+        return self._catalogue.triangles(card)
+
     def _generator(self, name: str) -> np.random.Generator:
         return np.random.default_rng((*self._seed, *name.encode()))
 

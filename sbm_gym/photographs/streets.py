@@ -9,7 +9,7 @@ from sbm_gym.worlds import town_materials as materials
 from sbm_gym.worlds.placing import Box, overlap
 from sbm_gym.worlds.soup import QuadSoup, box_quads
 from sbm_gym.worlds.surfaces import Material
-from sbm_gym.worlds.town_furniture import Furnisher
+from sbm_gym.worlds.town_furnisher import Furnisher
 from sbm_gym.worlds.town_ground import PAINT, PAINT_M, flat
 from sbm_gym.worlds.town_houses import STYLES, House, build_houses
 from sbm_gym.worlds.town_plan import KERB_M, Rect

@@ -7,7 +7,7 @@ from sbm_gym.assets.builtin import BuiltinLibrary
 from sbm_gym.assets.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, OUTDOOR_CATEGORIES, USES
 from sbm_gym.assets.library import default_library
 from sbm_gym.assets.mixed import FROM_SEEDS, MixedLibrary, indoor_library
-from sbm_gym.assets.reserved import ENOUGH_MODELS, RESERVED_SHARE, kept_apart, reserved_models, worlds_library
+from sbm_gym.assets.reserved import ENOUGH_MODELS, RESERVED_SHARE, kept_apart, worlds_library
 from sbm_gym.assets.unseen import too_small
 from sbm_gym.photographs.models import BUILTIN_SEEDS, SPLITS, PhotographLibrary, catalogue_models
 from sbm_gym.worlds.outdoor import VISITORS
