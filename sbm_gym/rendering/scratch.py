@@ -15,7 +15,8 @@ class Scratch:
 
     def take(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> np.ndarray:
         """An array of zeros (what a kernel leaves out must not depend on earlier pictures); the one taken before under
-        this name is no longer valid."""
+        this name is no longer valid.
+        """
         size = math.prod(shape)
         if name not in self._arrays or len(self._arrays[name]) < size:
             self._arrays[name] = np.empty(size, dtype)
