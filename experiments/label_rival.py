@@ -85,7 +85,7 @@ def _svm(features, training, labels) -> np.ndarray:
 
 
 def _dense_crf(chance, cloud: Cloud, near, scale: Scale, config: LabelConfig) -> np.ndarray:
-    import pydensecrf.densecrf as dense
+    import pydensecrf.densecrf as dense  # pyright: ignore[reportMissingImports]  (of the bench extra)
 
     held = np.clip(chance, 1 - SURE, SURE)
     points, colours = cloud.points[near], cloud.colours[near]
