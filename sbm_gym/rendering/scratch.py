@@ -14,12 +14,8 @@ class Scratch:
         self._arrays: dict[str, np.ndarray] = {}
 
     def take(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> np.ndarray:
-        """An array of zeros (what a kernel leaves out must not depend on earlier pictures); the one taken before under
-        this name is no longer valid.
-        """
+        """An array with any content; the one taken before under this name is no longer valid."""
         size = math.prod(shape)
         if name not in self._arrays or len(self._arrays[name]) < size:
             self._arrays[name] = np.empty(size, dtype)
-        taken = self._arrays[name][:size].reshape(shape)
-        taken.fill(0)
-        return taken
+        return self._arrays[name][:size].reshape(shape)
