@@ -91,11 +91,13 @@ def _figures(samples, model: "TrustModel") -> dict[str, Any]:
     for name, confidence in (("before", samples.confidence), ("after", model.expected_iou(samples.features))):
         curve = reliability(confidence[counted], samples.iou[counted])
         assert curve is not None, "samples_of gives at least one"
+        ap50 = average_precision(samples.predictions(confidence), samples.truths, (0.5,)).mean[0.5]
+        assert ap50 is not None, "samples_of gives at least one object"
         found[name] = {
             "ece": round(curve.expected_calibration_error, 4),
             "mean_squared_error": round(float(np.mean((confidence - samples.iou)[counted] ** 2)), 4),
             "correlation": round(float(np.corrcoef(confidence[counted], samples.iou[counted])[0, 1]), 4),
-            "mask_ap50": round(average_precision(samples.predictions(confidence), samples.truths, (0.5,)).mean[0.5], 4),
+            "mask_ap50": round(ap50, 4),
         }
         found[f"{name}_curve"] = {
             key: np.round(getattr(curve, key), 4).tolist() for key in ("confidence", "outcome", "count")

@@ -79,13 +79,13 @@ def _svm(features, training, labels) -> np.ndarray:
     scaler = StandardScaler().fit(features[training])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # SVC(probability=True) is deprecated; the thesis used it
-        machine = SVC(C=1.0, gamma="auto", probability=True, random_state=0)
+        machine = SVC(C=1.0, gamma="auto", probability=True, random_state=0)  # pyright: ignore[reportArgumentType]
         machine.fit(scaler.transform(features[training]), labels)
         return machine.predict_proba(scaler.transform(features))[:, 1]
 
 
 def _dense_crf(chance, cloud: Cloud, near, scale: Scale, config: LabelConfig) -> np.ndarray:
-    import pydensecrf.densecrf as dense
+    import pydensecrf.densecrf as dense  # pyright: ignore[reportMissingImports]  (of the bench extra)
 
     held = np.clip(chance, 1 - SURE, SURE)
     points, colours = cloud.points[near], cloud.colours[near]

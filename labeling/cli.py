@@ -36,7 +36,7 @@ def run_command(
     Returns:
         The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted.
     """
-    given = {} if start is None else {"default": start}
+    given: dict[str, Any] = {} if start is None else {"default": start}
     try:
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
         run(config)

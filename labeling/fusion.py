@@ -59,8 +59,8 @@ def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfi
     if len(back) > 0:
         learnt_back = sample_back(back, rim, config, rng)
         learnt_front = sample_front(cloud.points, front, centre, config, rng)
-        learnt = (_features(cloud, rows, centre) for rows in (learnt_front, learnt_back))
-        unary = train_classifier(config.unary, *learnt, rng, config.gaussian_share)
+        front_rows, back_rows = (_features(cloud, rows, centre) for rows in (learnt_front, learnt_back))
+        unary = train_classifier(config.unary, front_rows, back_rows, rng, config.gaussian_share)
         if unary is not None:
             decided = unary.log_odds(_features(cloud, reachable, centre))
             log_odds[reachable] += np.clip(decided, -MAX_LOG_ODDS, MAX_LOG_ODDS)

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing import connection
 from pathlib import Path
@@ -97,7 +97,7 @@ class Job:
         return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
 
 
-def label_all(job: Job, folders: Sequence[Path], workers: int) -> Iterator["EpisodeState"]:
+def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator["EpisodeState", None, None]:
     """Labels episodes.
 
     Args:

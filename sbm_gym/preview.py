@@ -11,6 +11,7 @@ from labeling.cli import run_command
 from labeling.errors import UsageError
 
 if TYPE_CHECKING:
+    import mujoco
     import numpy as np
     from jaxtyping import UInt8
 

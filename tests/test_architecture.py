@@ -53,6 +53,13 @@ def test_no_floor_imports_a_higher_one(floor):
         assert not imported_packages(path) & higher, path
 
 
+def test_assets_and_rendering_know_nothing_of_worlds():
+    for path in [*modules_of("sbm_gym/assets"), *modules_of("sbm_gym/rendering")]:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        assert not {name for name in imported if name and name.startswith("sbm_gym.worlds")}, path
+
+
 def test_labeling_never_imports_a_simulator():
     for path in modules_of("labeling"):
         assert not imported_packages(path) & {"mujoco", "gymnasium", "stable_baselines3"}, path

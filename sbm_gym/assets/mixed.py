@@ -4,8 +4,9 @@ import functools
 from collections.abc import Mapping
 
 from sbm_gym.assets.builtin import BUILTIN, BuiltinLibrary
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard, default_library
+from sbm_gym.assets.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.model import FurnitureModel
+from sbm_gym.assets.reserved import worlds_library
 
 FROM_SEEDS = {
     "cushion": 16,
@@ -74,7 +75,7 @@ def indoor_library() -> MixedLibrary:
     Raises:
         MissingAssetsError: if no catalogue is installed.
     """
-    return MixedLibrary(default_library())
+    return MixedLibrary(worlds_library())
 
 
 @functools.cache
@@ -84,4 +85,4 @@ def town_library() -> MixedLibrary:
     Raises:
         MissingAssetsError: if no catalogue is installed.
     """
-    return MixedLibrary(default_library(), added={}, instead=IN_STREETS)
+    return MixedLibrary(worlds_library(), added={}, instead=IN_STREETS)

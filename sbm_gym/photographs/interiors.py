@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
+from sbm_gym.assets import surfaces
 from sbm_gym.assets.library import FurnitureLibrary
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
-from sbm_gym.worlds import surfaces
 from sbm_gym.worlds import town_materials as materials
 from sbm_gym.worlds.arrange import Arranger
 from sbm_gym.worlds.arrange_bathroom import bathing

@@ -8,10 +8,10 @@ from jaxtyping import UInt8
 
 from sbm_gym.assets.classes import VEHICLE_PAINT
 from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.surfaces import Material
 from sbm_gym.photographs.models import CATEGORIES
 from sbm_gym.worlds.building import SceneBuilder
 from sbm_gym.worlds.placing import Box
-from sbm_gym.worlds.surfaces import Material
 from sbm_gym.worlds.vehicles import Standing
 from sbm_gym.worlds.world import ObjectInstance
 

@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 
 from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.surfaces import Material
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
 from sbm_gym.worlds import town_materials as materials
 from sbm_gym.worlds.placing import Box, overlap
 from sbm_gym.worlds.soup import QuadSoup, box_quads
-from sbm_gym.worlds.surfaces import Material
 from sbm_gym.worlds.town_furnisher import Furnisher
 from sbm_gym.worlds.town_ground import PAINT, PAINT_M, flat
 from sbm_gym.worlds.town_houses import STYLES, House, build_houses

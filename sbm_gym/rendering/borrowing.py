@@ -114,7 +114,8 @@ def soften_shadows(start, stop, width, height, geom, across, below, light, lit, 
             continue
         left, right, above, under = i - 1, i + 1, i - width, i + width
         one = lit[i]
-        if one == lit[left] and one == lit[right] and one == lit[above] and one == lit[under]:
+        is_edge = (across[left] and one != lit[left]) or (across[i] and one != lit[right])
+        if not (is_edge or (below[above] and one != lit[above]) or (below[i] and one != lit[under])):
             continue
         total = 4.0
         for channel in range(6):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from sbm_gym.assets.model import FurnitureModel
-from sbm_gym.worlds.surfaces import Material
+from sbm_gym.assets.surfaces import Material
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
 
 

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from sbm_gym.worlds import surfaces
+from sbm_gym.assets import surfaces
 from sbm_gym.worlds.building import SceneBuilder
 from sbm_gym.worlds.openings import UPRIGHT, upright_rectangle, wall_box
 from sbm_gym.worlds.placing import Room
@@ -102,7 +102,8 @@ def hang_lamps(builder: SceneBuilder, room: Room, rng: np.random.Generator, name
         builder.spec.worldbody.add_light(
             name=f"{name}_{index}",
             type=mujoco.mjtLightType.mjLIGHT_POINT,
-            pos=[*at, top - 0.12],
+            # Well below the lamp, whose shadow on the ceiling is then no wider than the lamp.
+            pos=[*at, top - 0.35],
             dir=[0, 0, -1],
             diffuse=(brightness * warm).tolist(),
             specular=(0.3 * brightness * warm).tolist(),

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from sbm_gym.worlds import surfaces
+from sbm_gym.assets import surfaces
 from sbm_gym.worlds.building import SceneBuilder
 from sbm_gym.worlds.floor_plan import INNER_WALL_M
 from sbm_gym.worlds.placing import Box, Opening, Wall

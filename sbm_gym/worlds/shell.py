@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sbm_gym.worlds import surfaces
+from sbm_gym.assets import surfaces
 from sbm_gym.worlds.building import SceneBuilder
 from sbm_gym.worlds.floor_plan import FloorPlan
 from sbm_gym.worlds.openings import (

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from sbm_gym.assets.surfaces import Material
 from sbm_gym.worlds.building import SceneBuilder
-from sbm_gym.worlds.surfaces import Material
 
 Rgba = tuple[float, float, float, float]
 

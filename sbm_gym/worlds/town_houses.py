@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from sbm_gym.assets.surfaces import Material
 from sbm_gym.worlds import town_materials as materials
 from sbm_gym.worlds import town_shops as shops
 from sbm_gym.worlds.soup import Facade, QuadSoup, Rgba, box_quads
-from sbm_gym.worlds.surfaces import Material
 from sbm_gym.worlds.town_plan import HOUSE_DEPTH_M, KERB_M, PAVEMENT_M, Rect, TownPlan
 
 REVEAL_M = 0.16

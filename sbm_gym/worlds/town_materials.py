@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from sbm_gym.worlds.surfaces import Material, periodic_noise
+from sbm_gym.assets.surfaces import Material, periodic_noise
 
 Colour = tuple[int, int, int]
 

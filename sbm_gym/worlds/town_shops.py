@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from sbm_gym.worlds.surfaces import periodic_noise
+from sbm_gym.assets.surfaces import periodic_noise
 
 Colour = tuple[int, int, int]
 Canvas = Float[np.ndarray, "h w 3"]

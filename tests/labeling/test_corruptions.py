@@ -133,7 +133,7 @@ def corrupt(count: int, recorded: Path, factory: pytest.TempPathFactory, capsys)
         deadline=None,
         derandomize=True,
         phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=list(HealthCheck),  # pyright: ignore[reportArgumentType]
     )
     @given(corruptions(recorded))
     def each(corruption: dict[str, bytes | None]) -> None:

@@ -18,8 +18,10 @@ def test_log_odds_are_the_ratio_of_two_normal_densities(points) -> None:
     queries = np.random.default_rng(1).normal(0, 1, (50, 6))
     expected = np.subtract(
         *(
-            multivariate_normal((one / scale).mean(axis=0), np.cov((one / scale).T) + RIDGE * np.eye(6)).logpdf(
-                queries / scale
+            multivariate_normal.logpdf(
+                queries / scale,
+                (one / scale).mean(axis=0),
+                np.cov((one / scale).T) + RIDGE * np.eye(6),  # pyright: ignore[reportArgumentType]
             )
             for one in points
         )

@@ -15,7 +15,7 @@ def test_decisions_are_those_of_the_library(seed: int, apart: float, c: float) -
     from sklearn.svm import SVC
 
     features, positive = crowds(seed, apart)
-    machine = SVC(C=c, gamma=0.2, tol=1e-5).fit(features, positive)
+    machine = SVC(C=c, gamma=0.2, tol=1e-5).fit(features, positive)  # pyright: ignore[reportArgumentType]
     support, coefficient, intercept = train_svm(features, positive, c, 0.2, tolerance=1e-5)
     new = crowds(seed + 100)[0]
     np.testing.assert_allclose(

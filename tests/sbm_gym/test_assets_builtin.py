@@ -10,6 +10,7 @@ from sbm_gym.assets.builtin_models.shapes import Kit, corner_normals
 from sbm_gym.assets.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, USES
 from sbm_gym.assets.library import default_library
 from sbm_gym.assets.mixed import FROM_SEEDS, indoor_library
+from sbm_gym.assets.reserved import worlds_library
 from sbm_gym.assets.unseen import PartLibrary, held_out
 
 SEEDS = range(6)
@@ -126,7 +127,7 @@ def test_catalogues_are_joined_by_what_they_lack():
         assert len(library.models(use)) == len(default_library().models(use)) + count
         card = library.models(use)[-1]
         assert library.load(card).model_id == card.model_id
-    assert library.models("couch") == default_library().models("couch")
+    assert library.models("couch") == worlds_library().models("couch")
 
 
 @pytest.mark.parametrize("library", [indoor_library(), BuiltinLibrary(3, variants=24)], ids=["mixed", "builtin"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from sbm_gym.worlds.surfaces import periodic_noise
+from sbm_gym.assets.surfaces import periodic_noise
 
 SIDE_PX = 128
 """Pictures are small: a tile covers half a metre, and models are looked at from a metre away."""

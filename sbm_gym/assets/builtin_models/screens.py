@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sbm_gym.assets import surfaces
 from sbm_gym.assets.builtin_models import paints
 from sbm_gym.assets.builtin_models.shapes import Kit, Size
 
@@ -11,8 +12,6 @@ ON_SHARE = 0.3
 
 def _picture(rng: np.random.Generator) -> paints.Paint:
     """What a screen shows."""
-    from sbm_gym.worlds import surfaces
-
     if rng.random() < ON_SHARE:
         shown = surfaces.landscape(rng)[::2, ::2] / 255.0
         return paints.Paint(texture=paints.picture(0.9 * shown), tile_m=None, specular=0.4, shininess=0.8)

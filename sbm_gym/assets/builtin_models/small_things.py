@@ -2,14 +2,13 @@
 
 import numpy as np
 
+from sbm_gym.assets import surfaces
 from sbm_gym.assets.builtin_models import paints
 from sbm_gym.assets.builtin_models.shapes import Kit, Size, turn_z
 
 
 def rug(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A rug."""
-    from sbm_gym.worlds import surfaces
-
     w, d, h = size
     picture = surfaces.rug(rng)
     paint = paints.Paint(texture=picture, tile_m=None)
