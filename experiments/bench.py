@@ -101,6 +101,11 @@ def as_json(row: Row) -> dict:
     }
 
 
+def row_of(content: dict) -> Row:
+    """A row from how it was written."""
+    return Row(**{name: value for name, value in content.items() if name != "ratio"})
+
+
 def machine() -> dict:
     """What the numbers were measured on."""
     import os

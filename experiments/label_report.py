@@ -1,14 +1,20 @@
 """The page about the label generator's defaults, written from the figures of ``label_ablation`` and ``label_modes``."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from experiments.paired import beyond_chance
 from labeling.errors import SbmError
 from labeling.files import atomic_file
 
+if TYPE_CHECKING:
+    from experiments.bench import Row
+
 PAGE, PICTURE = "label-generator.md", "pictures/label_ablation.png"
+SPEED = "bench/labels.json"
+"""Written by ``python -m experiments.bench labels --out experiments/results/bench``."""
 POOLS = {"rooms_train": "rooms", "rooms_val": "rooms, val", "streets_train": "streets", "streets_val": "streets, val"}
 SCALES = {
     "smoke": "a handful of episodes, to see that it runs: no figure here means anything",
@@ -23,7 +29,8 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     """Writes the page, and the picture in it.
 
     Args:
-        results: folder with ``label_ablation.json`` and, if it has run, ``label_modes.json``.
+        results: folder with ``label_ablation.json`` and, if they have run, ``label_modes.json`` and
+            ``bench/labels.json``.
         docs: folder for the page.
 
     Returns:
@@ -45,6 +52,16 @@ def write_page(results: Path, docs: Path) -> list[Path]:
         parts += ablation_sections(ablation)
     if modes is not None:
         parts += modes_sections(modes)
+    speed = _read(results / SPEED)
+    if speed is not None:
+        from experiments.bench import row_of
+        from experiments.bench_labels import PICTURE as VIEWS_PICTURE
+        from experiments.bench_labels import draw
+
+        rows = [row_of(content) for content in speed["rows"]]
+        draw(rows, docs / "pictures")
+        written.append(docs / "pictures" / VIEWS_PICTURE)
+        parts += speed_section(rows, speed["machine"], f"pictures/{VIEWS_PICTURE}")
     with atomic_file(docs / PAGE) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return [docs / PAGE, *written]
@@ -102,6 +119,29 @@ def verdict(factor: dict[str, Any], pool: str = CHOSEN_ON, figure: str = "mean_i
     if worst_name != name:
         said += f"; most is lost with “{worst_name}” ({_points(worst)})"
     return f"{said}."
+
+
+def speed_section(rows: "Sequence[Row]", machine: dict[str, Any], picture: str) -> list[str]:
+    """The part about speed: rivals, limits, stages, numbers of views and workers."""
+    lines = ["| | ours | beside | theirs | ratio | asked | |", "|---|---:|---|---:|---:|---|---|"]
+    for row in rows:
+        theirs = "" if row.rival_seconds is None else _seconds(row.rival_seconds)
+        ratio = "" if row.ratio is None else f"{row.ratio:.1f}x"
+        verdict = {True: "holds", False: "**missed**", None: ""}[row.holds]
+        said = "; ".join(part for part in (verdict, row.note) if part)
+        cells = (row.what, _seconds(row.seconds), row.rival, theirs, ratio, row.wanted, said)
+        lines.append(f"| {' | '.join(cells)} |")
+    lead = (
+        "## How fast\n\n"
+        f"`python -m experiments.bench labels` on {machine['cpus']} cores, ours and the rivals in one run. Seconds are "
+        "this machine's, ratios mean more. Stages stand beside their floor: what the machine needs to move the "
+        "bytes, or to do the arithmetic, that the stage cannot do without."
+    )
+    return [lead, "\n".join(lines), f"![Time for each view over the number of views]({picture})"]
+
+
+def _seconds(seconds: float) -> str:
+    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
 
 
 def modes_sections(content: dict[str, Any]) -> list[str]:

@@ -73,13 +73,30 @@ def builtin_model(use: str, seed: int) -> FurnitureModel:
     Raises:
         UsageError: if there is no such use, or the seed is negative.
     """
+    kit, size = _parts(use, seed)
+    return kit.finish(model_id(use, seed), size)
+
+
+@functools.lru_cache(maxsize=256)
+def _parts(use: str, seed: int) -> tuple[Kit, Size]:
+    """The parts of a model, and its size: enough to choose by, at a third of what finishing it takes."""
     rng = _generator(use, seed)
     recipe = RECIPES[use]
     shared = _shared(recipe, seed)
     size = _draw_size(recipe, rng, shared)
     kit = Kit()
     recipe.build(kit, rng, size, *shared)
-    return kit.finish(model_id(use, seed), kit.extent_m() if recipe.free else size)
+    return kit, kit.extent_m() if recipe.free else size
+
+
+@functools.lru_cache(maxsize=8192)
+def builtin_triangles(use: str, seed: int) -> int:
+    """How many triangles a model has, without finishing it.
+
+    Raises:
+        UsageError: if there is no such use, or the seed is negative.
+    """
+    return _parts(use, seed)[0].num_triangles
 
 
 @functools.lru_cache(maxsize=8192)
@@ -91,7 +108,7 @@ def builtin_card(use: str, seed: int) -> ModelCard:
     """
     rng = _generator(use, seed)
     recipe = RECIPES[use]
-    size = builtin_model(use, seed).size_m if recipe.free else _draw_size(recipe, rng, _shared(recipe, seed))
+    size = _parts(use, seed)[1] if recipe.free else _draw_size(recipe, rng, _shared(recipe, seed))
     return ModelCard(
         model_id=model_id(use, seed),
         use=use,
@@ -137,12 +154,16 @@ class BuiltinLibrary:
         Raises:
             UsageError: if the card is another library's.
         """
-        library, _, name = card.model_id.partition("#")
-        use, _, seed = name.rpartition("-")
-        if library != BUILTIN or not seed.isdigit():
-            raise UsageError(f"{card.model_id!r} is not a builtin model")
-        return builtin_model(use, int(seed))
+        return builtin_model(*_use_and_seed(card))
 
     def triangles(self, card: ModelCard) -> int:
-        """How many triangles the model of a card has; it is made for that, and kept."""
-        return self.load(card).num_triangles
+        """How many triangles the model of a card has."""
+        return builtin_triangles(*_use_and_seed(card))
+
+
+def _use_and_seed(card: ModelCard) -> tuple[str, int]:
+    library, _, name = card.model_id.partition("#")
+    use, _, seed = name.rpartition("-")
+    if library != BUILTIN or not seed.isdigit():
+        raise UsageError(f"{card.model_id!r} is not a builtin model")
+    return use, int(seed)

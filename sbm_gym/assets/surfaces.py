@@ -3,6 +3,7 @@
 All pictures of materials tile without a seam. Each comes with the length of wall or floor that it covers.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,17 +34,28 @@ def periodic_noise(
     Returns:
         Noise of mean 0 and standard deviation 1.
     """
+    spectrum = np.fft.rfft2(rng.standard_normal(shape))
+    spectrum *= _blur(shape, scale)
+    noise = np.fft.irfft2(spectrum, s=shape)
+    noise -= noise.mean()
+    noise /= max(noise.std(), 1e-12)
+    return noise
+
+
+@functools.lru_cache(maxsize=64)
+def _blur(shape: tuple[int, int], scale: tuple[float, float]) -> Float[np.ndarray, "h w"]:
+    """Which share of each frequency of ``rfft2`` a Gaussian keeps. The same few are asked for again and again."""
     frequency_y = np.fft.fftfreq(shape[0])[:, None]
     frequency_x = np.fft.rfftfreq(shape[1])[None]
     # Fourier transform of a Gaussian of standard deviation s: exp(-2 (pi s f)^2).
     keep = np.exp(-2 * np.pi**2 * ((scale[0] * frequency_y) ** 2 + (scale[1] * frequency_x) ** 2))
-    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * keep, s=shape)
-    noise -= noise.mean()
-    return noise / max(noise.std(), 1e-12)
+    keep.setflags(write=False)
+    return keep
 
 
 def _picture(colour: Float[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
-    return np.clip(np.rint(colour), 0, 255).astype(np.uint8)
+    whole = np.rint(colour)
+    return np.clip(whole, 0, 255, out=whole).astype(np.uint8)
 
 
 def _pick(rng: np.random.Generator, palette: list[tuple[int, int, int]]) -> Float[np.ndarray, "3"]:
@@ -237,13 +249,16 @@ def landscape(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
     y = np.linspace(0, 1, height)[:, None]
     sky = (1 - y)[..., None] * np.array([120, 165, 215.0]) + y[..., None] * np.array([226, 234, 240.0])
     colour = np.broadcast_to(sky, (height, width, 3)).copy()
-    cloud = np.clip(periodic_noise(rng, (height, width), (10, 34)), 0, 2)[..., None] * 0.25
-    colour = colour * (1 - cloud) + 250 * cloud
+    cloud = np.clip(periodic_noise(rng, (height, width), (10, 34)), 0, 2) * 0.25
+    # Channel by channel: numpy needs several times as long for all three at once.
+    for channel in range(3):
+        colour[..., channel] = colour[..., channel] * (1 - cloud) + 250 * cloud
     for level, tone, rough in ((0.52, (150, 170, 180), 40), (0.62, (110, 138, 110), 18), (0.74, (74, 104, 62), 5)):
         line = level + 0.05 * periodic_noise(rng, (1, width), (1, rough))[0]
         texture = 1 + 0.10 * periodic_noise(rng, (height, width), (2, 3))
         below = y >= line[None]
-        colour[below] = (np.array(tone, float) * texture[..., None])[below]
+        for channel in range(3):
+            np.copyto(colour[..., channel], tone[channel] * texture, where=below)
     return _picture(colour)
 
 

@@ -1,6 +1,8 @@
 """The geometry of a model as the ray renderer follows it from picture to picture."""
 
 from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -10,12 +12,15 @@ from sbm_gym.rendering.lamp_reach import lamp_reach
 from sbm_gym.rendering.light_tables import LampReach, LightTable
 from sbm_gym.rendering.lighting import Illumination
 from sbm_gym.rendering.lights import LightLevel, ambient_light, light_level, light_table
-from sbm_gym.rendering.occupancy import fill_space
+from sbm_gym.rendering.occupancy import bounds_of, fill_space
 from sbm_gym.rendering.raycast import Caster, TriangleScene
 from sbm_gym.rendering.scene_tables import HOLES, SceneTables
 from sbm_gym.rendering.texture_sampling import TextureTable
-from sbm_gym.rendering.textures import build_texture_store
+from sbm_gym.rendering.textures import fill_textures, lay_out_textures
 from sbm_gym.rendering.workers import Workers
+
+_One = TypeVar("_One")
+_Other = TypeVar("_Other")
 
 MAX_CACHED_GEOM_SETS = 256
 """Objects whose own ray-casting scenes are kept for amodal masks."""
@@ -33,13 +38,13 @@ class FollowedScene:
             model: the compiled model.
             workers: threads.
         """
-        store = build_texture_store(model)
+        store = lay_out_textures(model)
+        self._model = model
+        self._workers = workers
+        _, self.tables = self._side_by_side(lambda: fill_textures(model, store), lambda: SceneTables(model, store))
         self.textures = TextureTable(
             store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
         )
-        self.tables = SceneTables(model, store)
-        self._model = model
-        self._workers = workers
         self.caster = Caster(self.tables, self.textures, workers)
         self.caster.plane_rows = self.tables.first_plane + np.arange(len(self.tables.plane_geoms))
         self._still = Caster(self.tables, self.textures, workers)
@@ -70,9 +75,10 @@ class FollowedScene:
                     continue
             self.tables.place(data, [geom for geom, has_moved in zip(geoms, moved, strict=True) if has_moved])
             self._placed[moving] = pose
-            self._rebuild(moving)
-            if not moving:
-                self._measure_world()
+            if moving:
+                self._rebuild(moving)
+            else:
+                self._side_by_side(self._measure_world, self._rebuild_still)
 
     def illumination(
         self, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"], shadows: bool
@@ -96,6 +102,24 @@ class FollowedScene:
         if self._reach is None or self._reach[0] != key:
             self._reach = (key, lamp_reach(lights, self._still, self._bounds))
         return self._reach[1]
+
+    def _side_by_side(self, one: Callable[[], _One], other: Callable[[], _Other]) -> tuple[_One, _Other]:
+        """What two functions that have nothing to do with each other return; run at a time if there are threads."""
+        tasks: tuple[Callable[[], Any], ...] = (one, other)
+        results: list[Any] = [None, None]
+
+        def work(start: int, stop: int) -> None:
+            for index in range(start, stop):
+                results[index] = tasks[index]()
+
+        self._workers.split(work, 2, least=1)
+        return results[0], results[1]
+
+    def _rebuild_still(self) -> None:
+        self._rebuild(False)
+        # Search trees grow with the first ray, which here takes the longest.
+        for scene in (*self._still.opaque, *self.caster.special):
+            scene.cast(np.array([[0, 0, 0, 0, 0, 1]], np.float32))
 
     def _rebuild(self, moving: bool) -> None:
         for special in (False, True):
@@ -126,10 +150,10 @@ class FollowedScene:
         self._filled = fill_space(corners)
         self._reach, self._level = None, None
         if len(corners):
-            reach = np.abs(corners).max()
+            bounds = bounds_of(corners)
+            self._bounds = bounds.astype(float)
             # Far enough for a shadow ray to leave the world from anywhere in it.
-            self._far_m = float(4.0 * reach + 10.0)
-            self._bounds = np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], float)
+            self._far_m = float(4.0 * np.abs(bounds).max() + 10.0)
         else:
             self._far_m = 1000.0
 

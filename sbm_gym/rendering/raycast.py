@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Int64
 
+from sbm_gym.rendering.occupancy import bounds_of
 from sbm_gym.rendering.ray_kernels import intersect_planes, name_triangles, occlude_planes, reach_boxes
 from sbm_gym.rendering.scene_tables import GLASS, SceneTables
 from sbm_gym.rendering.texture_sampling import TextureTable, hole_test
@@ -44,7 +45,7 @@ class TriangleScene:
         self._threads = threads
         self.rows = rows
         self.has_holes = holes is not None and bool(holes.any())
-        self.bounds = np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(float)
+        self.bounds = bounds_of(corners).astype(float)
         self.boxes, self.hole_boxes = _boxes(corners, geoms), self.bounds[:0].reshape(0, 2, 3)
         if holes is not None and self.has_holes:
             self.hole_boxes = _boxes(corners[holes], None if geoms is None else geoms[holes])
@@ -73,7 +74,7 @@ def _boxes(corners: Float32[np.ndarray, "n 3 3"], geoms: Int32[np.ndarray, "n"] 
     """Bounding boxes (low and high corner) of geoms; of everything together if they are many."""
     ends = np.zeros(0, int) if geoms is None else np.flatnonzero(np.diff(geoms)) + 1
     runs = np.split(corners, ends) if len(ends) < MAX_BOXES else [corners]
-    boxes = np.array([[run.min(axis=(0, 1)), run.max(axis=(0, 1))] for run in runs], float)
+    boxes = np.array([bounds_of(run) for run in runs], float)
     # Rays are single precision: what only grazes a box is let in.
     return boxes + 1e-3 * np.array([[[-1.0], [1.0]]])
 

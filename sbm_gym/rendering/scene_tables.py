@@ -1,13 +1,21 @@
 """Flat per-triangle and per-geom tables of everything in a model that is drawn."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
+from numba import njit
 
-from sbm_gym.rendering.tessellate import Surface, TextureMapping, plane_texture_coordinates, tessellate_geom
+from sbm_gym.rendering.tessellate import (
+    Surface,
+    TextureMapping,
+    plane_texture_coordinates,
+    tessellate_geom,
+    twice_areas,
+)
 from sbm_gym.rendering.textures import TextureStore, srgb_decode, textures_with_holes
 
 FIRST_HIDDEN_GROUP = 3
@@ -111,10 +119,10 @@ class SceneTables:
         for index, geom in enumerate(self.plane_geoms):
             self.geom_span[geom] = (row + index, row + index + 1)
         if not ordered:
-            ordered = [Surface(*(np.zeros((0, 3, 3)) for _ in range(3)))]
-        self._local_corners = np.concatenate([s.corners for s in ordered]).astype(np.float32)
-        self._local_normals = np.concatenate([s.normals for s in ordered]).astype(np.float32)
-        coordinates = np.concatenate([s.texture_coordinates for s in ordered]).astype(np.float32)
+            ordered = [_surface_of(*(np.zeros((0, 3, 3)) for _ in range(3)))]
+        self._local_corners = np.concatenate([s.corners for s in ordered])
+        self._local_normals = np.concatenate([s.normals for s in ordered])
+        coordinates = np.concatenate([s.texture_coordinates for s in ordered])
         count = len(coordinates)
         geom_column = np.zeros(count, np.int32)
         for geom, (start, stop) in self.geom_span.items():
@@ -141,15 +149,39 @@ class SceneTables:
             start, stop = self.geom_span[geom]
             rotation = np.asarray(data.geom_xmat[geom], float).reshape(3, 3)
             position = np.asarray(data.geom_xpos[geom], float)
-            corners = self._local_corners[start:stop].astype(float) @ rotation.T + position
+            corners = _turned(self._local_corners[start:stop], rotation) + position
             self.corners[start:stop] = corners
-            self.triangles.normals[start:stop] = self._local_normals[start:stop] @ rotation.T
-            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            length = np.linalg.norm(normal, axis=1, keepdims=True)
-            self.triangles.face_normals[start:stop] = normal / np.maximum(length, 1e-30)
+            self.triangles.normals[start:stop] = _turned(self._local_normals[start:stop], rotation)
+            _face_normals(corners, self.triangles.face_normals[start:stop])
             if start >= self.first_plane:
                 self.planes.origin[start - self.first_plane] = position
                 self.planes.axes[start - self.first_plane] = rotation.T
+
+
+CHUNK = 2048
+"""Triangles that are turned at a time: products of larger matrices start threads, which cost more than they gain."""
+
+
+def _turned(triangles: Float32[np.ndarray, "n 3 3"], rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """The vectors of triangles, turned."""
+    turned = np.empty(triangles.shape)
+    flat = triangles.reshape(-1, 3)
+    for start in range(0, len(flat), 3 * CHUNK):
+        rows = slice(start, start + 3 * CHUNK)
+        turned.reshape(-1, 3)[rows] = flat[rows].astype(float) @ rotation.T
+    return turned
+
+
+@njit(cache=True, nogil=True)
+def _face_normals(corners, normals):
+    """Unit normals of triangles, 0 where a triangle has no area."""
+    for n in range(len(corners)):
+        ax, ay, az = corners[n, 0, 0], corners[n, 0, 1], corners[n, 0, 2]
+        ux, uy, uz = corners[n, 1, 0] - ax, corners[n, 1, 1] - ay, corners[n, 1, 2] - az
+        vx, vy, vz = corners[n, 2, 0] - ax, corners[n, 2, 1] - ay, corners[n, 2, 2] - az
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = max(math.sqrt(x * x + y * y + z * z), 1e-30)
+        normals[n, 0], normals[n, 1], normals[n, 2] = x / length, y / length, z / length
 
 
 def visible_geoms(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
@@ -246,14 +278,18 @@ def _surface(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -> Surfa
     half = np.where(size[:2] > 0, size[:2], INFINITE_GLASS_HALF_SIZE_M)
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]]) * [*half, 1.0]
     coordinates = plane_texture_coordinates(size, corners.reshape(-1, 3), mapping).reshape(-1, 3, 3)
-    return Surface(corners, np.broadcast_to([0.0, 0.0, 1.0], corners.shape).copy(), coordinates)
+    return _surface_of(corners, np.broadcast_to([0.0, 0.0, 1.0], corners.shape), coordinates)
+
+
+def _surface_of(corners, normals, coordinates) -> Surface:
+    return Surface(*(np.asarray(column, np.float32) for column in (corners, normals, coordinates)))
 
 
 def _plane_triangle(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -> Surface:
     """One triangle with legs of one metre; a plane's hits have barycentric coordinates far outside it."""
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     coordinates = plane_texture_coordinates(np.asarray(model.geom_size[geom], float), corners, mapping)
-    return Surface(corners[None], np.broadcast_to([0.0, 0.0, 1.0], (1, 3, 3)).copy(), coordinates[None])
+    return _surface_of(corners[None], np.broadcast_to([0.0, 0.0, 1.0], (1, 3, 3)), coordinates[None])
 
 
 def _log2_density(
@@ -265,7 +301,7 @@ def _log2_density(
     """log2 of texels per metre: the square root of the ratio of a triangle's areas on the texture and in space."""
     log2_density = np.zeros(len(texture), np.float32)
     textured = np.flatnonzero(texture >= 0)
-    texture, corners = texture[textured], corners[textured].astype(float)
+    texture = texture[textured]
     scaled = coordinates[textured].astype(float)
     size = textures.level_size[texture, 0].astype(float)
     cube = textures.is_cube[texture] > 0
@@ -275,10 +311,6 @@ def _log2_density(
         scaled[cube] = 0.5 * on_cube * size[cube, :1, None]
     scaled[~cube, :, 0] *= size[~cube, :1]
     scaled[~cube, :, 1] *= size[~cube, 1:]
-    areas = []
-    for triangle in (scaled, corners):
-        edges = triangle[:, 1:] - triangle[:, :1]
-        areas.append(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
-    density = np.sqrt(areas[0] / np.maximum(areas[1], 1e-18))
+    density = np.sqrt(twice_areas(scaled) / np.maximum(twice_areas(corners[textured]), 1e-18))
     log2_density[textured] = np.log2(np.maximum(density, 1e-6))
     return log2_density

@@ -4,11 +4,14 @@ Texture coordinates follow MuJoCo's classic OpenGL renderer, so that both render
 place. Source: MuJoCo, ``src/render/classic/render_context.c`` (shapes) and ``render_gl3.c``, ``settexture`` (scaling).
 """
 
+import functools
+import math
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
+from numba import njit
 
 MAX_SAGITTA_M = 1e-4
 """How far a flat facet may lie inside the circle it stands for: a tenth of the depth agreement asked for."""
@@ -32,10 +35,10 @@ class TextureMapping:
 class Surface:
     """Triangles of one geom, geom frame, metres."""
 
-    corners: Float[np.ndarray, "n 3 3"]
-    normals: Float[np.ndarray, "n 3 3"]
+    corners: Float32[np.ndarray, "n 3 3"]
+    normals: Float32[np.ndarray, "n 3 3"]
     """Unit normals at the corners."""
-    texture_coordinates: Float[np.ndarray, "n 3 3"]
+    texture_coordinates: Float32[np.ndarray, "n 3 3"]
     """(u, v, 0) with row 0 of the picture at v = 0, or a direction for cube textures."""
 
 
@@ -95,15 +98,28 @@ def _explicit_scale(size, mapping: TextureMapping) -> tuple[float, float]:
 
 def _finish(corners, normals, uv, unit_coordinates, size, mapping: TextureMapping) -> Surface:
     """Applies the material's mapping and drops triangles without area (at the poles of spheres)."""
+    coordinates = np.zeros(corners.shape, np.float32)
     if mapping.is_cube:
-        coordinates = unit_coordinates * (np.asarray(size) if mapping.uniform else 1.0)
+        coordinates[:] = unit_coordinates * (np.asarray(size) if mapping.uniform else 1.0)
     else:
-        coordinates = np.zeros_like(corners)
         coordinates[..., :2] = uv * np.asarray(_explicit_scale(size, mapping))
-    edges = corners[:, 1:] - corners[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    solid = area > 0
-    return Surface(corners[solid], normals[solid], coordinates[solid])
+    arrays = [np.asarray(column, np.float32) for column in (corners, normals, coordinates)]
+    solid = twice_areas(corners) > 0
+    return Surface(*(arrays if solid.all() else (column[solid] for column in arrays)))
+
+
+@njit(cache=True, nogil=True)
+def twice_areas(triangles):
+    """Twice the area of each triangle of (n, 3, 3) corners."""
+    areas = np.empty(len(triangles))
+    for n in range(len(triangles)):
+        # Numba's float() would leave single precision as it is.
+        ax, ay, az = np.float64(triangles[n, 0, 0]), np.float64(triangles[n, 0, 1]), np.float64(triangles[n, 0, 2])
+        ux, uy, uz = triangles[n, 1, 0] - ax, triangles[n, 1, 1] - ay, triangles[n, 1, 2] - az
+        vx, vy, vz = triangles[n, 2, 0] - ax, triangles[n, 2, 1] - ay, triangles[n, 2, 2] - az
+        cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        areas[n] = math.sqrt(cx * cx + cy * cy + cz * cz)
+    return areas
 
 
 def _grid_triangles(*grids) -> list[np.ndarray]:
@@ -125,6 +141,13 @@ def _segments(radius_m: float) -> int:
 
 
 def _box(size, mapping: TextureMapping) -> Surface:
+    unit, normals, uv = _unit_box()
+    return _finish(unit * size, normals, uv, unit, size, mapping)
+
+
+@functools.cache
+def _unit_box() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners, normals and texture coordinates of a box of half size one."""
     # Per face: outward axis and sign, then the axes along which u and -v grow. Source: makeBuiltin, mjrBOX.
     faces = ((2, 1, (0, 1), 1), (2, -1, (0, 1), -1), (0, 1, (1, 2), 1), (0, -1, (1, 2), -1))
     faces += ((1, -1, (0, 2), 1), (1, 1, (0, 2), -1))
@@ -140,8 +163,7 @@ def _box(size, mapping: TextureMapping) -> Surface:
             corners.append(quad[list(corner)])
             uv.append(quad_uv[list(corner)])
             normals.append(normal)
-    unit = np.array(corners)
-    return _finish(unit * size, np.array(normals), np.array(uv), unit, size, mapping)
+    return np.array(corners), np.array(normals), np.array(uv)
 
 
 def _ellipsoid(size, mapping: TextureMapping) -> Surface:
@@ -204,13 +226,13 @@ def _capsule(radius_m: float, half_length_m: float, mapping: TextureMapping) -> 
 def _mesh(model: mujoco.MjModel, mesh_id: int, size, mapping: TextureMapping) -> Surface:
     faces = slice(int(model.mesh_faceadr[mesh_id]), int(model.mesh_faceadr[mesh_id] + model.mesh_facenum[mesh_id]))
     vertices = model.mesh_vert[model.mesh_vertadr[mesh_id] :]
-    corners = vertices[model.mesh_face[faces]].astype(float)
-    normals = model.mesh_normal[model.mesh_normaladr[mesh_id] :][model.mesh_facenormal[faces]].astype(float)
+    corners = vertices[model.mesh_face[faces]]
+    normals = model.mesh_normal[model.mesh_normaladr[mesh_id] :][model.mesh_facenormal[faces]]
     # A zero normal (from a degenerate face) would shade black.
-    normals[np.linalg.norm(normals, axis=-1) < 0.5] = [0.0, 0.0, 1.0]
+    normals[(normals * normals).sum(axis=-1) < 0.25] = [0.0, 0.0, 1.0]
     coordinates_at = int(model.mesh_texcoordadr[mesh_id])
     if coordinates_at >= 0 and not mapping.is_cube:
-        uv = model.mesh_texcoord[coordinates_at:][model.mesh_facetexcoord[faces]].astype(float)
+        uv = model.mesh_texcoord[coordinates_at:][model.mesh_facetexcoord[faces]]
         return _finish(corners, normals, uv, corners, size, mapping)
     return _finish_generated(corners, normals, size, mapping)
 

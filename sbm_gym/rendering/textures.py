@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
+from numba import njit
 
 CUBE_FACES = 6
 
@@ -50,25 +51,48 @@ def build_texture_store(model: mujoco.MjModel) -> TextureStore:
 
     Textures with a channel count that is not a picture's (1 to 4) become a single white texel.
     """
-    pyramids = [_pyramid(_faces(model, texture)) for texture in range(model.ntex)]
-    most_levels = max((len(levels) for levels in pyramids), default=1)
-    count = max(model.ntex, 1)
+    store = lay_out_textures(model)
+    fill_textures(model, store)
+    return store
+
+
+def lay_out_textures(model: mujoco.MjModel) -> TextureStore:
+    """What ``build_texture_store`` gives, but for its texels: these are left for ``fill_textures`` to fill."""
+    layouts = [_layout(model, texture) for texture in range(model.ntex)] or [(1, [(1, 1)])]
+    count, most_levels = len(layouts), max(len(sizes) for _, sizes in layouts)
     level_start = np.zeros((count, most_levels), np.int64)
     level_size = np.ones((count, most_levels, 2), np.int64)
-    level_count = np.ones(count, np.int64)
-    is_cube, has_holes = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    has_holes[: model.ntex] = textures_with_holes(model)
-    chunks, filled = [], 0
-    for texture, levels in enumerate(pyramids):
-        is_cube[texture] = len(levels[0]) == CUBE_FACES
-        level_count[texture] = len(levels)
-        for level, faces in enumerate(levels):
+    filled = 0
+    for texture, (faces, sizes) in enumerate(layouts):
+        for level, (width, height) in enumerate(sizes):
             level_start[texture, level] = filled
-            level_size[texture, level] = faces.shape[2], faces.shape[1]
-            chunks.append(faces.reshape(-1, 4))
-            filled += len(chunks[-1])
-    texels = np.concatenate(chunks) if chunks else np.full((1, 4), 255, np.uint8)
-    return TextureStore(texels, level_start, level_size, level_count, is_cube, has_holes)
+            level_size[texture, level] = width, height
+            filled += faces * width * height
+    has_holes = np.zeros(count, np.int64)
+    has_holes[: model.ntex] = textures_with_holes(model)
+    return TextureStore(
+        texels=np.empty((filled, 4), np.uint8),
+        level_start=level_start,
+        level_size=level_size,
+        level_count=np.array([len(sizes) for _, sizes in layouts], np.int64),
+        is_cube=np.array([faces == CUBE_FACES for faces, _ in layouts], np.int64),
+        has_holes=has_holes,
+    )
+
+
+def fill_textures(model: mujoco.MjModel, store: TextureStore) -> None:
+    """Fills the texels of what ``lay_out_textures`` made of the same model."""
+    if model.ntex == 0:
+        store.texels[:] = 255
+    for texture in range(model.ntex):
+        faces = CUBE_FACES if store.is_cube[texture] else 1
+        levels = []
+        for level in range(int(store.level_count[texture])):
+            start, (width, height) = int(store.level_start[texture, level]), store.level_size[texture, level].tolist()
+            texels = store.texels[start : start + faces * width * height]
+            levels.append(texels.reshape(faces, height, width, 4))
+        _read_picture(model, texture, levels[0])
+        _fill_pyramid(levels)
 
 
 def textures_with_holes(model: mujoco.MjModel) -> list[bool]:
@@ -82,42 +106,70 @@ def textures_with_holes(model: mujoco.MjModel) -> list[bool]:
     return found
 
 
-def _faces(model: mujoco.MjModel, texture: int) -> UInt8[np.ndarray, "faces h w 4"]:
+def _layout(model: mujoco.MjModel, texture: int) -> tuple[int, list[tuple[int, int]]]:
+    """How many faces a texture has, and width and height of each level, halved until one texel is left."""
+    width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
+    if not 1 <= int(model.tex_nchannel[texture]) <= 4:
+        return 1, [(1, 1)]
+    is_cube = model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D
+    sizes = [(width, width if is_cube else height)]
+    while max(sizes[-1]) > 1:
+        sizes.append((max(sizes[-1][0] // 2, 1), max(sizes[-1][1] // 2, 1)))
+    return CUBE_FACES if is_cube else 1, sizes
+
+
+def _read_picture(model: mujoco.MjModel, texture: int, faces: UInt8[np.ndarray, "faces h w 4"]) -> None:
+    """Copies a texture into ``faces``; a cube with one picture for all its faces gets six of it."""
     width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
     channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
     if not 1 <= channels <= 4:
-        return np.full((1, 1, 1, 4), 255, np.uint8)
-    data = np.asarray(model.tex_data[start : start + width * height * channels], np.uint8)
-    data = data.reshape(height, width, channels)
-    picture = np.full((height, width, 4), 255, np.uint8)
-    picture[..., :3] = data[..., :3] if channels >= 3 else data[..., :1]
-    if channels in (2, 4):
-        picture[..., 3] = data[..., -1]
+        faces[:] = 255
+        return
+    data = np.asarray(model.tex_data[start : start + width * height * channels], np.uint8).reshape(-1, channels)
+    picture = faces.reshape(-1, 4)[: len(data)]
+    for channel in range(3):
+        picture[:, channel] = data[:, channel if channels >= 3 else 0]
+    picture[:, 3] = data[:, -1] if channels in (2, 4) else 255
     if model.tex_colorspace[texture] == mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
-        picture[..., :3] = np.rint(255.0 * srgb_encode(picture[..., :3] / 255.0))
-    if model.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_2D:
-        return picture[None]
-    if height == width:
-        return np.broadcast_to(picture, (CUBE_FACES, *picture.shape)).copy()
-    return picture.reshape(CUBE_FACES, width, width, 4)
+        picture[:, :3] = np.rint(255.0 * srgb_encode(picture[:, :3] / 255.0))
+    if len(faces) == CUBE_FACES and height == width:
+        faces[1:] = faces[0]
 
 
-def _pyramid(faces: UInt8[np.ndarray, "faces h w 4"]) -> list[UInt8[np.ndarray, "faces h w 4"]]:
-    """Halves a picture until one texel is left: box filter in linear light, colours weighted by their alpha."""
+def _fill_pyramid(levels: list[UInt8[np.ndarray, "faces h w 4"]]) -> None:
+    """Fills all levels from the first: box filter in linear light, colours weighted by their alpha."""
     import cv2
 
-    levels = [faces]
-    alpha = faces[..., 3:].astype(np.float32) / 255.0
-    # Transparent texels often hold arbitrary colours, which must not bleed into the edges of leaves.
-    weighted = np.concatenate([BYTE_TO_LINEAR[faces[..., :3]] * alpha, alpha], axis=-1)
-    while max(weighted.shape[1:3]) > 1:
-        size = (max(weighted.shape[2] // 2, 1), max(weighted.shape[1] // 2, 1))
+    weighted = np.empty(levels[0].shape, np.float32)
+    _weigh(levels[0].reshape(-1, 4), weighted.reshape(-1, 4))
+    for level in levels[1:]:
+        height, width = level.shape[1:3]
         weighted = np.stack(
-            [cv2.resize(face, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], 4) for face in weighted]
+            [
+                cv2.resize(face, (width, height), interpolation=cv2.INTER_AREA).reshape(height, width, 4)
+                for face in weighted
+            ]
         )
-        alpha = weighted[..., 3:]
-        linear = weighted[..., :3] / np.maximum(alpha, 1e-6)
-        steps = np.rint(np.clip(linear, 0.0, 1.0) * LINEAR_STEPS).astype(np.int64)
-        opacity = np.rint(np.clip(alpha, 0.0, 1.0) * 255.0).astype(np.uint8)
-        levels.append(np.concatenate([LINEAR_TO_BYTE[steps], opacity], axis=-1))
-    return levels
+        _unweigh(weighted.reshape(-1, 4), level.reshape(-1, 4))
+
+
+@njit(cache=True, nogil=True)
+def _weigh(texels, weighted):
+    """Linear light times alpha: transparent texels often hold any colour, which must not bleed into edges of leaves."""
+    for n in range(len(texels)):
+        alpha = np.float32(texels[n, 3]) / np.float32(255.0)
+        for channel in range(3):
+            weighted[n, channel] = BYTE_TO_LINEAR[texels[n, channel]] * alpha
+        weighted[n, 3] = alpha
+
+
+@njit(cache=True, nogil=True)
+def _unweigh(weighted, texels):
+    """Texels of what ``_weigh`` made, after filtering."""
+    zero, one, steps = np.float32(0.0), np.float32(1.0), np.float32(LINEAR_STEPS)
+    for n in range(len(texels)):
+        alpha = weighted[n, 3]
+        for channel in range(3):
+            linear = weighted[n, channel] / max(alpha, np.float32(1e-6))
+            texels[n, channel] = LINEAR_TO_BYTE[int(np.rint(min(max(linear, zero), one) * steps))]
+        texels[n, 3] = np.uint8(np.rint(min(max(alpha, zero), one) * np.float32(255.0)))

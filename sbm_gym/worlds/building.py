@@ -65,13 +65,14 @@ class SceneBuilder:
         mesh = self.spec.add_mesh(name=self._name("mesh"))
         # Drawn only: a shell's inertia is defined for open and flat meshes too, and needs no convex hull.
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        indices = np.ascontiguousarray(faces, np.int32).ravel()
-        mesh.uservert = np.ascontiguousarray(vertices_m, np.float32).ravel()
-        mesh.usernormal = np.ascontiguousarray(normals, np.float32).ravel()
+        # Lists, because MjSpec takes arrays entry by entry too, and making numbers of an array's entries is slow.
+        indices = np.ravel(faces).tolist()
+        mesh.uservert = np.asarray(vertices_m, np.float32).ravel().tolist()
+        mesh.usernormal = np.asarray(normals, np.float32).ravel().tolist()
         mesh.userface = indices
         mesh.userfacenormal = indices
         if texcoords is not None:
-            mesh.usertexcoord = np.ascontiguousarray(texcoords, np.float32).ravel()
+            mesh.usertexcoord = np.asarray(texcoords, np.float32).ravel().tolist()
             mesh.userfacetexcoord = indices
         return mesh.name
 

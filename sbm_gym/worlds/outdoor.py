@@ -122,7 +122,8 @@ def _rows(boxes: Sequence[Box]) -> Float[np.ndarray, "n 5"]:
 
 def _in_the_open(spawn: Spawn, obstacles: Sequence[Box]) -> bool:
     """Whether nothing of the street furniture stands where the vehicle would."""
-    return not any(overlap(spawn.area(), obstacle, 0.05) for obstacle in obstacles)
+    area = spawn.area()
+    return not any(overlap(area, obstacle, 0.05) for obstacle in obstacles)
 
 
 def _park_vehicles(

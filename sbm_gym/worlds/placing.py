@@ -88,6 +88,10 @@ class Placement:
 
     def box(self) -> Box:
         """The room the piece takes up."""
+        return self._box
+
+    @functools.cached_property
+    def _box(self) -> Box:
         width, depth, height = self.card.size_m
         return Box(self.x_m, self.y_m, width / 2, depth / 2, self.yaw_rad, self.z_m, self.z_m + height)
 
@@ -128,7 +132,7 @@ class Wall:
     normal: Float[np.ndarray, "2"]
     length_m: float
 
-    @property
+    @functools.cached_property
     def yaw_rad(self) -> float:
         """Yaw of a piece with its back to this wall."""
         # The front of a piece at yaw a looks along (sin a, -cos a).
@@ -136,15 +140,23 @@ class Wall:
 
     def point(self, along_m: float, out_m: float) -> Float[np.ndarray, "2"]:
         """A floor point given along the wall and out from it."""
-        return self.origin + along_m * self.along + out_m * self.normal
+        x, y, along_x, along_y, normal_x, normal_y = self._numbers
+        return np.array([x + along_m * along_x + out_m * normal_x, y + along_m * along_y + out_m * normal_y])
 
     def shadow(self, box: Box) -> tuple[float, float, float]:
         """Where a box begins and ends along the wall, and how far it keeps from it."""
-        x, y = box.x_m - float(self.origin[0]), box.y_m - float(self.origin[1])
-        along = x * float(self.along[0]) + y * float(self.along[1])
-        out = x * float(self.normal[0]) + y * float(self.normal[1])
-        half, deep = box.reach_m(math.atan2(float(self.along[1]), float(self.along[0])))
+        x0, y0, along_x, along_y, normal_x, normal_y = self._numbers
+        x, y = box.x_m - x0, box.y_m - y0
+        along = x * along_x + y * along_y
+        out = x * normal_x + y * normal_y
+        half, deep = box.reach_m(math.atan2(along_y, along_x))
         return along - half, along + half, out - deep
+
+    @functools.cached_property
+    def _numbers(self) -> tuple[float, float, float, float, float, float]:
+        """Origin, direction along and normal as plain numbers, for places are tried by the thousand."""
+        x, y, along_x, along_y, normal_x, normal_y = np.concatenate([self.origin, self.along, self.normal]).tolist()
+        return x, y, along_x, along_y, normal_x, normal_y
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Large static geometry as few meshes: flat polygons collected by what they are covered with."""
 
+import functools
 from dataclasses import dataclass, field
 
 import mujoco
@@ -175,8 +176,8 @@ class Facade:
         """Upright rectangles parallel to the wall."""
         a0, a1, z0, z1, o = _columns(a0, a1, z0, z1, out_m)
         local = np.empty((np.broadcast(a0, a1, z0, z1, o).shape[0], 4, 3))
-        local[:, [0, 3], 0], local[:, [1, 2], 0], local[:, :, 1] = a0, a1, o
-        local[:, [0, 1], 2], local[:, [2, 3], 2] = z0, z1
+        local[:, 0::3, 0], local[:, 1:3, 0], local[:, :, 1] = a0, a1, o
+        local[:, :2, 2], local[:, 2:, 2] = z0, z1
         return self._placed(local)
 
     def boxes(self, a0, a1, o0, o1, z0, z1) -> Float[np.ndarray, "q 4 3"]:
@@ -190,23 +191,27 @@ class Facade:
     @staticmethod
     def _boxes(a0, a1, o0, o1, z0, z1) -> Float[np.ndarray, "n 8 3"]:
         """Corners by index along (bit 0), out (bit 1) and up (bit 2), in the wall's own axes."""
-        bounds = _columns(a0, a1, o0, o1, z0, z1)
-        local = np.empty((np.broadcast(*bounds).shape[0], 8, 3))
-        for axis in range(3):
-            local[:, _LOW[axis], axis], local[:, _HIGH[axis], axis] = bounds[2 * axis], bounds[2 * axis + 1]
+        a0, a1, o0, o1, z0, z1 = _columns(a0, a1, o0, o1, z0, z1)
+        local = np.empty((np.broadcast(a0, a1, o0, o1, z0, z1).shape[0], 8, 3))
+        local[:, 0::2, 0], local[:, 1::2, 0] = a0, a1
+        local[:, 0:2, 1], local[:, 4:6, 1], local[:, 2:4, 1], local[:, 6:8, 1] = o0, o0, o1, o1
+        local[:, :4, 2], local[:, 4:, 2] = z0, z1
         return local
 
     def _placed(self, local: Float[np.ndarray, "*shape 3"]) -> Float[np.ndarray, "*shape 3"]:
+        turn, shift = self._pose
+        return (local.reshape(-1, 3) @ turn + shift).reshape(local.shape)
+
+    @functools.cached_property
+    def _pose(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
         x, y = self.along
-        turned = local @ np.array([[x, y, 0.0], [y, -x, 0.0], [0.0, 0.0, 1.0]])
-        return turned + np.array([self.corner_m[0], self.corner_m[1], self.ground_m])
+        turn = np.array([[x, y, 0.0], [y, -x, 0.0], [0.0, 0.0, 1.0]])
+        return turn, np.array([self.corner_m[0], self.corner_m[1], self.ground_m])
 
 
 def _columns(*values) -> list[Float[np.ndarray, "n 1"]]:
     return [np.asarray(value, float).reshape(-1, 1) for value in values]
 
 
-_LOW = ([0, 2, 4, 6], [0, 1, 4, 5], [0, 1, 2, 3])
-_HIGH = ([1, 3, 5, 7], [2, 3, 6, 7], [4, 5, 6, 7])
 _BOX_FACES = np.array([[2, 3, 7, 6], [3, 1, 5, 7], [0, 2, 6, 4], [6, 7, 5, 4], [0, 1, 3, 2]])
 _REVEAL_FACES = np.array([[2, 0, 4, 6], [1, 3, 7, 5], [2, 3, 1, 0], [4, 5, 7, 6]])

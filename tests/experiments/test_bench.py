@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from experiments import bench
-from experiments.bench import Row, table
+from experiments.bench import Row, as_json, row_of, table
+from experiments.label_report import speed_section
 
 
 def fake_rows(quick, say):
@@ -81,3 +82,12 @@ def test_label_bench_measures_every_promise(tmp_path):
     assert len(stages) >= 10
     assert all(row["ratio"] < 1.2 for row in stages)
     assert (tmp_path / "labels_views.png").is_file()
+
+
+def test_rows_survive_being_written_and_stand_on_the_page():
+
+    rows = [Row("one", "limit", 0.5, None, "< 1 s", True, "fast"), Row("two", "rival", 0.002, 0.01, "6x", False)]
+    assert [row_of(json.loads(json.dumps(as_json(row)))) for row in rows] == rows
+    table = speed_section(rows, {"cpus": 2}, "picture.png")[1].splitlines()[2:]
+    assert table[0] == "| one | 500.0 ms | limit |  |  | < 1 s | holds; fast |"
+    assert table[1] == "| two | 2.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |"

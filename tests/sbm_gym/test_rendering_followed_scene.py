@@ -6,7 +6,9 @@ import pytest
 
 from labeling.geometry import intrinsics_from_fov, look_at
 from sbm_gym.rendering.followed_scene import STORE_BELOW_M
+from sbm_gym.rendering.occupancy import bounds_of
 from sbm_gym.rendering.rays import RaysRenderer
+from sbm_gym.rendering.tessellate import twice_areas
 
 SCENE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/><light pos="0 0 4"/>
 <body name="a" mocap="true" pos="0 -0.6 0.5"><geom type="sphere" size="0.4"/></body>
@@ -46,3 +48,14 @@ def test_moving_one_thing_gives_the_picture_of_a_new_renderer() -> None:
     moved, fresh = frame(renderer, data), frame(RaysRenderer(MODEL), data)
     assert np.array_equal(moved.rgb, fresh.rgb)
     assert np.array_equal(moved.geom_id, fresh.geom_id)
+
+
+def test_bounds_and_areas_of_triangles():
+    rng = np.random.default_rng(0)
+    corners = rng.normal(size=(500, 3, 3)).astype(np.float32)
+    corners[7, 2] = corners[7, 1]
+    np.testing.assert_array_equal(bounds_of(corners), [corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+    edges = corners[:, 1:].astype(float) - corners[:, :1].astype(float)
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    np.testing.assert_allclose(twice_areas(corners), areas, rtol=1e-12)
+    assert np.flatnonzero(twice_areas(corners) == 0).tolist() == [7]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -29,8 +30,10 @@ def corner_normals(triangles: Triangles, crease_rad: float = CREASE_RAD) -> Tria
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     flat = np.where(length > 1e-14, cross / np.maximum(length, 1e-14), [0.0, 0.0, 1.0])
     keys = np.round(triangles.reshape(-1, 3) / 1e-5).astype(np.int64)
-    _, place = np.unique(keys, axis=0, return_inverse=True)
-    place = place.ravel()
+    # One number for each place: whole rows take several times as long to sort.
+    keys -= keys.min(axis=0, initial=0)
+    spans = keys.max(axis=0, initial=0) + 1
+    _, place = np.unique((keys[:, 0] * spans[1] + keys[:, 1]) * spans[2] + keys[:, 2], return_inverse=True)
     face = np.repeat(np.arange(len(triangles)), 3)
     order = np.argsort(place, kind="stable")
     starts = np.flatnonzero(np.diff(place[order], prepend=-1))
@@ -72,12 +75,38 @@ def grid_triangles(points: Float[np.ndarray, "a b 3"]) -> Triangles:
     return both.reshape(-1, 3, 3)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """Triangles of one look. Their normals are worked out when the model is finished: many are only measured."""
+
+    paint: Paint
+    triangles: Triangles
+    """Before they are turned."""
+    rotation: Float[np.ndarray, "3 3"]
+    turned: Triangles
+    """Where they stand in the model, on both sides if they are seen from both."""
+    texcoords: Float[np.ndarray, "t 3 2"] | None
+    crease_rad: float
+    both_sides: bool
+
+    def look(self) -> tuple[Triangles, Float[np.ndarray, "t 3 2"]]:
+        """Normals and texture coordinates of the turned triangles."""
+        normals = corner_normals(self.triangles, self.crease_rad)
+        texcoords = self.texcoords
+        if texcoords is None:
+            texcoords = _project(self.triangles) / (self.paint.tile_m or 1.0)
+        if self.both_sides:
+            normals = np.concatenate([normals, -normals[:, ::-1]])
+            texcoords = np.concatenate([texcoords, texcoords[:, ::-1]])
+        return normals @ self.rotation.T, texcoords
+
+
 class Kit:
     """Collects the parts of one model."""
 
     def __init__(self) -> None:
         """Starts with nothing."""
-        self._parts: list[tuple[Paint, Triangles, Triangles, Float[np.ndarray, "t 3 2"]]] = []
+        self._parts: list[_Part] = []
         self._rotation, self._shift = np.eye(3), np.zeros(3)
         self.footprint: list[tuple[float, float, float, float]] | None = None
         """Rectangles (min x, min y, max x, max y) that it stands on or hangs over; all of its size if None."""
@@ -110,15 +139,9 @@ class Kit:
         """
         keep = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
         triangles, texcoords = triangles[keep > 1e-12], None if texcoords is None else texcoords[keep > 1e-12]
-        normals = corner_normals(triangles, crease_rad)
-        if texcoords is None:
-            texcoords = _project(triangles) / (paint.tile_m or 1.0)
-        if both_sides:
-            triangles = np.concatenate([triangles, triangles[:, ::-1]])
-            normals = np.concatenate([normals, -normals[:, ::-1]])
-            texcoords = np.concatenate([texcoords, texcoords[:, ::-1]])
-        turned = triangles @ self._rotation.T + self._shift
-        self._parts.append((paint, turned, normals @ self._rotation.T, texcoords))
+        seen = np.concatenate([triangles, triangles[:, ::-1]]) if both_sides else triangles
+        turned = seen @ self._rotation.T + self._shift
+        self._parts.append(_Part(paint, triangles, self._rotation, turned, texcoords, crease_rad, both_sides))
 
     def box(self, paint: Paint, low: Sequence[float], high: Sequence[float], bevel: float = 0.0, puff: float = 0.0):
         """An axis-aligned box.
@@ -321,9 +344,14 @@ class Kit:
             edge = np.concatenate([points[:, 0], points[-1, 1:], points[-2::-1, -1], points[0, -2::-1]])
             self.tube(piping, edge, cord, sides=5)
 
+    @property
+    def num_triangles(self) -> int:
+        """Triangles of all parts together."""
+        return sum(len(part.turned) for part in self._parts)
+
     def extent_m(self) -> tuple[float, float, float]:
         """Width, depth and height of all parts together."""
-        everything = np.concatenate([part[1] for part in self._parts]).reshape(-1, 3)
+        everything = np.concatenate([part.turned for part in self._parts]).reshape(-1, 3)
         width, depth, height = np.round(np.ptp(everything, axis=0), 4).tolist()
         return width, depth, height
 
@@ -334,21 +362,22 @@ class Kit:
             model_id: its name.
             size_m: width, depth and height.
         """
-        everything = np.concatenate([part[1] for part in self._parts]).reshape(-1, 3)
+        everything = np.concatenate([part.turned for part in self._parts]).reshape(-1, 3)
         low, high = everything.min(axis=0), everything.max(axis=0)
         target = np.array(size_m)
         scale = target / np.maximum(high - low, 1e-9)
         origin = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
         groups: dict[int, list[int]] = {}
         for index, part in enumerate(self._parts):
-            groups.setdefault(id(part[0]), []).append(index)
+            groups.setdefault(id(part.paint), []).append(index)
         surfaces = []
         for members in groups.values():
-            paint = self._parts[members[0]][0]
-            corners = np.concatenate([self._parts[i][1] for i in members]).reshape(-1, 3)
-            normals = np.concatenate([self._parts[i][2] for i in members]).reshape(-1, 3) / scale
+            paint = self._parts[members[0]].paint
+            looks = [self._parts[i].look() for i in members]
+            corners = np.concatenate([self._parts[i].turned for i in members]).reshape(-1, 3)
+            normals = np.concatenate([normals for normals, _ in looks]).reshape(-1, 3) / scale
             normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-            uv = np.concatenate([self._parts[i][3] for i in members]).reshape(-1, 2)
+            uv = np.concatenate([texcoords for _, texcoords in looks]).reshape(-1, 2)
             textured = paint.texture is not None
             rows = np.concatenate([(corners - origin) * scale, normals, uv if textured else uv[:, :0]], axis=1)
             unique, inverse = np.unique(rows.astype(np.float32), axis=0, return_inverse=True)
