@@ -60,9 +60,9 @@ FACTORS = (
         "The classifier sees as many points of either class; half of the background comes from the rim around the "
         "masks, where mistakes are made.",
         (
-            *_steps("svm_samples", (), (100, 600, 1200)),
+            *_steps("svm_samples", (600, 1200), (100,)),
             *_steps("rim_share", (0.0,), (1.0,)),
-            *_steps("outer_share", (), (0.5,)),
+            *_steps("outer_share", (0.5,), ()),
         ),
     ),
     Factor(
@@ -97,7 +97,7 @@ FACTORS = (
         "Voxel size",
         ("voxel_share", "voxel_m", "max_voxels"),
         "Voxels are a sixteenth of the object size, but not finer than the pixels sample; their number is bounded.",
-        _steps("voxel_share", (0.1,), (0.2, 0.04, 0.03)),
+        _steps("voxel_share", (0.1, 0.04, 0.05), (0.2, 0.03)),
     ),
     Factor(
         "Where an object may be",

@@ -101,6 +101,13 @@ def as_json(row: Row) -> dict:
     }
 
 
+def ratio_text(row: Row) -> str:
+    """How many times as fast as the rival, for people."""
+    if row.ratio is None:
+        return ""
+    return f"{row.ratio:.1f}x" if row.ratio >= 0.95 else f"{row.ratio:.2g}x"
+
+
 def row_of(content: dict) -> Row:
     """A row from how it was written."""
     return Row(**{name: value for name, value in content.items() if name != "ratio"})
@@ -118,17 +125,17 @@ def table(name: str, rows: list[Row]) -> str:
     """The rows as text, one a line."""
     cells = [("what", "ours", "rival", "theirs", "ratio", "wanted", "")]
     for row in rows:
-        ratio = "" if row.ratio is None else f"{row.ratio:.1f}x"
-        theirs = "" if row.rival_seconds is None else _time(row.rival_seconds)
+        theirs = "" if row.rival_seconds is None else time_text(row.rival_seconds)
         verdict = {True: "holds; ", False: "MISSED; ", None: ""}[row.holds]
         verdict = (verdict + row.note).removesuffix("; ")
-        cells.append((row.what, _time(row.seconds), row.rival, theirs, ratio, row.wanted, verdict))
+        cells.append((row.what, time_text(row.seconds), row.rival, theirs, ratio_text(row), row.wanted, verdict))
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     lines = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in cells]
     return "\n".join([f"\n{name}", *lines])
 
 
-def _time(seconds: float) -> str:
+def time_text(seconds: float) -> str:
+    """Seconds for people."""
     return f"{1e3 * seconds:.1f} ms" if seconds < 1.0 else f"{seconds:.2f} s"
 
 

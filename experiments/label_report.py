@@ -3,14 +3,12 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from experiments.bench import Row, ratio_text, row_of, time_text
 from experiments.paired import beyond_chance
 from labeling.errors import SbmError
 from labeling.files import atomic_file
-
-if TYPE_CHECKING:
-    from experiments.bench import Row
 
 PAGE, PICTURE = "label-generator.md", "pictures/label_ablation.png"
 SPEED = "bench/labels.json"
@@ -54,7 +52,6 @@ def write_page(results: Path, docs: Path) -> list[Path]:
         parts += modes_sections(modes)
     speed = _read(results / SPEED)
     if speed is not None:
-        from experiments.bench import row_of
         from experiments.bench_labels import PICTURE as VIEWS_PICTURE
         from experiments.bench_labels import draw
 
@@ -121,15 +118,14 @@ def verdict(factor: dict[str, Any], pool: str = CHOSEN_ON, figure: str = "mean_i
     return f"{said}."
 
 
-def speed_section(rows: "Sequence[Row]", machine: dict[str, Any], picture: str) -> list[str]:
+def speed_section(rows: Sequence[Row], machine: dict[str, Any], picture: str) -> list[str]:
     """The part about speed: rivals, limits, stages, numbers of views and workers."""
     lines = ["| | ours | beside | theirs | ratio | asked | |", "|---|---:|---|---:|---:|---|---|"]
     for row in rows:
-        theirs = "" if row.rival_seconds is None else _seconds(row.rival_seconds)
-        ratio = "" if row.ratio is None else f"{row.ratio:.1f}x"
+        theirs = "" if row.rival_seconds is None else time_text(row.rival_seconds)
         verdict = {True: "holds", False: "**missed**", None: ""}[row.holds]
         said = "; ".join(part for part in (verdict, row.note) if part)
-        cells = (row.what, _seconds(row.seconds), row.rival, theirs, ratio, row.wanted, said)
+        cells = (row.what, time_text(row.seconds), row.rival, theirs, ratio_text(row), row.wanted, said)
         lines.append(f"| {' | '.join(cells)} |")
     lead = (
         "## How fast\n\n"
@@ -138,10 +134,6 @@ def speed_section(rows: "Sequence[Row]", machine: dict[str, Any], picture: str) 
         "bytes, or to do the arithmetic, that the stage cannot do without."
     )
     return [lead, "\n".join(lines), f"![Time for each view over the number of views]({picture})"]
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
 
 
 def modes_sections(content: dict[str, Any]) -> list[str]:

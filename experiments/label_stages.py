@@ -20,7 +20,7 @@ STAGES = {
     "voxels (two clouds, one beside the rest)": "labeling.propagate.build_cloud",
     "evidence and objects": "labeling.propagate._find_objects",
     "SVM: train, decide": "labeling.propagate.object_log_odds",
-    "CRF: lattices": "labeling.propagate._kernels",
+    "CRF: lattices": "labeling.propagate.crf_kernels",
     "CRF: mean field": "labeling.near.mean_field_near",
     "strays and boxes": "labeling.propagate._describe",
     "masks of all views": "labeling.propagate._label_views",
@@ -75,7 +75,7 @@ def stage_rows(label: Callable[[Path], float], folder: Path, repeats: int) -> It
         spent = dict.fromkeys(STAGES, 0.0)
         with ExitStack() as patches:
             for stage, target in STAGES.items():
-                patches.enter_context(mock.patch(target, _timed(_find(target), spent, stage)))
+                patches.enter_context(mock.patch(target, timed_stage(_find(target), spent, stage)))
             total = min(total, label(out))
         seconds = {stage: min(seconds[stage], spent[stage]) for stage in STAGES}
     floors = _count(label, folder, out)
@@ -127,7 +127,9 @@ def _find(target: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def _timed(function: Callable, spent: dict[str, float], stage: str) -> Callable:
+def timed_stage(function: Callable, spent: dict[str, float], stage: str) -> Callable:
+    """The function, whose seconds are added to ``spent[stage]``."""
+
     def timed(*given, **named):
         started = time.perf_counter()
         try:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from experiments import bench
+from experiments import bench, label_stages
 from experiments.bench import Row, as_json, row_of, table
 from experiments.label_report import speed_section
 
@@ -91,3 +91,9 @@ def test_rows_survive_being_written_and_stand_on_the_page():
     table = speed_section(rows, {"cpus": 2}, "picture.png")[1].splitlines()[2:]
     assert table[0] == "| one | 500.0 ms | limit |  |  | < 1 s | holds; fast |"
     assert table[1] == "| two | 2.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |"
+
+
+def test_every_timed_stage_is_a_function_that_exists():
+    for stage, target in label_stages.STAGES.items():
+        module, _, name = target.rpartition(".")
+        assert callable(getattr(import_module(module), name)), stage
