@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,20 @@ def test_assets_and_rendering_know_nothing_of_worlds():
         tree = ast.parse(path.read_text(encoding="utf-8"))
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         assert not {name for name in imported if name and name.startswith("sbm_gym.worlds")}, path
+
+
+def test_what_the_label_generator_has_learnt_is_installed_with_it():
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][
+        "package-data"
+    ]
+    shipped = {path for name, globs in declared.items() for glob in globs for path in _folder(name).glob(glob)}
+    data = {path for path in (ROOT / "labeling").rglob("*.*") if path.suffix in (".json", ".safetensors")}
+    assert data
+    assert data <= shipped
+
+
+def _folder(package: str) -> Path:
+    return ROOT / package.replace(".", "/")
 
 
 def test_labeling_never_imports_a_simulator():
