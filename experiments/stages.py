@@ -5,13 +5,11 @@ experiments share what they have in common.
 """
 
 import ast
-import contextlib
 import hashlib
 import json
 import multiprocessing
-import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cache
@@ -20,10 +18,10 @@ from typing import Any, Literal, TypeVar
 
 from labeling.errors import SbmError
 from labeling.files import write_json
+from labeling.threads import threads_of_children
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("labeling", "sbm_gym", "agents", "experiments")
-THREAD_SETTINGS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Task = TypeVar("Task")
 Scale = Literal["smoke", "quick", "full"]
@@ -155,7 +153,7 @@ def run_tasks(
         if not tasks:
             return
         context = multiprocessing.get_context("spawn")
-        with _one_thread(), ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+        with threads_of_children(1), ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
             running: dict[Future[object], Task] = {pool.submit(work, task): task for task in tasks}
             try:
                 for done in as_completed(running):
@@ -171,18 +169,3 @@ def run_tasks(
                 raise
     if errors:
         raise SbmError(f"{len(errors)} of {len(tasks)} tasks failed; the first: {errors[0]}")
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Lets the processes started meanwhile compute in one thread each."""
-    before = {name: os.environ.get(name) for name in THREAD_SETTINGS}
-    os.environ.update(dict.fromkeys(THREAD_SETTINGS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -16,22 +16,13 @@ from labeling.errors import SbmError
 from labeling.label_config import LabelConfig
 from labeling.recordings.config import RecordingConfig
 from labeling.source_config import SourceConfig
-from labeling.threads import num_threads
+from labeling.threads import num_threads, threads_of_children
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
     from labeling.label_set import EpisodeState
 
-THREAD_VARIABLES = (
-    "NUMBA_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
-"""What bounds the threads of numba and of the BLAS libraries; read when a process imports them."""
 _PATIENCE_S = 10.0
 """So long a worker may take to clean up."""
 _STOPPED = 143
@@ -174,7 +165,7 @@ class _Crew:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(self._job, theirs), daemon=True)
-        with _environment(dict.fromkeys(THREAD_VARIABLES, str(self._threads))):
+        with threads_of_children(self._threads):
             process.start()
         theirs.close()
         self._workers[ours] = process
@@ -218,18 +209,3 @@ def _leave_with_parent() -> None:
     if parent is not None:
         parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
-
-
-@contextlib.contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Environment variables for the processes that are started meanwhile."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -1,12 +1,10 @@
 """Photographs on disk: a COCO folder that grows set by set, so that making it can be stopped and gone on with."""
 
 import multiprocessing
-import os
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from labeling.episode_json import read_json
 from labeling.errors import SbmError, UsageError
 from labeling.files import atomic_folder, write_json
 from labeling.instances import box_xywh, encode_mask
+from labeling.threads import threads_of_children
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
 from sbm_gym.photographs.take import Photograph
 
@@ -209,7 +208,7 @@ def _sets(folder: Path, settings: AlbumSettings, workers: int) -> Iterator[list[
             yield make_set(folder, settings, number)
             number += 1
     context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with threads_of_children(1), ProcessPoolExecutor(workers, mp_context=context) as pool:
         waiting = []
         try:
             while True:
@@ -223,19 +222,3 @@ def _sets(folder: Path, settings: AlbumSettings, workers: int) -> Iterator[list[
         finally:
             for set_to_come in waiting:
                 set_to_come.cancel()
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Lets processes that start now use one thread each."""
-    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -10,7 +10,7 @@ import pytest
 
 from labeling.episodes import write_episode
 from labeling.generate import main
-from labeling.label_workers import THREAD_VARIABLES
+from labeling.threads import THREAD_VARIABLES
 
 from .synthetic_room import make_episode
 
