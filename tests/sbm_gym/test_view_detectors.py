@@ -22,6 +22,7 @@ class Stripes:
         self.shown = []
 
     def detect(self, rgb, depth_m=None):
+        assert depth_m is not None
         self.shown += list(zip(rgb, depth_m, strict=True))
         mask = np.zeros(rgb.shape[1:3], bool)
         mask[40:56, 40:56] = True
