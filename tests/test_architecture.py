@@ -21,6 +21,7 @@ COMMANDS = (
     "sbm_gym.photographs",
     "sbm_gym.preview",
     "agents.collect",
+    "agents.train",
     "experiments.bench",
     "experiments.calibrate_labels",
     "experiments.capture",
