@@ -22,6 +22,7 @@ COMMANDS = (
     "sbm_gym.preview",
     "agents.collect",
     "agents.evaluate",
+    "agents.train",
     "experiments.bench",
     "experiments.calibrate_labels",
     "experiments.capture",
