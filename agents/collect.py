@@ -23,6 +23,9 @@ class CollectConfig:
     """Gymnasium id of the world."""
     policy: str = "ring"
     """Who moves: "ring" (the thesis' hand-written policy) or "random"."""
+    detector: str = "simulated"
+    """Whose detections guide the agent and are recorded: "simulated", or a real one: "compact",
+    "maskrcnn_resnet50_fpn", the folder of a labeling.finetune run, "onnx:FILE" or "package.module:function"."""
     episodes: int = 4
     """How many episodes the folder holds at the end."""
     seed: int = 0

@@ -90,7 +90,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "episode": number,
                 "spawn": spawn,
                 "env_seed": int(seeds[0]),
-                "detector": "simulated",
+                "detector": config.detector,
                 "detector_categories": list(env_of(env).categories),
                 "confident": CONFIDENT,
                 "versions": _versions(),
@@ -172,7 +172,10 @@ def _make_env(config: CollectConfig) -> gym.Env:
             raise UsageError(f"unknown env {config.env!r}: cannot import {module!r} ({error})") from error
     if env_id not in gym.registry:
         raise UsageError(f"unknown env {config.env!r}; known: {', '.join(sorted(ENV_IDS))}")
-    return gym.make(env_id, split=config.split)
+    try:
+        return gym.make(env_id, split=config.split, detector=config.detector)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def _claim_folder(config: CollectConfig) -> None:
@@ -186,10 +189,12 @@ def _claim_folder(config: CollectConfig) -> None:
 
         before = read_json(path).mapping().get("settings")
         before = before if isinstance(before, dict) else {}
+        defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}
+        before = {name: before.get(name, defaults[name]) for name in settings}  # older folders lack newer settings
         differing = [
-            f"--{name} {before.get(name)!s} there, {value!s} now"
+            f"--{name} {before[name]!s} there, {value!s} now"
             for name, value in settings.items()
-            if before.get(name) != value
+            if before[name] != value
         ]
         if differing:
             raise UsageError(

@@ -21,6 +21,8 @@ class Pool:
     """Settings are chosen on "train" and reported on "val"; test scenes are for final tables only."""
     episodes: int
     seed: int = 0
+    detector: str = "simulated"
+    """Whose detections guide the agent and are recorded: "simulated", or a name that labeling.detectors knows."""
 
 
 def pools(scale: Scale) -> tuple[Pool, ...]:
@@ -49,9 +51,23 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
     from agents.collect import CollectConfig
     from agents.recorder import collect
 
-    settings = {"env": pool.env, "split": pool.split, "seed": pool.seed, "policy": POLICY}
-    name = f"{pool.name}-{digest(settings, versions(), code_digest(*RECORDING_CODE))}"
+    settings = {"env": pool.env, "split": pool.split, "seed": pool.seed, "policy": POLICY, "detector": pool.detector}
+    depends_on = [settings, versions(), code_digest(*RECORDING_CODE), detector_digest(pool.detector)]
+    name = f"{pool.name}-{digest(*depends_on)}"
     return collect(CollectConfig(out=workplace.cache / "episodes" / name, episodes=pool.episodes, **settings))
+
+
+def detector_digest(name: str) -> str:
+    """Changes with the weights of a real detector.
+
+    Raises:
+        SbmError: if there is no such detector.
+    """
+    if name == "simulated":
+        return ""
+    from labeling.detectors.registry import load_detector
+
+    return load_detector(name).digest
 
 
 def about(pool: Pool, folders: list[Path]) -> dict[str, Any]:
@@ -59,4 +75,4 @@ def about(pool: Pool, folders: list[Path]) -> dict[str, Any]:
     import json
 
     scenes = [json.loads((folder / "episode.json").read_text())["scene"] for folder in folders]
-    return {**asdict(pool), "policy": POLICY, "detector": "simulated", "views_per_episode": 25, "scenes": scenes}
+    return {**asdict(pool), "policy": POLICY, "views_per_episode": 25, "scenes": scenes}

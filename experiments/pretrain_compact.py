@@ -34,7 +34,7 @@ class CompactConfig:
     """File for the weights."""
     results: Path = Path("experiments/results/pretrain_compact.json")
     """File for the figures."""
-    minutes: float = 65.0
+    minutes: float = 90.0
     """Time for training; a run that is cut short has learned with a schedule of this length."""
     steps: int = 6000
     """Batches at most; training ends when either is used up."""

@@ -32,7 +32,7 @@ _CHECKED = 200
 class PretrainConfig:
     """How long and how fast the network learns."""
 
-    minutes: float = 65.0
+    minutes: float = 90.0
     """Time for training; the learning rate reaches its end when either time or steps are used up. Runs that must be
     the same on every machine need more minutes than they take."""
     steps: int = 6000

@@ -17,6 +17,7 @@ from labeling.errors import UsageError
 EXPERIMENTS = {
     "label_ablation": "experiments.label_ablation",
     "label_modes": "experiments.label_modes",
+    "fine_tuning": "experiments.fine_tuning",
 }
 """Modules by the name of the experiment. Each has a ``DESCRIPTION``, a function ``run(workplace)`` that returns what is
 to be kept of it as JSON, and a function ``report(results, docs)`` that writes the page about it."""

@@ -8,10 +8,8 @@ from jaxtyping import Float
 
 from sbm_gym.episode import GAZES
 from sbm_gym.scenes import SPLITS
-from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfig
 from sbm_gym.worlds.navigable import NavigableMap
 
-DETECTORS = ("simulated",)
 RESET_OPTIONS = ("scene", "start", "reuse_scene")
 
 
@@ -41,23 +39,6 @@ def check_numbers(num_views: int | None, stride_m: float | None, episodes_per_sc
         raise ValueError(f"stride_m must be positive, not {stride_m}")
     if episodes_per_scene < 1:
         raise ValueError(f"episodes_per_scene must be at least 1, not {episodes_per_scene}")
-
-
-def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig) -> SimulatedDetector:
-    """The detector that the constructor was asked for.
-
-    Args:
-        detector: a name, or settings.
-        fitting: the settings that fit the kind of world.
-
-    Raises:
-        ValueError: if there is no such detector, naming those there are.
-    """
-    if isinstance(detector, SimulatedDetectorConfig):
-        return SimulatedDetector(detector)
-    if detector not in DETECTORS:
-        raise ValueError(f"unknown detector {detector!r}; known: {', '.join(DETECTORS)}, or a SimulatedDetectorConfig")
-    return SimulatedDetector(fitting)
 
 
 def checked_options(options: Mapping[str, Any] | None) -> dict[str, Any]:

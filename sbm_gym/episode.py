@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float
 
 from labeling.geometry import intrinsics_from_fov
 from labeling.instances import Detection
 from sbm_gym.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
 from sbm_gym.recording import Capture, ground_truth_of_view
-from sbm_gym.rendering.base import Frame
 from sbm_gym.rendering.third_person import AgentTrace, Find
 from sbm_gym.scenes import Scene
-from sbm_gym.simulated_detector import SimulatedDetector, SimulatedView
+from sbm_gym.view_detectors import View, ViewDetector
 
 GAZES = ("fixate", "free")
 TURN_RAD, TILT_RAD = np.deg2rad(60.0), np.deg2rad(30.0)
@@ -29,19 +28,11 @@ class EpisodeSettings:
     image_size: tuple[int, int]
     """Height and width of what the robot sees at every step, pixels."""
     antialias: bool
+    detector_size: tuple[int, int]
+    """Height and width of what a detector that needs detail looks at, pixels; with smooth edges."""
     stride_m: float
     gaze: str
     """One of ``GAZES``."""
-
-
-@dataclass(frozen=True)
-class View:
-    """A picture and what the simulator knows about it."""
-
-    frame: Frame
-    instance_map: Int32[np.ndarray, "h w"]
-    """Instance id of every pixel, 0 for none."""
-    intrinsics: Float[np.ndarray, "3 3"]
 
 
 class Episode:
@@ -51,7 +42,7 @@ class Episode:
         self,
         scene: Scene,
         settings: EpisodeSettings,
-        detector: SimulatedDetector,
+        detector: ViewDetector,
         entropy: int,
         position_m: Float[np.ndarray, "2"],
         yaw_rad: float,
@@ -119,14 +110,18 @@ class Episode:
 
     def capture(self, height_px: int, width_px: int) -> Capture:
         """A full frame of the current view. Changes nothing."""
-        scene, view = self.scene, self.draw(height_px, width_px, antialias=True)
-        camera_to_world = scene.body.camera_to_world
+        scene, camera_to_world = self.scene, self.scene.body.camera_to_world
+        if self._detector.needs_detail and self._settings.detector_size == (height_px, width_px):
+            view, detections = self._sight, self.detections
+        else:
+            view = self.draw(height_px, width_px, antialias=True)
+            detections = self._detect(view)
         return Capture(
             rgb=view.frame.rgb,
             depth_m=view.frame.depth_m,
             intrinsics=view.intrinsics,
             camera_to_world=camera_to_world,
-            detections=tuple(self._detect(view)),
+            detections=tuple(detections),
             ground_truth=ground_truth_of_view(
                 scene.world,
                 scene.renderer,
@@ -178,22 +173,18 @@ class Episode:
         """Draws what the robot sees now, detects, and lets the memory learn from it."""
         self.view = self.draw(*self._settings.image_size, antialias=self._settings.antialias)
         """What it sees."""
-        self.detections = self._detect(self.view)
+        self._sight = self.view
+        if self._detector.needs_detail:
+            self._sight = self.draw(*self._settings.detector_size, antialias=True)
+        self.detections = self._detect(self._sight)
         """What its detector says about that."""
         update = self.memory.observe(
-            self.detections, self.view.frame.depth_m, self.view.intrinsics, self.scene.body.camera_to_world
+            self.detections, self._sight.frame.depth_m, self._sight.intrinsics, self.scene.body.camera_to_world
         )
         if self.target_id is None and self.memory.objects:
             self.target_id = 0
         return update
 
     def _detect(self, view: View) -> list[Detection]:
-        """Detections in a view. Noise belongs to the step, so that looking twice at one view gives one answer."""
-        observed = self.scene.surfaces.observe(view.instance_map, view.intrinsics, self.scene.body.camera_to_world)
-        seen = SimulatedView(
-            view_index=self.step_index,
-            instance_map=view.instance_map,
-            depth_m=view.frame.depth_m,
-            objects=tuple(observed),
-        )
-        return self._detector.detect(np.random.default_rng([self._entropy, self.step_index]), seen)
+        """Detections in a view."""
+        return self._detector.detect(self.scene, view, self.step_index, self._entropy)

@@ -16,7 +16,6 @@ from sbm_gym.env_arguments import (
     checked_action,
     checked_options,
     checked_start,
-    make_detector,
 )
 from sbm_gym.episode import Episode, EpisodeSettings
 from sbm_gym.object_memory import MemoryConfig, ObjectMemory
@@ -26,6 +25,7 @@ from sbm_gym.rendering.third_person import AgentTrace, ThirdPersonView
 from sbm_gym.rewards import RewardWeights, reward_terms
 from sbm_gym.scenes import Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.simulated_detector import SimulatedDetectorConfig
+from sbm_gym.view_detectors import make_detector
 from sbm_gym.viewer_window import ViewerWindow, check_screen, screen_available
 from sbm_gym.world_sources import chosen_source
 from sbm_gym.worlds.navigable import NavigableMap
@@ -91,8 +91,11 @@ class FixationEnv(gym.Env, EzPickle):
     - `split`: "train", "val", "test" or None for all scenes.
     - `unseen_models`: keep the furniture and vehicle models that validation and test scenes show out of all other
       scenes, so that testing is on models never seen in training. Only with a name as `worlds`.
-    - `detector`: "simulated", or a `SimulatedDetectorConfig`. Steps run it on the picture of the observation, captures
-      on the captured one.
+    - `detector`: "simulated", a `SimulatedDetectorConfig`, or a real one by a name that
+      `labeling.detectors.registry` knows ("compact", the folder of a fine-tuning run, ...). At every step the
+      simulated one looks at the picture of the observation, a real one at a picture of `detector_size` with smooth
+      edges; captures run it on the captured picture.
+    - `detector_size`: height and width of that picture, pixels; by default that of captures.
     - `renderer`: "rays", "gl", or "auto": `gl` where a GPU is, `rays` elsewhere.
     - `image_size`: height and width of the observed pictures, pixels; like `memory`, `body`, `stride_m` and
       `render_size` from the world's profile if None.
@@ -123,6 +126,7 @@ class FixationEnv(gym.Env, EzPickle):
         split: str | None = "train",
         unseen_models: bool = False,
         detector: str | SimulatedDetectorConfig = "simulated",
+        detector_size: tuple[int, int] | None = None,
         renderer: str = "auto",
         image_size: tuple[int, int] | None = None,
         antialias: bool = False,
@@ -163,6 +167,7 @@ class FixationEnv(gym.Env, EzPickle):
             memory=memory or self.profile.memory,
             image_size=image_size or self.profile.image_size,
             antialias=antialias,
+            detector_size=detector_size or self.profile.capture_size,
             stride_m=self.profile.stride_m if stride_m is None else stride_m,
             gaze=gaze,
         )
@@ -256,7 +261,7 @@ class FixationEnv(gym.Env, EzPickle):
     @property
     def categories(self) -> tuple[str, ...]:
         """What the detector can say."""
-        return self._detector.config.categories
+        return self._detector.categories
 
     @property
     def stride_m(self) -> float:

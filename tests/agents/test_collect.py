@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -159,7 +160,31 @@ def test_a_world_without_anything_to_find_gives_up_with_a_clear_error(tmp_path, 
 
 def test_settings_are_kept_with_the_episodes(recorded):
     settings = json.loads((recorded / "collection.json").read_text())["settings"]
-    assert settings == {"env": ENV_ID, "policy": "ring", "seed": 0, "split": "train", "size": 64}
+    assert settings == {
+        "env": ENV_ID,
+        "policy": "ring",
+        "detector": "simulated",
+        "seed": 0,
+        "split": "train",
+        "size": 64,
+    }
+
+
+def test_folders_of_before_a_setting_was_there_are_gone_on_with(recorded, tmp_path):
+    out = tmp_path / "episodes"
+    shutil.copytree(recorded, out)
+    content = json.loads((out / "collection.json").read_text())
+    del content["settings"]["detector"]
+    (out / "collection.json").write_text(json.dumps(content))
+    assert len(collect(config(out))) == 3
+    with pytest.raises(UsageError, match="--detector simulated there, compact now"):
+        collect(config(out, detector="compact"))
+
+
+def test_unknown_detectors_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(UsageError, match="unknown detector 'yolo'"):
+        collect(config(tmp_path / "episodes", detector="yolo"))
+    assert not (tmp_path / "episodes").exists()
 
 
 def test_help_names_the_options():

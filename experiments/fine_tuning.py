@@ -1,0 +1,126 @@
+"""``compact`` before and after it learned from labels that an agent made itself, beside ground truth as the ceiling."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments.stages import Scale, Workplace
+from labeling.detectors.train_config import AugmentConfig, TrainConfig
+
+if TYPE_CHECKING:
+    from labeling.detectors.pictures import AnnotatedPicture
+
+DESCRIPTION = "compact fine-tuned on pseudo-labels and on ground truth of training scenes, tried on validation scenes"
+DETECTOR = "compact"
+WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
+TEACHERS = ("labels", "truth")
+"""What a run learns from: the label generator's output, or what the simulator knows."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of everything a scale has."""
+
+    episodes: dict[str, tuple[int, int, int]]
+    """By world: episodes to learn from, to choose the best network by (both of training scenes), and to report on (of
+    validation scenes)."""
+    photographs: tuple[int, int]
+    """To replay, and held out to measure forgetting on."""
+    train: TrainConfig
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
+
+
+SIZES: dict[Scale, Size] = {
+    "smoke": Size(
+        {"rooms": (1, 1, 1), "streets": (1, 1, 1)},
+        (12, 6),
+        TrainConfig(iterations=4, validate_every=2, warmup=2),
+        AugmentConfig(short_side_px=(128, 128)),
+    ),
+    "quick": Size(
+        {"rooms": (20, 5, 8), "streets": (10, 3, 5)},
+        (6000, 600),
+        TrainConfig(iterations=600, validate_every=200, warmup=50, schedule="cosine", average=0.99),
+        # Half the pictures' size: four times the steps in the same time.
+        AugmentConfig(short_side_px=(112, 192), scale=(0.45, 0.8)),
+    ),
+    "full": Size({"rooms": (60, 12, 20), "streets": (40, 8, 16)}, (6000, 600), TrainConfig()),
+}
+
+
+def run(workplace: Workplace) -> dict[str, Any]:
+    """Records, labels, trains and scores.
+
+    Returns:
+        For each world: the episodes, how good the labels are, the detector before, and every run by teacher and seed.
+    """
+    size = SIZES[workplace.scale]
+    photographs = replayed_photographs(size.photographs, workplace)
+    return {
+        "detector": DETECTOR,
+        "settings": {"train": asdict(size.train), "augment": asdict(size.augment), "photographs": size.photographs},
+        "worlds": {
+            world: _one_world(world, size, photographs[0], photographs[1], workplace) for world in size.episodes
+        },
+    }
+
+
+def _one_world(
+    world: str,
+    size: Size,
+    replay: "list[AnnotatedPicture]",
+    held_out: "list[AnnotatedPicture]",
+    workplace: Workplace,
+) -> dict[str, Any]:
+    from experiments.detector_stages import detector_scores, label, label_scores, taught
+    from experiments.episode_pool import Pool, about, record
+    from labeling.detectors.pictures import read_pictures
+
+    counts = size.episodes[world]
+    pools = {
+        "learn": Pool(f"{world}_learn", WORLDS[world], "train", counts[0], 0, DETECTOR),
+        "choose": Pool(f"{world}_choose", WORLDS[world], "train", counts[1], 1, DETECTOR),
+        "val": Pool(f"{world}_val", WORLDS[world], "val", counts[2], 0, DETECTOR),
+    }
+    folders = {name: record(pool, workplace) for name, pool in pools.items()}
+    sets = {"validation": read_pictures(folders["val"][0].parent), "photographs": held_out}
+    runs, labels = [], []
+    for seed in workplace.seeds:
+        made = {name: label(folders[name], seed, workplace) for name in ("learn", "choose")}
+        labels.append({"seed": seed, **label_scores(made["learn"])})
+        for teacher in TEACHERS:
+            source = made if teacher == "labels" else {name: folders[name][0].parent for name in made}
+            out = taught(DETECTOR, source["learn"], source["choose"], replay, size.train, size.augment, seed, workplace)
+            runs.append({"teacher": teacher, "seed": seed, **detector_scores(str(out), sets, workplace)})
+    return {
+        "pools": {name: about(pool, folders[name]) for name, pool in pools.items()},
+        "labels": labels,
+        "before": detector_scores(DETECTOR, sets, workplace),
+        "runs": runs,
+    }
+
+
+def replayed_photographs(
+    counts: tuple[int, int], workplace: Workplace
+) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture]]":
+    """The photographs that ``compact`` was pre-trained on, and those held out, taken anew where they are missing."""
+    from labeling.detectors.pictures import read_pictures
+    from sbm_gym.photographs.album import AlbumSettings, make_album
+
+    found = []
+    for split, count in zip(("train", "val"), counts, strict=True):
+        folder = workplace.cache / "photographs" / f"{split}_{count}"
+        make_album(folder, AlbumSettings(split, 0, 192, False), count, workplace.workers)
+        found.append(read_pictures(folder))
+    return found[0], found[1]
+
+
+def report(results: Path, docs: Path) -> list[Path]:
+    """Writes the page about fine-tuning, and the picture in it.
+
+    Returns:
+        The files written.
+    """
+    from experiments.fine_tuning_page import write_page
+
+    return write_page(results, docs)

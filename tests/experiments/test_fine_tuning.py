@@ -1,0 +1,97 @@
+"""The fine-tuning experiment: runs, resumes, never looks at test scenes, and its page says what its figures say."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import experiments.episode_pool
+from experiments import fine_tuning
+from experiments.fine_tuning import SIZES, Size
+from experiments.fine_tuning_page import gap_closed
+from experiments.run import main
+from labeling.detectors import training_run
+from labeling.detectors.pictures import read_pictures
+from labeling.detectors.train_config import AugmentConfig, TrainConfig
+from labeling.episodes import write_episode
+
+from ..labeling.synthetic_room import make_episode
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
+    """Tiny rooms in place of recorded ones and of photographs; returns the pools that were asked for."""
+    asked: list = []
+
+    def record(pool, workplace):
+        asked.append(pool)
+        folder = tmp_path / "episodes" / pool.name / "0000"
+        if not folder.exists():
+            room = make_episode(len(pool.name) + pool.seed, 3, (64, 64), num_objects=3, confident_share=2.0)
+            write_episode(folder, replace(room, name=folder.name, metadata={"scene": "room/0"}))
+        return [folder]
+
+    def photographs(counts, workplace):
+        pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, workplace)[0])
+        return pictures, pictures[:1]
+
+    train = TrainConfig(iterations=2, validate_every=1, warmup=1)
+    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, AugmentConfig(short_side_px=(64, 64)))
+    monkeypatch.setitem(SIZES, "smoke", size)
+    monkeypatch.setattr(experiments.episode_pool, "record", record)
+    monkeypatch.setattr(fine_tuning, "replayed_photographs", photographs)
+    return asked
+
+
+POOL = experiments.episode_pool.Pool("photographs", "none", "train", 1)
+
+
+def test_the_experiment_runs_resumes_and_reports(
+    small: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run() -> int:
+        places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
+        return main(["fine_tuning", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places])
+
+    assert run() == 0
+    written = tmp_path / "results" / "fine_tuning.json"
+    content = json.loads(written.read_text())
+    room = content["worlds"]["rooms"]
+    assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [
+        ("labels", 0),
+        ("truth", 0),
+        ("labels", 1),
+        ("truth", 1),
+    ]
+    assert set(room["before"]) == {"validation", "photographs"}
+    pools = {pool.name: pool for pool in small if pool.name.startswith("rooms")}
+    assert {pool.split for pool in pools.values()} == {"train", "val"}
+    assert {pool.detector for pool in pools.values()} == {"compact"}
+    assert (pools["rooms_learn"].split, pools["rooms_choose"].split) == ("train", "train")
+    assert pools["rooms_learn"].seed != pools["rooms_choose"].seed
+    page = (tmp_path / "docs" / "fine-tuning.md").read_text()
+    assert f"AP50 of the detector is {100 * room['labels'][0]['detector']['mask_ap50']:.1f}" in page
+    assert (tmp_path / "docs" / "pictures" / "fine_tuning.png").stat().st_size > 1000
+    monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
+    assert run() == 0
+    assert json.loads(written.read_text()) == content
+    capsys.readouterr()
+
+
+def test_the_share_of_the_gap_is_that_of_means_over_seeds() -> None:
+    def scored(ap50: float) -> dict:
+        return {"validation": {"mask_ap50": ap50}}
+
+    runs = [("labels", 0.4), ("labels", 0.5), ("truth", 0.7), ("truth", 0.8)]
+    world = {"before": scored(0.3), "runs": [{"teacher": name, **scored(ap50)} for name, ap50 in runs]}
+    assert gap_closed(world) == pytest.approx(0.15 / 0.45)
+    world["before"] = scored(0.9)
+    assert gap_closed(world) is None
+
+
+def test_every_scale_learns_and_chooses_on_something() -> None:
+    for size in SIZES.values():
+        assert all(min(counts) >= 1 for counts in size.episodes.values())
+        size.train.check()
+        size.augment.check()
