@@ -1,10 +1,11 @@
 """Making the environments that command lines name, with errors in one line."""
 
 import importlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
+import sbm_gym  # noqa: F401, registers the environments
 from labeling.errors import UsageError
 from sbm_gym.registration import ENV_IDS
 
@@ -12,8 +13,14 @@ if TYPE_CHECKING:
     from sbm_gym.fixation_env import FixationEnv
 
 
-def make_env(env_id: str, split: str, detector: str) -> gym.Env:
+def make_env(env_id: str, split: str, detector: str, **settings: Any) -> gym.Env:
     """The environment; ``module:id`` imports the module first, as in ``gymnasium.make``.
+
+    Args:
+        env_id: its Gymnasium id.
+        split: of scenes.
+        detector: in the loop.
+        settings: other arguments of the environment.
 
     Raises:
         UsageError: if env or detector are unknown.
@@ -27,7 +34,7 @@ def make_env(env_id: str, split: str, detector: str) -> gym.Env:
     if name not in gym.registry:
         raise UsageError(f"unknown env {env_id!r}; known: {', '.join(sorted(ENV_IDS))}")
     try:
-        return gym.make(name, split=split, detector=detector)
+        return gym.make(name, split=split, detector=detector, **settings)
     except ValueError as error:
         raise UsageError(f"env {env_id!r}: {error}") from error
 

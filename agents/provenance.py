@@ -5,8 +5,10 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
+PACKAGES = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "open3d", "stable-baselines3", "torch")
 
-def versions(names: Sequence[str]) -> dict[str, str | None]:
+
+def versions(names: Sequence[str] = PACKAGES) -> dict[str, str | None]:
     """Installed versions of packages by name, None for those that are not installed."""
     found: dict[str, str | None] = {}
     for name in names:
@@ -19,10 +21,15 @@ def versions(names: Sequence[str]) -> dict[str, str | None]:
 
 def git_commit() -> str | None:
     """Commit of the checkout this code runs from, None if it is none."""
+    return git("rev-parse", "HEAD")
+
+
+def git(*arguments: str) -> str | None:
+    """What git says in the checkout this code runs from, None if it is none."""
     try:
         result = subprocess.run(
-            ["git", "rev-parse", "HEAD"],
-            cwd=Path(__file__).resolve().parent,
+            ["git", *arguments],
+            cwd=Path(__file__).resolve().parents[1],
             capture_output=True,
             text=True,
             timeout=10,

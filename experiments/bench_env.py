@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.bench import Row, median_seconds
-from experiments.bench_render import RIVAL, _rival
+from experiments.bench_render import RIVAL, rival
 from sbm_gym.registration import MAX_EPISODE_STEPS
 
 ENV_ID = "sbm_gym/IndoorBuiltin-v0"
@@ -53,7 +53,7 @@ def _beside_renderer(quick: bool, say: Callable[[str], None]) -> Row:
     scene = env.get_wrapper_attr("scene")
     say(f"{SCENE}: {len(scene.world.objects)} objects")
     views = cameras[:: MAX_EPISODE_STEPS // 3]
-    draw = _rival(scene.model, scene.data, views, SIZE_PX, False, True)
+    draw = rival(scene.model, scene.data, views, SIZE_PX, False, True)
     theirs = median_seconds(draw, 1 if quick else 3) / len(views)
     env.close()
     what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"

@@ -1,7 +1,6 @@
 """Results of episodes on disk: one JSON file for each policy, seed and episode."""
 
 import hashlib
-import importlib.metadata
 import json
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from labeling.files import write_json
 SETTINGS_FILE = "settings.json"
 DECISIVE = ("env", "split", "detector", "labels", "size")
 """Settings that decide what an episode's result is."""
-VERSIONED = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "stable-baselines3", "torch")
 
 
 def claim_folder(config: EvaluateConfig) -> None:
@@ -83,14 +81,3 @@ def read_result(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise UsageError(f"{path}: is not a result; delete it to have it made again")
     return content
-
-
-def versions() -> dict[str, str]:
-    """Versions of what produced the figures."""
-    found = {}
-    for name in VERSIONED:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found

@@ -7,8 +7,9 @@ import numpy as np
 
 from agents.evaluate import EvaluateConfig
 from agents.evaluation.label_quality import AP_THRESHOLDS, episode_figures, pooled_ap
-from agents.evaluation.paired import mean_of, over_seeds, paired_difference, rounded
-from agents.evaluation.store import versions
+from agents.evaluation.paired import difference_record, over_seeds, rounded
+from agents.provenance import versions
+from labeling.paired import mean_of
 
 SCHEMA_VERSION = 1
 
@@ -61,7 +62,7 @@ def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) ->
             theirs = [one.get(name) for one in per_episode[base]]
             figures[name] = {
                 **over_seeds([mean_of(part) for part in _by_seed(values, config.seeds)]),
-                "difference": None if policy == base else paired_difference(values, theirs),
+                "difference": None if policy == base else difference_record(values, theirs),
             }
         policies[policy] = {
             "figures": {name: value for name, value in figures.items() if "@" not in name},

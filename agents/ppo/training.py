@@ -30,8 +30,6 @@ from labeling.detectors.registry import choose_device
 from labeling.errors import SbmError, UsageError
 from labeling.files import atomic_folder, write_json
 
-VERSIONED = ("seeing-by-moving", "stable-baselines3", "torch", "gymnasium", "mujoco", "numpy")
-
 
 def train(config: TrainConfig, say: Callable[[str], None], bar: Callable[..., Any]) -> Progress:
     """Trains a policy; goes on where a stopped run was.
@@ -99,7 +97,7 @@ def _train(
     # Environments cannot be put back into the middle of an episode: they start new ones, other than those before.
     env.seed(int(np.random.SeedSequence([settings.seed, progress.steps]).generate_state(1)[0] % 2**31))
     model.set_logger(make_logger(folder / BOARD_FOLDER, progress.steps, say))
-    origin = {"versions": versions(VERSIONED), "git_commit": git_commit()}
+    origin = {"versions": versions(), "git_commit": git_commit()}
 
     def save(better: bool) -> None:
         description = _description(settings, validation_env, progress) | origin

@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import importlib
 import signal
 import threading
 from collections.abc import Iterator
@@ -14,11 +13,9 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-import sbm_gym  # noqa: F401, registers the environments
+from agents import environments
 from agents.ppo.episode_figures import EpisodeFigures
-from labeling.errors import UsageError
 from labeling.threads import threads_of_children
-from sbm_gym.registration import ENV_IDS
 from sbm_gym.rewards import RewardWeights
 
 ALL_SCENES = 1000
@@ -98,24 +95,13 @@ def make_env(settings: EnvSettings, split: str) -> gym.Env:
     Raises:
         UsageError: if there is no such environment, or a setting makes no sense to it.
     """
-    module, _, env_id = settings.env.rpartition(":")
-    if module:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise UsageError(f"unknown env {settings.env!r}: cannot import {module!r} ({error})") from None
-    if env_id not in gym.registry:
-        raise UsageError(f"unknown env {settings.env!r}; known: {', '.join(sorted(ENV_IDS))}")
-    try:
-        return gym.make(
-            env_id,
-            split=split,
-            detector=settings.detector,
-            reward_weights=REWARDS[settings.reward],
-            scene_cache=ALL_SCENES,
-        )
-    except ValueError as error:
-        raise UsageError(f"env {settings.env!r}: {error}") from None
+    return environments.make_env(
+        settings.env,
+        split,
+        settings.detector,
+        reward_weights=REWARDS[settings.reward],
+        scene_cache=ALL_SCENES,
+    )
 
 
 def make_worker(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:

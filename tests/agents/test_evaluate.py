@@ -13,7 +13,7 @@ import pytest
 from agents.evaluate import EvaluateConfig, main
 from agents.evaluation.episodes import spawn_of
 from agents.evaluation.label_quality import episode_figures, pooled_ap
-from agents.evaluation.paired import over_seeds, paired_difference
+from agents.evaluation.paired import difference_record, over_seeds
 from agents.evaluation.run import Player, evaluate
 from agents.evaluation.store import policy_key
 from agents.evaluation.summary import summary
@@ -261,14 +261,14 @@ def test_pooled_ap_ranks_all_episodes_together():
 
 
 def test_paired_differences_and_spread_by_hand():
-    assert paired_difference([1.0, None, 3.0], [0.0, 5.0, 1.0]) == {
+    assert difference_record([1.0, None, 3.0], [0.0, 5.0, 1.0]) == {
         "mean": 1.5,
         "low": None,
         "high": None,
         "episodes": 2,
     }
-    assert paired_difference([None], [1.0]) is None
-    same = paired_difference([2.0] * 6, [1.0] * 6)
+    assert difference_record([None], [1.0]) is None
+    same = difference_record([2.0] * 6, [1.0] * 6)
     assert same == {"mean": 1.0, "low": 1.0, "high": 1.0, "episodes": 6}
     assert over_seeds([1.0, 3.0]) == {"mean": 2.0, "std": pytest.approx(2**0.5, abs=1e-5), "per_seed": [1.0, 3.0]}
     assert over_seeds([1.0]) == {"mean": 1.0, "std": None, "per_seed": [1.0]}
