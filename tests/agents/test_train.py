@@ -247,6 +247,7 @@ def test_folders_of_others_are_left_alone(config, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
+@pytest.mark.slow
 def test_ctrl_c_reaches_everybody_and_costs_no_more_than_the_rollout(hyperparams, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     out = tmp_path / "run"

@@ -240,6 +240,33 @@ def test_rewards_and_observations_never_use_ground_truth():
         assert observation["state"][: env.state_names.index("objects_confirmed") + 1].any() == np.False_
 
 
+def test_state_tells_of_the_nearest_other_objects_what_info_says_of_them(env):
+    told = 0
+    for seed in range(8):
+        observation, info = env.reset(seed=seed)
+        env.action_space.seed(seed)
+        for _ in range(25):
+            state = dict(zip(env.state_names, observation["state"].tolist(), strict=True))
+            agent, target = info["agent"], info["fixation_target"]
+            eye = agent["camera_to_world"][:3, 3]
+            others = [known for known in info["confirmed_objects"] if known["object_id"] != target["object_id"]]
+            others.sort(key=lambda known: np.linalg.norm((known["centroid_m"] - eye)[:2]))
+            for k in range(4):
+                assert state[f"other_{k}_known"] == (k < len(others))
+            for k, known in enumerate(others[:4]):
+                offset = known["centroid_m"] - eye
+                bearing = np.arctan2(offset[1], offset[0]) - agent["yaw_rad"]
+                bearing = np.arctan2(np.sin(bearing), np.cos(bearing)) / np.pi
+                here = env.azimuth_bin(float(np.arctan2(-offset[1], -offset[0]))) in known["azimuths"]
+                assert state[f"other_{k}_range"] == pytest.approx(min(np.hypot(*offset[:2]) / 5.0, 1.0), abs=1e-5)
+                assert state[f"other_{k}_bearing"] == pytest.approx(bearing, abs=1e-5)
+                assert state[f"other_{k}_azimuths_covered"] == pytest.approx(len(known["azimuths"]) / 18)
+                assert (state[f"other_{k}_visible"], state[f"other_{k}_here_covered"]) == (known["visible"], here)
+                told += 1
+            observation, _, _, _, info = env.step(env.action_space.sample())
+    assert told > 20
+
+
 def test_free_space_is_what_the_map_says(env):
     env.reset(seed=0, options={"scene": "box_0", "start": (-1.0, -1.5, 0.0)})
     free = free_distances_m(env.navigable, np.array([-1.0, -1.5]), 0.0)
