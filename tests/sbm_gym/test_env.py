@@ -14,6 +14,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import sbm_gym
 from sbm_gym.fixation_env import FixationEnv
+from sbm_gym.object_memory import MemoryConfig
 from sbm_gym.observations import decode_depth, encode_depth, free_distances_m
 from sbm_gym.registration import ENV_IDS, register_envs
 from sbm_gym.rewards import RewardWeights
@@ -240,9 +241,10 @@ def test_rewards_and_observations_never_use_ground_truth():
         assert observation["state"][: env.state_names.index("objects_confirmed") + 1].any() == np.False_
 
 
-def test_state_tells_of_the_nearest_other_objects_what_info_says_of_them(env):
+def test_state_tells_of_the_nearest_other_objects_what_info_says_of_them():
+    env = FixationEnv(BoxRooms(), memory=MemoryConfig(confident=0.4))  # confirms more than the usual one or two
     told = 0
-    for seed in range(8):
+    for seed in range(3):
         observation, info = env.reset(seed=seed)
         env.action_space.seed(seed)
         for _ in range(25):
