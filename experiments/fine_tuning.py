@@ -27,7 +27,8 @@ class Size:
     photographs: tuple[int, int]
     """To replay, and held out to measure forgetting on."""
     train: TrainConfig
-    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    augment: dict[str, AugmentConfig] = field(default_factory=lambda: dict.fromkeys(WORLDS, AugmentConfig()))
+    """By world."""
 
 
 SIZES: dict[Scale, Size] = {
@@ -35,14 +36,29 @@ SIZES: dict[Scale, Size] = {
         {"rooms": (1, 1, 1), "streets": (1, 1, 1)},
         (12, 6),
         TrainConfig(iterations=4, validate_every=2, warmup=2),
-        AugmentConfig(short_side_px=(128, 128)),
+        dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
     ),
     "quick": Size(
         {"rooms": (20, 5, 8), "streets": (10, 3, 5)},
         (6000, 600),
-        TrainConfig(iterations=600, validate_every=200, warmup=50, schedule="cosine", average=0.99),
-        # Half the pictures' size: four times the steps in the same time.
-        AugmentConfig(short_side_px=(112, 192), scale=(0.45, 0.8)),
+        TrainConfig(
+            iterations=120,
+            batch_size=8,
+            optimizer="adamw",
+            learning_rate=1.5e-4,
+            weight_decay=0.01,
+            schedule="cosine",
+            warmup=20,
+            validate_every=60,
+            average=0.97,
+            replay_share=0.6,
+            frozen_stages=4,
+        ),
+        # Pictures of streets are three times as wide as high.
+        {
+            "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
+            "streets": AugmentConfig(short_side_px=(112, 144), scale=(0.45, 0.6)),
+        },
     ),
     "full": Size({"rooms": (60, 12, 20), "streets": (40, 8, 16)}, (6000, 600), TrainConfig()),
 }
@@ -58,7 +74,11 @@ def run(workplace: Workplace) -> dict[str, Any]:
     photographs = replayed_photographs(size.photographs, workplace)
     return {
         "detector": DETECTOR,
-        "settings": {"train": asdict(size.train), "augment": asdict(size.augment), "photographs": size.photographs},
+        "settings": {
+            "train": asdict(size.train),
+            "augment": {world: asdict(size.augment[world]) for world in size.episodes},
+            "photographs": size.photographs,
+        },
         "worlds": {
             world: _one_world(world, size, photographs[0], photographs[1], workplace) for world in size.episodes
         },
@@ -90,7 +110,9 @@ def _one_world(
         labels.append({"seed": seed, **label_scores(made["learn"])})
         for teacher in TEACHERS:
             source = made if teacher == "labels" else {name: folders[name][0].parent for name in made}
-            out = taught(DETECTOR, source["learn"], source["choose"], replay, size.train, size.augment, seed, workplace)
+            out = taught(
+                DETECTOR, source["learn"], source["choose"], replay, size.train, size.augment[world], seed, workplace
+            )
             runs.append({"teacher": teacher, "seed": seed, **detector_scores(str(out), sets, workplace)})
     return {
         "pools": {name: about(pool, folders[name]) for name, pool in pools.items()},

@@ -48,9 +48,8 @@ class PretrainConfig:
     """Sides of views in each quarter of training, pixels: small ones teach more a minute, large ones more detail."""
     average: float = 0.995
     """Decay per batch of the running average of the weights, which is what is kept."""
-    frozen_stages: int = 3
-    """So many stages of the trunk stay as ImageNet made them: edges and textures are the same here, and the largest
-    features cost most."""
+    frozen_stages: int = 4
+    """So many parts of the trunk stay as ImageNet made them; see ``Network.freeze``."""
     settle: float = 0.9
     """From this share of training on batch normalisation keeps its statistics."""
     checkpoint_minutes: float = 4.0
@@ -211,13 +210,6 @@ class _Clock:
                 return
 
 
-def _freeze(network: Network, stages: int) -> None:
-    """Keeps the weights of the trunk's first stages as they are; statistics of normalisation follow the pictures."""
-    trunk: Any = network.backbone.trunk
-    for module in (trunk.stem, *list(trunk.stages)[:stages]):
-        module.requires_grad_(False)
-
-
 class SharedRate(torch.optim.AdamW):
     """AdamW whose groups learn at a ``share`` of the rate that is set before every step."""
 
@@ -230,7 +222,7 @@ class SharedRate(torch.optim.AdamW):
 
 def make_optimizer(network: Network, config: PretrainConfig) -> torch.optim.Optimizer:
     """AdamW; the trunk learns more slowly, vectors (biases, normalisation) do not decay."""
-    _freeze(network, config.frozen_stages)
+    network.freeze(config.frozen_stages)
     trunk = {id(value) for value in network.backbone.trunk.parameters()}
     groups: dict[tuple[bool, bool], list[torch.Tensor]] = {}
     for value in network.parameters():

@@ -56,6 +56,21 @@ class Network(nn.Module):
                     module.eval()
         return self
 
+    def freeze(self, stages: int) -> None:
+        """Keeps weights of the trunk as they are: edges and textures look the same everywhere, and the first features
+        are the largest, so that learning them costs most.
+
+        Args:
+            stages: how many of its parts, from the pictures on; the first is what comes before the residual blocks.
+        """
+        backbone: Any = self.backbone
+        if self.spec.architecture == "compact":
+            parts = [backbone.trunk.stem, *backbone.trunk.stages]
+        else:
+            parts = [backbone.body.conv1, *(backbone.body[f"layer{number}"] for number in range(1, 5))]
+        for part in parts[:stages]:
+            part.requires_grad_(False)
+
     def forward(self, pictures: torch.Tensor, sizes: list[tuple[int, int]], targets: list[Target] | None = None) -> Any:
         """Runs the network.
 

@@ -27,6 +27,8 @@ class TrainConfig:
     """Largest norm of the gradient."""
     frozen_statistics: bool = True
     """Keep the statistics of batch normalisation; small batches want it."""
+    frozen_stages: int = 0
+    """So many parts of the trunk, from the pictures on, keep their weights; cheaper, and less is forgotten."""
     average: float = 0.0
     """Decay per batch of a running average of the weights, which is what is validated and kept (.998 averages over 500
     batches); 0 keeps the weights themselves."""
@@ -49,7 +51,7 @@ class TrainConfig:
         for name in ("iterations", "batch_size", "learning_rate", "clip", "validate_every"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise UsageError(f"--{name.replace('_', '-')} must be above 0, not {getattr(self, name)}")
-        for name in ("weight_decay", "warmup", "patience", "workers", "seed"):
+        for name in ("weight_decay", "warmup", "patience", "workers", "frozen_stages", "seed"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise UsageError(f"--{name.replace('_', '-')} must be 0 or more, not {getattr(self, name)}")
         for name in ("replay_share", "average"):

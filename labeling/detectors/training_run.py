@@ -70,6 +70,7 @@ def train(
     device = torch.device(device)
     mixture = Mixture(pictures, network.spec.categories, augmentation, config.seed, replay, config.replay_share)
     network.frozen_statistics = config.frozen_statistics
+    network.freeze(config.frozen_stages)
     channels_last(network.to(device))
     optimizer = make_optimizer(network, config)
     averaged = _copy(network) if config.average else None

@@ -37,7 +37,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
         return pictures, pictures[:1]
 
     train = TrainConfig(iterations=2, validate_every=1, warmup=1)
-    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, AugmentConfig(short_side_px=(64, 64)))
+    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
     monkeypatch.setitem(SIZES, "smoke", size)
     monkeypatch.setattr(experiments.episode_pool, "record", record)
     monkeypatch.setattr(fine_tuning, "replayed_photographs", photographs)
@@ -94,4 +94,6 @@ def test_every_scale_learns_and_chooses_on_something() -> None:
     for size in SIZES.values():
         assert all(min(counts) >= 1 for counts in size.episodes.values())
         size.train.check()
-        size.augment.check()
+        assert set(size.episodes) <= set(size.augment)
+        for augmentation in size.augment.values():
+            augmentation.check()

@@ -248,3 +248,16 @@ def test_a_full_mask_fills_exactly_its_box():
     np.testing.assert_array_equal(mask, expected)
     for outside in ([-9, -9, -1, -1], [40, 3, 50, 9], [5, 5, 5, 9]):
         assert not paste(np.ones((28, 28), np.float32), np.array(outside, np.float32), (20, 30)).any()
+
+
+@pytest.mark.parametrize("architecture", ["compact", "maskrcnn_resnet50_fpn"])
+def test_frozen_stages_are_the_first_of_the_trunk_and_no_gradient_reaches_them(architecture):
+    counts = []
+    for stages in range(4):
+        network = build_network(NetworkSpec(architecture, ("chair",)))
+        network.freeze(stages)
+        frozen = [name for name, value in network.named_parameters() if not value.requires_grad]
+        assert all(name.startswith("backbone") and "fpn" not in name for name in frozen)
+        counts.append(len(frozen))
+    assert counts == sorted(set(counts)) or architecture != "compact", "every stage adds some"
+    assert counts[0] < counts[1] < counts[3]
