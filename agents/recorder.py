@@ -1,27 +1,22 @@
 """Recording episodes into a folder, so that it can be killed and started again at any time."""
 
 import dataclasses
-import importlib
-import importlib.metadata
-import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from agents.collect import CollectConfig
+from agents.environments import capture_size, inner_env, make_env
 from agents.policies.registry import make_policy
+from agents.provenance import git_commit, versions
 from labeling.episodes import Episode, read_episode, write_episode
 from labeling.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.files import write_json
 from labeling.instances import CONFIDENT
 from sbm_gym.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
-from sbm_gym.registration import ENV_IDS
-
-if TYPE_CHECKING:
-    from sbm_gym.fixation_env import FixationEnv
 
 SETTINGS_FILE = "collection.json"
 MAX_SPAWNS = 20
@@ -29,7 +24,6 @@ MAX_SPAWNS = 20
 times."""
 SPAWNS_PER_SCENE = 5
 """After so many vain starts in one scene the next scene is tried."""
-VERSIONED = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "open3d")
 
 
 def collect(config: CollectConfig) -> list[Path]:
@@ -47,8 +41,8 @@ def collect(config: CollectConfig) -> list[Path]:
     from tqdm import tqdm
 
     _check(config)
-    make_policy(config.policy)
-    env = _make_env(config)
+    make_policy(config.policy, config.env)
+    env = make_env(config.env, config.split, config.detector)
     try:
         _claim_folder(config)
         folders = [config.out / f"{number:04d}" for number in range(config.episodes)]
@@ -74,7 +68,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
     Raises:
         SbmError: if no start led to a confident detection.
     """
-    scenes = env_of(env).scene_names
+    scenes = inner_env(env).scene_names
     order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
     for spawn in range(MAX_SPAWNS):
         scene = scenes[int(order[(number + spawn // SPAWNS_PER_SCENE) % len(scenes)])]
@@ -91,40 +85,31 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "spawn": spawn,
                 "env_seed": int(seeds[0]),
                 "detector": config.detector,
-                "detector_categories": list(env_of(env).categories),
+                "detector_categories": list(inner_env(env).categories),
                 "confident": CONFIDENT,
-                "versions": _versions(),
-                "git_commit": _git_commit(),
+                "versions": versions(),
+                "git_commit": git_commit(),
                 "steps": log,
             }
-            return episode_of_captures(captures, env_of(env).categories, metadata, name=f"{number:04d}")
+            return episode_of_captures(captures, inner_env(env).categories, metadata, name=f"{number:04d}")
     raise SbmError(
         f"episode {number}: {MAX_SPAWNS} starts without one confident detection ({config.policy!r} in {config.env!r}); "
         "try another seed or split"
     )
 
 
-def env_of(env: gym.Env) -> "FixationEnv":
-    """The environment inside its wrappers."""
-    from sbm_gym.fixation_env import FixationEnv
-
-    inner = env.unwrapped
-    assert isinstance(inner, FixationEnv)
-    return inner
-
-
 def _roll_out(
     env: gym.Env, config: CollectConfig, scene: str, env_seed: int, policy_seed: int
 ) -> tuple[list[Capture], list[dict[str, Any]]]:
     """One episode: the full frame after every step, and what was done."""
-    policy = make_policy(config.policy)
+    policy = make_policy(config.policy, config.env)
     observation, info = env.reset(seed=env_seed, options={"scene": scene})
     policy.reset(env, observation, info, np.random.default_rng(policy_seed))
     captures, log, truncated = [], [], False
     while not truncated:
         action = policy.act(observation, info)
         observation, reward, _, truncated, info = env.step(action)
-        captures.append(env_of(env).capture(*_capture_size(env, config)))
+        captures.append(inner_env(env).capture(*capture_size(env, config.size)))
         log.append(
             {
                 "action": [float(value) for value in action],
@@ -136,12 +121,6 @@ def _roll_out(
             }
         )
     return captures, log
-
-
-def _capture_size(env: gym.Env, config: CollectConfig) -> tuple[int, int]:
-    """Height and width of recorded pictures: the world's, or of its shape and the height asked for."""
-    height_px, width_px = env_of(env).profile.capture_size
-    return (height_px, width_px) if config.size is None else (config.size, round(config.size * width_px / height_px))
 
 
 def _is_source(capture: Capture) -> bool:
@@ -160,22 +139,6 @@ def _check(config: CollectConfig) -> None:
         raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
     if config.seed < 0:
         raise UsageError(f"--seed must not be negative, not {config.seed}")
-
-
-def _make_env(config: CollectConfig) -> gym.Env:
-    """The environment; ``module:id`` imports the module first, as in ``gymnasium.make``."""
-    module, _, env_id = config.env.rpartition(":")
-    if module:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise UsageError(f"unknown env {config.env!r}: cannot import {module!r} ({error})") from error
-    if env_id not in gym.registry:
-        raise UsageError(f"unknown env {config.env!r}; known: {', '.join(sorted(ENV_IDS))}")
-    try:
-        return gym.make(env_id, split=config.split, detector=config.detector)
-    except ValueError as error:
-        raise UsageError(str(error)) from None
 
 
 def _claim_folder(config: CollectConfig) -> None:
@@ -221,29 +184,3 @@ def _is_complete(folder: Path) -> bool:
     except EpisodeFormatError as error:
         raise UsageError(f"{error}; delete {folder} to have it recorded again") from error
     return True
-
-
-def _versions() -> dict[str, str | None]:
-    found: dict[str, str | None] = {}
-    for name in VERSIONED:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
-    return found
-
-
-def _git_commit() -> str | None:
-    """Commit of the checkout this code runs from, None if it is none."""
-    try:
-        result = subprocess.run(
-            ["git", "rev-parse", "HEAD"],
-            cwd=Path(__file__).resolve().parent,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=False,
-        )
-    except OSError:
-        return None
-    return result.stdout.strip() if result.returncode == 0 else None

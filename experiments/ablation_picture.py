@@ -6,7 +6,7 @@ from typing import Any
 import matplotlib
 from matplotlib import pyplot as plt
 
-from experiments.paired import beyond_chance
+from labeling.paired import beyond_chance
 
 matplotlib.use("Agg")
 

@@ -51,7 +51,7 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
             "gl": median_seconds(_all(gl, data, cameras, size, antialias), repeats) / NUM_VIEWS,
         }
         for shadows, factor in ((True, {84: 12.0}), (False, {84: 6.0, 256: 2.0})):
-            theirs = median_seconds(_rival(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
+            theirs = median_seconds(rival(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
             for name, seconds in ours.items():
                 wanted = factor.get(size) if name == "rays" else None
                 yield Row(
@@ -83,7 +83,7 @@ def _all(renderer: Renderer, data, cameras, size: int, antialias: bool) -> Calla
     return draw
 
 
-def _rival(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Callable[[], None]:
+def rival(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Callable[[], None]:
     """Colour, depth and segmentation as ``mujoco.Renderer`` draws them: one pass each, from the same place."""
     model = copy.copy(model)
     model.vis.quality.offsamples = 4 if antialias else 0

@@ -7,10 +7,10 @@ from typing import Any
 
 from experiments.episode_pool import Pool, about, record
 from experiments.label_scores import FIGURES, Scored, pooled_figures, score_all, true_instances
-from experiments.paired import mean_of, paired_difference
 from experiments.stages import Workplace
 from labeling.label_config import LabelConfig
 from labeling.matching import MaskInstance
+from labeling.paired import mean_of, paired_difference
 
 DIGITS = 5
 

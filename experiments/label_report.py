@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from experiments.bench import Row, ratio_text, row_of, time_text
-from experiments.paired import beyond_chance
 from labeling.errors import SbmError
 from labeling.files import atomic_file
+from labeling.paired import beyond_chance
 
 PAGE, PICTURE = "label-generator.md", "pictures/label_ablation.png"
 SPEED = "bench/labels.json"

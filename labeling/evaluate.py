@@ -122,7 +122,7 @@ def print_table(metrics: dict[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from labeling.evaluation import FIGURES
+    from labeling.evaluation import FIGURES, categories_by_presence
     from labeling.report import HEADINGS, plural
 
     counts = metrics["counts"]
@@ -150,7 +150,8 @@ def print_table(metrics: dict[str, Any]) -> None:
             f"{record['ground_truth_instances']}",
             style="bold",
         )
-    for name in sorted({name for method in methods for name in metrics[method]["per_class"]}):
+    shown, absent = categories_by_presence(metrics)
+    for name in shown:
         table.add_section()
         for method in methods:
             record = metrics[method]["per_class"].get(name)
@@ -173,6 +174,8 @@ def print_table(metrics: dict[str, Any]) -> None:
             f"amodal masks of pseudo_labels: AP50 {_number(labels['amodal_mask_ap50'])}, "
             f"AP30 {_number(labels['amodal_mask_ap30'])}, mean IoU {_number(labels['amodal_mean_iou'])}"
         )
+    if absent:
+        print(f"not in the table, for these views show none: {', '.join(absent)}")
     for note in metrics["notes"]:
         print(f"note: {note}")
 

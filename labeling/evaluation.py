@@ -256,3 +256,15 @@ def _versions() -> dict[str, str]:
         with contextlib.suppress(PackageNotFoundError):
             versions[package] = version(package)
     return versions
+
+
+def categories_by_presence(metrics: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Names of the categories that tables show, and of those of which the views hold no instance, each sorted.
+
+    Args:
+        metrics: ``Evaluation.metrics``.
+    """
+    found = [metrics[source]["per_class"] for source in ("detector", "pseudo_labels") if source in metrics]
+    names = sorted({name for per_class in found for name in per_class})
+    there = {name for per_class in found for name, record in per_class.items() if record["ground_truth_instances"]}
+    return [name for name in names if name in there], [name for name in names if name not in there]

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from labeling.evaluation import FIGURES, Evaluation
+from labeling.evaluation import FIGURES, Evaluation, categories_by_presence
 from labeling.evaluation_records import EpisodeRecords
 from labeling.files import atomic_file
 from labeling.report_pictures import picture_store
@@ -153,7 +153,7 @@ def _bars(metrics: dict[str, Any]) -> str:
     shown = ("mask_ap50", "mask_ap30", "mean_iou")
     detector, labels = metrics["detector"]["per_class"], metrics["pseudo_labels"]["per_class"]
     cells = ['<div class="head">Category</div>', *(f'<div class="head">{HEADINGS[key]}</div>' for key in shown)]
-    for name in sorted({*detector, *labels}):
+    for name in categories_by_presence(metrics)[0]:
         count = (labels.get(name) or detector[name])["ground_truth_instances"]
         cells.append(f'<div class="class">{escape(name)}<small>{plural(count, "instance")}</small></div>')
         for key in shown:

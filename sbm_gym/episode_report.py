@@ -28,6 +28,9 @@ def observation(episode: Episode, num_views: int, bins: ViewBins, scales: Observ
         target_visible=target is not None and target.object_id in update.visible,
         target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
         candidate=update.candidate,
+        others=tuple(
+            (known, known.object_id in update.visible) for known in episode.memory.objects if known is not target
+        ),
         num_confirmed=len(episode.memory.objects),
         collided=episode.collided,
         time_left=max(0.0, 1.0 - episode.step_index / num_views),

@@ -64,9 +64,9 @@ class FixationEnv(gym.Env, EzPickle):
     `Dict` of
     - `rgb`: `Box(0, 255, (84, 84, 3) [(64, 192, 3)], uint8)`, field of view 90 degrees across;
     - `depth`: `Box(0, 255, (84, 84, 1) [(64, 192, 1)], uint8)`, z-depth in levels of 4 cm [20 cm], 0 = no return;
-    - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, candidate, time left, sectors covered, free
-      space); `env.unwrapped.state_names` says what each entry means, `sbm_gym.observations.state_names` how they are
-      scaled.
+    - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, sectors covered, candidate, other objects,
+      time left, free space); `env.unwrapped.state_names` says what each entry means,
+      `sbm_gym.observations.state_names` how they are scaled.
 
     ## Rewards
     The sum of the terms in `info["reward_terms"]` (weights: `sbm_gym.rewards.RewardWeights`):

@@ -10,6 +10,10 @@ from sbm_gym.object_memory import Candidate, KnownObject, ViewBins
 from sbm_gym.worlds.navigable import NavigableMap
 
 FREE_DIRECTIONS = 8
+OTHERS = 4
+"""So many confirmed objects beside the fixation target are told about, the nearest first."""
+OTHER_ENTRIES = ("known", "visible", "range", "bearing", "azimuths_covered", "here_covered")
+"""What is told about each; ``here_covered``: whether it has been seen from the sector that the agent stands in."""
 MANY_OBJECTS = 10
 
 
@@ -52,6 +56,7 @@ def state_names(bins: ViewBins) -> tuple[str, ...]:
         "collided",
         "time_left",
         *(f"target_sector_{k}_covered" for k in range(bins.num_azimuths)),
+        *(f"other_{k}_{entry}" for k in range(OTHERS) for entry in OTHER_ENTRIES),
         *(f"free_space_{k}" for k in range(FREE_DIRECTIONS)),
     )
 
@@ -94,6 +99,8 @@ class Situation:
     target_visible: bool
     target_confidence_now: float
     candidate: Candidate | None
+    others: tuple[tuple[KnownObject, bool], ...]
+    """Confirmed objects beside the target, and whether the view shows them."""
     num_confirmed: int
     collided: bool
     time_left: float
@@ -120,8 +127,7 @@ def state_vector(
             s.target.best_confidence,
             len(covered) / bins.num_azimuths,
         ]
-        away = s.camera_m - s.target.centroid_m
-        here = bins.azimuth_bin(float(np.arctan2(away[1], away[0])))
+        here = _sector_of_agent(s, s.target, bins)
         for sector in covered:
             sectors[(sector - here) % bins.num_azimuths] = 1.0
     candidate = np.zeros(3)
@@ -130,7 +136,26 @@ def state_vector(
         candidate[:] = [s.candidate.confidence, range_share, bearing]
     rest = [min(s.num_confirmed / MANY_OBJECTS, 1.0), s.tilt_rad / np.pi, float(s.collided), s.time_left]
     free = free_distances_m(navigable, s.position_m, s.yaw_rad, scales.free_reach_m) / scales.free_reach_m
-    return np.clip(np.concatenate([known, candidate, rest, sectors, free]), -1.0, 1.0).astype(np.float32)
+    parts = [known, candidate, rest, sectors, _others(s, bins, scales), free]
+    return np.clip(np.concatenate(parts), -1.0, 1.0).astype(np.float32)
+
+
+def _others(s: Situation, bins: ViewBins, scales: ObservationScales) -> Float[np.ndarray, "n"]:
+    """Entries about the confirmed objects beside the target."""
+    entries = np.zeros((OTHERS, len(OTHER_ENTRIES)))
+    nearest = sorted(s.others, key=lambda other: float(np.linalg.norm((other[0].centroid_m - s.camera_m)[:2])))
+    for row, (known, visible) in zip(entries, nearest, strict=False):
+        range_share, bearing, _ = _direction(s, known.centroid_m, scales)
+        covered = known.azimuths
+        here = _sector_of_agent(s, known, bins) in covered
+        row[:] = [1.0, float(visible), range_share, bearing, len(covered) / bins.num_azimuths, float(here)]
+    return entries.ravel()
+
+
+def _sector_of_agent(s: Situation, known: KnownObject, bins: ViewBins) -> int:
+    """The azimuth sector around an object in which the agent stands."""
+    away = s.camera_m - known.centroid_m
+    return bins.azimuth_bin(float(np.arctan2(away[1], away[0])))
 
 
 def _direction(s: Situation, point_m: Float[np.ndarray, "3"], scales: ObservationScales) -> tuple[float, float, float]:

@@ -21,6 +21,8 @@ COMMANDS = (
     "sbm_gym.photographs",
     "sbm_gym.preview",
     "agents.collect",
+    "agents.evaluate",
+    "agents.train",
     "experiments.bench",
     "experiments.calibrate_labels",
     "experiments.capture",

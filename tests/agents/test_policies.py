@@ -1,24 +1,35 @@
-"""The hand-written policy does what the thesis says, and better than chance."""
+"""The hand-written policies do what their pages say, and better than chance."""
 
 import itertools
+import sys
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.looked_at import LookedAt
 from agents.paths import advance, way_length_m
+from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
 from agents.policies.ring import _first_direction
+from agents.reachable import reachable_places
+from agents.seen_floor import SeenFloor
 from agents.seen_space import SeenSpace
+from agents.steering import look, wrap
 from labeling.errors import UsageError
-from labeling.geometry import intrinsics_from_fov, look_at
+from labeling.geometry import intrinsics_from_fov, look_at, unproject_depth
+from labeling.instances import Detection
+from sbm_gym.object_memory import MemoryConfig, ObjectMemory
+from sbm_gym.observations import decode_depth
 from sbm_gym.worlds.navigable import navigable_map
 
 from ..sbm_gym.box_rooms import BoxRooms
+from .walled_rooms import WalledRooms
 
 
-def roll_out(name: str, seed: int):
-    env = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms())
+def roll_out(name: str, seed: int, worlds: BoxRooms | None = None, watch=None):
+    env = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=worlds or BoxRooms())
     observation, info = env.reset(seed=seed)
     policy = make_policy(name)
     policy.reset(env, observation, info, np.random.default_rng(seed))
@@ -27,7 +38,23 @@ def roll_out(name: str, seed: int):
         action = policy.act(observation, info)
         observation, reward, _, truncated, info = env.step(action)
         steps.append((action, reward, info))
+        if watch is not None:
+            watch(observation, info)
     return steps
+
+
+def floor_seen(name: str, seed: int) -> int:
+    """Quarter metres of floor that a policy's depth images show, counted without anything that policies use."""
+    tiles = set()
+
+    def note(observation, info):
+        agent = info["agent"]
+        points, _ = unproject_depth(decode_depth(observation["depth"]), agent["intrinsics"], agent["camera_to_world"])
+        low = points[np.abs(points[:, 2]) < 0.06]
+        tiles.update(map(tuple, np.floor(low[:, :2] / 0.25).astype(int).tolist()))
+
+    roll_out(name, seed, WalledRooms(), note)
+    return len(tiles)
 
 
 @pytest.mark.parametrize("name", POLICIES)
@@ -41,8 +68,26 @@ def test_policies_are_deterministic_and_stay_in_the_action_space(name):
 
 
 def test_unknown_policies_name_the_known_ones():
-    with pytest.raises(UsageError, match="random, ring"):
+    with pytest.raises(UsageError, match="frontier, next_best_view, random, ring, spin, ppo, ppo:CHECKPOINT"):
+        make_policy("clever")
+
+
+def test_ppo_is_the_checkpoint_of_the_env_or_the_one_given(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "agents.policies.ppo", SimpleNamespace(Ppo=lambda path: ("ppo", path)))
+    monkeypatch.setattr(registry, "WEIGHTS", tmp_path / "weights")
+    shipped = tmp_path / "weights" / "Indoor-v0"
+    with pytest.raises(UsageError, match=r"'sbm_gym/Indoor-v0'.*one for: none"):
+        make_policy("ppo", "sbm_gym/Indoor-v0")
+    shipped.mkdir(parents=True)
+    assert make_policy("ppo", "sbm_gym/Indoor-v0") == ("ppo", shipped)
+    assert make_policy(f"ppo:{shipped}") == ("ppo", shipped)
+    with pytest.raises(UsageError, match="one for: Indoor-v0"):
+        make_policy("ppo", "sbm_gym/Outdoor-v0")
+    with pytest.raises(UsageError, match="no env"):
         make_policy("ppo")
+    for missing in ("ppo:", f"ppo:{tmp_path / 'nowhere'}"):
+        with pytest.raises(UsageError, match="no such checkpoint"):
+            make_policy(missing)
 
 
 def test_ring_spins_until_it_knows_an_object_then_stays_on_its_ring():
@@ -63,14 +108,35 @@ def test_ring_spins_until_it_knows_an_object_then_stays_on_its_ring():
     assert on_ring / circling > 0.75
 
 
-def test_ring_sees_more_sides_than_random_and_never_bumps_into_things():
+def test_ring_and_next_best_view_see_more_sides_than_random_and_never_bump_into_things():
     sectors, bumps = {}, {}
-    for name in POLICIES:
-        ends = [roll_out(name, seed) for seed in range(8)]
+    for name in ("ring", "next_best_view", "random"):
+        ends = [roll_out(name, seed) for seed in range(4)]
         sectors[name] = np.mean([sum(len(o["azimuths"]) for o in steps[-1][2]["confirmed_objects"]) for steps in ends])
         bumps[name] = sum(info["collided"] for steps in ends for *_, info in steps)
-    assert sectors["ring"] > 1.5 * sectors["random"]
-    assert bumps["ring"] <= 0.1 * bumps["random"]
+    for name in ("ring", "next_best_view"):
+        assert sectors[name] > 1.5 * sectors["random"]
+        assert bumps[name] <= 0.1 * bumps["random"]
+
+
+def test_spin_turns_all_the_way_round_on_the_spot():
+    turned = 0
+    for seed in range(3):
+        steps = roll_out("spin", seed)
+        places = np.array([info["agent"]["position_m"] for *_, info in steps])
+        assert np.ptp(places, axis=0).max() < 1e-3
+        for (_, _, before), (_, _, after) in itertools.pairwise(steps):
+            if not before["confirmed_objects"]:
+                turn = wrap(after["agent"]["yaw_rad"] - before["agent"]["yaw_rad"])
+                assert turn == pytest.approx(np.deg2rad(60.0), abs=1e-3)
+            turned += before["agent"]["yaw_rad"] != after["agent"]["yaw_rad"]
+    assert turned > 60
+
+
+def test_frontier_sees_more_floor_than_spin_and_random_where_walls_hide_it():
+    floors = {name: sum(floor_seen(name, seed) for seed in range(3)) for name in ("frontier", "random", "spin")}
+    assert floors["frontier"] > 1.15 * floors["random"]
+    assert floors["frontier"] > 1.5 * floors["spin"]
 
 
 def test_advance_takes_strides_around_obstacles_to_the_goal():
@@ -105,6 +171,90 @@ def test_seen_walls_block_the_line_of_sight_and_unseen_space_does_not():
     pose = look_at(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]))
     seen.add(np.ones((60, 60), np.float32), intrinsics_from_fov(60, 60, np.pi / 2), pose)
     assert seen.sees(eyes, target, 0.3).tolist() == [False, True]
+
+
+def test_seen_floor_is_what_depth_shows_and_not_what_walls_hide():
+    room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[1.0, 0.0, 0.05, 2.0, 0.0]]))
+    floor = SeenFloor(room, np.array([-2.0, 0.0]), 0.5, 8.0)
+    before = floor.seen_share
+    # An eye 1.5 m high at x = -2 that looks level along +X at a floor of its own, and at a wall at x = 1.
+    pose = look_at(np.array([-2.0, 0.0, 1.5]), np.array([0.0, 0.0, 1.5]))
+    intrinsics = intrinsics_from_fov(64, 64, np.pi / 2)
+    rows = (np.arange(64) - intrinsics[1, 2]) / intrinsics[1, 1]
+    to_floor = np.where(rows > 0, 1.5 / np.maximum(rows, 1e-9), np.inf)
+    depth = np.repeat(np.minimum(to_floor, 3.0)[:, None], 64, axis=1).astype(np.float32)
+    floor.add(depth, intrinsics, pose)
+    assert floor.seen_share > before
+    assert not floor.is_unseen(np.array([0.2, 0.0]))
+    assert floor.is_unseen(np.array([2.0, 0.0]))
+    assert floor.is_unseen(np.array([-2.0, 2.5]))
+    places = [frontier.place_m for frontier in floor.frontiers()]
+    assert places
+    assert all(floor.is_unseen(place) for place in places)
+    floor.look_in_vain(places[0])
+    assert floor.is_unseen(places[0])
+    floor.look_in_vain(places[0])
+    assert not floor.is_unseen(places[0])
+    floor.forget()
+    assert floor.seen_share == 0.0
+
+
+def test_reachable_places_are_free_and_as_far_as_the_shortest_way():
+    room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[0.0, 0.0, 0.1, 2.0, 0.0]]))
+    start = np.array([-1.0, 0.3])
+    found = reachable_places(room, start, 0.5, 4.0)
+    assert np.array_equal(found.places_m[0], start)
+    assert all(room.is_free(place) for place in found.places_m)
+    assert found.ways_m.max() <= 4.0
+    assert np.linalg.norm(found.places_m - start, axis=1).max() > 3.0
+    for place, way in list(zip(found.places_m, found.ways_m, strict=True))[::97]:
+        shortest = way_length_m(room, start, place)
+        assert 0.93 * shortest - 0.1 <= way <= 1.09 * shortest + 0.1
+    # Just behind the wall is near by air and far on foot: out of reach.
+    assert np.linalg.norm(found.places_m - np.array([1.0, 0.3]), axis=1).min() > 0.5
+
+
+def test_look_points_the_camera_where_it_was_told():
+    env = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms())
+    rng, exact = np.random.default_rng(0), 0
+    for seed in range(3):
+        _, info = env.reset(seed=seed)
+        for _ in range(25):
+            objects = info["confirmed_objects"]
+            wanted = rng.uniform(-np.pi, np.pi)
+            before = info["agent"]["yaw_rad"]
+            step = rng.uniform(-0.1, 0.1, 2)
+            after = info["agent"]["position_m"] + step
+            _, _, _, _, info = env.step(look(env.unwrapped, info, step, wanted, -0.3))
+            if info["collided"]:
+                continue
+            miss = abs(wrap(info["agent"]["yaw_rad"] - wanted))
+            if objects:
+                bearings = [np.arctan2(*(o["centroid_m"][1::-1] - after[::-1])) for o in objects]
+                least = max(0.0, min(abs(wrap(wanted - b)) for b in bearings) - np.pi / 4)
+            else:
+                least = max(0.0, abs(wrap(wanted - before)) - np.pi / 3)
+            assert miss == pytest.approx(least, abs=0.02)
+            exact += least == 0.0
+    assert exact > 10
+
+
+def test_looked_at_keeps_candidates_until_they_are_confirmed():
+    config = MemoryConfig()
+    looked, memory = LookedAt(config), ObjectMemory(config)
+    pose, intrinsics = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 0.5])), intrinsics_from_fov(80, 80, 1.57)
+    depth = np.full((80, 80), 2.0, np.float32)
+    mask = np.zeros((80, 80), bool)
+    mask[30:50, 30:50] = True
+    for confidence in (0.4, 0.6, 0.5):
+        looked.add([Detection(0, "chair", confidence, mask)], memory.objects, depth, intrinsics, pose)
+    assert [one.confidence for one in looked.candidates] == [0.6]
+    assert len(looked.candidates[0].looks) == 1
+    sure = [Detection(0, "chair", 0.95, mask)]
+    memory.observe(sure, depth, intrinsics, pose)
+    looked.add(sure, memory.objects, depth, intrinsics, pose)
+    assert looked.candidates == []
+    assert looked.tried(0) == memory.objects[0].cells
 
 
 @pytest.mark.parametrize(

@@ -52,18 +52,13 @@ def test_the_experiment_runs_resumes_and_reports(
 ) -> None:
     def run() -> int:
         places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
-        return main(["fine_tuning", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places])
+        return main(["fine_tuning", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places])
 
     assert run() == 0
     written = tmp_path / "results" / "fine_tuning.json"
     content = json.loads(written.read_text())
     room = content["worlds"]["rooms"]
-    assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [
-        ("labels", 0),
-        ("truth", 0),
-        ("labels", 1),
-        ("truth", 1),
-    ]
+    assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [("labels", 0), ("truth", 0)]
     assert set(room["before"]) == {"validation", "photographs"}
     pools = {pool.name: pool for pool in small if pool.name.startswith("rooms")}
     assert {pool.split for pool in pools.values()} == {"train", "val"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from experiments import stages
-from experiments.paired import mean_of, paired_difference
 from experiments.stages import Store, code_digest, digest, folder_digest, reached_files, run_tasks
 from labeling.errors import SbmError
+from labeling.paired import mean_of, paired_difference
 
 WORK = """
 import os

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from labeling.evaluate import main
-from labeling.evaluation import FIGURES, evaluate_label_set
+from labeling.evaluate import main, print_table
+from labeling.evaluation import FIGURES, categories_by_presence, evaluate_label_set
 from labeling.instances import Detection, GroundTruth
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -71,6 +71,18 @@ def test_a_class_without_truth_is_listed_without_figures(scene):
     assert pseudo_labels["per_class"]["ghost"]["mask_ap50"] is None
     assert pseudo_labels["per_class"]["ghost"]["predictions"] == 2
     assert pseudo_labels["mask_ap50"] == 0  # chair and plant, both 0
+
+
+def test_tables_leave_out_classes_that_no_view_shows_and_say_so(scene, capsys):
+    scene.add_episode("one")
+    scene.write_labels(lambda truth: ("ghost", 0.9, truth.modal) if truth.category == "plant" else None)
+    metrics = metrics_of(scene)
+    capsys.readouterr()
+    assert categories_by_presence(metrics) == (["chair", "plant"], ["ghost"])
+    print_table(metrics)
+    told = capsys.readouterr().out
+    assert "views show none: ghost" in told
+    assert told.count("ghost") == 1
 
 
 def test_ignored_truths_do_not_count(scene):

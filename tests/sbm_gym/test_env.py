@@ -14,6 +14,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import sbm_gym
 from sbm_gym.fixation_env import FixationEnv
+from sbm_gym.object_memory import MemoryConfig
 from sbm_gym.observations import decode_depth, encode_depth, free_distances_m
 from sbm_gym.registration import ENV_IDS, register_envs
 from sbm_gym.rewards import RewardWeights
@@ -238,6 +239,34 @@ def test_rewards_and_observations_never_use_ground_truth():
         assert info["reward_terms"]["discovery"] == info["reward_terms"]["diversity"] == 0.0
         assert not info["confirmed_objects"]
         assert observation["state"][: env.state_names.index("objects_confirmed") + 1].any() == np.False_
+
+
+def test_state_tells_of_the_nearest_other_objects_what_info_says_of_them():
+    env = FixationEnv(BoxRooms(), memory=MemoryConfig(confident=0.4))  # confirms more than the usual one or two
+    told = 0
+    for seed in range(3):
+        observation, info = env.reset(seed=seed)
+        env.action_space.seed(seed)
+        for _ in range(25):
+            state = dict(zip(env.state_names, observation["state"].tolist(), strict=True))
+            agent, target = info["agent"], info["fixation_target"]
+            eye = agent["camera_to_world"][:3, 3]
+            others = [known for known in info["confirmed_objects"] if known["object_id"] != target["object_id"]]
+            others.sort(key=lambda known: np.linalg.norm((known["centroid_m"] - eye)[:2]))
+            for k in range(4):
+                assert state[f"other_{k}_known"] == (k < len(others))
+            for k, known in enumerate(others[:4]):
+                offset = known["centroid_m"] - eye
+                bearing = np.arctan2(offset[1], offset[0]) - agent["yaw_rad"]
+                bearing = np.arctan2(np.sin(bearing), np.cos(bearing)) / np.pi
+                here = env.azimuth_bin(float(np.arctan2(-offset[1], -offset[0]))) in known["azimuths"]
+                assert state[f"other_{k}_range"] == pytest.approx(min(np.hypot(*offset[:2]) / 5.0, 1.0), abs=1e-5)
+                assert state[f"other_{k}_bearing"] == pytest.approx(bearing, abs=1e-5)
+                assert state[f"other_{k}_azimuths_covered"] == pytest.approx(len(known["azimuths"]) / 18)
+                assert (state[f"other_{k}_visible"], state[f"other_{k}_here_covered"]) == (known["visible"], here)
+                told += 1
+            observation, _, _, _, info = env.step(env.action_space.sample())
+    assert told > 20
 
 
 def test_free_space_is_what_the_map_says(env):

@@ -1,0 +1,161 @@
+"""How good the labels are that an episode's first views give, and how many.
+
+Two questions, both asked after 5, 10, 15, 20 and 25 views, because either alone is easy to please:
+
+- *Of what the robot saw so far, how much is labelled right?* AP50 and AP30 of the modal masks against the ground truth
+  of these very views. A policy that sees little is not punished, one that sees much of what it cannot label is.
+- *What has it gained?* The number of right labels (matched one to one to a visible object of their category,
+  IoU >= .5), per view spent, and the number of different objects with at least one right label. A policy that looks at
+  nothing gains nothing.
+
+The labels of the first k views are made from these views alone, as if the robot had come home then. Ground truth marked
+ignored (slivers) counts neither way, and categories that the detector has no name for are left out, as in
+``labeling.evaluate``.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sbm_gym.recording import Capture
+
+if TYPE_CHECKING:
+    from labeling.matching import MaskInstance
+
+VIEW_COUNTS = (5, 10, 15, 20, 25)
+RIGHT_IOU = 0.5
+AP_THRESHOLDS = {"ap50": 0.5, "ap30": 0.3}
+
+
+def label_record(captures: Sequence[Capture], categories: Sequence[str]) -> dict[str, Any]:
+    """Labels the first views of an episode, a few and more, and keeps what scoring needs, as JSON.
+
+    Args:
+        captures: full frames, in order.
+        categories: that the detector has a name for.
+    """
+    from labeling.instances import encode_mask
+    from labeling.propagate import propagate
+
+    truths = [
+        [view, truth.category, _rle(encode_mask(truth.modal)), truth.instance_id, truth.ignore]
+        for view, capture in enumerate(captures)
+        for truth in capture.ground_truth
+        if truth.modal.any() and truth.category in categories
+    ]
+    made: dict[str, list[Any]] = {}
+    for count in [count for count in VIEW_COUNTS if count <= len(captures)]:
+        labels = propagate(**_arrays(captures[:count]))
+        made[str(count)] = [
+            [one.view_index, one.category, _rle(encode_mask(one.modal)), float(one.confidence)]
+            for one in labels.labels
+            if one.modal.any()
+        ]
+    return {"truths": truths, "labels": made}
+
+
+def episode_figures(record: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
+    """Figures of one episode by number of views.
+
+    Args:
+        record: what ``label_record`` returned.
+
+    Returns:
+        View count -> ``ap50`` and ``ap30`` (None where nothing is to be seen), ``labels`` (made), ``right`` (labels
+        that are right), ``right_per_view``, ``objects`` (different ones with a right label), ``visible`` (different
+        ones that the views show).
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    for count in record["labels"]:
+        predictions, truths, instance_ids = instances(record, count, 0)
+        right = _right(predictions, truths)
+        counted = [number for number, truth in enumerate(truths) if not truth.ignore]
+        found[count] = {
+            **ap_figures(predictions, truths),
+            "labels": float(len(predictions)),
+            "right": float(len(right)),
+            "right_per_view": len(right) / int(count),
+            "objects": float(len({instance_ids[number] for number in right})),
+            "visible": float(len({instance_ids[number] for number in counted})),
+        }
+    return found
+
+
+def pooled_ap(records: Sequence[Mapping[str, Any]], count: str) -> dict[str, float | None]:
+    """AP of the labels of several episodes, ranked together as one data set.
+
+    Args:
+        records: of the episodes.
+        count: from how many views the labels are made.
+    """
+    predictions: list[MaskInstance] = []
+    truths: list[MaskInstance] = []
+    for number, record in enumerate(records):
+        some, there, _ = instances(record, count, number)
+        predictions += some
+        truths += there
+    return ap_figures(predictions, truths)
+
+
+def ap_figures(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance]") -> dict[str, float | None]:
+    """AP50 and AP30 of masks, mean over categories; None without ground truth."""
+    from labeling.metrics import average_precision
+
+    means = average_precision(predictions, truths, tuple(AP_THRESHOLDS.values())).mean
+    return {name: means[threshold] for name, threshold in AP_THRESHOLDS.items()}
+
+
+def instances(
+    record: Mapping[str, Any], count: str, episode: int
+) -> "tuple[list[MaskInstance], list[MaskInstance], list[int]]":
+    """Labels made from the first views, the ground truth of these views, and the object each of the latter is.
+
+    Args:
+        record: of the episode.
+        count: number of views.
+        episode: names the episode in ``MaskInstance.image``.
+    """
+    from labeling.matching import MaskInstance
+
+    predictions = [
+        MaskInstance((episode, view), category, _as_rle(rle), confidence)
+        for view, category, rle, confidence in record["labels"][count]
+    ]
+    seen = [truth for truth in record["truths"] if truth[0] < int(count)]
+    truths = [
+        MaskInstance((episode, view), category, _as_rle(rle), ignore=ignore) for view, category, rle, _, ignore in seen
+    ]
+    return predictions, truths, [truth[3] for truth in seen]
+
+
+def _right(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance]") -> list[int]:
+    """Which ground-truth instances have a right label."""
+    from labeling.matching import match
+
+    return [one.truth for one in match(predictions, truths) if one.iou >= RIGHT_IOU and not truths[one.truth].ignore]
+
+
+def _arrays(captures: Sequence[Capture]) -> dict[str, Any]:
+    """What the label generator takes."""
+    from dataclasses import replace
+
+    return {
+        "rgb": np.stack([capture.rgb for capture in captures]),
+        "depth_m": np.stack([capture.depth_m for capture in captures]),
+        "intrinsics": np.stack([capture.intrinsics for capture in captures]),
+        "camera_to_world": np.stack([capture.camera_to_world for capture in captures]),
+        "detections": [
+            replace(detection, view_index=view)
+            for view, capture in enumerate(captures)
+            for detection in capture.detections
+        ],
+    }
+
+
+def _rle(rle: dict[str, Any]) -> list[Any]:
+    return [rle["size"], rle["counts"]]
+
+
+def _as_rle(pair: Sequence[Any]) -> dict[str, Any]:
+    return {"size": list(pair[0]), "counts": pair[1]}

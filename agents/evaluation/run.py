@@ -1,0 +1,192 @@
+"""The whole of an evaluation: play what is missing, sum up, write, draw, print."""
+
+import multiprocessing
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any
+
+from agents.environments import capture_size, inner_env, make_env
+from agents.evaluate import EvaluateConfig
+from agents.evaluation.episodes import Spawn, play, spawn_of
+from agents.evaluation.label_quality import label_record
+from agents.evaluation.store import claim_folder, policy_key, read_result, result_path
+from agents.evaluation.summary import summary
+from agents.evaluation.table import print_tables
+from agents.policies.base import Policy
+from agents.policies.registry import make_policy
+from labeling.errors import SbmError, UsageError
+from labeling.files import write_json
+from labeling.threads import threads_of_children
+
+RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
+
+
+def evaluate(config: EvaluateConfig) -> dict[str, Any]:
+    """Evaluates policies; see ``EvaluateConfig``.
+
+    Returns:
+        The content of ``evaluation.json``.
+
+    Raises:
+        SbmError: if env, policies, detector or folder are at fault.
+    """
+    _check(config)
+    player = Player(config)
+    try:
+        claim_folder(config)
+        spawns = [
+            spawn_of(player.scenes, seed, episode) for seed in range(config.seeds) for episode in range(config.episodes)
+        ]
+        _play_missing(player, spawns)
+        records = {
+            policy: [
+                read_result(result_path(config.out, player.keys[policy], spawn.seed, spawn.episode)) for spawn in spawns
+            ]
+            for policy in config.policies
+        }
+        content = summary(config, records)
+        write_json(config.out / RESULT_FILE, content)
+        print_tables(content)
+        _draw(player, content, records, spawns)
+    finally:
+        player.close()
+    return content
+
+
+class Player:
+    """Plays episodes with all policies and keeps their results."""
+
+    def __init__(self, config: EvaluateConfig) -> None:
+        """Makes env and policies.
+
+        Args:
+            config: the settings.
+
+        Raises:
+            UsageError: if env, detector or a policy are unknown.
+        """
+        self.config = config
+        self.keys = {policy: policy_key(policy, config.env) for policy in config.policies}
+        """Under which name each policy's results are kept."""
+        self._policies: dict[str, Policy] = {policy: make_policy(policy, config.env) for policy in config.policies}
+        self.env = make_env(config.env, config.split, config.detector)
+        self.scenes = inner_env(self.env).scene_names
+        """Names of the scenes of the split."""
+
+    def close(self) -> None:
+        """Frees the env."""
+        self.env.close()
+
+    def missing(self, spawn: Spawn) -> list[str]:
+        """The policies that have no result for this start."""
+        return [
+            policy
+            for policy, key in self.keys.items()
+            if not result_path(self.config.out, key, spawn.seed, spawn.episode).is_file()
+        ]
+
+    def play(self, spawn: Spawn, policy: str) -> None:
+        """Plays an episode and keeps its result."""
+        size_px = capture_size(self.env, self.config.size) if self.config.labels else None
+        record, captures = play(self.env, self._policies[policy], spawn, size_px)
+        record["policy"] = policy
+        if self.config.labels:
+            record["label_quality"] = label_record(captures, inner_env(self.env).categories)
+        write_json(result_path(self.config.out, self.keys[policy], spawn.seed, spawn.episode), record)
+
+
+def _check(config: EvaluateConfig) -> None:
+    if not config.policies:
+        raise UsageError("--policies names nobody; give at least one, such as ring")
+    twice = sorted({policy for policy in config.policies if config.policies.count(policy) > 1})
+    if twice:
+        raise UsageError(f"--policies names {twice[0]!r} twice; give each once")
+    for name in ("episodes", "seeds", "workers"):
+        if getattr(config, name) < 1:
+            raise UsageError(f"--{name} must be at least 1, not {getattr(config, name)}")
+    if config.pictures < 0:
+        raise UsageError(f"--pictures counts episodes; give 0 or more, not {config.pictures}")
+    if config.size is not None and config.size < 32:
+        raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
+
+
+# Playing -------------------------------------------------------------------------------------------------------------
+
+
+def _play_missing(player: Player, spawns: Sequence[Spawn]) -> None:
+    """Plays what has no result yet. All policies play one start after the other, while its scene is at hand."""
+    from tqdm import tqdm
+
+    waiting = [(spawn, policies) for spawn in spawns for policies in [player.missing(spawn)] if policies]
+    total, missing = len(spawns) * len(player.keys), sum(len(policies) for _, policies in waiting)
+    if missing < total:
+        print(f"{total - missing} of {total} results are there already", file=sys.stderr)
+    with tqdm(total=missing, desc="evaluating", unit="episode", smoothing=0.05, file=sys.stderr) as bar:
+        if player.config.workers == 1 or len(waiting) <= 1:
+            _play_here(player, waiting, bar.update)
+        else:
+            _play_in_processes(player.config, waiting, bar.update)
+
+
+def _play_here(player: Player, waiting: Sequence[tuple[Spawn, list[str]]], done: Callable[[int], object]) -> None:
+    for spawn, policies in waiting:
+        for policy in policies:
+            player.play(spawn, policy)
+            done(1)
+
+
+def _play_in_processes(
+    config: EvaluateConfig, waiting: Sequence[tuple[Spawn, list[str]]], done: Callable[[int], object]
+) -> None:
+    context = multiprocessing.get_context("spawn")
+    count = min(config.workers, len(waiting))
+    with (
+        threads_of_children(1),
+        ProcessPoolExecutor(count, mp_context=context, initializer=_hire, initargs=(config,)) as pool,
+    ):
+        running = {pool.submit(_work, *task): len(task[1]) for task in waiting}
+        try:
+            for finished in as_completed(running):
+                finished.result()
+                done(running[finished])
+        except BrokenProcessPool:
+            raise SbmError("a worker process was killed; memory may have run out (try fewer --workers)") from None
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+_hired: list[Player] = []
+"""The player of a worker process."""
+
+
+def _hire(config: EvaluateConfig) -> None:
+    # Ctrl-C reaches all processes of a terminal; the first one decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _hired.append(Player(config))
+
+
+def _work(spawn: Spawn, policies: list[str]) -> None:
+    _play_here(_hired[0], [(spawn, policies)], lambda _: None)
+
+
+# Drawing -------------------------------------------------------------------------------------------------------------
+
+
+def _draw(player: Player, content: dict[str, Any], records: dict[str, Any], spawns: Sequence[Spawn]) -> None:
+    from agents.evaluation.plot import draw_summary
+    from agents.evaluation.top_down import draw_ways, seen_from_above
+
+    out = player.config.out
+    draw_summary(content, out / PLOT_FILE)
+    print(f"figures: {out / RESULT_FILE}\nplot:    {out / PLOT_FILE}")
+    for number, spawn in enumerate(spawns[: player.config.pictures]):
+        path = out / PICTURES_FOLDER / f"seed{spawn.seed}-{spawn.episode:04d}.png"
+        player.env.reset(seed=spawn.env_seed, options={"scene": spawn.scene})
+        plan = seen_from_above(inner_env(player.env))
+        draw_ways(plan, {policy: episodes[number] for policy, episodes in records.items()}, path)
+    if player.config.pictures:
+        print(f"ways:    {out / PICTURES_FOLDER}")

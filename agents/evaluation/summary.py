@@ -1,0 +1,135 @@
+"""From the results of episodes to ``evaluation.json``."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from agents.evaluate import EvaluateConfig
+from agents.evaluation.label_quality import AP_THRESHOLDS, episode_figures, pooled_ap
+from agents.evaluation.paired import difference_record, over_seeds, rounded
+from agents.provenance import versions
+from labeling.paired import mean_of
+
+SCHEMA_VERSION = 1
+
+PROTOCOL = {
+    "pairing": (
+        "episode i of seed s has the same scene, start, heading and detector noise for every policy; an episode in "
+        "which nothing is found counts as it is"
+    ),
+    "spread": "mean and sample standard deviation over seeds, each seed's figure being the mean over its episodes",
+    "difference": (
+        "to the first policy, mean over all paired episodes of all seeds, with a 95 % percentile bootstrap interval "
+        "over episodes"
+    ),
+    "figures": (
+        "return: sum of rewards; then its terms by name; success: share of episodes with a confirmed object; objects: "
+        "confirmed; target_sectors: 20 degree sectors from which the object fixated last has been seen, best_sectors: "
+        "that of the object seen from most sides, sectors: sum over confirmed objects; collisions: moves cut short; "
+        "path_m: metres"
+    ),
+    "label_quality": (
+        "the label generator is run on the first k views alone. ap50 and ap30: modal masks against the ground truth of "
+        "these k views, mean of the episodes in which anything is to be seen; pooled_ap50 and pooled_ap30: all "
+        "episodes of a seed ranked as one data set; labels: made; right: of the category and with IoU >= .5 with an "
+        "object that is visible there, matched one to one; right_per_view: right / k; objects: different ones with a "
+        "right label; visible: different ones that the views show. AP asks how much of what was seen is labelled "
+        "right, whatever the policy chose to see; right and objects ask what it has gained"
+    ),
+}
+"""How the figures come about; written beside them."""
+
+
+def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Sums up.
+
+    Args:
+        config: the settings.
+        records: by policy the results of its episodes, seed by seed.
+
+    Returns:
+        Content of ``evaluation.json``.
+    """
+    base = config.policies[0]
+    per_episode = {policy: [_flat(record) for record in found] for policy, found in records.items()}
+    names = list(dict.fromkeys(name for found in per_episode.values() for figures in found for name in figures))
+    policies = {}
+    for policy, found in records.items():
+        figures = {}
+        for name in names:
+            values = [one.get(name) for one in per_episode[policy]]
+            theirs = [one.get(name) for one in per_episode[base]]
+            figures[name] = {
+                **over_seeds([mean_of(part) for part in _by_seed(values, config.seeds)]),
+                "difference": None if policy == base else difference_record(values, theirs),
+            }
+        policies[policy] = {
+            "figures": {name: value for name, value in figures.items() if "@" not in name},
+            "labels": _label_figures(config, found, figures),
+            "curves": _curves(config, found),
+        }
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "settings": {
+            "env": config.env,
+            "split": config.split,
+            "detector": config.detector,
+            "episodes": config.episodes,
+            "seeds": list(range(config.seeds)),
+            "size": config.size,
+            "scenes": sorted({record["scene"] for found in records.values() for record in found}),
+        },
+        "compared_with": base,
+        "policies": policies,
+        "protocol": PROTOCOL,
+        "versions": versions(),
+    }
+
+
+def _flat(record: dict[str, Any]) -> dict[str, float | None]:
+    """All figures of an episode by name; those of labels as ``name@views``."""
+    found: dict[str, float | None] = dict(record["figures"])
+    if "label_quality" in record:
+        for count, figures in episode_figures(record["label_quality"]).items():
+            found.update({f"{name}@{count}": value for name, value in figures.items()})
+    return found
+
+
+def _by_seed(values: Sequence[Any], seeds: int) -> list[Sequence[Any]]:
+    length = len(values) // seeds
+    return [values[seed * length : (seed + 1) * length] for seed in range(seeds)]
+
+
+def _label_figures(
+    config: EvaluateConfig, records: list[dict[str, Any]], figures: dict[str, Any]
+) -> dict[str, dict[str, Any]] | None:
+    """Views -> figures; None where no labels were made."""
+    if not config.labels:
+        return None
+    found: dict[str, dict[str, Any]] = {}
+    for name, value in figures.items():
+        figure, at, count = name.partition("@")
+        if at:
+            found.setdefault(count, {})[figure] = value
+    parts = _by_seed([record["label_quality"] for record in records], config.seeds)
+    for count, row in found.items():
+        pooled = [pooled_ap(part, count) for part in parts]
+        for name in AP_THRESHOLDS:
+            row[f"pooled_{name}"] = over_seeds([one[name] for one in pooled])
+    return found
+
+
+def _curves(config: EvaluateConfig, records: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return and sectors after each view: mean and standard deviation over seeds, as for all figures."""
+    found = {}
+    for name, series in (
+        ("return", [np.cumsum([step["reward"] for step in record["steps"]]) for record in records]),
+        ("sectors", [np.array([step["sectors"] for step in record["steps"]], float) for record in records]),
+    ):
+        seeds = np.array([np.mean(part, axis=0) for part in _by_seed(series, config.seeds)])
+        found[name] = {
+            "mean": [rounded(value) for value in seeds.mean(axis=0)],
+            "std": [rounded(value) for value in seeds.std(axis=0, ddof=1)] if len(seeds) > 1 else None,
+        }
+    return found

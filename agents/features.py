@@ -1,0 +1,99 @@
+"""What the policy's network makes of an observation: a small picture encoder beside a state encoder, then both as one.
+
+Most of what decides the next step is in the state vector, and every epoch of PPO passes over every picture again, so
+the picture encoder is made to cost less than the step that drew the picture: pictures are averaged over blocks before
+the first convolution.
+"""
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from jaxtyping import Float
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+KEYS = ("rgb", "depth", "state")
+
+
+class LookFeatures(BaseFeaturesExtractor):
+    """Features of the observations of ``FixationEnv``."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        features: int = 128,
+        picture_features: int = 64,
+        channels: tuple[int, ...] = (16, 32),
+        block_px: int = 4,
+    ) -> None:
+        """Makes an extractor with random weights.
+
+        Args:
+            observation_space: ``rgb`` (3 h w) and ``depth`` (1 h w), both uint8 and channels first as
+                Stable-Baselines3 hands them on, and ``state`` (n).
+            features: how many features come out; the state encoder is as wide.
+            picture_features: how many of what goes into the last layer are of the picture; 0 leaves pictures out.
+            channels: of the convolutions, each 3x3 with a stride of 2.
+            block_px: edge length of the blocks that pictures are averaged over.
+
+        Raises:
+            ValueError: if the observation space is of another kind.
+        """
+        _check(observation_space)
+        super().__init__(observation_space, features)
+        self.block_px, self.picture_features = block_px, picture_features
+        if picture_features:
+            height_px, width_px = observation_space["rgb"].shape[1:]  # type: ignore[index]
+            self.pictures = _picture_encoder(height_px // block_px, width_px // block_px, channels, picture_features)
+        self.state = nn.Sequential(nn.Linear(observation_space["state"].shape[0], features), nn.Tanh())  # type: ignore[index]
+        self.fusion = nn.Sequential(nn.Linear(features + picture_features, features), nn.Tanh())
+
+    def forward(self, observations: dict[str, torch.Tensor]) -> Float[torch.Tensor, "b features"]:
+        """Features of a batch.
+
+        Args:
+            observations: ``rgb`` and ``depth`` from 0 to 1 (Stable-Baselines3 divides by 255), and ``state``.
+        """
+        encoded = self.state(observations["state"])
+        if self.picture_features:
+            seen = torch.cat([observations["rgb"], nearness(observations["depth"])], dim=1)
+            blocks = nn.functional.avg_pool2d(seen, self.block_px)
+            encoded = torch.cat([encoded, self.pictures(blocks)], dim=1)
+        return self.fusion(encoded)
+
+
+def nearness(depth: Float[torch.Tensor, "b 1 h w"]) -> Float[torch.Tensor, "b 1 h w"]:
+    """1 at the camera, 0 where depth ends and where there is no return, so that averages over blocks make sense.
+
+    Args:
+        depth: encoded depth divided by 255; 0 = no return.
+    """
+    return torch.where(depth > 0.0, 1.0 - depth, torch.zeros_like(depth))
+
+
+def _picture_encoder(height: int, width: int, channels: tuple[int, ...], features: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    before = 4
+    for after in channels:
+        layers += [nn.Conv2d(before, after, 3, stride=2), nn.ReLU()]
+        before, height, width = after, (height - 1) // 2, (width - 1) // 2
+    if min(height, width) < 1:
+        raise ValueError(f"pictures are too small for {len(channels)} convolutions; take smaller blocks or fewer")
+    return nn.Sequential(*layers, nn.Flatten(), nn.Linear(before * height * width, features), nn.ReLU())
+
+
+def _check(space: spaces.Space) -> None:
+    wanted = f"a Dict of {', '.join(KEYS)}: pictures 3 x h x w and 1 x h x w of uint8, and a vector"
+    if not isinstance(space, spaces.Dict) or set(space.spaces) != set(KEYS):
+        raise ValueError(f"observations must be {wanted}; not {space}")
+    rgb, depth, state = (space[name] for name in KEYS)
+    fits = (
+        all(isinstance(part, spaces.Box) and part.shape is not None for part in (rgb, depth, state))
+        and (rgb.dtype, depth.dtype) == (np.uint8, np.uint8)
+        and len(rgb.shape or ()) == 3
+        and rgb.shape == (3, *(depth.shape or ())[1:])
+        and (depth.shape or (0,))[0] == 1
+        and len(state.shape or ()) == 1
+    )
+    if not fits:
+        raise ValueError(f"observations must be {wanted}; not {space}")

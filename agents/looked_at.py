@@ -1,0 +1,97 @@
+"""What a policy has looked at: from which sides each object and each unconfirmed candidate has been seen or tried."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from labeling.instances import Detection
+from sbm_gym.object_memory import Cell, KnownObject, MemoryConfig, mask_points
+
+IN_VIEW_RAD = np.deg2rad(38.0)
+"""What is at most this far to the side of where the camera points is well inside its 90 degrees."""
+
+
+@dataclass
+class Candidate:
+    """Something that may be an object."""
+
+    centroid_m: Float[np.ndarray, "3"]
+    size_m: float
+    """Largest extent of what has been seen of it."""
+    confidence: float
+    """The best that a view has given it."""
+    looks: set[Cell] = field(default_factory=set)
+    """View bins from which it has been looked at in vain."""
+
+
+class LookedAt:
+    """Remembers where looking was tried, so that no look is expected to give twice what it gave once."""
+
+    def __init__(self, config: MemoryConfig) -> None:
+        """Starts with nothing.
+
+        Args:
+            config: how the env's own memory tells objects and views apart.
+        """
+        self._config = config
+        self.candidates: list[Candidate] = []
+        self._tried: dict[int, set[Cell]] = {}
+
+    def tried(self, object_id: int) -> set[Cell]:
+        """View bins from which the camera has been pointed at a confirmed object, seen or not."""
+        return self._tried.setdefault(object_id, set())
+
+    def add(
+        self,
+        detections: Sequence[Detection],
+        objects: Sequence[KnownObject],
+        depth_m: Float[np.ndarray, "h w"],
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Takes in one view.
+
+        Args:
+            detections: of the view.
+            objects: the confirmed ones.
+            depth_m: z-depth, metres.
+            intrinsics: K of the view.
+            camera_to_world: its pose.
+        """
+        for detection in detections:
+            if detection.confidence < self._config.confident:
+                points = mask_points(detection.mask, depth_m, intrinsics, camera_to_world, self._config)
+                if points is not None:
+                    self._note(detection.confidence, points)
+        self.candidates = [one for one in self.candidates if not any(self._is_part(one, known) for known in objects)]
+        camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
+        yaw_rad = float(np.arctan2(forward[1], forward[0]))
+        for centroid_m, cells in (
+            *((known.centroid_m, self.tried(known.object_id)) for known in objects),
+            *((one.centroid_m, one.looks) for one in self.candidates),
+        ):
+            offset = centroid_m - camera_m
+            side_rad = (np.arctan2(offset[1], offset[0]) - yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+            cell = self._config.bins.cell(camera_m, centroid_m)
+            if cell is not None and abs(side_rad) < IN_VIEW_RAD:
+                cells.add(cell)
+
+    def _note(self, confidence: float, points: Float[np.ndarray, "n 3"]) -> None:
+        centroid_m, size_m = points.mean(axis=0), float(np.max(np.ptp(points, axis=0)))
+        for one in self.candidates:
+            if np.linalg.norm(one.centroid_m - centroid_m) <= self._reach_m(max(size_m, one.size_m)):
+                # The newest view is mostly the nearest one; its centroid is as good as any.
+                one.centroid_m, one.size_m = centroid_m, max(size_m, one.size_m)
+                one.confidence = max(one.confidence, confidence)
+                return
+        self.candidates.append(Candidate(centroid_m, size_m, confidence))
+
+    def _is_part(self, one: Candidate, known: KnownObject) -> bool:
+        margin_m = self._config.merge_radius_m
+        near = float(np.linalg.norm(one.centroid_m - known.centroid_m)) <= self._reach_m(float(np.max(known.extent_m)))
+        return near or known.surrounds(one.centroid_m, margin_m)
+
+    def _reach_m(self, size_m: float) -> float:
+        return max(self._config.merge_radius_m, self._config.merge_extent_share * size_m)

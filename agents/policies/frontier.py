@@ -1,0 +1,121 @@
+"""The ``frontier`` policy: explores. It goes where the floor it has seen ends and looks where it goes.
+
+Of all frontiers it heads for the one that promises most unseen floor for the steps it takes. It does so before and
+after objects are found: what it sees of objects, it sees on its way (the env then lets it look no farther than 45
+degrees past some confirmed object; it fixates the one that hinders least). When no frontier is left it forgets what it
+has seen and goes round again.
+
+Source: Yamauchi 1997, "A frontier-based approach for autonomous exploration".
+"""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from agents.paths import advance, way_length_m
+from agents.seen_floor import Frontier, SeenFloor
+from agents.steering import bearing_rad, look, wrap
+from sbm_gym.episode import TURN_RAD
+from sbm_gym.observations import decode_depth
+
+STUCK_STRIDES = 0.1
+ARRIVED_STRIDES = 0.75
+NUM_WEIGHED = 6
+"""So many frontiers, the best as the crow flies, are compared by their real ways."""
+PATIENCE_STEPS = 12
+"""A frontier that has not been seen after so many steps is given up."""
+
+
+class FrontierWalk:
+    """Goes to where the seen floor ends."""
+
+    def reset(
+        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
+    ) -> None:
+        """Starts an episode; see ``Policy``."""
+        self._env: Any = env.unwrapped
+        self._profile = self._env.profile
+        self._rng = rng
+        self._floor = SeenFloor(
+            self._env.navigable, info["agent"]["position_m"], self._env.stride_m, self._profile.memory.max_depth_m
+        )
+        self._goal_m: Float[np.ndarray, "2"] | None = None
+        self._steps_on_goal = 0
+        self._before_m: Float[np.ndarray, "2"] | None = None
+
+    def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
+        """A stride towards the frontier, and a look there."""
+        agent = info["agent"]
+        depth_m = decode_depth(observation["depth"], self._profile.scales.depth_level_m)
+        self._floor.add(depth_m, agent["intrinsics"], agent["camera_to_world"])
+        position_m = agent["position_m"]
+        self._judge(position_m)
+        if self._goal_m is None:
+            self._goal_m, self._steps_on_goal = self._next_goal(position_m, agent["yaw_rad"]), 0
+        step_m = advance(self._env.navigable, position_m, self._goal_m, self._env.stride_m)
+        if step_m is None:
+            self._floor.give_up(self._goal_m)
+            self._goal_m, step_m = None, np.zeros(2)
+        self._before_m = position_m.copy()
+        self._steps_on_goal += 1
+        wanted_rad = self._gaze(position_m, step_m, agent["yaw_rad"])
+        return look(self._env, info, step_m, wanted_rad, self._profile.rest_tilt_rad).astype(np.float32)
+
+    def _judge(self, position_m: Float[np.ndarray, "2"]) -> None:
+        """Drops the goal once it has been seen, and gives it up where it cannot be seen."""
+        if self._goal_m is None:
+            return
+        stride_m = self._env.stride_m
+        if not self._floor.is_unseen(self._goal_m):
+            self._goal_m = None
+            return
+        arrived = np.linalg.norm(position_m - self._goal_m) < ARRIVED_STRIDES * stride_m
+        moved_m = stride_m if self._before_m is None else float(np.linalg.norm(position_m - self._before_m))
+        if arrived or moved_m < STUCK_STRIDES * stride_m or self._steps_on_goal >= PATIENCE_STEPS:
+            self._floor.give_up(self._goal_m)
+            self._goal_m = None
+
+    def _next_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
+        frontiers = self._floor.frontiers()
+        if not frontiers:
+            self._floor.forget()
+            return self._env.navigable.random_point(self._rng)
+        place_m = best_frontier(self._env.navigable, frontiers, position_m, yaw_rad, self._env.stride_m)
+        return self._env.navigable.nearest_free(place_m)
+
+    def _gaze(self, position_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
+        """Towards the goal where nothing on the map is between, else along the step."""
+        after_m = position_m + step_m
+        if self._goal_m is None:
+            return yaw_rad + TURN_RAD
+        navigable = self._env.navigable
+        if np.linalg.norm(self._goal_m - after_m) > 1e-6 and navigable.line_is_free(after_m, self._goal_m):
+            return bearing_rad(after_m, self._goal_m)
+        return bearing_rad(position_m, after_m) if np.any(step_m) else yaw_rad + TURN_RAD
+
+
+def best_frontier(
+    navigable, frontiers: list[Frontier], position_m: Float[np.ndarray, "2"], yaw_rad: float, stride_m: float
+) -> Float[np.ndarray, "2"]:
+    """The frontier with most unseen floor for the steps it takes to look at it.
+
+    Args:
+        navigable: the map.
+        frontiers: at least one.
+        position_m: where the robot is.
+        yaw_rad: where its camera points.
+        stride_m: its longest move.
+    """
+
+    def worth(frontier: Frontier, way_m: float) -> float:
+        turns = abs(wrap(bearing_rad(position_m, frontier.place_m) - yaw_rad)) / TURN_RAD
+        return frontier.unseen_m2 / (1.0 + max(way_m / stride_m, turns))
+
+    by_air = sorted(frontiers, key=lambda one: -worth(one, float(np.linalg.norm(one.place_m - position_m))))
+    weighed = [
+        (worth(one, way_length_m(navigable, position_m, navigable.nearest_free(one.place_m))), -number)
+        for number, one in enumerate(by_air[:NUM_WEIGHED])
+    ]
+    return by_air[-max(weighed)[1]].place_m

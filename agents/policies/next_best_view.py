@@ -1,0 +1,247 @@
+"""The ``next_best_view`` policy: greedy. It goes to the view that promises most information for the steps it costs.
+
+Views are places within a few strides, each with directions to look in. A view promises
+- for each confirmed object in it that nothing known hides: 1 for a side (sector) not seen yet, a fraction for a new
+  range or elevation;
+- for each unconfirmed candidate in it: more, the surer the detector is already, less for each look that was in vain;
+- for each frontier of the seen floor in it: by how much unseen floor lies there.
+
+What it promises counts the less the more steps it takes to get there. On the way the camera looks where most is to be
+seen. Where nothing within reach promises anything, it goes to the best frontier farther away.
+
+Source: Connolly 1985, "The determination of next best views"; gain times exp(-lambda length): Gonzalez-Banos and
+Latombe 2002, "Navigation strategies for exploring indoor environments".
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from agents.looked_at import IN_VIEW_RAD, LookedAt
+from agents.paths import advance
+from agents.policies.frontier import best_frontier
+from agents.reachable import Reachable, reachable_places
+from agents.seen_floor import SeenFloor
+from agents.seen_space import SeenSpace
+from agents.steering import bearing_rad, look, wrap
+from sbm_gym.episode import OFFSET_RAD, TURN_RAD
+from sbm_gym.object_memory import Cell
+from sbm_gym.observations import decode_depth
+
+BANDS_STRIDES = (1.0, 2.0, 4.0, 8.0)
+"""Places are drawn band by band, so that there are near ones to choose from; beyond the last one nothing is reached."""
+PLACES_PER_BAND = 30
+PATH_COST = 0.2
+"""A view's promise shrinks by so much, as an exponent, with every step to it."""
+NEW_CELL = 0.2
+"""A new range or elevation within a known sector, as a share of a new sector (as the env's reward has it)."""
+CANDIDATE = 4.0
+"""Confirming an object, in sectors (as the env's reward has it), times the confidence it has already."""
+VAIN_LOOK = 0.4
+"""What each look in vain leaves of a candidate's promise."""
+FRONTIER_PER_STRIDE2 = 0.04
+"""Unseen floor, squares of a stride: 25 of them are worth a sector."""
+FLOOR_EYE_M = 0.1
+"""Lines of sight to the floor end so far above it: the floor itself is filled."""
+HEADINGS = 24
+"""Directions considered at each place."""
+
+
+@dataclass(frozen=True)
+class _Target:
+    """Something worth seeing."""
+
+    centre_m: Float[np.ndarray, "3"]
+    stop_short_m: float
+    """What stands so near to it belongs to it."""
+    worth: float
+    """Of a view of it from a side that is new."""
+    sectors: frozenset[int] = frozenset()
+    """Sectors in which a view is only worth ``NEW_CELL``."""
+    done: frozenset[Cell] = frozenset()
+    """View bins in which a view is worth nothing."""
+    binned: bool = True
+    """Whether only views within the env's range bins count."""
+
+
+class NextBestView:
+    """Weighs the views within reach at every step."""
+
+    def reset(
+        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
+    ) -> None:
+        """Starts an episode; see ``Policy``."""
+        self._env: Any = env.unwrapped
+        self._profile = self._env.profile
+        self._rng = rng
+        self._map = self._env.navigable
+        self._bins = self._env.memory.config.bins
+        self._stride_m = self._env.stride_m
+        size_m = np.array(self._map.free.shape[::-1]) * self._map.cell_m
+        self._space = SeenSpace(self._map.origin_m, self._map.origin_m + size_m, self._profile.seen_cell_m)
+        self._reach_m = self._profile.memory.max_depth_m
+        self._floor = SeenFloor(self._map, info["agent"]["position_m"], self._stride_m, self._reach_m)
+        self._looked = LookedAt(self._env.memory.config)
+        self._goal_m: Float[np.ndarray, "2"] | None = None
+
+    def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
+        """A stride towards the best view, and the best look from there."""
+        agent = info["agent"]
+        depth_m = decode_depth(observation["depth"], self._profile.scales.depth_level_m)
+        camera = (agent["intrinsics"], agent["camera_to_world"])
+        self._space.add(depth_m, *camera)
+        self._floor.add(depth_m, *camera)
+        self._looked.add(info["detections"], self._env.memory.objects, depth_m, *camera)
+        self._note_vain_looks(agent["camera_to_world"], agent["yaw_rad"])
+        targets = self._targets()
+        position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
+        goal_m = self._goal_m = self._best_place(targets, info)
+        if goal_m is None:
+            goal_m = self._far_goal(position_m, yaw_rad)
+        step_m = advance(self._map, position_m, goal_m, self._stride_m)
+        if step_m is None:
+            self._floor.give_up(goal_m)
+            step_m = np.zeros(2)
+        after_m = position_m + step_m
+        headings, gains = self._gains(targets, after_m[None], info)
+        turns = np.abs(wrap(headings - yaw_rad))
+        ahead_rad = bearing_rad(position_m, goal_m) if np.any(step_m) else yaw_rad + TURN_RAD
+        # Of equally good directions the one nearest to where it goes.
+        value = gains[0] - 1e-3 * np.abs(wrap(headings - ahead_rad))
+        if not info["confirmed_objects"]:
+            value = np.where(turns <= TURN_RAD + 0.5 * np.pi / HEADINGS, value, -np.inf)
+        best = int(np.argmax(value))
+        tilt_rad = self._tilt_rad(targets, after_m, float(headings[best]))
+        return look(self._env, info, step_m, float(headings[best]), tilt_rad).astype(np.float32)
+
+    def _note_vain_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> None:
+        """Frontiers that the camera points at and nothing known hides, and that are unseen all the same."""
+        eye_m = camera_to_world[:3, 3]
+        for frontier in self._floor.frontiers():
+            centre_m = np.array([*frontier.place_m, FLOOR_EYE_M])
+            near = float(np.linalg.norm(frontier.place_m - eye_m[:2])) < self._reach_m
+            in_view = abs(wrap(bearing_rad(eye_m[:2], frontier.place_m) - yaw_rad)) < IN_VIEW_RAD
+            if near and in_view and self._space.sees(eye_m[None], centre_m, self._stride_m)[0]:
+                self._floor.look_in_vain(frontier.place_m)
+
+    # What there is to see ---------------------------------------------------------------------------------------------
+
+    def _targets(self) -> list[_Target]:
+        """Confirmed objects, candidates and frontiers."""
+        found = []
+        for known in self._env.memory.objects:
+            done = frozenset(known.cells | self._looked.tried(known.object_id))
+            short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
+            found.append(_Target(known.centroid_m, short_m, 1.0, frozenset(known.azimuths), done))
+        for one in self._looked.candidates:
+            worth = CANDIDATE * one.confidence * VAIN_LOOK ** len(one.looks)
+            short_m = 0.25 + 0.5 * one.size_m
+            found.append(_Target(one.centroid_m, short_m, worth, done=frozenset(one.looks)))
+        for frontier in self._floor.frontiers():
+            worth = FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
+            centre_m = np.array([*frontier.place_m, FLOOR_EYE_M])
+            found.append(_Target(centre_m, self._stride_m, worth, binned=False))
+        return found
+
+    def _gains(
+        self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"], info: dict[str, Any]
+    ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "p d"]]:
+        """What a look from each place in each of some directions promises; -inf where the env does not let it."""
+        headings = -np.pi + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+        gains = np.zeros((len(places_m), HEADINGS))
+        height_m = self._profile.body.camera_height_m
+        eyes_m = np.concatenate([places_m, np.full((len(places_m), 1), height_m)], axis=1)
+        for target in targets:
+            worth = self._worth(target, eyes_m)
+            wanted = np.flatnonzero(worth > 0.0)
+            if len(wanted) == 0:
+                continue
+            wanted = wanted[self._space.sees(eyes_m[wanted], target.centre_m, target.stop_short_m)]
+            bearings = _bearings(places_m[wanted], target.centre_m)
+            gains[wanted] += worth[wanted, None] * (np.abs(wrap(bearings[:, None] - headings)) < IN_VIEW_RAD)
+        if info["confirmed_objects"]:
+            gains[~self._allowed(places_m, headings, info)] = -np.inf
+        return headings, gains
+
+    def _worth(self, target: _Target, eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p"]:
+        """What seeing a target from each place is worth, if nothing hides it."""
+        if not target.binned:
+            distances_m = np.linalg.norm(eyes_m[:, :2] - target.centre_m[:2], axis=1)
+            return np.where(distances_m < self._reach_m, target.worth, 0.0)
+        worth = np.zeros(len(eyes_m))
+        for number, eye_m in enumerate(eyes_m):
+            cell = self._bins.cell(eye_m, target.centre_m)
+            if cell is not None and cell not in target.done:
+                worth[number] = target.worth * (NEW_CELL if cell[0] in target.sectors else 1.0)
+        return worth
+
+    def _allowed(
+        self, places_m: Float[np.ndarray, "p 2"], headings: Float[np.ndarray, "d"], info: dict[str, Any]
+    ) -> Bool[np.ndarray, "p d"]:
+        """Whether the camera can point there while some confirmed object is its fixation target."""
+        allowed = np.zeros((len(places_m), len(headings)), bool)
+        for known in info["confirmed_objects"]:
+            bearings = _bearings(places_m, known["centroid_m"])
+            allowed |= np.abs(wrap(bearings[:, None] - headings)) <= OFFSET_RAD
+        return allowed
+
+    # Where to go ------------------------------------------------------------------------------------------------------
+
+    def _best_place(self, targets: list[_Target], info: dict[str, Any]) -> Float[np.ndarray, "2"] | None:
+        """The place within reach with most to see for the steps it takes; None if there is nothing to see."""
+        agent = info["agent"]
+        found = reachable_places(self._map, agent["position_m"], self._stride_m, BANDS_STRIDES[-1] * self._stride_m)
+        chosen = self._some_of(found)
+        places_m, ways_m = found.places_m[chosen], found.ways_m[chosen]
+        headings, gains = self._gains(targets, places_m, info)
+        steps = np.maximum(1.0, np.ceil(ways_m / self._stride_m - 1e-6))[:, None]
+        if not info["confirmed_objects"]:
+            steps = np.maximum(steps, np.ceil(np.abs(wrap(headings - agent["yaw_rad"])) / TURN_RAD - 0.1))
+        # Of equally good views the one on the shortest way.
+        value = gains * np.exp(-PATH_COST * steps) - 1e-4 * ways_m[:, None] / self._stride_m
+        best = int(np.argmax(value.max(axis=1)))
+        return places_m[best] if gains[best].max() > 0.0 else None
+
+    def _some_of(self, found: Reachable) -> Int[np.ndarray, "k"]:
+        """Which places to weigh: where it is, what it headed for last time, and some of each band of distances."""
+        chosen = [0]
+        if self._goal_m is not None:
+            chosen.append(int(np.argmin(np.sum((found.places_m - self._goal_m) ** 2, axis=1))))
+        strides, low = found.ways_m / self._stride_m, 0.0
+        for high in BANDS_STRIDES:
+            band = np.flatnonzero((strides > low) & (strides <= high))
+            chosen.extend(self._rng.permutation(band)[:PLACES_PER_BAND])
+            low = high
+        return np.unique(chosen)
+
+    def _far_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
+        """Somewhere beyond reach: the best frontier, else any place."""
+        frontiers = self._floor.frontiers()
+        if frontiers:
+            return self._map.nearest_free(best_frontier(self._map, frontiers, position_m, yaw_rad, self._stride_m))
+        self._floor.forget()
+        return self._map.random_point(self._rng)
+
+    def _tilt_rad(self, targets: list[_Target], place_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
+        """Up or down to what is worth seeing in that direction."""
+        eye_m = np.array([*place_m, self._profile.body.camera_height_m])
+        tilts, weights = [self._profile.rest_tilt_rad], [0.1]
+        for target in targets:
+            worth = float(self._worth(target, eye_m[None])[0])
+            if (
+                worth > 0.0
+                and abs(wrap(bearing_rad(place_m, target.centre_m) - yaw_rad)) < IN_VIEW_RAD
+                and target.binned
+            ):
+                distance_m = float(np.linalg.norm(target.centre_m[:2] - place_m))
+                tilts.append(float(np.arctan2(target.centre_m[2] - eye_m[2], max(distance_m, 1e-6))))
+                weights.append(worth)
+        return float(np.average(tilts, weights=weights))
+
+
+def _bearings(places_m: Float[np.ndarray, "p 2"], point_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "p"]:
+    offsets = point_m[:2] - places_m
+    return np.arctan2(offsets[:, 1], offsets[:, 0])

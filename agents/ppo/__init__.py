@@ -1,0 +1,1 @@
+"""Training a policy with PPO: workers, network, callbacks, and the files of a run."""

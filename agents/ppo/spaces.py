@@ -1,0 +1,91 @@
+"""Observation and action spaces as JSON, and what differs between two of them."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+PLAIN = ("uint8", "float32", "float64")
+
+
+def describe(space: spaces.Space) -> dict[str, Any]:
+    """A space as JSON; bounds are numbers, or lists where they differ from entry to entry.
+
+    Raises:
+        ValueError: if it is neither a Box nor a Dict of such.
+    """
+    if isinstance(space, spaces.Dict):
+        return {"type": "Dict", "spaces": {name: describe(part) for name, part in space.spaces.items()}}
+    if not isinstance(space, spaces.Box):
+        raise ValueError(f"only Box spaces and Dicts of them can be described, not {space}")
+    return {
+        "type": "Box",
+        "shape": list(space.shape),
+        "dtype": str(space.dtype),
+        "low": _bound(space.low),
+        "high": _bound(space.high),
+    }
+
+
+def _bound(bound: np.ndarray) -> float | list[Any]:
+    # JSON has no infinity; the names that float() reads are text.
+    def plain(value: float) -> Any:
+        return value if np.isfinite(value) else str(value)
+
+    if np.all(bound == bound.flat[0]):
+        return plain(float(bound.flat[0]))
+    return [plain(float(value)) for value in bound.ravel()]
+
+
+def space_of(description: Any) -> spaces.Space:
+    """The space that was described.
+
+    Raises:
+        ValueError: if it is no such description.
+    """
+    try:
+        if description["type"] == "Dict":
+            return spaces.Dict({str(name): space_of(part) for name, part in description["spaces"].items()})
+        if description["type"] != "Box" or description["dtype"] not in PLAIN:
+            raise ValueError(f"no space is described by {description!r}")
+        dtype: Any = np.dtype(description["dtype"])
+        shape = tuple(int(size) for size in description["shape"])
+        if not all(size > 0 for size in shape):
+            raise ValueError(f"no space has the shape {list(shape)}")
+        low, high = (_array(description[name], shape) for name in ("low", "high"))
+        return spaces.Box(low.astype(dtype), high.astype(dtype), shape, dtype)
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"no space is described by {description!r} ({error})") from None
+
+
+def _array(bound: Any, shape: tuple[int, ...]) -> np.ndarray:
+    values = np.asarray(bound, float)
+    return np.full(shape, values) if values.ndim == 0 else values.reshape(shape)
+
+
+def difference(wanted: spaces.Space, given: spaces.Space, name: str) -> str | None:
+    """The first difference between two spaces, in words; None if there is none.
+
+    Args:
+        wanted: one space.
+        given: the other.
+        name: what to call them.
+    """
+    if isinstance(wanted, spaces.Dict) and isinstance(given, spaces.Dict):
+        for key in (*wanted.spaces, *given.spaces):
+            if key not in given.spaces or key not in wanted.spaces:
+                where = "only the checkpoint" if key in wanted.spaces else "only the env"
+                return f"{where} has {name} {key!r}"
+            found = difference(wanted[key], given[key], f"{name} {key!r}")
+            if found:
+                return found
+        return None
+    if wanted == given:
+        return None
+    if wanted.shape != given.shape:
+        return f"{name} has shape {_shape(wanted)} in the checkpoint, {_shape(given)} in the env"
+    return f"{name} is {wanted} in the checkpoint, {given} in the env"
+
+
+def _shape(space: spaces.Space) -> str:
+    return "x".join(map(str, space.shape or ())) or type(space).__name__

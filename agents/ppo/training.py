@@ -1,0 +1,181 @@
+"""A training run: a folder that holds the best policy so far, and all it takes to go on after a kill."""
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from agents.policies.registry import make_policy
+from agents.ppo.board import make_logger
+from agents.ppo.callbacks import RunCallback
+from agents.ppo.checkpoint import write_policy
+from agents.ppo.files import BEST, BOARD_FOLDER, HISTORY_FILE, LAST, STATE_FILE
+from agents.ppo.imitation import demonstrate, imitate
+from agents.ppo.interrupts import Wish, stop_on_interrupt
+from agents.ppo.network import build_policy, policy_arguments, policy_class
+from agents.ppo.settings import RunSettings, claim, settle
+from agents.ppo.spaces import describe
+from agents.ppo.state import Progress, normalization_of, restore, write_state
+from agents.ppo.validation import validate
+from agents.ppo.workers import EnvSettings, make_env, make_workers
+from agents.provenance import git_commit, versions
+from agents.train import TrainConfig
+from labeling.detectors.registry import choose_device
+from labeling.errors import SbmError, UsageError
+from labeling.files import atomic_folder, write_json
+
+
+def train(config: TrainConfig, say: Callable[[str], None], bar: Callable[..., Any]) -> Progress:
+    """Trains a policy; goes on where a stopped run was.
+
+    Args:
+        config: what to train.
+        say: where progress is told.
+        bar: makes a progress bar (``tqdm``).
+
+    Returns:
+        How far training has come, and how it went.
+
+    Raises:
+        SbmError: if a setting makes no sense, the folder holds another run, or a worker has died.
+        KeyboardInterrupt: if stopped by Ctrl-C, after everything has been saved.
+    """
+    settings = settle(config)
+    device = choose_device(None if config.device == "auto" else config.device)
+    with contextlib.ExitStack() as stack:
+        validation_env = make_env(EnvSettings(settings.env.env, settings.env.detector), "val")
+        stack.callback(validation_env.close)
+        _check_network(settings, validation_env)
+        claim(settings)
+        say(f"run: {settings.folder} (curves: tensorboard --logdir {settings.folder / BOARD_FOLDER})")
+        wish = stack.enter_context(stop_on_interrupt())
+        try:
+            return _train(settings, device, validation_env, wish, say, bar, stack)
+        except (EOFError, ConnectionError) as error:
+            raise SbmError(
+                f"a worker has died ({type(error).__name__}), see above why; "
+                f"--resume {settings.folder} goes on, --envs with fewer workers needs less memory"
+            ) from None
+
+
+def _train(
+    settings: RunSettings,
+    device: str,
+    validation_env: gym.Env,
+    wish: Wish,
+    say: Callable[[str], None],
+    bar: Callable[..., Any],
+    stack: contextlib.ExitStack,
+) -> Progress:
+    hyperparameters, folder = settings.hyperparameters, settings.folder
+    workers = make_workers(settings.env, hyperparameters.n_envs)
+    stack.callback(_close, workers)
+    env = VecNormalize(workers, gamma=hyperparameters.gamma, **hyperparameters.normalize)
+    model = PPO(
+        policy_class(hyperparameters.policy),
+        env,
+        policy_kwargs=policy_arguments(hyperparameters.policy_kwargs),
+        device=device,
+        seed=settings.seed,
+        **hyperparameters.ppo_arguments(),
+    )
+    progress = Progress()
+    if (folder / LAST).is_dir():
+        progress = restore(model, env, folder / LAST)
+        say(f"going on from step {progress.steps}")
+    elif settings.imitate_episodes:
+        _warm_start(settings, model, env, wish, say, bar)
+    if progress.steps >= hyperparameters.n_timesteps:
+        say(f"finished at step {progress.steps} already; --steps with more goes on")
+        return progress
+    # Environments cannot be put back into the middle of an episode: they start new ones, other than those before.
+    env.seed(int(np.random.SeedSequence([settings.seed, progress.steps]).generate_state(1)[0] % 2**31))
+    model.set_logger(make_logger(folder / BOARD_FOLDER, progress.steps, say))
+    origin = {"versions": versions(), "git_commit": git_commit()}
+
+    def save(better: bool) -> None:
+        description = _description(settings, validation_env, progress) | origin
+        for name in (BEST, LAST) if better else (LAST,):
+            with atomic_folder(folder / name) as temporary:
+                write_policy(temporary, model.policy, description, normalization_of(env))
+                if name == LAST:
+                    write_state(temporary / STATE_FILE, model, progress)
+        write_json(folder / HISTORY_FILE, {"rollouts": progress.rollouts, "validations": progress.validations})
+
+    callback = RunCallback(
+        progress,
+        settings.eval_every,
+        lambda: validate(model.policy, validation_env, settings.eval_episodes, lambda: wish.stop),
+        save,
+        wish,
+        say,
+        bar,
+    )
+    left = hyperparameters.n_timesteps - progress.steps
+    model.learn(left, callback=callback, reset_num_timesteps=False)
+    model.logger.close()
+    if callback.stopped:
+        say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
+        raise KeyboardInterrupt
+    say(f"policy: {folder / BEST} (return {progress.best:.2f} on validation scenes, at step {progress.best_steps})")
+    return progress
+
+
+def _warm_start(
+    settings: RunSettings,
+    model: PPO,
+    env: VecNormalize,
+    wish: Wish,
+    say: Callable[[str], None],
+    bar: Callable[..., Any],
+) -> None:
+    """Lets the network begin with what the ``ring`` policy does.
+
+    Raises:
+        KeyboardInterrupt: if someone wants to stop; the run then begins anew.
+    """
+    shower = make_env(settings.env, "train")
+    with contextlib.closing(shower):
+        numbers = bar(range(settings.imitate_episodes), desc="ring shows how", unit="episode")
+        shown = demonstrate(shower, make_policy("ring"), wish.granted(numbers), settings.seed)
+    off = imitate(model, env, shown, settings.seed)
+    earned = float(np.mean([rewards.sum() for rewards in shown.rewards]))
+    say(f"imitated ring (return {earned:.2f} on training scenes): actions differ by {off:.2f} (root mean square)")
+
+
+def _check_network(settings: RunSettings, env: gym.Env) -> None:
+    """Refuses an environment or a network that do not go together, before any worker starts."""
+    observation_space, action_space = env.observation_space, env.action_space
+    if not isinstance(observation_space, spaces.Dict) or not isinstance(action_space, spaces.Box):
+        raise UsageError(f"env {settings.env.env!r}: observations must be a Dict and actions a Box")
+    hyperparameters = settings.hyperparameters
+    build_policy(observation_space, action_space, hyperparameters.policy, hyperparameters.policy_kwargs)
+
+
+def _description(settings: RunSettings, env: gym.Env, progress: Progress) -> dict[str, Any]:
+    """What stands in a checkpoint beside its tensors."""
+    hyperparameters = settings.hyperparameters
+    return {
+        "env": settings.env.env,
+        "observation_space": describe(env.observation_space),
+        "action_space": describe(env.action_space),
+        "policy": {"class": hyperparameters.policy, "kwargs": hyperparameters.policy_kwargs},
+        "hyperparameters": asdict(hyperparameters),
+        "detector": settings.env.detector,
+        "reward": settings.env.reward,
+        "seed": settings.seed,
+        "imitate_episodes": settings.imitate_episodes,
+        "steps": progress.steps,
+        "validation": {"episodes": settings.eval_episodes, "figures": (progress.validations or [None])[-1]},
+    }
+
+
+def _close(workers: VecEnv) -> None:
+    with contextlib.suppress(EOFError, ConnectionError):
+        workers.close()

@@ -1,0 +1,153 @@
+"""Environments that run side by side in processes of their own."""
+
+import contextlib
+import functools
+import signal
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+
+from agents import environments
+from agents.ppo.episode_figures import EpisodeFigures
+from labeling.threads import threads_of_children
+from sbm_gym.rewards import RewardWeights
+
+ALL_SCENES = 1000
+"""A scene cache that never forgets: a worker's share of the scenes fits in memory (about 300 MB for a furnished home,
+350 MB for a town, beside 600 MB for the process)."""
+WITHOUT_DISCOVERY = {"new_object": 0.0, "better_view": 0.0}
+WITHOUT_DIVERSITY = {"new_azimuth": 0.0, "new_range_or_elevation": 0.0}
+REWARDS: dict[str, RewardWeights] = {
+    "both": RewardWeights(),
+    "discovery": RewardWeights(**WITHOUT_DIVERSITY),
+    "diversity": RewardWeights(**WITHOUT_DISCOVERY),
+    "neither": RewardWeights(**WITHOUT_DISCOVERY, **WITHOUT_DIVERSITY),
+}
+
+
+@dataclass(frozen=True)
+class EnvSettings:
+    """Which environment; plain values, so that it can be sent to workers."""
+
+    env: str
+    detector: str = "simulated"
+    reward: Literal["both", "discovery", "diversity", "neither"] = "both"
+
+
+class WholeEpisodes(gym.Wrapper):
+    """Ends episodes for good, and says what they were like instead of what was seen in each step.
+
+    The end of an episode is the end of the task: the views are counted, and the observation says how many are left. So
+    the value of what would come after is zero, and the last step is handed on as terminated; a truncated one would have
+    Stable-Baselines3 add the value of going on.
+
+    The ``info`` of steps holds masks and clouds, which nobody in training reads: it stays here.
+    """
+
+    def __init__(self, env: gym.Env) -> None:
+        """Wraps an environment with the ``info`` of ``FixationEnv``."""
+        super().__init__(env)
+        self._figures = EpisodeFigures()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode."""
+        observation, _ = self.env.reset(seed=seed, options=options)
+        self._figures = EpisodeFigures()
+        return observation, {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """One step; the ``info`` of the last one holds ``figures`` of the episode."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._figures.add(float(reward), info)
+        ended = terminated or truncated
+        return observation, float(reward), ended, False, {"figures": self._figures.figures()} if ended else {}
+
+
+class ShareOfScenes(gym.Wrapper):
+    """Draws the scene of every episode from a share of the scenes, so that all of them can be kept once built.
+
+    To build a scene takes as long as some hundred steps, and while one worker builds all others wait.
+    """
+
+    def __init__(self, env: gym.Env, scenes: tuple[str, ...]) -> None:
+        """Wraps an environment that takes the option ``scene``."""
+        super().__init__(env)
+        self._scenes = scenes
+        self._rng = np.random.default_rng()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode in one of the scenes."""
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        scene = self._scenes[int(self._rng.integers(len(self._scenes)))]
+        return self.env.reset(seed=seed, options={"scene": scene, **(options or {})})
+
+
+def make_env(settings: EnvSettings, split: str) -> gym.Env:
+    """An environment as it is.
+
+    Raises:
+        UsageError: if there is no such environment, or a setting makes no sense to it.
+    """
+    return environments.make_env(
+        settings.env,
+        split,
+        settings.detector,
+        reward_weights=REWARDS[settings.reward],
+        scene_cache=ALL_SCENES,
+    )
+
+
+def make_worker(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
+    """The environment of one worker.
+
+    Args:
+        settings: which environment.
+        index: number of the worker, from 0.
+        count: how many there are.
+        scenes: what they share; by default all training scenes, if the environment has any by name.
+    """
+    env = make_env(settings, "train")
+    if scenes is None and env.has_wrapper_attr("scene_names"):
+        scenes = env.get_wrapper_attr("scene_names")
+    return WholeEpisodes(env if scenes is None else ShareOfScenes(env, share(scenes, index, count)))
+
+
+def share(scenes: tuple[str, ...], index: int, count: int) -> tuple[str, ...]:
+    """The scenes of one of several workers: every scene has one worker, unless there are more workers than scenes."""
+    return scenes if len(scenes) < count else scenes[index::count]
+
+
+def make_workers(settings: EnvSettings, count: int) -> VecEnv:
+    """Several environments that step side by side; a single one steps in this process."""
+    if count == 1:
+        return DummyVecEnv([functools.partial(make_worker, settings, 0, 1)])
+    return start_workers(settings, count)
+
+
+def start_workers(settings: EnvSettings, count: int, scenes: tuple[str, ...] | None = None) -> VecEnv:
+    """Several environments, each in a process and a thread of its own; arguments as of ``make_worker``."""
+    factories = [functools.partial(make_worker, settings, index, count, scenes) for index in range(count)]
+    with threads_of_children(1), interrupts_held_back():
+        return SubprocVecEnv(factories, start_method="spawn")
+
+
+@contextlib.contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Ctrl-C waits until the block ends, and never reaches processes that are started in it: they are told to stop."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # Python starts this helper of its own with the first process, and then lets signals through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,301 @@
+"""Evaluation: the same starts for all, figures as counted by hand, and being killed changes nothing."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.evaluate import EvaluateConfig, main
+from agents.evaluation.episodes import spawn_of
+from agents.evaluation.label_quality import episode_figures, pooled_ap
+from agents.evaluation.paired import difference_record, over_seeds
+from agents.evaluation.run import Player, evaluate
+from agents.evaluation.store import policy_key
+from agents.evaluation.summary import summary
+from labeling.errors import UsageError
+from labeling.instances import encode_mask
+
+from ..sbm_gym.box_rooms import BoxRooms
+
+ENV_ID = "evaluate_test/Boxes-v0"
+ROOT = Path(__file__).resolve().parents[2]
+if ENV_ID not in gym.registry:
+    gym.register(
+        ENV_ID, entry_point="sbm_gym.fixation_env:FixationEnv", kwargs={"worlds": BoxRooms()}, max_episode_steps=6
+    )
+
+
+def config(out: Path, **changes) -> EvaluateConfig:
+    settings = {"policies": ("ring", "random"), "episodes": 2, "seeds": 2, "size": 64, "labels": False}
+    return EvaluateConfig(env=ENV_ID, out=out, **{**settings, **changes})
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix == ".json"]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("evaluated") / "out"
+    evaluate(config(out, labels=True, pictures=1))
+    return out
+
+
+def results(out: Path, policy: str) -> list[dict]:
+    return [json.loads(path.read_text()) for path in sorted((out / "episodes" / policy).glob("*.json"))]
+
+
+def test_all_policies_start_alike_and_episodes_differ(evaluated):
+    ring, random = results(evaluated, "ring"), results(evaluated, "random")
+    assert len(ring) == len(random) == 4
+    for ours, theirs in zip(ring, random, strict=True):
+        assert all(ours[key] == theirs[key] for key in ("seed", "episode", "scene", "env_seed", "start"))
+        assert ours["steps"] != theirs["steps"]
+    assert len({json.dumps(one["start"]) for one in ring}) == 4
+
+
+def test_validation_scenes_are_used_unless_others_are_asked_for(evaluated, tmp_path):
+    assert EvaluateConfig().split == "val"
+    assert {one["scene"] for one in results(evaluated, "ring")} == set(BoxRooms().scenes("val"))
+    evaluate(config(tmp_path / "train", split="train", policies=("spin",), episodes=3, seeds=1))
+    assert {one["scene"] for one in results(tmp_path / "train", "spin")} == set(BoxRooms().scenes("train"))
+
+
+def test_spawns_depend_on_seed_and_number_alone_and_take_scenes_in_turn():
+    scenes = ("a", "b", "c")
+    for seed in range(3):
+        assert sorted(spawn_of(scenes, seed, number).scene for number in range(3)) == list(scenes)
+    assert spawn_of(scenes, 1, 2) == spawn_of(scenes, 1, 2)
+    assert len({spawn_of(scenes, seed, number).env_seed for seed in range(4) for number in range(4)}) == 16
+
+
+def test_figures_are_those_of_the_steps(evaluated):
+    for policy in ("ring", "random"):
+        for record in results(evaluated, policy):
+            steps, figures = record["steps"], record["figures"]
+            assert len(steps) == 6
+            assert figures["return"] == pytest.approx(sum(step["reward"] for step in steps))
+            for term in ("discovery", "diversity", "collision", "step"):
+                assert figures[term] == pytest.approx(sum(step["terms"][term] for step in steps))
+            assert figures["objects"] == len(record["objects"]) == steps[-1]["objects"]
+            assert figures["sectors"] == sum(len(known["sectors"]) for known in record["objects"])
+            places = np.array([record["start"]["position_m"], *(step["position_m"] for step in steps)])
+            length_m = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
+            assert figures["path_m"] == pytest.approx(length_m, abs=1e-2)
+
+
+def test_what_is_written_is_what_was_evaluated(evaluated):
+    content = json.loads((evaluated / "evaluation.json").read_text())
+    ring = [one["figures"]["return"] for one in results(evaluated, "ring")]
+    random = [one["figures"]["return"] for one in results(evaluated, "random")]
+    found = content["policies"]["ring"]["figures"]["return"]
+    per_seed = [np.mean(ring[:2]), np.mean(ring[2:])]
+    assert found["per_seed"] == pytest.approx(per_seed, abs=1e-5)
+    assert found["mean"] == pytest.approx(np.mean(per_seed), abs=1e-5)
+    assert found["std"] == pytest.approx(np.std(per_seed, ddof=1), abs=1e-5)
+    assert found["difference"] is None
+    difference = content["policies"]["random"]["figures"]["return"]["difference"]
+    assert difference["mean"] == pytest.approx(np.mean(random) - np.mean(ring), abs=1e-5)
+    assert difference["low"] <= difference["mean"] <= difference["high"]
+    assert content["policies"]["ring"]["curves"]["return"]["mean"][-1] == pytest.approx(np.mean(ring), abs=1e-5)
+    assert list(content["policies"]["ring"]["labels"]) == ["5"]
+    for path in ("evaluation.png", "pictures/seed0-0000.png"):
+        assert (evaluated / path).read_bytes().startswith(b"\x89PNG")
+
+
+def test_killed_and_run_again_gives_the_same_bytes(evaluated, tmp_path, monkeypatch):
+    out, played, real = tmp_path / "out", [], Player.play
+
+    def play_then_die(player, spawn, policy):
+        if len(played) == 3:
+            raise KeyboardInterrupt
+        played.append(policy)
+        real(player, spawn, policy)
+
+    monkeypatch.setattr(Player, "play", play_then_die)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(config(out, labels=True))
+    assert len(list(out.rglob("seed*.json"))) == 3
+    assert not (out / "evaluation.json").exists()
+    monkeypatch.setattr(Player, "play", real)
+    evaluate(config(out, labels=True))
+    assert contents(out) == contents(evaluated)
+
+
+def test_results_that_are_there_are_left_alone_and_policies_can_be_added(tmp_path, monkeypatch):
+    evaluate(config(tmp_path / "out", policies=("random",)))
+    before = contents(tmp_path / "out")
+    evaluate(config(tmp_path / "out", policies=("random", "spin")))
+    after = contents(tmp_path / "out")
+    assert all(after[name] == content for name, content in before.items() if name != "evaluation.json")
+    assert sum(name.startswith("episodes/spin") for name in after) == 4
+    monkeypatch.setattr(Player, "play", lambda *_: pytest.fail("nothing is missing"))
+    evaluate(config(tmp_path / "out", policies=("random",), episodes=1))
+
+
+@pytest.mark.parametrize("change", [{"split": "train"}, {"size": 32}, {"labels": False}])
+def test_other_settings_in_the_same_folder_are_refused(evaluated, change):
+    with pytest.raises(UsageError, match="other settings"):
+        evaluate(config(evaluated, **{"labels": True, **change}))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--policies", "clever"], "next_best_view, random, ring, spin"),
+        (["--policies", "ring", "ring"], "twice"),
+        (["--policies", "ppo:nowhere"], "nowhere"),
+        (["--env", "sbm_gym/Moon-v0"], "sbm_gym/Indoor-v0"),
+        (["--env", "no_such_module:x/Y-v0"], "no_such_module"),
+        (["--detector", "oracle"], "oracle"),
+        (["--episodes", "0"], "at least 1"),
+        (["--seeds", "0"], "at least 1"),
+        (["--size", "8"], "at least 32"),
+        (["--pictures", "-1"], "0 or more"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, capsys, arguments, says):
+    out = tmp_path / "out"
+    assert main(["--out", str(out), "--env", ENV_ID, *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert says in error
+    assert not out.exists()
+
+
+def test_folders_of_others_are_refused_and_damaged_results_named(tmp_path, capsys):
+    (tmp_path / "thesis.txt").write_text("precious")
+    arguments = ["--env", ENV_ID, "--policies", "spin", "--episodes", "1", "--seeds", "1", "--no-labels"]
+    assert main(["--out", str(tmp_path), *arguments]) == 2
+    assert "not made by this program" in capsys.readouterr().err
+    out = tmp_path / "out"
+    assert main(["--out", str(out), *arguments]) == 0
+    (out / "episodes" / "spin" / "seed0-0000.json").write_text("{")
+    assert main(["--out", str(out), *arguments]) == 2
+    assert "seed0-0000.json" in capsys.readouterr().err
+
+
+def test_a_trained_policy_is_known_by_what_its_checkpoint_holds(tmp_path, monkeypatch):
+    best = tmp_path / "best"
+    monkeypatch.setitem(sys.modules, "agents.ppo", ModuleType("agents.ppo"))
+    reader = SimpleNamespace(checkpoint_folder=lambda path: best)
+    monkeypatch.setitem(sys.modules, "agents.ppo.checkpoint", reader)
+    best.mkdir()
+    (best / "weights").write_bytes(b"one")
+    first = policy_key(f"ppo:{tmp_path}", ENV_ID)
+    # What a run writes beside its checkpoint changes nothing.
+    (tmp_path / "log").write_bytes(b"longer and longer")
+    assert first == policy_key(f"ppo:{tmp_path}", ENV_ID)
+    (best / "weights").write_bytes(b"two")
+    assert policy_key(f"ppo:{tmp_path}", ENV_ID) != first
+    assert policy_key("ring", ENV_ID) == "ring"
+
+
+# Label quality, counted by hand --------------------------------------------------------------------------------------
+
+
+def square(left: int, width: int = 4) -> list:
+    """A mask of 4 rows in a picture of 8 x 8 pixels, as results hold it."""
+    mask = np.zeros((8, 8), bool)
+    mask[2:6, left : left + width] = True
+    rle = encode_mask(mask)
+    return [rle["size"], rle["counts"]]
+
+
+def record() -> dict:
+    """A chair in views 0 and 6, a couch in view 0, a sliver in view 1; half of the couch is labelled (IoU .5)."""
+    chair, couch = [0, "chair", square(0), 1, False], [0, "couch", square(4), 2, False]
+    truths = [chair, couch, [1, "couch", square(0, 1), 2, True], [6, "chair", square(2), 1, False]]
+    some = [[0, "chair", square(0), 0.9], [0, "couch", square(4, 2), 0.8]]
+    return {"truths": truths, "labels": {"5": some, "10": [*some, [6, "chair", square(2), 0.7]]}}
+
+
+def test_label_figures_of_a_case_counted_by_hand():
+    figures = episode_figures(record())
+    assert (figures["5"]["right"], figures["10"]["right"]) == (2, 3)
+    assert figures["10"]["right_per_view"] == pytest.approx(3 / 10)
+    assert figures["10"]["objects"] == 2
+    wrong = record()
+    wrong["labels"]["5"][1][2] = square(7, 1)
+    figures = episode_figures(wrong)
+    assert figures["5"] == {
+        "ap50": pytest.approx(0.5),
+        "ap30": pytest.approx(0.5),
+        "labels": 2,
+        "right": 1,
+        "right_per_view": pytest.approx(1 / 5),
+        "objects": 1,
+        "visible": 2,
+    }
+
+
+def test_what_is_seen_later_is_not_asked_for_earlier():
+    blind = record()
+    blind["truths"] = [truth for truth in blind["truths"] if truth[0] == 6]
+    blind["labels"]["5"] = []
+    figures = episode_figures(blind)
+    assert figures["5"]["ap50"] is None
+    assert figures["5"]["visible"] == 0
+    assert figures["10"]["visible"] == 1
+
+
+def test_looking_at_nothing_gains_nothing():
+    nothing = {**record(), "labels": {"5": [], "10": []}}
+    for row in episode_figures(nothing).values():
+        assert row["ap50"] == row["right"] == row["objects"] == 0
+
+
+def test_pooled_ap_ranks_all_episodes_together():
+    good, silent = record(), {**record(), "labels": {"5": [], "10": []}}
+    alone = pooled_ap([good], "10")["ap50"]
+    assert alone == pytest.approx(1.0)
+    # Half of each category's instances are found, without a mistake: 51 of 101 recall points.
+    assert pooled_ap([good, silent], "10")["ap50"] == pytest.approx(51 / 101)
+
+
+def test_paired_differences_and_spread_by_hand():
+    assert difference_record([1.0, None, 3.0], [0.0, 5.0, 1.0]) == {
+        "mean": 1.5,
+        "low": None,
+        "high": None,
+        "episodes": 2,
+    }
+    assert difference_record([None], [1.0]) is None
+    same = difference_record([2.0] * 6, [1.0] * 6)
+    assert same == {"mean": 1.0, "low": 1.0, "high": 1.0, "episodes": 6}
+    assert over_seeds([1.0, 3.0]) == {"mean": 2.0, "std": pytest.approx(2**0.5, abs=1e-5), "per_seed": [1.0, 3.0]}
+    assert over_seeds([1.0]) == {"mean": 1.0, "std": None, "per_seed": [1.0]}
+
+
+def test_summary_without_labels_says_so(tmp_path):
+    step = {"reward": 1.0, "sectors": 2}
+    episode = {"figures": {"return": 2.0}, "scene": "here", "steps": [step, step]}
+    settings = config(tmp_path, policies=("ring",), seeds=1)
+    found = summary(settings, {"ring": [episode, episode]})["policies"]["ring"]
+    assert found["labels"] is None
+    assert found["curves"]["return"] == {"mean": [1.0, 2.0], "std": None}
+
+
+def test_help_names_the_options():
+    result = subprocess.run(
+        [sys.executable, "-m", "agents.evaluate", "--help"], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    options = (
+        "--policies",
+        "--split",
+        "--episodes",
+        "--seeds",
+        "--env",
+        "--detector",
+        "--labels",
+        "--out",
+        "--pictures",
+    )
+    assert all(option in result.stdout for option in options)

@@ -1,0 +1,432 @@
+"""Training: it learns, goes on where it stopped, and says in one line what it cannot do."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from agents.policies.ppo import Ppo
+from agents.ppo import training
+from agents.ppo.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
+from agents.ppo.imitation import running_sums
+from agents.ppo.workers import REWARDS, EnvSettings, ShareOfScenes, WholeEpisodes, make_env, share
+from agents.train import TrainConfig, main
+from labeling.errors import UsageError
+from sbm_gym.object_memory import MemoryUpdate
+from sbm_gym.rewards import reward_terms
+
+from .toy_world import ENV_ID, Echo
+
+ROOT = Path(__file__).resolve().parents[2]
+HYPERPARAMS = """toy/Echo-v0: &toy
+  n_timesteps: 2000
+  n_envs: 1
+  n_steps: 100
+  batch_size: 50
+  n_epochs: 8
+  gamma: 0.5
+  learning_rate: lin_0.003
+  normalize: "{'norm_obs': False, 'norm_reward': True}"
+  policy_kwargs:
+    net_arch: [16]
+    log_std_init: -0.5
+    features_extractor_kwargs: {features: 16, picture_features: 4, channels: [4]}
+toy/Large-v0: *toy
+"""
+
+
+@pytest.fixture(scope="module")
+def hyperparams(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("hyperparams") / "toy.yaml"
+    path.write_text(HYPERPARAMS)
+    return path
+
+
+class Bar:
+    """Takes the place of tqdm; may press Ctrl-C."""
+
+    def __init__(self, items=(), interrupt_at=None, **_):
+        self.items, self.steps, self.interrupt_at = items, 0, interrupt_at
+
+    def __iter__(self):
+        return iter(self.items)
+
+    def update(self, count):
+        self.steps += count
+        if self.steps == self.interrupt_at:
+            signal.raise_signal(signal.SIGINT)
+
+    def set_postfix_str(self, text):
+        pass
+
+    def close(self):
+        pass
+
+
+def train(config: TrainConfig, interrupt_at=None):
+    said: list[str] = []
+    progress = training.train(
+        config, said.append, lambda *items, **given: Bar(*items, interrupt_at=interrupt_at, **given)
+    )
+    return progress, said
+
+
+@pytest.fixture(scope="module")
+def config(hyperparams, tmp_path_factory) -> TrainConfig:
+    out = tmp_path_factory.mktemp("trained") / "run"
+    return TrainConfig(
+        out=out, env=ENV_ID, hyperparams=hyperparams, eval_every=500, eval_episodes=4, seed=1, device="cpu"
+    )
+
+
+@pytest.fixture(scope="module")
+def trained(config):
+    return train(config)
+
+
+def tensors(folder: Path) -> dict:
+    return torch.load(folder / LAST / STATE_FILE, weights_only=True)
+
+
+def same(one, other) -> bool:
+    if isinstance(one, torch.Tensor):
+        return torch.equal(one, other)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    return one == other
+
+
+def test_two_thousand_steps_improve_a_trivial_env(trained):
+    progress, said = trained
+    before, after = progress.validations[0], progress.validations[-1]
+    assert (before["at"], after["at"]) == (0, 2000)
+    assert after["return"] > before["return"] + 1.0
+    assert progress.best == max(one["return"] for one in progress.validations)
+    assert len(progress.rollouts) == 20
+    assert any(line.startswith("policy: ") for line in said)
+
+
+def test_figures_are_kept_by_name(trained, config):
+    assert config.out is not None
+    history = json.loads((config.out / HISTORY_FILE).read_text())
+    wanted = {"at", "return", "success", "coverage", "collisions", "objects_confirmed", "reward/discovery"}
+    for one in (*history["rollouts"], *history["validations"]):
+        assert wanted <= one.keys()
+        assert one["return"] == pytest.approx(one["reward/discovery"] + one["reward/diversity"])
+        assert one["steps"] == 10
+    assert [one["at"] for one in history["validations"]] == [0, 500, 1000, 1500, 2000]
+
+
+def test_curves_are_drawn_for_tensorboard(trained, config):
+    event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    assert config.out is not None
+    board = event_accumulator.EventAccumulator(str(config.out / "tensorboard"))
+    board.Reload()
+    tags = set(board.Tags()["scalars"])
+    assert tags >= {"reward/discovery", "reward/diversity", "episode/success", "episode/coverage"}
+    assert tags >= {"episode/collisions", "episode/objects_confirmed", "validation/return", "train/approx_kl"}
+    assert [event.step for event in board.Scalars("validation/return")] == [0, 500, 1000, 1500, 2000]
+
+
+def test_the_same_seed_gives_the_same_policy_and_another_seed_another(trained, config, tmp_path):
+    assert config.out is not None
+    short = replace(config, steps=300, eval_every=10_000)
+    for name, seed in (("one", 1), ("two", 1), ("three", 2)):
+        train(replace(short, out=tmp_path / name, seed=seed))
+    weights = [(tmp_path / name / LAST / "policy.safetensors").read_bytes() for name in ("one", "two", "three")]
+    assert weights[0] == weights[1]
+    assert weights[0] != weights[2]
+
+
+def test_an_interrupted_run_goes_on_from_the_last_update_exactly(config, tmp_path):
+    out = tmp_path / "run"
+    config = replace(config, out=out, steps=600)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, interrupt_at=250)
+    stopped = tensors(out)
+    assert json.loads(stopped["progress"])["steps"] == 200
+    # Stopped again at once: what was restored is what is written.
+    restored = {}
+    real = training.restore
+
+    def restore_and_look(model, env, folder):
+        progress = real(model, env, folder)
+        training.write_state(tmp_path / "again.pt", model, progress)
+        restored["weights"] = {name: value.clone() for name, value in model.policy.state_dict().items()}
+        return progress
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "restore", restore_and_look)
+        progress, said = train(TrainConfig(resume=out, device="cpu"))
+    assert same(torch.load(tmp_path / "again.pt", weights_only=True), stopped)
+    assert "going on from step 200" in said
+    assert progress.steps == 600
+    assert [int(one["at"]) for one in progress.rollouts] == [100, 200, 300, 400, 500, 600]
+
+
+def test_the_same_command_goes_on_and_a_finished_run_takes_more_steps(config, tmp_path):
+    config = replace(config, out=tmp_path / "run", steps=200)
+    train(config)
+    progress, said = train(config)
+    assert progress.steps == 200
+    assert "finished at step 200 already; --steps with more goes on" in said
+    progress, _ = train(replace(config, steps=300))
+    assert progress.steps == 300
+    progress, _ = train(TrainConfig(resume=config.out, steps=400, device="cpu"))
+    assert progress.steps == 400
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"seed": 2}, "seed 1 there, 2 now"),
+        ({"reward": "neither"}, "reward both there, neither now"),
+        ({"env": "toy/Large-v0"}, "env toy/Echo-v0 there, toy/Large-v0 now"),
+    ],
+)
+def test_other_settings_in_the_same_folder_are_refused(trained, config, change, says):
+    with pytest.raises(UsageError) as caught:
+        train(replace(config, **change))
+    assert says in str(caught.value)
+
+
+def test_what_cannot_be_changed_is_refused_with_resume(trained, config):
+    with pytest.raises(UsageError, match=r"--seed 7 cannot be given with --resume"):
+        train(TrainConfig(resume=config.out, seed=7))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--steps", "0"], "--steps must be at least 1"),
+        (["--imitate-episodes", "-1"], "--imitate-episodes must not be negative"),
+        (["--seed", "-1"], "--seed must lie from 0"),
+        (["--env", "sbm_gym/Moon-v0"], "no hyperparameters for 'sbm_gym/Moon-v0'"),
+        (["--env", "no_such_module:sbm_gym/Indoor-v0"], "cannot import 'no_such_module'"),
+        (["--env", "toy/Echo-v0"], "no hyperparameters for 'toy/Echo-v0'"),
+        (["--resume", "nowhere"], "is not the folder of a run"),
+        (["--device", "abacus"], "--device abacus"),
+        (["--detector", "eyes"], "eyes"),
+        (["--hyperparams", "none.yaml"], "No such file"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, monkeypatch, capsys, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert says in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_batches_that_do_not_fill_a_rollout_are_refused(config, tmp_path):
+    text = HYPERPARAMS.replace("batch_size: 50", "batch_size: 64")
+    (tmp_path / "toy.yaml").write_text(text)
+    with pytest.raises(UsageError, match=r"batch_size 64 must divide n_envs \* n_steps = 3 \* 100 = 300"):
+        train(replace(config, out=tmp_path / "run", hyperparams=tmp_path / "toy.yaml", envs=3))
+
+
+def test_folders_of_others_are_left_alone(config, tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    with pytest.raises(UsageError, match="was not made by this program"):
+        train(replace(config, out=tmp_path))
+    with pytest.raises(UsageError, match="is a file"):
+        train(replace(config, out=tmp_path / "thesis.txt"))
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.slow
+def test_ctrl_c_reaches_everybody_and_costs_no_more_than_the_rollout(hyperparams, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    out = tmp_path / "run"
+    settings = ["--env", f"toy_world:{ENV_ID}", "--hyperparams", str(hyperparams), "--eval-every", "200"]
+    command = [sys.executable, "-m", "agents.train", "--out", str(out), "--envs", "2", "--steps", "10000000", *settings]
+    found_by = [str(Path(__file__).parent), str(ROOT), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(found_by)}
+    run = subprocess.Popen(
+        command, cwd=ROOT, env=environment, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        deadline = time.monotonic() + 120
+        while steps_at(out) < 400 and run.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.1)
+        if run.poll() is None:
+            os.killpg(run.pid, signal.SIGINT)
+        said, complaints = (text.decode() for text in run.communicate(timeout=60))
+    finally:
+        if run.poll() is None:
+            os.killpg(run.pid, signal.SIGKILL)
+            run.communicate()
+    assert run.returncode == 130, complaints
+    assert "Traceback" not in complaints
+    stopped = steps_at(out)
+    assert stopped >= 400
+    assert stopped % 200 == 0  # two workers, 100 steps each
+    assert f"stopped at step {stopped}; python -m agents.train --resume {out} goes on" in said
+    progress, _ = train(TrainConfig(resume=out, envs=1, steps=stopped + 100, device="cpu"))
+    assert progress.steps == stopped + 100
+    assert json.loads((out / SETTINGS_FILE).read_text())["hyperparameters"]["n_envs"] == 1
+
+
+def steps_at(out: Path) -> int:
+    try:
+        return json.loads((out / LAST / POLICY_FILE).read_text())["steps"]
+    except FileNotFoundError:
+        return -1
+
+
+class Echoes:
+    """Solves the toy by hand."""
+
+    def reset(self, env, observation, info, rng):
+        self.rng = rng
+
+    def act(self, observation, info):
+        return np.array([observation["state"][0], 0.5, 0.0, -0.5])
+
+
+def test_a_warm_start_does_what_it_was_shown_and_knows_what_it_is_worth(config, tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "make_policy", lambda name: {"ring": Echoes()}[name])
+    out = tmp_path / "run"
+    config = replace(config, out=out, imitate_episodes=100, steps=100, eval_every=10_000)
+    seen = {}
+    real = training.imitate
+
+    def imitate_and_look(model, env, shown, seed):
+        off = real(model, env, shown, seed)
+        observations, _ = model.policy.obs_to_tensor(shown.observations)
+        values = model.policy.predict_values(observations).detach().numpy().reshape(-1, 10)
+        seen.update(off=off, values=values.mean(axis=0), scale=np.sqrt(env.ret_rms.var))
+        return off
+
+    monkeypatch.setattr(training, "imitate", imitate_and_look)
+    progress, said = train(config)
+    assert any(line.startswith("imitated ring (return 10.00 on training scenes)") for line in said)
+    assert seen["off"] < 0.2  # actions differ by 0.58 from their mean
+    # All rewards are 1, gamma is a half: a step is worth 2 if there are enough left.
+    assert seen["values"].mean() * seen["scale"] == pytest.approx(2 - 0.2, abs=0.3)
+    assert progress.validations[0]["at"] == 0
+    assert progress.validations[0]["return"] > 9.0
+    with pytest.raises(UsageError, match="imitate_episodes 100 there, 0 now"):
+        train(replace(config, imitate_episodes=0))
+
+
+def test_a_warm_start_that_is_stopped_leaves_nothing_half_learnt(config, tmp_path, monkeypatch):
+    class Tired(Echoes):
+        def reset(self, env, observation, info, rng):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(training, "make_policy", lambda name: Tired())
+    out = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        training.train(replace(config, out=out, imitate_episodes=3), lambda line: None, lambda items, **_: items)
+    assert not (out / LAST).exists()
+
+
+@pytest.mark.parametrize("gamma", [0.0, 0.5, 0.98, 1.0])
+def test_running_sums_are_discounted_sums(gamma):
+    rewards = np.random.default_rng(0).normal(size=12)
+    sums = running_sums(rewards, gamma)
+    assert len(running_sums(rewards[:0], gamma)) == 0
+    for step, value in enumerate(sums):
+        expected = sum(gamma ** (step - before) * rewards[before] for before in range(step + 1))
+        assert value == pytest.approx(expected, abs=1e-9)
+
+
+def test_episodes_end_for_good_and_hand_on_figures_only():
+    env = WholeEpisodes(gym.make(ENV_ID))
+    observation, info = env.reset(seed=0)
+    assert info == {}
+    rewards = []
+    for step in range(10):
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        rewards.append(reward)
+        assert (terminated, truncated) == (step == 9, False)
+        assert set(info) == ({"figures"} if terminated else set())
+    assert env.observation_space.contains(observation)
+    assert info["figures"]["return"] == pytest.approx(sum(rewards))
+    assert info["figures"]["collisions"] == sum(reward < 0.5 for reward in rewards)
+    assert info["figures"]["steps"] == 10
+
+
+@pytest.mark.parametrize(("scenes", "workers"), [(15, 4), (3, 3), (3, 4), (15, 1)])
+def test_every_scene_has_a_worker(scenes, workers):
+    names = tuple(f"train/{k:02d}" for k in range(scenes))
+    shares = [share(names, index, workers) for index in range(workers)]
+    assert set().union(*shares) == set(names)
+    assert all(shares)
+    assert sum(map(len, shares)) == (scenes if scenes >= workers else scenes * workers)
+
+
+def test_workers_stay_in_their_share_of_the_scenes_and_are_seeded():
+    class Rooms(Echo):
+        def reset(self, *, seed=None, options=None):
+            self.scene = (options or {})["scene"]
+            return super().reset(seed=seed)
+
+    def visited(seed):
+        env, found = ShareOfScenes(Rooms(), ("a", "b", "c")), []
+        for episode in range(12):
+            env.reset(seed=seed if episode == 0 else None)
+            found.append(env.unwrapped.scene)  # type: ignore[attr-defined]
+        return found
+
+    assert set(visited(0)) == {"a", "b", "c"}
+    assert visited(0) == visited(0)
+    assert visited(0) != visited(1)
+
+
+def test_rewards_switch_terms_off_by_name():
+    update = MemoryUpdate(
+        (0,), 0.5, num_new_azimuths=2, num_new_cells=1, visible=(0,), confidence_now={}, candidate=None
+    )
+    paid = {
+        name: {term for term, value in reward_terms(update, True, weights).items() if value}
+        for name, weights in REWARDS.items()
+    }
+    assert paid == {
+        "both": {"discovery", "diversity", "collision"},
+        "discovery": {"discovery", "collision"},
+        "diversity": {"diversity", "collision"},
+        "neither": {"collision"},
+    }
+
+
+def test_training_pays_the_reward_asked_for_in_the_scenes_of_its_split():
+    env = make_env(EnvSettings(ENV_ID, reward="discovery"), "val").unwrapped
+    assert isinstance(env, Echo)
+    assert env.split == "val"
+    assert env.settings["reward_weights"] == REWARDS["discovery"]
+    assert env.settings["detector"] == "simulated"
+
+
+def test_a_trained_policy_does_what_it_learnt(trained, config):
+    assert config.out is not None
+    policy, env = Ppo(config.out), gym.make(ENV_ID)
+    observation, info = env.reset(seed=5)
+    policy.reset(env, observation, info, np.random.default_rng(0))
+    missed = []
+    for _ in range(10):
+        action = policy.act(observation, info)
+        missed.append(abs(action[0] - observation["state"][0]))
+        observation, *_, info = env.step(action)
+    assert np.mean(missed) < 0.3  # an action that ignores the state misses it by 0.5 and more
+
+
+def test_help_names_the_options():
+    result = subprocess.run(
+        [sys.executable, "-m", "agents.train", "--help"], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    assert all(option in result.stdout for option in ("--env", "--out", "--steps", "--resume", "--seed", "--device"))

@@ -1,0 +1,35 @@
+"""The bench of the environment: every promise is measured."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from experiments import bench, bench_env
+
+
+def test_learning_is_measured_on_the_hyperparameters_of_the_env():
+    choosing, learning = bench_env._learning(quick=True, say=lambda text: None)
+    assert 0 < choosing.seconds < learning.seconds
+    assert "epochs" in learning.what
+
+
+def test_it_is_a_bench():
+    assert bench.BENCHES["env"] == "experiments.bench_env"
+
+
+@pytest.mark.slow
+def test_every_promise_is_measured(tmp_path):
+    command = [sys.executable, "-m", "experiments.bench", "env", "--quick", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    first, *workers, choosing, learning = json.loads((tmp_path / "env.json").read_text())["rows"]
+    assert first["rival_seconds"] > 0
+    assert [row["what"] for row in workers] == [
+        "step of 1 worker side by side",
+        "step of 2 workers side by side",
+        "step of 4 workers side by side",
+    ]
+    assert {row["wanted"] for row in workers} == {"60 steps/s per core"}
+    assert all(row["seconds"] > 0 for row in (first, *workers, choosing, learning))
