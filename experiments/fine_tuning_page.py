@@ -87,9 +87,12 @@ def _setup(world: dict[str, Any]) -> str:
     made = [100 * one["pseudo_labels"]["mask_ap50"] for one in world["labels"]]
     closed = gap_closed(world)
     share = "" if closed is None else f" Share of the gap to ground truth closed, at IoU .5: **{closed:.2f}**."
+    if closed is not None and closed > 1:
+        share += " (More than 1: after so few batches, ground truth is no ceiling yet.)"
+    homes = {name: len(set(world["pools"][name]["scenes"])) for name in counts}
     return (
-        f"{counts['learn']} episodes to learn from, {counts['choose']} to choose by, {counts['val']} to report on. On "
-        f"the views learned from, AP50 of the detector is {detector:.1f}, of the labels {_spread(made)}.{share}"
+        f"{counts['learn']} episodes ({homes['learn']} scenes) to learn from, {counts['choose']} ({homes['choose']}) "
+        f"to choose by, {counts['val']} ({homes['val']}) to report on. On the views learned from, AP50 of the detector is {detector:.1f}, of the labels {_spread(made)}.{share}"
     )
 
 
