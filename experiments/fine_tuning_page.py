@@ -92,7 +92,8 @@ def _setup(world: dict[str, Any]) -> str:
     homes = {name: len(set(world["pools"][name]["scenes"])) for name in counts}
     return (
         f"{counts['learn']} episodes ({homes['learn']} scenes) to learn from, {counts['choose']} ({homes['choose']}) "
-        f"to choose by, {counts['val']} ({homes['val']}) to report on. On the views learned from, AP50 of the detector is {detector:.1f}, of the labels {_spread(made)}.{share}"
+        f"to choose by, {counts['val']} ({homes['val']}) to report on. On the "
+        f"views learned from, AP50 of the detector is {detector:.1f}, of the labels {_spread(made)}.{share}"
     )
 
 
