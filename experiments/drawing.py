@@ -23,6 +23,8 @@ matplotlib.use("Agg")
 
 COLOURS = np.array(plt.get_cmap("tab10").colors)
 DPI = 100
+FAINT = 0.1
+"""Networks offer dozens of detections fainter than this, which would hide all others in a picture."""
 
 
 def draw_episode(episodes: Sequence[Episode], path: Path) -> None:
@@ -86,7 +88,10 @@ def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
         view = max(range(episode.num_views), key=lambda v: _gain(episode, labels, v))
         truth = [t for t in episode.ground_truth or () if t.view_index == view and not t.ignore]
         rows: list[tuple[str, Sequence[Detection | PseudoLabel | GroundTruth]]] = [
-            ("detector", [d for d in episode.detections or () if d.view_index == view]),
+            (
+                f"detector (confidence ≥ {FAINT})",
+                [d for d in episode.detections or () if d.view_index == view and d.confidence >= FAINT],
+            ),
             ("pseudo-labels", [m for m in labels.labels if m.view_index == view and m.modal.any()]),
             ("ground truth", truth),
         ]
