@@ -10,11 +10,11 @@ import numpy as np
 
 from agents.collect import CollectConfig
 from agents.environments import capture_size, inner_env, make_env
+from agents.output_folder import claim_folder
 from agents.policies.registry import make_policy
 from agents.provenance import git_commit, versions
 from labeling.episodes import Episode, read_episode, write_episode
 from labeling.errors import EpisodeFormatError, SbmError, UsageError
-from labeling.files import write_json
 from labeling.instances import CONFIDENT
 from sbm_gym.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
 
@@ -44,7 +44,11 @@ def collect(config: CollectConfig) -> list[Path]:
     make_policy(config.policy, config.env)
     env = make_env(config.env, config.split, config.detector)
     try:
-        _claim_folder(config)
+        settings = dataclasses.asdict(config)
+        for name in ("out", "episodes"):  # neither changes what an episode holds
+            del settings[name]
+        defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}
+        claim_folder(config.out, SETTINGS_FILE, settings, defaults)
         folders = [config.out / f"{number:04d}" for number in range(config.episodes)]
         missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
         if len(missing) < len(folders):
@@ -139,40 +143,6 @@ def _check(config: CollectConfig) -> None:
         raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
     if config.seed < 0:
         raise UsageError(f"--seed must not be negative, not {config.seed}")
-
-
-def _claim_folder(config: CollectConfig) -> None:
-    """Notes the settings in the folder; refuses a folder that was recorded with others, or holds something else."""
-    settings = dataclasses.asdict(config)
-    for name in ("out", "episodes"):  # neither changes what an episode holds
-        del settings[name]
-    path = config.out / SETTINGS_FILE
-    if path.is_file():
-        from labeling.episode_json import read_json
-
-        before = read_json(path).mapping().get("settings")
-        before = before if isinstance(before, dict) else {}
-        defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}
-        before = {name: before.get(name, defaults[name]) for name in settings}  # older folders lack newer settings
-        differing = [
-            f"--{name} {before[name]!s} there, {value!s} now"
-            for name, value in settings.items()
-            if before[name] != value
-        ]
-        if differing:
-            raise UsageError(
-                f"{config.out} was recorded with other settings ({'; '.join(differing)}); give another --out, "
-                "or the same settings to go on"
-            )
-        return
-    if config.out.exists() and not config.out.is_dir():
-        raise UsageError(f"{config.out} is a file; --out is a folder for episodes")
-    if config.out.is_dir() and any(config.out.iterdir()):
-        raise UsageError(f"{config.out} is not empty and was not made by this program; give another --out")
-    try:
-        write_json(path, {"settings": settings})
-    except OSError as error:
-        raise UsageError(f"cannot write to {config.out}: {error.strerror}") from error
 
 
 def _is_complete(folder: Path) -> bool:

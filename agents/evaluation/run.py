@@ -12,9 +12,10 @@ from agents.environments import capture_size, inner_env, make_env
 from agents.evaluate import EvaluateConfig
 from agents.evaluation.episodes import Spawn, play, spawn_of
 from agents.evaluation.label_quality import label_record
-from agents.evaluation.store import claim_folder, policy_key, read_result, result_path
+from agents.evaluation.store import DECISIVE, SETTINGS_FILE, policy_key, read_result, result_path
 from agents.evaluation.summary import summary
 from agents.evaluation.table import print_tables
+from agents.output_folder import claim_folder
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
 from labeling.errors import SbmError, UsageError
@@ -36,7 +37,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     _check(config)
     player = Player(config)
     try:
-        claim_folder(config)
+        settings = {name: getattr(config, name) for name in DECISIVE}
+        claim_folder(config.out, SETTINGS_FILE, settings, {})
         spawns = [
             spawn_of(player.scenes, seed, episode) for seed in range(config.seeds) for episode in range(config.episodes)
         ]

@@ -5,45 +5,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from agents.evaluate import EvaluateConfig
 from agents.policies.registry import checkpoint_of
 from labeling.errors import UsageError
-from labeling.files import write_json
 
 SETTINGS_FILE = "settings.json"
 DECISIVE = ("env", "split", "detector", "labels", "size")
 """Settings that decide what an episode's result is."""
-
-
-def claim_folder(config: EvaluateConfig) -> None:
-    """Notes the settings in the folder; refuses a folder that holds results of others, or something else.
-
-    Raises:
-        UsageError: if it does, or cannot be written to.
-    """
-    settings = {name: getattr(config, name) for name in DECISIVE}
-    path = config.out / SETTINGS_FILE
-    if path.is_file():
-        before = read_result(path).get("settings", {})
-        differing = [
-            f"--{name} {before.get(name)!s} there, {value!s} now"
-            for name, value in settings.items()
-            if before.get(name) != value
-        ]
-        if differing:
-            raise UsageError(
-                f"{config.out} holds results of other settings ({'; '.join(differing)}); give another --out, or the "
-                "same settings to go on"
-            )
-        return
-    if config.out.exists() and not config.out.is_dir():
-        raise UsageError(f"{config.out} is a file; --out is a folder for results")
-    if config.out.is_dir() and any(config.out.iterdir()):
-        raise UsageError(f"{config.out} is not empty and was not made by this program; give another --out")
-    try:
-        write_json(path, {"settings": settings})
-    except OSError as error:
-        raise UsageError(f"cannot write to {config.out}: {error.strerror}") from error
 
 
 def policy_key(policy: str, env_id: str) -> str:
