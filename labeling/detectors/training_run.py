@@ -217,7 +217,7 @@ def _board(out: Path, iteration: int, say: Callable[[str], None]) -> Any:
     except ImportError:
         say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
         return None
-    return SummaryWriter(str(out / "tensorboard"), purge_step=iteration)
+    return SummaryWriter(str(out / "tensorboard"), purge_step=iteration + 1)
 
 
 def _draw(board: Any, group: str, values: dict[str, float], step: int) -> None:
