@@ -112,7 +112,7 @@ class Episode:
         """A full frame of the current view. Changes nothing."""
         scene, camera_to_world = self.scene, self.scene.body.camera_to_world
         if self._detector.needs_detail and self._settings.detector_size == (height_px, width_px):
-            view, detections = self._sight, self.detections
+            view, detections = self.sight, self.detections
         else:
             view = self.draw(height_px, width_px, antialias=True)
             detections = self._detect(view)
@@ -173,13 +173,14 @@ class Episode:
         """Draws what the robot sees now, detects, and lets the memory learn from it."""
         self.view = self.draw(*self._settings.image_size, antialias=self._settings.antialias)
         """What it sees."""
-        self._sight = self.view
+        self.sight = self.view
+        """What its detector looks at."""
         if self._detector.needs_detail:
-            self._sight = self.draw(*self._settings.detector_size, antialias=True)
-        self.detections = self._detect(self._sight)
+            self.sight = self.draw(*self._settings.detector_size, antialias=True)
+        self.detections = self._detect(self.sight)
         """What its detector says about that."""
         update = self.memory.observe(
-            self.detections, self._sight.frame.depth_m, self._sight.intrinsics, self.scene.body.camera_to_world
+            self.detections, self.sight.frame.depth_m, self.sight.intrinsics, self.scene.body.camera_to_world
         )
         if self.target_id is None and self.memory.objects:
             self.target_id = 0

@@ -56,6 +56,8 @@ def info(episode: Episode, terms: dict[str, float], num_azimuths: int) -> dict[s
     return {
         "scene": episode.scene.name,
         "detections": list(episode.detections),
+        # What the masks of detections lie over: a real detector looks at a picture of its own.
+        "sight": {"depth_m": episode.sight.frame.depth_m, "intrinsics": episode.sight.intrinsics.copy()},
         "fixation_target": {} if target is None else _describe(target, episode),
         "confirmed_objects": known,
         "reward_terms": terms,

@@ -94,7 +94,9 @@ class NextBestView:
         camera = (agent["intrinsics"], agent["camera_to_world"])
         self._space.add(depth_m, *camera)
         self._floor.add(depth_m, *camera)
-        self._looked.add(info["detections"], self._env.memory.objects, depth_m, *camera)
+        sight = info["sight"]
+        over = (sight["depth_m"], sight["intrinsics"], agent["camera_to_world"])
+        self._looked.add(info["detections"], self._env.memory.objects, *over)
         self._note_vain_looks(agent["camera_to_world"], agent["yaw_rad"])
         targets = self._targets()
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]

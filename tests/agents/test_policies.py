@@ -270,3 +270,15 @@ def test_looked_at_keeps_candidates_until_they_are_confirmed():
 )
 def test_the_first_direction_sees_most_in_the_time_left(left, here, steps, expected):
     assert _first_direction(left, here, 18, steps) == expected
+
+
+def test_policies_go_with_detectors_that_look_at_pictures_of_their_own():
+    env = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), detector="compact", detector_size=(128, 128))
+    for name in POLICIES:
+        observation, info = env.reset(seed=2)
+        policy = make_policy(name)
+        policy.reset(env, observation, info, np.random.default_rng(0))
+        for _ in range(4):
+            observation, _, _, _, info = env.step(policy.act(observation, info))
+            masks = [detection.mask.shape for detection in info["detections"]]
+            assert set(masks) <= {info["sight"]["depth_m"].shape} == {(128, 128)}
