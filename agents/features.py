@@ -5,6 +5,8 @@ the picture encoder is made to cost less than the step that drew the picture: pi
 the first convolution.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from gymnasium import spaces
@@ -13,6 +15,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 KEYS = ("rgb", "depth", "state")
+PICTURES = ("rgb", "depth")
 
 
 class LookFeatures(BaseFeaturesExtractor):
@@ -22,8 +25,9 @@ class LookFeatures(BaseFeaturesExtractor):
         self,
         observation_space: spaces.Dict,
         features: int = 128,
+        pictures: Sequence[str] = PICTURES,
         picture_features: int = 64,
-        channels: tuple[int, ...] = (16, 32),
+        channels: Sequence[int] = (16, 32),
         block_px: int = 4,
     ) -> None:
         """Makes an extractor with random weights.
@@ -32,21 +36,29 @@ class LookFeatures(BaseFeaturesExtractor):
             observation_space: ``rgb`` (3 h w) and ``depth`` (1 h w), both uint8 and channels first as
                 Stable-Baselines3 hands them on, and ``state`` (n).
             features: how many features come out; the state encoder is as wide.
-            picture_features: how many of what goes into the last layer are of the picture; 0 leaves pictures out.
+            pictures: which of ``rgb`` and ``depth`` are looked at; none of them leaves the state vector alone.
+            picture_features: how many of what goes into the last layer are of the pictures.
             channels: of the convolutions, each 3x3 with a stride of 2.
             block_px: edge length of the blocks that pictures are averaged over.
 
         Raises:
-            ValueError: if the observation space is of another kind.
+            ValueError: if the observation space is of another kind, or there is no such picture.
         """
         _check(observation_space)
+        unknown = [name for name in pictures if name not in PICTURES]
+        if unknown:
+            raise ValueError(f"pictures may be {' and '.join(PICTURES)}, not {unknown[0]!r}")
         super().__init__(observation_space, features)
-        self.block_px, self.picture_features = block_px, picture_features
-        if picture_features:
+        self.block_px = block_px
+        self.looks_at = tuple(pictures)
+        """The pictures that it looks at."""
+        if pictures:
             height_px, width_px = observation_space["rgb"].shape[1:]  # type: ignore[index]
-            self.pictures = _picture_encoder(height_px // block_px, width_px // block_px, channels, picture_features)
+            depths = sum(observation_space[name].shape[0] for name in pictures)  # type: ignore[index]
+            size = (height_px // block_px, width_px // block_px)
+            self.pictures = _picture_encoder(depths, *size, channels, picture_features)
         self.state = nn.Sequential(nn.Linear(observation_space["state"].shape[0], features), nn.Tanh())  # type: ignore[index]
-        self.fusion = nn.Sequential(nn.Linear(features + picture_features, features), nn.Tanh())
+        self.fusion = nn.Sequential(nn.Linear(features + picture_features * bool(pictures), features), nn.Tanh())
 
     def forward(self, observations: dict[str, torch.Tensor]) -> Float[torch.Tensor, "b features"]:
         """Features of a batch.
@@ -55,9 +67,9 @@ class LookFeatures(BaseFeaturesExtractor):
             observations: ``rgb`` and ``depth`` from 0 to 1 (Stable-Baselines3 divides by 255), and ``state``.
         """
         encoded = self.state(observations["state"])
-        if self.picture_features:
-            seen = torch.cat([observations["rgb"], nearness(observations["depth"])], dim=1)
-            blocks = nn.functional.avg_pool2d(seen, self.block_px)
+        if self.looks_at:
+            seen = [nearness(observations[name]) if name == "depth" else observations[name] for name in self.looks_at]
+            blocks = nn.functional.avg_pool2d(torch.cat(seen, dim=1), self.block_px)
             encoded = torch.cat([encoded, self.pictures(blocks)], dim=1)
         return self.fusion(encoded)
 
@@ -71,9 +83,8 @@ def nearness(depth: Float[torch.Tensor, "b 1 h w"]) -> Float[torch.Tensor, "b 1 
     return torch.where(depth > 0.0, 1.0 - depth, torch.zeros_like(depth))
 
 
-def _picture_encoder(height: int, width: int, channels: tuple[int, ...], features: int) -> nn.Sequential:
+def _picture_encoder(before: int, height: int, width: int, channels: Sequence[int], features: int) -> nn.Sequential:
     layers: list[nn.Module] = []
-    before = 4
     for after in channels:
         layers += [nn.Conv2d(before, after, 3, stride=2), nn.ReLU()]
         before, height, width = after, (height - 1) // 2, (width - 1) // 2

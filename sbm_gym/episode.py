@@ -7,17 +7,20 @@ from jaxtyping import Float
 
 from labeling.geometry import intrinsics_from_fov
 from labeling.instances import Detection
+from sbm_gym.gaze import PITCH_RAD, yaw_offset_rad
+from sbm_gym.looked_at import LookedAt
 from sbm_gym.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
 from sbm_gym.recording import Capture, ground_truth_of_view
 from sbm_gym.rendering.third_person import AgentTrace, Find
 from sbm_gym.scenes import Scene
+from sbm_gym.seen_floor import SeenFloor
 from sbm_gym.view_detectors import View, ViewDetector
 
 GAZES = ("fixate", "free")
 TURN_RAD, TILT_RAD = np.deg2rad(60.0), np.deg2rad(30.0)
 """What gaze actions of 1 turn and tilt the camera by, without a fixation target."""
-OFFSET_RAD = np.deg2rad(45.0)
-"""How far from its fixation target gaze actions of 1 point the camera."""
+REFIXATE_RAD = np.deg2rad(10.0)
+"""A visible object so much nearer to the middle of the picture than the fixation target takes its place."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,10 @@ class Episode:
         self.scene, self._settings, self._detector, self._entropy = scene, settings, detector, entropy
         self.memory = ObjectMemory(settings.memory)
         """What the robot knows about objects."""
+        self.looked = LookedAt(settings.memory)
+        """Where it has looked, and what may be an object."""
+        self.floor = SeenFloor(scene.world.navigable, position_m, settings.stride_m, settings.memory.max_depth_m)
+        """Which part of the floor it has seen."""
         self.target_id: int | None = None
         """The object it fixates."""
         self.step_index, self.collided, self.path_m = 0, False, 0.0
@@ -167,7 +174,7 @@ class Episode:
         offset = target.centroid_m - body.camera_to_world[:3, 3]
         yaw_rad = float(np.arctan2(offset[1], offset[0]))
         tilt_rad = float(np.arctan2(offset[2], np.hypot(offset[0], offset[1])))
-        body.look(yaw_rad + yaw_pitch[0] * OFFSET_RAD, tilt_rad + yaw_pitch[1] * OFFSET_RAD)
+        body.look(yaw_rad + yaw_offset_rad(yaw_pitch[0]), tilt_rad + yaw_pitch[1] * PITCH_RAD)
 
     def _look(self) -> MemoryUpdate:
         """Draws what the robot sees now, detects, and lets the memory learn from it."""
@@ -179,12 +186,30 @@ class Episode:
             self.sight = self.draw(*self._settings.detector_size, antialias=True)
         self.detections = self._detect(self.sight)
         """What its detector says about that."""
-        update = self.memory.observe(
-            self.detections, self.sight.frame.depth_m, self.sight.intrinsics, self.scene.body.camera_to_world
-        )
-        if self.target_id is None and self.memory.objects:
-            self.target_id = 0
+        over = (self.sight.frame.depth_m, self.sight.intrinsics, self.scene.body.camera_to_world)
+        update = self.memory.observe(self.detections, *over)
+        self.looked.add(self.detections, self.memory.objects, *over)
+        self.floor.add(self.view.frame.depth_m, self.view.intrinsics, self.scene.body.camera_to_world)
+        self._refixate(update.visible)
         return update
+
+    def _refixate(self, visible: tuple[int, ...]) -> None:
+        """Whatever the robot looks straight at becomes its fixation target; so does the first object it finds."""
+        target = self.target
+        if target is None:
+            self.target_id = 0 if self.memory.objects else None
+            return
+        off_rad = {known_id: self._off_centre_rad(self.memory.objects[known_id]) for known_id in visible}
+        nearest = min(off_rad, key=lambda known_id: off_rad[known_id], default=None)
+        if nearest is not None and off_rad[nearest] < self._off_centre_rad(target) - REFIXATE_RAD:
+            self.target_id = nearest
+
+    def _off_centre_rad(self, known: KnownObject) -> float:
+        """How far to the side of where the camera points an object is."""
+        body = self.scene.body
+        offset = known.centroid_m - body.camera_to_world[:3, 3]
+        side_rad = float(np.arctan2(offset[1], offset[0])) - body.yaw_rad
+        return abs((side_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
     def _detect(self, view: View) -> list[Detection]:
         """Detections in a view."""

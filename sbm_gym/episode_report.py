@@ -6,7 +6,15 @@ import numpy as np
 
 from sbm_gym.episode import Episode
 from sbm_gym.object_memory import KnownObject, ViewBins
-from sbm_gym.observations import ObservationScales, Situation, encode_depth, state_vector
+from sbm_gym.observations import encode_depth
+from sbm_gym.state_vector import (
+    UNSEEN_DIRECTIONS,
+    UNSEEN_STRIDES,
+    ObservationScales,
+    Situation,
+    free_distances_m,
+    state_vector,
+)
 
 
 def observation(episode: Episode, num_views: int, bins: ViewBins, scales: ObservationScales) -> dict[str, np.ndarray]:
@@ -20,26 +28,29 @@ def observation(episode: Episode, num_views: int, bins: ViewBins, scales: Observ
     """
     body, target, update = episode.scene.body, episode.target, episode.update
     situation = Situation(
-        position_m=body.position_m,
         yaw_rad=body.yaw_rad,
         tilt_rad=body.tilt_rad,
         camera_m=body.camera_to_world[:3, 3],
         target=target,
         target_visible=target is not None and target.object_id in update.visible,
         target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
-        candidate=update.candidate,
         others=tuple(
             (known, known.object_id in update.visible) for known in episode.memory.objects if known is not target
         ),
+        candidates=tuple(episode.looked.candidates),
         num_confirmed=len(episode.memory.objects),
         collided=episode.collided,
         time_left=max(0.0, 1.0 - episode.step_index / num_views),
+        free_m=free_distances_m(episode.scene.world.navigable, body.position_m, body.yaw_rad, scales.free_reach_m),
+        unseen=episode.floor.unseen_around(
+            body.position_m, body.yaw_rad, tuple(UNSEEN_STRIDES.values()), UNSEEN_DIRECTIONS
+        ),
     )
     frame = episode.view.frame
     return {
         "rgb": frame.rgb.copy(),
         "depth": encode_depth(frame.depth_m, scales.depth_level_m),
-        "state": state_vector(situation, bins, episode.scene.world.navigable, scales),
+        "state": state_vector(situation, bins, scales),
     }
 
 

@@ -19,12 +19,13 @@ from sbm_gym.env_arguments import (
 )
 from sbm_gym.episode import Episode, EpisodeSettings
 from sbm_gym.object_memory import MemoryConfig, ObjectMemory
-from sbm_gym.observations import observation_space, state_names
+from sbm_gym.observations import observation_space
 from sbm_gym.recording import Capture
 from sbm_gym.rendering.third_person import AgentTrace, ThirdPersonView
 from sbm_gym.rewards import RewardWeights, reward_terms
 from sbm_gym.scenes import Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.simulated_detector import SimulatedDetectorConfig
+from sbm_gym.state_vector import state_names
 from sbm_gym.view_detectors import make_detector
 from sbm_gym.viewer_window import ViewerWindow, check_screen, screen_available
 from sbm_gym.world_sources import chosen_source
@@ -52,21 +53,23 @@ class FixationEnv(gym.Env, EzPickle):
     |---|---|---|
     | 0 | forward | one stride (0.5 m [2.5 m]) to where the camera points |
     | 1 | left | one stride to the left of it |
-    | 2 | gaze yaw, left is positive | with a fixation target: 45 degrees left of it; without: turn left by 60 degrees |
+    | 2 | gaze yaw, left is positive | with a fixation target: half a turn from it; without: turn left by 60 degrees |
     | 3 | gaze pitch, up is positive | with a fixation target: 45 degrees above it; without: tilt up by 30 degrees |
 
     Moves longer than a stride are shortened to one. The robot moves first, in the frame of its heading before the step,
-    then looks. Obstacles stop it or let it slide along. The fixation target is the first confirmed object (the most
-    confident one of the first view that has any); offset zero keeps its estimated centroid in the middle of the
-    picture. `env.unwrapped.fixate(object_id)` chooses another.
+    then looks. Obstacles stop it or let it slide along. With a fixation target, gaze actions of zero keep its estimated
+    centroid in the middle of the picture; a gaze yaw of a is 45 a + 135 a^3 degrees from it (0.1 is 4.6 degrees, 0.5 is
+    39). The fixation target is at first the first confirmed object (the most confident one of the first view that has
+    any); another visible one takes its place once it is nearer to the middle of the picture by 10 degrees.
+    `env.unwrapped.fixate(object_id)` chooses one outright.
 
     ## Observation Space
     `Dict` of
     - `rgb`: `Box(0, 255, (84, 84, 3) [(64, 192, 3)], uint8)`, field of view 90 degrees across;
     - `depth`: `Box(0, 255, (84, 84, 1) [(64, 192, 1)], uint8)`, z-depth in levels of 4 cm [20 cm], 0 = no return;
-    - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, sectors covered, candidate, other objects,
-      time left, free space); `env.unwrapped.state_names` says what each entry means,
-      `sbm_gym.observations.state_names` how they are scaled.
+    - `state`: `Box(-1, 1, (n,), float32)`: what the robot knows (target, other objects, sectors covered, candidates,
+      time left, free and unseen floor around it); `env.unwrapped.state_names` says what each entry means,
+      `sbm_gym.state_vector.state_names` how they are scaled.
 
     ## Rewards
     The sum of the terms in `info["reward_terms"]` (weights: `sbm_gym.rewards.RewardWeights`):

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from sbm_gym.agent_body import BodyConfig
 from sbm_gym.assets.classes import OUTDOOR_CATEGORIES
 from sbm_gym.object_memory import MemoryConfig, ViewBins
-from sbm_gym.observations import ObservationScales
 from sbm_gym.simulated_detector import SimulatedDetectorConfig
+from sbm_gym.state_vector import ObservationScales
 
 
 @dataclass(frozen=True)

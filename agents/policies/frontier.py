@@ -1,9 +1,8 @@
 """The ``frontier`` policy: explores. It goes where the floor it has seen ends and looks where it goes.
 
 Of all frontiers it heads for the one that promises most unseen floor for the steps it takes. It does so before and
-after objects are found: what it sees of objects, it sees on its way (the env then lets it look no farther than 45
-degrees past some confirmed object; it fixates the one that hinders least). When no frontier is left it forgets what it
-has seen and goes round again.
+after objects are found: what it sees of objects, it sees on its way. When no frontier is left it forgets what it has
+seen and goes round again.
 
 Source: Yamauchi 1997, "A frontier-based approach for autonomous exploration".
 """
@@ -15,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.paths import advance, way_length_m
-from agents.seen_floor import Frontier, SeenFloor
 from agents.steering import bearing_rad, look, wrap
 from sbm_gym.episode import TURN_RAD
 from sbm_gym.observations import decode_depth
+from sbm_gym.seen_floor import Frontier, SeenFloor
 
 STUCK_STRIDES = 0.1
 ARRIVED_STRIDES = 0.75
@@ -61,7 +60,7 @@ class FrontierWalk:
         self._before_m = position_m.copy()
         self._steps_on_goal += 1
         wanted_rad = self._gaze(position_m, step_m, agent["yaw_rad"])
-        return look(self._env, info, step_m, wanted_rad, self._profile.rest_tilt_rad).astype(np.float32)
+        return look(info, self._env.stride_m, step_m, wanted_rad, self._profile.rest_tilt_rad).astype(np.float32)
 
     def _judge(self, position_m: Float[np.ndarray, "2"]) -> None:
         """Drops the goal once it has been seen, and gives it up where it cannot be seen."""

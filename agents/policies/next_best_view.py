@@ -18,18 +18,19 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from agents.looked_at import IN_VIEW_RAD, LookedAt
 from agents.paths import advance
 from agents.policies.frontier import best_frontier
 from agents.reachable import Reachable, reachable_places
-from agents.seen_floor import SeenFloor
 from agents.seen_space import SeenSpace
 from agents.steering import bearing_rad, look, wrap
-from sbm_gym.episode import OFFSET_RAD, TURN_RAD
+from sbm_gym.episode import TURN_RAD
+from sbm_gym.looked_at import IN_VIEW_RAD
 from sbm_gym.object_memory import Cell
 from sbm_gym.observations import decode_depth
+from sbm_gym.seen_floor import SeenFloor
+from sbm_gym.state_vector import promise
 
 BANDS_STRIDES = (1.0, 2.0, 4.0, 8.0)
 """Places are drawn band by band, so that there are near ones to choose from; beyond the last one nothing is reached."""
@@ -40,8 +41,6 @@ NEW_CELL = 0.2
 """A new range or elevation within a known sector, as a share of a new sector (as the env's reward has it)."""
 CANDIDATE = 4.0
 """Confirming an object, in sectors (as the env's reward has it), times the confidence it has already."""
-VAIN_LOOK = 0.4
-"""What each look in vain leaves of a candidate's promise."""
 FRONTIER_PER_STRIDE2 = 0.04
 """Unseen floor, squares of a stride: 25 of them are worth a sector."""
 FLOOR_EYE_M = 0.1
@@ -84,7 +83,6 @@ class NextBestView:
         self._space = SeenSpace(self._map.origin_m, self._map.origin_m + size_m, self._profile.seen_cell_m)
         self._reach_m = self._profile.memory.max_depth_m
         self._floor = SeenFloor(self._map, info["agent"]["position_m"], self._stride_m, self._reach_m)
-        self._looked = LookedAt(self._env.memory.config)
         self._goal_m: Float[np.ndarray, "2"] | None = None
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
@@ -94,9 +92,6 @@ class NextBestView:
         camera = (agent["intrinsics"], agent["camera_to_world"])
         self._space.add(depth_m, *camera)
         self._floor.add(depth_m, *camera)
-        sight = info["sight"]
-        over = (sight["depth_m"], sight["intrinsics"], agent["camera_to_world"])
-        self._looked.add(info["detections"], self._env.memory.objects, *over)
         self._note_vain_looks(agent["camera_to_world"], agent["yaw_rad"])
         targets = self._targets()
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
@@ -108,7 +103,7 @@ class NextBestView:
             self._floor.give_up(goal_m)
             step_m = np.zeros(2)
         after_m = position_m + step_m
-        headings, gains = self._gains(targets, after_m[None], info)
+        headings, gains = self._gains(targets, after_m[None])
         turns = np.abs(wrap(headings - yaw_rad))
         ahead_rad = bearing_rad(position_m, goal_m) if np.any(step_m) else yaw_rad + TURN_RAD
         # Of equally good directions the one nearest to where it goes.
@@ -117,7 +112,7 @@ class NextBestView:
             value = np.where(turns <= TURN_RAD + 0.5 * np.pi / HEADINGS, value, -np.inf)
         best = int(np.argmax(value))
         tilt_rad = self._tilt_rad(targets, after_m, float(headings[best]))
-        return look(self._env, info, step_m, float(headings[best]), tilt_rad).astype(np.float32)
+        return look(info, self._stride_m, step_m, float(headings[best]), tilt_rad).astype(np.float32)
 
     def _note_vain_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> None:
         """Frontiers that the camera points at and nothing known hides, and that are unseen all the same."""
@@ -133,13 +128,13 @@ class NextBestView:
 
     def _targets(self) -> list[_Target]:
         """Confirmed objects, candidates and frontiers."""
-        found = []
+        found, looked = [], self._env.episode.looked
         for known in self._env.memory.objects:
-            done = frozenset(known.cells | self._looked.tried(known.object_id))
+            done = frozenset(known.cells | looked.tried(known.object_id))
             short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
             found.append(_Target(known.centroid_m, short_m, 1.0, frozenset(known.azimuths), done))
-        for one in self._looked.candidates:
-            worth = CANDIDATE * one.confidence * VAIN_LOOK ** len(one.looks)
+        for one in looked.candidates:
+            worth = CANDIDATE * promise(one)
             short_m = 0.25 + 0.5 * one.size_m
             found.append(_Target(one.centroid_m, short_m, worth, done=frozenset(one.looks)))
         for frontier in self._floor.frontiers():
@@ -149,9 +144,9 @@ class NextBestView:
         return found
 
     def _gains(
-        self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"], info: dict[str, Any]
+        self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"]
     ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "p d"]]:
-        """What a look from each place in each of some directions promises; -inf where the env does not let it."""
+        """What a look from each place in each of some directions promises."""
         headings = -np.pi + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
         gains = np.zeros((len(places_m), HEADINGS))
         height_m = self._profile.body.camera_height_m
@@ -164,8 +159,6 @@ class NextBestView:
             wanted = wanted[self._space.sees(eyes_m[wanted], target.centre_m, target.stop_short_m)]
             bearings = _bearings(places_m[wanted], target.centre_m)
             gains[wanted] += worth[wanted, None] * (np.abs(wrap(bearings[:, None] - headings)) < IN_VIEW_RAD)
-        if info["confirmed_objects"]:
-            gains[~self._allowed(places_m, headings, info)] = -np.inf
         return headings, gains
 
     def _worth(self, target: _Target, eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p"]:
@@ -180,16 +173,6 @@ class NextBestView:
                 worth[number] = target.worth * (NEW_CELL if cell[0] in target.sectors else 1.0)
         return worth
 
-    def _allowed(
-        self, places_m: Float[np.ndarray, "p 2"], headings: Float[np.ndarray, "d"], info: dict[str, Any]
-    ) -> Bool[np.ndarray, "p d"]:
-        """Whether the camera can point there while some confirmed object is its fixation target."""
-        allowed = np.zeros((len(places_m), len(headings)), bool)
-        for known in info["confirmed_objects"]:
-            bearings = _bearings(places_m, known["centroid_m"])
-            allowed |= np.abs(wrap(bearings[:, None] - headings)) <= OFFSET_RAD
-        return allowed
-
     # Where to go ------------------------------------------------------------------------------------------------------
 
     def _best_place(self, targets: list[_Target], info: dict[str, Any]) -> Float[np.ndarray, "2"] | None:
@@ -198,7 +181,7 @@ class NextBestView:
         found = reachable_places(self._map, agent["position_m"], self._stride_m, BANDS_STRIDES[-1] * self._stride_m)
         chosen = self._some_of(found)
         places_m, ways_m = found.places_m[chosen], found.ways_m[chosen]
-        headings, gains = self._gains(targets, places_m, info)
+        headings, gains = self._gains(targets, places_m)
         steps = np.maximum(1.0, np.ceil(ways_m / self._stride_m - 1e-6))[:, None]
         if not info["confirmed_objects"]:
             steps = np.maximum(steps, np.ceil(np.abs(wrap(headings - agent["yaw_rad"])) / TURN_RAD - 0.1))

@@ -1,18 +1,12 @@
-"""The ``spin`` policy: turns on the spot by 60 degrees a step, all the way round.
-
-Once an object is confirmed, the env lets the camera point no farther than 45 degrees past a confirmed object. Where
-that keeps it from turning on, it turns back the other way.
-"""
+"""The ``spin`` policy: turns on the spot by 60 degrees a step, all the way round."""
 
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from agents.steering import look, nearest_allowed, wrap
+from agents.steering import look
 from sbm_gym.episode import TURN_RAD
-
-LEAST_TURN_RAD = np.deg2rad(5.0)
 
 
 class Spin:
@@ -23,21 +17,9 @@ class Spin:
     ) -> None:
         """Starts an episode; see ``Policy``."""
         self._env: Any = env.unwrapped
-        self._direction = 1.0
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
-        """A sixth of a turn on, or as much of it as the env allows."""
-        agent = info["agent"]
-        if info["confirmed_objects"] and self._turn_rad(info) * self._direction < LEAST_TURN_RAD:
-            self._direction = -self._direction
-        wanted_rad = agent["yaw_rad"] + self._direction * TURN_RAD
-        action = look(self._env, info, np.zeros(2), wanted_rad, self._env.profile.rest_tilt_rad)
-        return action.astype(np.float32)
-
-    def _turn_rad(self, info: dict[str, Any]) -> float:
-        """How far the camera would turn if it went on in its direction."""
-        agent, objects = info["agent"], info["confirmed_objects"]
-        wanted_rad = agent["yaw_rad"] + self._direction * TURN_RAD
-        object_id, offset_rad = nearest_allowed(wanted_rad, agent["position_m"], objects)
-        offset = objects[object_id]["centroid_m"][:2] - agent["position_m"]
-        return float(wrap(np.arctan2(offset[1], offset[0]) + offset_rad - agent["yaw_rad"]))
+        """A sixth of a turn on."""
+        wanted_rad = info["agent"]["yaw_rad"] + TURN_RAD
+        tilt_rad = self._env.profile.rest_tilt_rad
+        return look(info, self._env.stride_m, np.zeros(2), wanted_rad, tilt_rad).astype(np.float32)

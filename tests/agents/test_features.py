@@ -52,12 +52,26 @@ def test_every_part_of_the_observation_counts_and_can_be_learnt_from(name):
 
 def test_pictures_can_be_left_out():
     space, observations = batch(SIZES[0])
-    extractor = LookFeatures(space, picture_features=0)
+    extractor = LookFeatures(space, pictures=())
     before = extractor(observations)
     observations["rgb"], observations["depth"] = observations["rgb"] * 0, observations["depth"] * 0
     assert torch.equal(extractor(observations), before)
     names = [name for name, _ in extractor.named_parameters()]
     assert not any(name.startswith("pictures") for name in names)
+
+
+@pytest.mark.parametrize(("looks_at", "other"), [("rgb", "depth"), ("depth", "rgb")])
+def test_one_picture_can_be_left_out(looks_at, other):
+    space, observations = batch(SIZES[0])
+    extractor = LookFeatures(space, pictures=(looks_at,))
+    before = extractor(observations)
+    assert torch.equal(extractor(observations | {other: observations[other] * 0}), before)
+    assert not torch.equal(extractor(observations | {looks_at: observations[looks_at] * 0}), before)
+
+
+def test_unknown_pictures_are_refused():
+    with pytest.raises(ValueError, match="rgb and depth, not 'thermal'"):
+        LookFeatures(batch(SIZES[0])[0], pictures=("thermal",))
 
 
 def test_nearness_falls_with_distance_and_no_return_counts_as_far():

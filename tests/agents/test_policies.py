@@ -8,20 +8,20 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.looked_at import LookedAt
 from agents.paths import advance, way_length_m
 from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
 from agents.policies.ring import _first_direction
 from agents.reachable import reachable_places
-from agents.seen_floor import SeenFloor
 from agents.seen_space import SeenSpace
 from agents.steering import look, wrap
 from labeling.errors import UsageError
 from labeling.geometry import intrinsics_from_fov, look_at, unproject_depth
 from labeling.instances import Detection
+from sbm_gym.looked_at import LookedAt
 from sbm_gym.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.observations import decode_depth
+from sbm_gym.seen_floor import SeenFloor
 from sbm_gym.worlds.navigable import navigable_map
 
 from ..sbm_gym.box_rooms import BoxRooms
@@ -126,10 +126,9 @@ def test_spin_turns_all_the_way_round_on_the_spot():
         places = np.array([info["agent"]["position_m"] for *_, info in steps])
         assert np.ptp(places, axis=0).max() < 1e-3
         for (_, _, before), (_, _, after) in itertools.pairwise(steps):
-            if not before["confirmed_objects"]:
-                turn = wrap(after["agent"]["yaw_rad"] - before["agent"]["yaw_rad"])
-                assert turn == pytest.approx(np.deg2rad(60.0), abs=1e-3)
-            turned += before["agent"]["yaw_rad"] != after["agent"]["yaw_rad"]
+            turn = wrap(after["agent"]["yaw_rad"] - before["agent"]["yaw_rad"])
+            assert turn == pytest.approx(np.deg2rad(60.0), abs=1e-3)
+            turned += 1
     assert turned > 60
 
 
@@ -224,19 +223,37 @@ def test_look_points_the_camera_where_it_was_told():
             wanted = rng.uniform(-np.pi, np.pi)
             before = info["agent"]["yaw_rad"]
             step = rng.uniform(-0.1, 0.1, 2)
-            after = info["agent"]["position_m"] + step
-            _, _, _, _, info = env.step(look(env.unwrapped, info, step, wanted, -0.3))
+            _, _, _, _, info = env.step(look(info, env.unwrapped.stride_m, step, wanted, -0.3))
             if info["collided"]:
                 continue
             miss = abs(wrap(info["agent"]["yaw_rad"] - wanted))
-            if objects:
-                bearings = [np.arctan2(*(o["centroid_m"][1::-1] - after[::-1])) for o in objects]
-                least = max(0.0, min(abs(wrap(wanted - b)) for b in bearings) - np.pi / 4)
-            else:
-                least = max(0.0, abs(wrap(wanted - before)) - np.pi / 3)
+            # Without a fixation target it turns by at most 60 degrees.
+            least = 0.0 if objects else max(0.0, abs(wrap(wanted - before)) - np.pi / 3)
             assert miss == pytest.approx(least, abs=0.02)
             exact += least == 0.0
     assert exact > 10
+
+
+def test_unseen_floor_around_a_place_is_counted_by_ring_and_direction():
+    room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[0.0, 1.0, 0.1, 1.5, 0.0]]))
+    floor = SeenFloor(room, np.array([-2.0, 0.0]), 0.5, 8.0)
+    pose = look_at(np.array([-2.0, 0.0, 1.5]), np.array([-1.0, 0.5, 0.0]))
+    floor.add(np.full((60, 60), 2.0, np.float32), intrinsics_from_fov(60, 60, np.pi / 2), pose)
+    place, yaw, rings = np.array([-1.5, -0.5]), 0.4, ((0.0, 3.0), (3.0, 12.0))
+    shares = floor.unseen_around(place, yaw, rings, 8)
+    # By brute force, with points in place of the grid's cells.
+    xy = np.random.default_rng(0).uniform(-3, 3, (20_000, 2))
+    unseen = np.array([point for point in xy if room.is_free(point) and floor.is_unseen(point)])
+    offsets = unseen - place
+    strides, angles = np.hypot(*offsets.T) / 0.5, np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw
+    for ring, (low, high) in enumerate(rings):
+        for k in range(8):
+            inside = (strides >= low) & (strides < high) & (np.abs(wrap(angles - k * np.pi / 4)) < np.pi / 8)
+            area = np.count_nonzero(inside) * 36 / len(xy)
+            whole = np.pi * (high**2 - low**2) * 0.25 / 8
+            assert shares[ring, k] == pytest.approx(area / whole, abs=0.12 if ring == 0 else 0.03)
+    assert shares.max() > 0.3
+    assert (shares < 0.05).any()
 
 
 def test_looked_at_keeps_candidates_until_they_are_confirmed():

@@ -10,15 +10,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from hypothesis import given
+from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import sbm_gym
 from sbm_gym.fixation_env import FixationEnv
+from sbm_gym.gaze import yaw_action, yaw_offset_rad
 from sbm_gym.object_memory import MemoryConfig
-from sbm_gym.observations import decode_depth, encode_depth, free_distances_m
+from sbm_gym.observations import decode_depth, encode_depth
 from sbm_gym.registration import ENV_IDS, register_envs
 from sbm_gym.rewards import RewardWeights
 from sbm_gym.simulated_detector import SimulatedDetectorConfig
+from sbm_gym.state_vector import free_distances_m
 
 from .box_rooms import BoxRooms
 
@@ -173,13 +177,56 @@ def test_a_fixated_target_stays_in_the_middle_of_the_picture(env):
         assert np.allclose(k[:2, :2] @ (local[:2] / local[2]), 0.0, atol=1e-6)
 
 
-def test_gaze_offsets_turn_away_from_the_target_by_45_degrees_at_most(env):
+@pytest.mark.parametrize(("action", "offset_deg"), [(0.1, 4.635), (-0.5, -39.375), (1.0, 180.0)])
+def test_gaze_yaw_points_the_camera_so_far_to_the_left_of_the_target(env, action, offset_deg):
     info = confirmed_env(env)
     before = info["fixation_target"]["centroid_m"]
-    *_, info = env.step(np.array([0, 0, 1, 0]))
+    *_, info = env.step(np.array([0, 0, action, 0]))
     offset = before[:2] - info["agent"]["position_m"]
     bearing = np.arctan2(offset[1], offset[0])
-    assert np.cos(info["agent"]["yaw_rad"] - bearing - np.pi / 4) == pytest.approx(1.0)
+    assert np.cos(info["agent"]["yaw_rad"] - bearing - np.deg2rad(offset_deg)) == pytest.approx(1.0)
+
+
+@given(st.floats(-np.pi, np.pi))
+def test_every_direction_has_a_gaze_yaw(offset_rad):
+    action = yaw_action(offset_rad)
+    assert abs(action) <= 1.0 + 1e-9
+    assert yaw_offset_rad(action) == pytest.approx(offset_rad, abs=1e-9)
+
+
+def test_what_the_robot_looks_straight_at_becomes_its_fixation_target():
+    env = FixationEnv(BoxRooms(), memory=MemoryConfig(confident=0.4))
+    taken = 0
+    for seed in range(4):
+        _, info = env.reset(seed=seed)
+        for step in range(25):
+            others = [known for known in info["confirmed_objects"] if known["visible"]]
+            before, action = info["fixation_target"], np.array([0.0, 0.0, 0.3 if step % 2 else -0.5, 0.0])
+            if len(others) > 1 and before:
+                wanted = next(known for known in others if known["object_id"] != before["object_id"])
+                here = info["agent"]["position_m"]
+                directions = [np.arctan2(*(known["centroid_m"][:2] - here)[::-1]) for known in (wanted, before)]
+                action = np.array([0, 0, yaw_action(float(wrap(directions[0] - directions[1]))), 0])
+                *_, info = env.step(action)
+                seen = {known["object_id"]: known["visible"] for known in info["confirmed_objects"]}
+                if seen[wanted["object_id"]] and abs(wrap(directions[0] - directions[1])) > np.deg2rad(15):
+                    taken += 1
+                    assert info["fixation_target"]["object_id"] != before["object_id"]
+            else:
+                *_, info = env.step(action)
+            target = info["fixation_target"]
+            if target:
+                # Nothing visible is nearer to the middle of the picture by ten degrees.
+                place = info["agent"]["camera_to_world"][:2, 3]
+                off = {
+                    known["object_id"]: abs(
+                        wrap(np.arctan2(*(known["centroid_m"][:2] - place)[::-1]) - info["agent"]["yaw_rad"])
+                    )
+                    for known in info["confirmed_objects"]
+                    if known["visible"] or known["object_id"] == target["object_id"]
+                }
+                assert off[target["object_id"]] <= min(off.values()) + np.deg2rad(10) + 1e-6
+    assert taken > 5
 
 
 def test_free_gaze_turns_by_sixty_degrees_even_with_a_target():
@@ -241,9 +288,9 @@ def test_rewards_and_observations_never_use_ground_truth():
         assert observation["state"][: env.state_names.index("objects_confirmed") + 1].any() == np.False_
 
 
-def test_state_tells_of_the_nearest_other_objects_what_info_says_of_them():
+def test_state_tells_of_objects_and_candidates_what_info_says_of_them():
     env = FixationEnv(BoxRooms(), memory=MemoryConfig(confident=0.4))  # confirms more than the usual one or two
-    told = 0
+    told = doubtful = 0
     for seed in range(3):
         observation, info = env.reset(seed=seed)
         env.action_space.seed(seed)
@@ -253,30 +300,52 @@ def test_state_tells_of_the_nearest_other_objects_what_info_says_of_them():
             eye = agent["camera_to_world"][:3, 3]
             others = [known for known in info["confirmed_objects"] if known["object_id"] != target["object_id"]]
             others.sort(key=lambda known: np.linalg.norm((known["centroid_m"] - eye)[:2]))
+            assert state["target_known"] == bool(target)
             for k in range(4):
                 assert state[f"other_{k}_known"] == (k < len(others))
-            for k, known in enumerate(others[:4]):
+            named = {f"other_{k}": known for k, known in enumerate(others[:4])} | ({"target": target} if target else {})
+            for name, known in named.items():
+                check_place(state, name, known["centroid_m"], agent)
                 offset = known["centroid_m"] - eye
-                bearing = np.arctan2(offset[1], offset[0]) - agent["yaw_rad"]
-                bearing = np.arctan2(np.sin(bearing), np.cos(bearing)) / np.pi
-                here = env.azimuth_bin(float(np.arctan2(-offset[1], -offset[0]))) in known["azimuths"]
-                assert state[f"other_{k}_range"] == pytest.approx(min(np.hypot(*offset[:2]) / 5.0, 1.0), abs=1e-5)
-                assert state[f"other_{k}_bearing"] == pytest.approx(bearing, abs=1e-5)
-                assert state[f"other_{k}_azimuths_covered"] == pytest.approx(len(known["azimuths"]) / 18)
-                assert (state[f"other_{k}_visible"], state[f"other_{k}_here_covered"]) == (known["visible"], here)
+                here = env.azimuth_bin(float(np.arctan2(-offset[1], -offset[0])))
+                covered = {(sector - here) % 18 for sector in known["azimuths"]}
+                assert {k for k in range(18) if state[f"{name}_sector_{k}_covered"]} == covered
+                assert state[f"{name}_azimuths_covered"] == pytest.approx(len(covered) / 18)
+                assert state[f"{name}_visible"] == known["visible"]
                 told += 1
+            candidates = sorted(env.episode.looked.candidates, key=lambda one: -one.confidence * 0.4 ** len(one.looks))
+            for k, one in enumerate(candidates[:3]):
+                assert state[f"candidate_{k}_confidence"] == pytest.approx(one.confidence)
+                check_place(state, f"candidate_{k}", one.centroid_m, agent)
+                doubtful += 1
             observation, _, _, _, info = env.step(env.action_space.sample())
-    assert told > 20
+    assert told > 40
+    assert doubtful > 20
+
+
+def wrap(angle_rad):
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+def check_place(state, name, point, agent):
+    """The range and direction of something, as the state vector tells them, against camera axes."""
+    pose = agent["camera_to_world"]
+    offset = point - pose[:3, 3]
+    flat = np.array([np.cos(agent["yaw_rad"]), np.sin(agent["yaw_rad"])])
+    distance = np.hypot(*offset[:2])
+    assert state[f"{name}_range"] == pytest.approx(min(distance / 5.0, 1.0), abs=1e-5)
+    assert state[f"{name}_ahead"] == pytest.approx(offset[:2] @ flat / distance, abs=1e-5)
+    assert state[f"{name}_left"] == pytest.approx((flat[0] * offset[1] - flat[1] * offset[0]) / distance, abs=1e-5)
 
 
 def test_free_space_is_what_the_map_says(env):
     env.reset(seed=0, options={"scene": "box_0", "start": (-1.0, -1.5, 0.0)})
     free = free_distances_m(env.navigable, np.array([-1.0, -1.5]), 0.0)
     for k, distance in enumerate(free):
-        direction = np.array([np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)])
+        direction = np.array([np.cos(k * np.pi / 8), np.sin(k * np.pi / 8)])
         assert env.navigable.line_is_free(np.array([-1.0, -1.5]), np.array([-1.0, -1.5]) + 0.95 * distance * direction)
     # A wall 1.5 m behind the robot's right, less its radius and a cell of the map.
-    assert free[6] == pytest.approx(1.5 - 0.18, abs=0.08)
+    assert free[12] == pytest.approx(1.5 - 0.18, abs=0.08)
 
 
 @pytest.mark.parametrize(

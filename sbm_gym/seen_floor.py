@@ -98,6 +98,37 @@ class SeenFloor:
         row, column = self._cell(place_m)
         return not (self._seen[row, column] or self._given_up[row, column])
 
+    def unseen_around(
+        self,
+        place_m: Float[np.ndarray, "2"],
+        yaw_rad: float,
+        rings_strides: tuple[tuple[float, float], ...],
+        num_directions: int,
+    ) -> Float[np.ndarray, "rings directions"]:
+        """How much unseen floor lies around a place.
+
+        Args:
+            place_m: the place.
+            yaw_rad: the middle of the first direction; the others follow counter-clockwise.
+            rings_strides: least and greatest distance of each ring, strides.
+            num_directions: pieces that each ring is cut into.
+
+        Returns:
+            For each piece of each ring, the share of its area that is unseen floor.
+        """
+        unseen = ~(self._seen | self._given_up)[self._cells[:, 0], self._cells[:, 1]]
+        offsets = self._centres_m[unseen] - place_m
+        distances = np.hypot(offsets[:, 0], offsets[:, 1]) / self._stride_m
+        turns = (np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad) / (2.0 * np.pi) + 0.5 / num_directions
+        directions = np.minimum((turns % 1.0 * num_directions).astype(np.int64), num_directions - 1)
+        cell = (self._cell_m / self._stride_m) ** 2
+        shares = np.zeros((len(rings_strides), num_directions))
+        for ring, (low, high) in enumerate(rings_strides):
+            within = (distances >= low) & (distances < high)
+            area = np.pi * (high**2 - low**2) / num_directions
+            shares[ring] = np.bincount(directions[within], minlength=num_directions) * cell / area
+        return np.minimum(shares, 1.0)
+
     def frontiers(self) -> list[Frontier]:
         """The patches of unseen floor that touch seen floor, each by its place nearest to the patch's rim's middle."""
         from scipy.ndimage import binary_dilation, label
