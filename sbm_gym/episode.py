@@ -31,6 +31,8 @@ class EpisodeSettings:
     image_size: tuple[int, int]
     """Height and width of what the robot sees at every step, pixels."""
     antialias: bool
+    colours: bool
+    """Whether what the robot sees at every step has colours."""
     detector_size: tuple[int, int]
     """Height and width of what a detector that needs detail looks at, pixels; with smooth edges."""
     stride_m: float
@@ -90,7 +92,9 @@ class Episode:
         """
         body = self.scene.body
         before = body.position_m
-        self.collided = body.move(self._displacement_m(action[:2], body.yaw_rad)).collided
+        displacement_m = self._displacement_m(action[:2], body.yaw_rad)
+        way_is_free = self.scene.world.navigable.line_is_free(before, before + displacement_m)
+        self.collided = body.move(displacement_m, way_is_free=way_is_free).collided
         self.path_m += float(np.linalg.norm(body.position_m - before))
         self._places_m.append(body.position_m)
         self._aim(action[2:])
@@ -107,11 +111,17 @@ class Episode:
             raise ValueError(f"no confirmed object {object_id}; there are {len(self.memory.objects)}, counted from 0")
         self.target_id = object_id
 
-    def draw(self, height_px: int, width_px: int, antialias: bool) -> View:
+    def draw(self, height_px: int, width_px: int, antialias: bool, colours: bool = True) -> View:
         """What the camera sees now; the field of view is 90 degrees across."""
         intrinsics = intrinsics_from_fov(width_px, height_px, 0.5 * np.pi)
         frame = self.scene.renderer.render(
-            self.scene.data, intrinsics, self.scene.body.camera_to_world, height_px, width_px, antialias=antialias
+            self.scene.data,
+            intrinsics,
+            self.scene.body.camera_to_world,
+            height_px,
+            width_px,
+            antialias=antialias,
+            colours=colours,
         )
         return View(frame, self.scene.instance_of_geom[frame.geom_id], intrinsics)
 
@@ -178,7 +188,7 @@ class Episode:
 
     def _look(self) -> MemoryUpdate:
         """Draws what the robot sees now, detects, and lets the memory learn from it."""
-        self.view = self.draw(*self._settings.image_size, antialias=self._settings.antialias)
+        self.view = self.draw(*self._settings.image_size, self._settings.antialias, self._settings.colours)
         """What it sees."""
         self.sight = self.view
         """What its detector looks at."""
@@ -186,10 +196,10 @@ class Episode:
             self.sight = self.draw(*self._settings.detector_size, antialias=True)
         self.detections = self._detect(self.sight)
         """What its detector says about that."""
-        over = (self.sight.frame.depth_m, self.sight.intrinsics, self.scene.body.camera_to_world)
-        update = self.memory.observe(self.detections, *over)
-        self.looked.add(self.detections, self.memory.objects, *over)
-        self.floor.add(self.view.frame.depth_m, self.view.intrinsics, self.scene.body.camera_to_world)
+        sight, pose = self.sight, self.scene.body.camera_to_world
+        update = self.memory.observe(self.detections, sight.frame.depth_m, sight.intrinsics, pose)
+        self.looked.add(update.doubtful, self.memory.objects, pose)
+        self.floor.add(self.view.frame.depth_m, self.view.intrinsics, pose)
         self._refixate(update.visible)
         return update
 

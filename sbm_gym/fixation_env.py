@@ -103,6 +103,8 @@ class FixationEnv(gym.Env, EzPickle):
     - `image_size`: height and width of the observed pictures, pixels; like `memory`, `body`, `stride_m` and
       `render_size` from the world's profile if None.
     - `antialias`: smooth edges in observed pictures (captures and `render` always do).
+    - `colours`: False leaves observed pictures black and saves the time it takes to light them, for policies that look
+      at none (the simulated detector does not either).
     - `reward_weights`, `memory`, `body`: frozen dataclasses of settings.
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
@@ -133,6 +135,7 @@ class FixationEnv(gym.Env, EzPickle):
         renderer: str = "auto",
         image_size: tuple[int, int] | None = None,
         antialias: bool = False,
+        colours: bool = True,
         reward_weights: RewardWeights | None = None,
         memory: MemoryConfig | None = None,
         body: BodyConfig | None = None,
@@ -170,6 +173,7 @@ class FixationEnv(gym.Env, EzPickle):
             memory=memory or self.profile.memory,
             image_size=image_size or self.profile.image_size,
             antialias=antialias,
+            colours=colours,
             detector_size=detector_size or self.profile.capture_size,
             stride_m=self.profile.stride_m if stride_m is None else stride_m,
             gaze=gaze,

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from labeling.instances import Detection
-from sbm_gym.object_memory import Cell, KnownObject, MemoryConfig, mask_points
+from sbm_gym.object_memory import Cell, KnownObject, MemoryConfig
 
 IN_VIEW_RAD = np.deg2rad(38.0)
 """What is at most this far to the side of where the camera points is well inside its 90 degrees."""
@@ -45,26 +44,19 @@ class LookedAt:
 
     def add(
         self,
-        detections: Sequence[Detection],
+        doubtful: Sequence[tuple[float, Float[np.ndarray, "_ 3"]]],
         objects: Sequence[KnownObject],
-        depth_m: Float[np.ndarray, "h w"],
-        intrinsics: Float[np.ndarray, "3 3"],
         camera_to_world: Float[np.ndarray, "4 4"],
     ) -> None:
         """Takes in one view.
 
         Args:
-            detections: of the view.
+            doubtful: its detections that are not to be believed, as ``MemoryUpdate.doubtful``.
             objects: the confirmed ones.
-            depth_m: z-depth, metres.
-            intrinsics: K of the view.
             camera_to_world: its pose.
         """
-        for detection in detections:
-            if detection.confidence < self._config.confident:
-                points = mask_points(detection.mask, depth_m, intrinsics, camera_to_world, self._config)
-                if points is not None:
-                    self._note(detection.confidence, points)
+        for confidence, points in doubtful:
+            self._note(confidence, points)
         self.candidates = [one for one in self.candidates if not any(self._is_part(one, known) for known in objects)]
         camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
         yaw_rad = float(np.arctan2(forward[1], forward[0]))

@@ -124,14 +124,6 @@ class KnownObject:
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """Something that may be an object, not confident enough to be believed."""
-
-    confidence: float
-    centroid_m: Float[np.ndarray, "3"]
-
-
-@dataclass(frozen=True)
 class MemoryUpdate:
     """What one view has taught."""
 
@@ -148,8 +140,8 @@ class MemoryUpdate:
     """Ids of known objects that this view shows."""
     confidence_now: dict[int, float]
     """By id of known object: the best confidence with which this view detects it, where it does."""
-    candidate: Candidate | None
-    """The most confident detection of something that is not known yet."""
+    doubtful: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
+    """Confidence and world points of every detection that is not to be believed, the most confident first."""
 
 
 class ObjectMemory:
@@ -184,7 +176,7 @@ class ObjectMemory:
         """
         new_objects, gain = [], 0.0
         confidence_now: dict[int, float] = {}
-        candidate = None
+        doubtful = []
         for detection in sorted(detections, key=lambda d: -d.confidence):
             points = mask_points(detection.mask, depth_m, intrinsics, camera_to_world, self.config)
             if points is None:
@@ -197,12 +189,12 @@ class ObjectMemory:
                     new_objects.append(known.object_id)
                 else:
                     gain += self._merge(known, detection, points)
-            if known is None:
-                candidate = candidate or Candidate(detection.confidence, centroid_m)
             else:
+                doubtful.append((detection.confidence, points))
+            if known is not None:
                 confidence_now.setdefault(known.object_id, detection.confidence)
         visible, new_azimuths, new_cells = self._look(depth_m, intrinsics, camera_to_world)
-        return MemoryUpdate(tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, candidate)
+        return MemoryUpdate(tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, tuple(doubtful))
 
     def _match(self, category: str, centroid_m: Float[np.ndarray, "3"]) -> KnownObject | None:
         """The nearest known object whose merge radius reaches the centroid (thesis 4.2: centroid NMS)."""

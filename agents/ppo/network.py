@@ -8,7 +8,7 @@ from stable_baselines3.common.preprocessing import is_image_space, is_image_spac
 from stable_baselines3.common.vec_env import VecTransposeImage
 from torch import nn
 
-from agents.features import LookFeatures
+from agents.features import PICTURES, LookFeatures
 from labeling.errors import UsageError
 
 POLICIES: dict[str, type[ActorCriticPolicy]] = {"MultiInputPolicy": MultiInputActorCriticPolicy}
@@ -38,6 +38,12 @@ def policy_arguments(plain: dict[str, Any]) -> dict[str, Any]:
         else:
             raise UsageError(f"policy_kwargs: unknown argument {name!r}; known: {', '.join((*PLAIN, *TABLES))}")
     return arguments
+
+
+def looks_at_colours(plain: dict[str, Any]) -> bool:
+    """Whether a network with these ``policy_kwargs`` looks at colours."""
+    given = plain.get("features_extractor_kwargs")
+    return "rgb" in (given.get("pictures", PICTURES) if isinstance(given, dict) else PICTURES)
 
 
 def policy_class(name: str) -> type[ActorCriticPolicy]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from agents.ppo.files import SETTINGS_FILE
 from agents.ppo.hyperparameters import Hyperparameters, checked, read_hyperparameters
+from agents.ppo.network import looks_at_colours
 from agents.ppo.workers import EnvSettings
 from agents.train import TrainConfig
 from labeling.episode_json import read_json
@@ -32,7 +33,9 @@ class RunSettings:
     def as_json(self) -> dict[str, Any]:
         """As it is written into the folder."""
         return {
-            **dataclasses.asdict(self.env),
+            "env": self.env.env,
+            "detector": self.env.detector,
+            "reward": self.env.reward,
             "seed": self.seed,
             "imitate_episodes": self.imitate_episodes,
             "eval_every": self.eval_every,
@@ -64,7 +67,9 @@ def settle(config: TrainConfig) -> RunSettings:
         )
     asked = {"n_timesteps": config.steps, "n_envs": config.envs}
     sizes = {name: value for name, value in asked.items() if value is not None}
-    settings = dataclasses.replace(settings, hyperparameters=dataclasses.replace(settings.hyperparameters, **sizes))
+    hyperparameters = dataclasses.replace(settings.hyperparameters, **sizes)
+    env = dataclasses.replace(settings.env, colours=looks_at_colours(hyperparameters.policy_kwargs))
+    settings = dataclasses.replace(settings, env=env, hyperparameters=hyperparameters)
     _check_batches(settings.hyperparameters)
     return settings
 

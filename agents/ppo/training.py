@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import gymnasium as gym
@@ -23,7 +23,7 @@ from agents.ppo.settings import RunSettings, claim, settle
 from agents.ppo.spaces import describe
 from agents.ppo.state import Progress, normalization_of, restore, write_state
 from agents.ppo.validation import validate
-from agents.ppo.workers import EnvSettings, make_env, make_workers
+from agents.ppo.workers import make_env, make_workers
 from agents.provenance import git_commit, versions
 from agents.train import TrainConfig
 from labeling.detectors.registry import choose_device
@@ -49,7 +49,7 @@ def train(config: TrainConfig, say: Callable[[str], None], bar: Callable[..., An
     settings = settle(config)
     device = choose_device(None if config.device == "auto" else config.device)
     with contextlib.ExitStack() as stack:
-        validation_env = make_env(EnvSettings(settings.env.env, settings.env.detector), "val")
+        validation_env = make_env(replace(settings.env, reward="both"), "val")
         stack.callback(validation_env.close)
         _check_network(settings, validation_env)
         claim(settings)

@@ -264,12 +264,12 @@ def test_looked_at_keeps_candidates_until_they_are_confirmed():
     mask = np.zeros((80, 80), bool)
     mask[30:50, 30:50] = True
     for confidence in (0.4, 0.6, 0.5):
-        looked.add([Detection(0, "chair", confidence, mask)], memory.objects, depth, intrinsics, pose)
+        update = memory.observe([Detection(0, "chair", confidence, mask)], depth, intrinsics, pose)
+        looked.add(update.doubtful, memory.objects, pose)
     assert [one.confidence for one in looked.candidates] == [0.6]
     assert len(looked.candidates[0].looks) == 1
     sure = [Detection(0, "chair", 0.95, mask)]
-    memory.observe(sure, depth, intrinsics, pose)
-    looked.add(sure, memory.objects, depth, intrinsics, pose)
+    looked.add(memory.observe(sure, depth, intrinsics, pose).doubtful, memory.objects, pose)
     assert looked.candidates == []
     assert looked.tried(0) == memory.objects[0].cells
 

@@ -59,9 +59,9 @@ def test_an_unconfident_detection_is_a_candidate_and_no_object():
     memory = ObjectMemory()
     update = observe(memory, (2.0, 0.0, 1.5), (0.0, 0.0, 0.5), confidence=0.89)
     assert memory.objects == []
-    assert update.candidate is not None
-    assert update.candidate.confidence == 0.89
-    assert np.linalg.norm(update.candidate.centroid_m - [0, 0, 0.5]) < 0.4
+    ((confidence, points),) = update.doubtful
+    assert confidence == 0.89
+    assert np.linalg.norm(points.mean(axis=0) - [0, 0, 0.5]) < 0.4
 
 
 def test_circling_an_object_keeps_it_one_and_fills_every_sector():
