@@ -81,6 +81,8 @@ class SimulatedDetectorConfig:
     """Spread of the smooth noise over viewpoints."""
     range_unit_m: float = 1.0
     """Distance over which the noise over viewpoints changes; views of larger things change more slowly."""
+    episode_sigma: float = 0.0
+    """Spread of a bias per episode, for policies that are to get along with detectors of different strength."""
     frame_sigma: float = 0.3
     """Spread of the noise per frame."""
     min_confidence: float = 0.05
@@ -107,6 +109,8 @@ class SimulatedView:
     depth_m: Float[np.ndarray, "h w"]
     objects: tuple[ObservedObject, ...] = field(default_factory=tuple)
     """From ``ObjectSurfaces.observe``."""
+    episode_luck: float = 0.0
+    """Standard normal number of the episode, for ``episode_sigma``."""
 
 
 class SimulatedDetector:
@@ -165,7 +169,7 @@ class SimulatedDetector:
         area_share = np.count_nonzero(mask) / mask.size
         if area_share < c.min_area_share:
             return []
-        logit = self.logit(observed, area_share) + c.frame_sigma * rng.normal()
+        logit = self.logit(observed, area_share) + c.episode_sigma * view.episode_luck + c.frame_sigma * rng.normal()
         confidence = _sigmoid(logit)
         duplicate, duplicate_confidence = rng.random() < c.duplicate_share, rng.uniform(0.2, 0.8)
         known = observed.category in c.categories

@@ -1,6 +1,6 @@
 """What looks at views on the robot's behalf: the simulated detector, or any detector of ``labeling.detectors``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,10 @@ from sbm_gym.rendering.base import Frame
 from sbm_gym.scenes import Scene
 from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 
-SIMULATED = "simulated"
+SIMULATED, SIMULATED_WEAK = "simulated", "simulated_weak"
+WEAKER_LOGIT, WEAK_SPREAD = 1.9, 1.0
+"""How much less sure the weak simulated detector is, and how much that differs from episode to episode. Chosen so that
+``spin`` and ``ring`` confirm about as many objects as they do with ``compact`` in training homes."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,14 @@ class SimulatedViewDetector:
 
     def __init__(self, config: SimulatedDetectorConfig) -> None:
         self._detector = SimulatedDetector(config)
+        self._spread = config.episode_sigma > 0.0
         self.categories = config.categories
 
     def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
         """See ``ViewDetector``."""
         observed = scene.surfaces.observe(view.instance_map, view.intrinsics, scene.body.camera_to_world)
-        seen = SimulatedView(step_index, view.instance_map, view.frame.depth_m, tuple(observed))
+        luck = float(np.random.default_rng([entropy, 0, 1]).normal()) if self._spread else 0.0
+        seen = SimulatedView(step_index, view.instance_map, view.frame.depth_m, tuple(observed), luck)
         return self._detector.detect(np.random.default_rng([entropy, step_index]), seen)
 
 
@@ -85,7 +90,8 @@ def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDet
     """The detector that an env was asked for.
 
     Args:
-        detector: "simulated", settings of the simulated detector, or what ``labeling.detectors.registry`` knows.
+        detector: "simulated", "simulated_weak", settings of the simulated detector, or what
+            ``labeling.detectors.registry`` knows.
         fitting: the simulated detector's settings that fit the kind of world.
 
     Raises:
@@ -96,6 +102,9 @@ def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDet
         return SimulatedViewDetector(detector)
     if detector == SIMULATED:
         return SimulatedViewDetector(fitting)
+    if detector == SIMULATED_WEAK:
+        weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
+        return SimulatedViewDetector(weaker)
     from labeling.detector_call import detector_by_name
     from labeling.detectors.registry import check_name
     from labeling.errors import UsageError
@@ -103,5 +112,5 @@ def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDet
     try:
         check_name(detector)
     except UsageError as error:
-        raise ValueError(f"{error}, {SIMULATED}, or a SimulatedDetectorConfig") from None
+        raise ValueError(f"{error}, {SIMULATED}, {SIMULATED_WEAK}, or a SimulatedDetectorConfig") from None
     return PictureDetector(detector_by_name(detector))
