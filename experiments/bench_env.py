@@ -1,6 +1,7 @@
 """Steps a second of the environment: beside ``mujoco.Renderer`` in the same scene, with workers, and what PPO adds."""
 
 import contextlib
+import functools
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -29,35 +30,47 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
         quick: few steps.
         say: where progress is told.
     """
-    yield _beside_renderer(quick, say)
+    yield from _in_one_scene(quick, say)
     yield from _with_workers(quick, say)
     yield from _learning(quick, say)
 
 
-def _beside_renderer(quick: bool, say: Callable[[str], None]) -> Row:
-    """A step with all that belongs to it, beside the mere pictures of the same views."""
+def _in_one_scene(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """A step with all that belongs to it, beside the mere pictures of the same views; and one without colours."""
     import sbm_gym  # noqa: F401, registers the environments
 
     env = gym.make(ENV_ID)
-    rng = np.random.default_rng(0)
     env.reset(seed=0, options={"scene": SCENE})
     cameras: list[Float[np.ndarray, "4 4"]] = []
+    episodes = 1 if quick else 5
+    seconds = _seconds_per_step(env, episodes, cameras)
+    scene = env.get_wrapper_attr("scene")
+    say(f"{SCENE}: {len(scene.world.objects)} objects")
+    views = cameras[:: MAX_EPISODE_STEPS // 3]
+    draw = rival(scene.model, scene.data, views, SIZE_PX, False, True)
+    theirs = median_seconds(draw, 1 if quick else 3) / len(views)
+    what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
+    yield Row(what, f"{RIVAL}: the picture only", seconds, theirs)
+    # The same episodes once more, so that both have the same views.
+    env.reset(seed=0, options={"scene": SCENE})
+    scene.renderer.render = functools.partial(scene.renderer.render, colours=False)
+    without = _seconds_per_step(env, episodes, [])
+    env.close()
+    yield Row("  the same without colours: depth and ids only", "step with colours", without, seconds)
+
+
+def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarray, "4 4"]]) -> float:
+    """Median over episodes in the current scene; the cameras of all steps are added to a list."""
+    rng = np.random.default_rng(0)
     seconds = []
-    for _ in range(1 if quick else 5):
+    for _ in range(episodes):
         env.reset(options={"reuse_scene": True})
         started = time.perf_counter()
         for _ in range(MAX_EPISODE_STEPS):
             *_, info = env.step(rng.uniform(-1.0, 1.0, 4))
             cameras.append(info["agent"]["camera_to_world"].copy())
         seconds.append((time.perf_counter() - started) / MAX_EPISODE_STEPS)
-    scene = env.get_wrapper_attr("scene")
-    say(f"{SCENE}: {len(scene.world.objects)} objects")
-    views = cameras[:: MAX_EPISODE_STEPS // 3]
-    draw = rival(scene.model, scene.data, views, SIZE_PX, False, True)
-    theirs = median_seconds(draw, 1 if quick else 3) / len(views)
-    env.close()
-    what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
-    return Row(what, f"{RIVAL}: the picture only", float(np.median(seconds)), theirs)
+    return float(np.median(seconds))
 
 
 def _with_workers(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:

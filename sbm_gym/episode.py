@@ -83,7 +83,9 @@ class Episode:
         """
         body = self.scene.body
         before = body.position_m
-        self.collided = body.move(self._displacement_m(action[:2], body.yaw_rad)).collided
+        displacement_m = self._displacement_m(action[:2], body.yaw_rad)
+        way_is_free = self.scene.world.navigable.line_is_free(before, before + displacement_m)
+        self.collided = body.move(displacement_m, way_is_free=way_is_free).collided
         self.path_m += float(np.linalg.norm(body.position_m - before))
         self._places_m.append(body.position_m)
         self._aim(action[2:])

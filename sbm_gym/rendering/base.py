@@ -38,6 +38,7 @@ class Renderer(Protocol):
         width_px: int,
         *,
         antialias: bool = True,
+        colours: bool = True,
     ) -> Frame:
         """Draws the scene as it stands in ``data``.
 
@@ -48,6 +49,8 @@ class Renderer(Protocol):
             height_px: picture height.
             width_px: picture width.
             antialias: smooth edges in ``rgb``; depth and ids always belong to the pixel centre.
+            colours: whether ``rgb`` is drawn; without, it is black, depth and ids are the same to the last bit, and no
+                time is spent on light, shadows, textures and sky.
         """
         ...
 

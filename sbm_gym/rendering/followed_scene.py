@@ -49,6 +49,12 @@ class FollowedScene:
         self.caster.plane_rows = self.tables.first_plane + np.arange(len(self.tables.plane_geoms))
         self._still = Caster(self.tables, self.textures, workers)
         self._scenes: dict[tuple[bool, bool], TriangleScene] = {}
+        self._followed = {
+            moving: np.array(self.tables.spans[moving, False].geoms + self.tables.spans[moving, True].geoms, np.int64)
+            for moving in (False, True)
+        }
+        # Planes have no tree to rebuild: they are followed with the moving geometry.
+        self._followed[True] = np.append(self._followed[True], np.array(self.tables.plane_geoms, np.int64))
         self._placed: dict[bool, Float[np.ndarray, "g 12"]] = {}
         self._filled = fill_space(np.zeros((0, 3, 3), np.float32))
         self._far_m = 1.0
@@ -62,18 +68,14 @@ class FollowedScene:
 
         Static geometry moves only when somebody edits the model in place; it is compared too, which costs little.
         """
-        plane_rows = list(self.tables.plane_geoms)
-        for moving in (False, True):
-            geoms = self.tables.spans[moving, False].geoms + self.tables.spans[moving, True].geoms
-            # Planes have no tree to rebuild: they are followed with the moving geometry.
-            geoms = geoms + plane_rows if moving else geoms
+        for moving, geoms in self._followed.items():
             pose = _poses(data, geoms)
             moved = np.ones(len(geoms), bool)
             if moving in self._placed:
                 moved = (self._placed[moving] != pose).any(axis=1)
                 if not moved.any():
                     continue
-            self.tables.place(data, [geom for geom, has_moved in zip(geoms, moved, strict=True) if has_moved])
+            self.tables.place(data, geoms[moved].tolist())
             self._placed[moving] = pose
             if moving:
                 self._rebuild(moving)
@@ -164,7 +166,7 @@ class FollowedScene:
             data: the same that was last followed.
             geoms: drawn geoms, sorted.
         """
-        pose = _poses(data, list(geoms))
+        pose = _poses(data, np.array(geoms, np.int64))
         cached = self._geom_sets.get(geoms)
         if cached is None or not np.array_equal(cached[0], pose):
             caster = Caster(self.tables, self.textures, self._workers)
@@ -189,5 +191,5 @@ class FollowedScene:
         return caster, caster.bounds()
 
 
-def _poses(data: mujoco.MjData, geoms: list[int]) -> Float[np.ndarray, "g 12"]:
+def _poses(data: mujoco.MjData, geoms: Int64[np.ndarray, "g"]) -> Float[np.ndarray, "g 12"]:
     return np.concatenate([data.geom_xpos[geoms], data.geom_xmat[geoms]], axis=1)

@@ -1,8 +1,9 @@
 """The ``gl`` renderer: MuJoCo's own OpenGL renderer, driven by its low-level calls.
 
-One pass gives colour, one gives depth and ids. Cost follows triangles, so it shines on a GPU; on a CPU ``rays`` draws
-shadows faster. It agrees with ``rays`` on what is where (both sides of surfaces, through glass, through holes in
-leaves); its colours are those of OpenGL's fixed pipeline: light per vertex, no bounced light, no linear colour.
+One pass gives colour where it is wanted, one gives depth and ids. Cost follows triangles, so it shines on a GPU; on a
+CPU ``rays`` draws shadows faster. It agrees with ``rays`` on what is where (both sides of surfaces, through glass,
+through holes in leaves); its colours are those of OpenGL's fixed pipeline: light per vertex, no bounced light, no
+linear colour.
 """
 
 from collections.abc import Sequence
@@ -92,6 +93,7 @@ class GlRenderer:
         width_px: int,
         *,
         antialias: bool = True,
+        colours: bool = True,
     ) -> Frame:
         """Draws the scene as it stands in ``data``; see ``Renderer.render``.
 
@@ -100,11 +102,13 @@ class GlRenderer:
             NoOpenGlError: if there is no OpenGL on this machine.
         """
         self._check(intrinsics, camera_to_world, height_px, width_px)
-        scale = SUPERSAMPLING if antialias else 1
+        scale = SUPERSAMPLING if antialias and colours else 1
         opened = self._get_open(scale * height_px, scale * width_px)
         with opened.context.current():
             self._place(data, intrinsics, camera_to_world, height_px, width_px)
             geom_id, depth_m = self._draw_ids(opened, height_px, width_px)
+            if not colours:
+                return Frame(np.zeros((height_px, width_px, 3), np.uint8), depth_m, geom_id)
             rgb = self._draw_colour(opened, data, intrinsics, camera_to_world, height_px, width_px, scale)
         sky, haze_per_m = sky_of(self._model)
         if haze_per_m > 0.0:

@@ -32,6 +32,13 @@ def name_triangles(start, stop, t, primitive, rows, triangle):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def name_geoms(start, stop, triangle, geom_of, geom):
+    """Geoms of what rays hit, -1 for nothing."""
+    for i in range(start, stop):
+        geom[i] = geom_of[triangle[i]] if triangle[i] >= 0 else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def reach_boxes(start, stop, rays, far, boxes, reached):
     """Whether rays enter any of some boxes (low corner, high corner) before ``far``; none do if that is negative."""
     for i in range(start, stop):

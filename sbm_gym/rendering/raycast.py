@@ -125,12 +125,15 @@ class Caster:
         chosen = self.plane_rows - self._tables.first_plane
         return type(self._tables.planes)(*(column[chosen] for column in self._tables.planes))
 
-    def first_hits(self, rays: Float32[np.ndarray, "n 6"], footprint: float) -> tuple[Hits, Panes | None]:
+    def first_hits(
+        self, rays: Float32[np.ndarray, "n 6"], footprint: float, with_panes: bool = True
+    ) -> tuple[Hits, Panes | None]:
         """Nearest opaque hits, and the panes of glass before them.
 
         Args:
             rays: origins and un-normalised directions.
             footprint: metres per metre of depth that a ray stands for; decides how textures with holes are filtered.
+            with_panes: whether panes are looked for; without, hits are the same.
         """
         hits = self._nearest(self.opaque, rays)
         if len(self.plane_rows):
@@ -139,8 +142,13 @@ class Caster:
             self._workers.split(intersect_planes, len(rays), rays, self._planes(), 0, hits.t, local, hits.uv)
             on_plane = local >= 0
             hits.triangle[on_plane] = self.plane_rows[local[on_plane]]
-        panes = self._walk_special(rays, hits, footprint) if self.special else None
-        return hits, panes
+        if with_panes and self.special:
+            return hits, self._walk_special(rays, hits, footprint)
+        if any(scene.has_holes for scene in self.special):
+            # Glass stops no ray: only those that may meet something with holes can end elsewhere than found so far.
+            active = self._near_special(rays, hits.t, [scene for scene in self.special if scene.has_holes], True)
+            self._walk_special(rays, hits, footprint, active)
+        return hits, None
 
     def _near_special(
         self, rays, far: Float32[np.ndarray, "n"], scenes: list[TriangleScene], holes_only: bool = False

@@ -13,7 +13,7 @@ from sbm_gym.rendering.base import Frame, check_camera
 from sbm_gym.rendering.followed_scene import FollowedScene
 from sbm_gym.rendering.lighting import Illumination, Shader, Surfaces
 from sbm_gym.rendering.picture_kernels import encode, encode_samples
-from sbm_gym.rendering.ray_kernels import camera_rays
+from sbm_gym.rendering.ray_kernels import camera_rays, name_geoms
 from sbm_gym.rendering.raycast import Panes
 from sbm_gym.rendering.scratch import Scratch
 from sbm_gym.rendering.workers import Workers
@@ -58,6 +58,7 @@ class RaysRenderer:
         width_px: int,
         *,
         antialias: bool = True,
+        colours: bool = True,
     ) -> Frame:
         """Draws the scene as it stands in ``data``; see ``Renderer.render``.
 
@@ -66,13 +67,19 @@ class RaysRenderer:
         """
         pixel_to_world = _pixel_to_world(intrinsics, camera_to_world, height_px, width_px)
         self._scene.follow(data)
-        scene = self._scene.illumination(data, camera_to_world, self._shadows)
         camera = (np.asarray(camera_to_world[:3, 3], float), pixel_to_world)
         footprint = _footprint(intrinsics)
         pixels, black = self._numbers(height_px, width_px)
         memory = self._memory["picture"]
         rays = self._rays(pixels, width_px, CENTRE, camera, memory)
-        hits, panes = self._scene.caster.first_hits(rays, footprint)
+        hits, panes = self._scene.caster.first_hits(rays, footprint, with_panes=colours)
+        depth_m = np.where(hits.triangle >= 0, hits.t, np.float32(0.0))
+        shape = (height_px, width_px)
+        if not colours:
+            geom = np.empty(len(pixels), np.int32)
+            self._workers.split(name_geoms, len(pixels), hits.triangle, self._scene.tables.triangles.geom, geom)
+            return Frame(np.zeros((*shape, 3), np.uint8), depth_m.reshape(shape), geom.reshape(shape))
+        scene = self._scene.illumination(data, camera_to_world, self._shadows)
         surfaces = self._shader.surfaces(rays, hits, scene.ambient, footprint, memory)
         related = self._shader.relate(surfaces, height_px, width_px)
         self._shader.light_picture(surfaces, scene, black, related, height_px, width_px)
@@ -87,8 +94,6 @@ class RaysRenderer:
             if panes is not None:
                 _mark_pane_edges(panes, is_edge)
             self._smooth(np.flatnonzero(is_edge), width_px, camera, scene, footprint, surfaces, colour, rgb)
-        depth_m = np.where(hits.triangle >= 0, hits.t, np.float32(0.0))
-        shape = (height_px, width_px)
         return Frame(rgb.reshape(*shape, 3), depth_m.reshape(shape), surfaces.geom.reshape(shape))
 
     def amodal_mask(

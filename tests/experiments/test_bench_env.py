@@ -24,8 +24,9 @@ def test_every_promise_is_measured(tmp_path):
     command = [sys.executable, "-m", "experiments.bench", "env", "--quick", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    first, *workers, choosing, learning = json.loads((tmp_path / "env.json").read_text())["rows"]
+    first, without_colours, *workers, choosing, learning = json.loads((tmp_path / "env.json").read_text())["rows"]
     assert first["rival_seconds"] > 0
+    assert 0 < without_colours["seconds"] < without_colours["rival_seconds"]
     assert [row["what"] for row in workers] == [
         "step of 1 worker side by side",
         "step of 2 workers side by side",

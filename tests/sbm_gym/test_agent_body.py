@@ -3,9 +3,12 @@
 import mujoco
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from labeling.geometry import is_rigid, look_at, project
-from sbm_gym.agent_body import AGENT_BODY, AgentBody, BodyConfig, add_agent
+from sbm_gym import agent_body
+from sbm_gym.agent_body import AGENT_BODY, CONTACT_MARGIN_M, AgentBody, BodyConfig, Move, add_agent
+from sbm_gym.world_sources import world_source
 from sbm_gym.worlds.world import World
 
 from .box_rooms import HALF_ROOM_M, BoxRooms
@@ -90,6 +93,102 @@ def test_a_body_at_rest_does_not_drift(room):
         body.move(np.zeros(2))
     assert np.array_equal(body.position_m, resting)
     assert (body.yaw_rad, body.tilt_rad) == (yaw, tilt)
+
+
+@pytest.mark.parametrize(("kind", "scene"), [("indoor", "seed/3"), ("outdoor", "town/seed/3")])
+def test_being_set_down_where_the_map_is_free_is_what_driving_there_gives(kind, scene):
+    source = world_source(kind)
+    world, profile = source.build(scene), source.profile
+    add_agent(world.spec, profile.body)
+    model = world.spec.compile()
+    rng = np.random.default_rng(0)
+    navigable = world.navigable
+    if world.stage is not None:
+        arrangement = world.stage.arrange(rng)
+        arrangement.apply(model)
+        navigable = arrangement.navigable
+    driven, set_down = (AgentBody(model, mujoco.MjData(model), profile.body) for _ in range(2))
+    tight = np.argwhere(navigable.free & ~np.asarray(binary_erosion(navigable.free), bool))
+    tried = stepped = 0
+    while tried < 60:
+        start, angle = navigable.random_point(rng), rng.uniform(0, 2 * np.pi)
+        if tried % 2:
+            # The way begins or ends beside an obstacle as often as not.
+            start = navigable.origin_m + navigable.cell_m * (rng.choice(tight)[::-1] + rng.uniform(0.1, 0.9, 2))
+        move = rng.uniform(0.0, profile.stride_m) * np.array([np.cos(angle), np.sin(angle)])
+        if not navigable.line_is_free(start, start + move):
+            continue
+        tried += 1
+        yaw, tilt = rng.uniform(-np.pi, np.pi), rng.uniform(-1.0, 1.0)
+        moves = []
+        for body, way_is_free in ((driven, False), (set_down, True)):
+            body.place(start, yaw, tilt)
+            moves.append(body.move(move, way_is_free=way_is_free))
+            assert not moves[-1].collided
+            assert body.penetration_m() == 0.0
+            assert (body.yaw_rad, body.tilt_rad) == pytest.approx((yaw, tilt))
+            assert np.allclose(body.position_m - start, moves[-1].displacement_m)
+        stepped += set_down.data.time > 0.0
+        assert np.allclose(moves[0].displacement_m, moves[1].displacement_m, atol=1e-3)
+        assert np.allclose(driven.camera_to_world, set_down.camera_to_world, atol=1e-3)
+        assert np.array_equal(driven.camera_to_world[:3, :3], set_down.camera_to_world[:3, :3])
+    # Hardly any goal is so close to something that physics has to tell.
+    assert stepped < 0.2 * tried
+
+
+def test_a_wrong_promise_of_a_free_goal_changes_nothing(room):
+    """Into a wall, into the fridge, and to within the margin of a wall."""
+    _, body = room
+    beside_wall = HALF_ROOM_M - RADIUS_M - 0.5 * CONTACT_MARGIN_M
+    for start, goal in (((2.6, 0.0), (3.1, 0.2)), ((0.9, 0.1), (0.4, 0.1)), ((2.6, 0.0), (beside_wall, 0.0))):
+        ends: list[tuple[Move, np.ndarray]] = []
+        for way_is_free in (False, True):
+            body.place(np.array(start), 0.7, -0.2)
+            move = body.move(np.subtract(goal, start), way_is_free=way_is_free)
+            assert body.penetration_m() == 0.0
+            ends.append((move, body.camera_to_world))
+        assert np.array_equal(ends[0][0].displacement_m, ends[1][0].displacement_m)
+        assert ends[0][0].collided == ends[1][0].collided
+        assert np.array_equal(ends[0][1], ends[1][1])
+    assert not ends[1][0].collided
+
+
+def test_obstacles_out_of_reach_change_no_move_and_stay_solid(room, monkeypatch):
+    world, body = room
+    before = body.model.body_contype.copy(), body.model.body_conaffinity.copy()
+    ends = []
+    for slack_m in (agent_body._SLACK_M, 1e3):
+        monkeypatch.setattr(agent_body, "_SLACK_M", slack_m)
+        rng = np.random.default_rng(2)
+        for _ in range(20):
+            body.place(world.navigable.random_point(rng), 0.0, 0.0)
+            angle = rng.uniform(0, 2 * np.pi)
+            for _ in range(4):
+                body.move(0.5 * np.array([np.cos(angle), np.sin(angle)]))
+                ends.append((*body.position_m, body.data.ncon))
+    assert ends[: len(ends) // 2] == ends[len(ends) // 2 :]
+    assert max(contacts for *_, contacts in ends) > 0
+    assert np.array_equal(before[0], body.model.body_contype)
+    assert np.array_equal(before[1], body.model.body_conaffinity)
+
+
+def test_a_body_set_down_drives_on_from_there_at_rest(room):
+    _, body = room
+    body.place(np.array([2.0, 0.0]), 0.0, 0.0)
+    body.move(np.array([0.3, 0.1]), way_is_free=True)
+    assert np.allclose(body.position_m, [2.3, 0.1], atol=1e-12)
+    assert np.array_equal(body.move(np.zeros(2)).displacement_m, np.zeros(2))
+    assert body.move(np.array([0.6, 0.0])).collided
+    assert body.move(np.array([-0.4, 0.0])).displacement_m[0] == pytest.approx(-0.4, abs=1e-3)
+
+
+def test_a_turned_head_is_where_a_full_step_of_kinematics_has_it(room):
+    _, body = room
+    body.place(np.array([1.0, 0.5]), 0.0, 0.0)
+    body.look(2.0, -0.3)
+    turned = body.camera_to_world
+    mujoco.mj_forward(body.model, body.data)
+    assert np.array_equal(turned, body.camera_to_world)
 
 
 def test_moves_are_the_same_every_time(room):
