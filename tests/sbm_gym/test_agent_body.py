@@ -108,7 +108,7 @@ def test_being_set_down_where_the_map_is_free_is_what_driving_there_gives(kind, 
         arrangement.apply(model)
         navigable = arrangement.navigable
     driven, set_down = (AgentBody(model, mujoco.MjData(model), profile.body) for _ in range(2))
-    tight = np.argwhere(navigable.free & ~binary_erosion(navigable.free))
+    tight = np.argwhere(navigable.free & ~np.asarray(binary_erosion(navigable.free), bool))
     tried = stepped = 0
     while tried < 60:
         start, angle = navigable.random_point(rng), rng.uniform(0, 2 * np.pi)

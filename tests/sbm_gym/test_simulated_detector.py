@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from labeling.instances import encode_mask, mask_iou
 from labeling.metrics import MaskInstance, average_precision
+from sbm_gym import simulated_masks
 from sbm_gym.fixation_env import FixationEnv
 from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.simulated_masks import corrupt_mask, phantom_mask
@@ -176,3 +177,9 @@ def test_phantoms_lie_on_one_surface():
     for seed in range(40):
         mask = phantom_mask(np.random.default_rng(seed), depth.astype(np.float32))
         assert not (mask[:, :40].any() and mask[:, 40:].any())
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 101, 500])
+def test_the_median_is_that_of_numpy_to_the_last_bit(count):
+    values = np.random.default_rng(count).uniform(0.3, 30.0, count).astype(np.float32)
+    assert simulated_masks._median(values).tobytes() == np.median(values).tobytes()
