@@ -31,7 +31,7 @@ class EvaluateConfig:
     detector: str = "simulated"
     """The detector in the loop."""
     labels: bool = True
-    """Make labels of the first 5, 10, 15, 20 and 25 views and score them. Without, it is many times faster."""
+    """Make labels of the first 5, 10, 12, 15, 20 and 25 views and score them. Without, it is many times faster."""
     size: int | None = None
     """Height of the pictures that labels are made on, pixels; their shape is the world's. By default 256, as in the
     thesis."""

@@ -18,6 +18,8 @@ EXPERIMENTS = {
     "label_ablation": "experiments.label_ablation",
     "label_modes": "experiments.label_modes",
     "fine_tuning": "experiments.fine_tuning",
+    "policies": "experiments.policies",
+    "reward_ablation": "experiments.reward_ablation",
 }
 """Modules by the name of the experiment. Each has a ``DESCRIPTION``, a function ``run(workplace)`` that returns what is
 to be kept of it as JSON, and a function ``report(results, docs)`` that writes the page about it."""

@@ -111,6 +111,7 @@ def _figures(steps: list[dict[str, Any]], info: dict[str, Any]) -> dict[str, flo
         "objects": float(len(known)),
         "target_sectors": float(len(info["fixation_target"].get("azimuths", ()))),
         "best_sectors": float(max((len(one["azimuths"]) for one in known), default=0)),
+        "coverage": float(info["coverage"]),
         "sectors": float(sum(len(one["azimuths"]) for one in known)),
         "collisions": float(sum(step["collided"] for step in steps)),
         "path_m": float(info["path_length_m"]),

@@ -11,8 +11,8 @@ from typing import Any
 from agents.environments import capture_size, inner_env, make_env
 from agents.evaluate import EvaluateConfig
 from agents.evaluation.episodes import Spawn, play, spawn_of
-from agents.evaluation.label_quality import label_record
-from agents.evaluation.store import DECISIVE, SETTINGS_FILE, policy_key, read_result, result_path
+from agents.evaluation.label_quality import VIEW_COUNTS, label_record
+from agents.evaluation.store import BEFORE, DECISIVE, SETTINGS_FILE, policy_key, read_result, result_path
 from agents.evaluation.summary import summary
 from agents.evaluation.table import print_tables
 from agents.output_folder import claim_folder
@@ -38,7 +38,9 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     player = Player(config)
     try:
         settings = {name: getattr(config, name) for name in DECISIVE}
-        claim_folder(config.out, SETTINGS_FILE, settings, {})
+        if config.labels:
+            settings["views"] = list(VIEW_COUNTS)
+        claim_folder(config.out, SETTINGS_FILE, settings, BEFORE)
         spawns = [
             spawn_of(player.scenes, seed, episode) for seed in range(config.seeds) for episode in range(config.episodes)
         ]

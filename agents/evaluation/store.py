@@ -11,6 +11,8 @@ from labeling.errors import UsageError
 SETTINGS_FILE = "settings.json"
 DECISIVE = ("env", "split", "detector", "labels", "size")
 """Settings that decide what an episode's result is."""
+BEFORE = {"views": [5, 10, 15, 20, 25]}
+"""Settings of folders that do not name them."""
 
 
 def policy_key(policy: str, env_id: str) -> str:

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from agents.evaluate import EvaluateConfig
-from agents.evaluation.label_quality import AP_THRESHOLDS, episode_figures, pooled_ap
+from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, VIEW_COUNTS, episode_figures, pooled_ap
 from agents.evaluation.paired import difference_record, over_seeds, rounded
 from agents.provenance import versions
 from labeling.paired import mean_of
 
 SCHEMA_VERSION = 1
+EARLY_FIGURES = ("right", "objects", "ap50")
 
 PROTOCOL = {
     "pairing": (
@@ -26,7 +27,8 @@ PROTOCOL = {
     "figures": (
         "return: sum of rewards; then its terms by name; success: share of episodes with a confirmed object; objects: "
         "confirmed; target_sectors: 20 degree sectors from which the object fixated last has been seen, best_sectors: "
-        "that of the object seen from most sides, sectors: sum over confirmed objects; collisions: moves cut short; "
+        "that of the object seen from most sides, coverage: its share of all sectors, "
+        "sectors: sum over confirmed objects; collisions: moves cut short; "
         "path_m: metres"
     ),
     "label_quality": (
@@ -36,6 +38,10 @@ PROTOCOL = {
         "object that is visible there, matched one to one; right_per_view: right / k; objects: different ones with a "
         "right label; visible: different ones that the views show. AP asks how much of what was seen is labelled "
         "right, whatever the policy chose to see; right and objects ask what it has gained"
+    ),
+    "early": (
+        f"labels of a policy's first {EARLY_VIEWS} views minus labels of all {VIEW_COUNTS[-1]} views of the first "
+        "policy, on the same episodes, with intervals as of difference; for the first policy itself too"
     ),
 }
 """How the figures come about; written beside them."""
@@ -67,6 +73,7 @@ def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) ->
         policies[policy] = {
             "figures": {name: value for name, value in figures.items() if "@" not in name},
             "labels": _label_figures(config, found, figures),
+            "early": _early(per_episode[policy], per_episode[base]),
             "curves": _curves(config, found),
         }
     return {
@@ -118,6 +125,18 @@ def _label_figures(
         for name in AP_THRESHOLDS:
             row[f"pooled_{name}"] = over_seeds([one[name] for one in pooled])
     return found
+
+
+def _early(ours: list[dict[str, Any]], base: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """A policy's labels after half the views beside those of the first policy after all; None where there are none."""
+    early, end = EARLY_VIEWS, VIEW_COUNTS[-1]
+    if not all(f"right@{early}" in one for one in ours) or not all(f"right@{end}" in one for one in base):
+        return None
+    differences = {
+        name: difference_record([one[f"{name}@{early}"] for one in ours], [one[f"{name}@{end}"] for one in base])
+        for name in EARLY_FIGURES
+    }
+    return {"views": early, "base_views": end, "difference": differences}
 
 
 def _curves(config: EvaluateConfig, records: list[dict[str, Any]]) -> dict[str, Any]:

@@ -16,7 +16,9 @@ from sbm_gym.fixation_env import FixationEnv
 from sbm_gym.worlds.navigable import NavigableMap
 
 MAX_COLUMNS = 3
-SEEN, UNSEEN, COLLISION = "#2ca02c", "#d9d9d9", "#d62728"
+SEEN, UNSEEN, COLLISION = "#2ca02c", "#9aa5b1", "#d62728"
+LETTER, LINE = 0.012, 0.03
+"""Width of a letter and height of a line of names of objects, as shares of a panel."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,9 @@ def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = min(MAX_COLUMNS, len(records))
-    rows = -(-len(records) // columns)
-    low_m, high_m = _window(plan, records)
+    rows = -(-len(records) // MAX_COLUMNS)
+    columns = -(-len(records) // rows)
+    window = low_m, high_m = _window(plan, records)
     aspect = float((high_m - low_m)[1] / (high_m - low_m)[0])
     figure = Figure(
         figsize=(4.6 * columns, rows * (4.6 * min(max(aspect, 0.4), 1.6) + 0.5)), dpi=110, layout="constrained"
@@ -62,6 +64,7 @@ def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> 
         axes.axis("off")
     for axes, (policy, record) in zip(panels, records.items(), strict=False):
         _draw_plan(axes, plan)
+        _name_objects(axes, plan, window)
         _draw_finds(axes, plan, record)
         _draw_way(axes, plan, record)
         axes.set_xlim(low_m[0], high_m[0])
@@ -112,18 +115,33 @@ def _draw_plan(axes: Any, plan: Plan) -> None:
     extent = (low_m[0], high_m[0], low_m[1], high_m[1])
     axes.set_facecolor("0.86")
     axes.imshow(shade, origin="lower", extent=extent, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest")
-    for category, corners_m in plan.outlines_m:
+    for _, corners_m in plan.outlines_m:
         axes.fill(*corners_m.T, facecolor="#f2e3c6", edgecolor="0.45", linewidth=0.7, zorder=2)
+
+
+def _name_objects(axes: Any, plan: Plan, window: tuple[np.ndarray, np.ndarray]) -> None:
+    """Writes categories on objects: large ones first, and no name over another."""
+    from matplotlib.patheffects import withStroke
+
+    placed: list[tuple[np.ndarray, int]] = []
+    for category, corners_m in sorted(plan.outlines_m, key=lambda one: -float(np.ptp(one[1], axis=0).prod())):
+        centre_m = corners_m.mean(axis=0)
+        place = (centre_m - window[0]) / (window[1] - window[0])
+        near = ((np.abs(place - there), 0.5 * LETTER * (len(category) + letters)) for there, letters in placed)
+        if any(gap[0] < width and gap[1] < LINE for gap, width in near):
+            continue
+        placed.append((place, len(category)))
         axes.annotate(
             category,
-            corners_m.mean(axis=0),
+            centre_m,
             ha="center",
             va="center",
-            fontsize=6,
-            color="0.25",
-            zorder=3,
+            fontsize=6.5,
+            color="0.2",
+            zorder=10,
             annotation_clip=True,
             clip_on=True,
+            path_effects=[withStroke(linewidth=2, foreground="white", alpha=0.8)],
         )
 
 

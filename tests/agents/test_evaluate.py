@@ -12,7 +12,7 @@ import pytest
 
 from agents.evaluate import EvaluateConfig, main
 from agents.evaluation.episodes import spawn_of
-from agents.evaluation.label_quality import episode_figures, pooled_ap
+from agents.evaluation.label_quality import VIEW_COUNTS, episode_figures, pooled_ap
 from agents.evaluation.paired import difference_record, over_seeds
 from agents.evaluation.run import Player, evaluate
 from agents.evaluation.store import policy_key
@@ -281,6 +281,54 @@ def test_summary_without_labels_says_so(tmp_path):
     found = summary(settings, {"ring": [episode, episode]})["policies"]["ring"]
     assert found["labels"] is None
     assert found["curves"]["return"] == {"mean": [1.0, 2.0], "std": None}
+
+
+def test_early_labels_are_compared_with_those_of_the_first_policy_at_its_end(tmp_path):
+    rng = np.random.default_rng(0)
+
+    def episode(number: int) -> dict:
+        """Labels in some of 25 views; which ones are right differs from episode to episode."""
+        truths = [[view, "chair", square(0), view % 3, False] for view in range(25)]
+        made = {
+            str(count): [[view, "chair", square(int(rng.integers(0, 3)) * 2), 0.9] for view in range(0, count, 2)]
+            for count in (12, 25)
+        }
+        step = {"reward": 1.0, "sectors": 2}
+        quality = {"truths": truths, "labels": made}
+        return {"figures": {}, "scene": "here", "steps": [step], "label_quality": quality, "episode": number}
+
+    records = {policy: [episode(number) for number in range(6)] for policy in ("ring", "random")}
+    found = summary(config(tmp_path, labels=True, episodes=3), records)["policies"]
+    figures = {policy: [episode_figures(one["label_quality"]) for one in some] for policy, some in records.items()}
+    for policy in records:
+        early = found[policy]["early"]
+        assert (early["views"], early["base_views"]) == (12, 25)
+        for name in ("right", "objects", "ap50"):
+            ours = np.array([one["12"][name] for one in figures[policy]], float)
+            gaps = ours - np.array([one["25"][name] for one in figures["ring"]], float)
+            assert early["difference"][name]["mean"] == pytest.approx(np.mean(gaps), abs=1e-4)
+            means = [np.mean(rng.choice(gaps, 6)) for _ in range(4000)]
+            spread = 0.1 * float(np.std(gaps)) + 1e-4
+            assert early["difference"][name]["low"] == pytest.approx(np.quantile(means, 0.025), abs=spread)
+    assert any(
+        found["random"]["early"]["difference"][name] != found["random"]["labels"]["12"][name]["difference"]
+        for name in ("right", "ap50")
+    )
+
+
+def test_short_episodes_have_no_early_comparison(evaluated):
+    content = json.loads((evaluated / "evaluation.json").read_text())
+    assert content["policies"]["random"]["early"] is None
+
+
+def test_folders_with_labels_of_other_views_are_refused(evaluated, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    before = json.loads((evaluated / "settings.json").read_text())["settings"]
+    assert before.pop("views") == list(VIEW_COUNTS)
+    (out / "settings.json").write_text(json.dumps({"settings": before}))
+    with pytest.raises(UsageError, match="--views"):
+        evaluate(config(out, labels=True))
 
 
 def test_help_names_the_options():

@@ -1,0 +1,127 @@
+"""Policies against each other in both worlds, with a real detector in the loop: what they earn and bring home."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments.stages import Scale, Workplace, code_digest, digest
+
+DESCRIPTION = "what policies earn, and how good the labels of their views are, on validation scenes with compact"
+DETECTOR = "compact"
+SPLIT = "val"
+WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
+POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
+"""Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
+PLAYING_CODE = (
+    "agents.evaluation.episodes",
+    "agents.evaluation.label_quality",
+    "agents.environments",
+    "agents.policies.registry",
+    "sbm_gym.fixation_env",
+    "sbm_gym.registration",
+)
+"""What the result of an episode depends on; how results are summed up and drawn is not among it."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of everything a scale has."""
+
+    episodes: int
+    """Of each world, policy and seed."""
+    picture_px: int | None = None
+    """Height of the pictures that labels are made on; None is the world's own."""
+
+
+SIZES: dict[Scale, Size] = {"smoke": Size(1, 64), "quick": Size(20), "full": Size(50)}
+
+
+def run(workplace: Workplace) -> dict[str, Any]:
+    """Plays what has not been played, and sums up.
+
+    Returns:
+        For each world: settings and figures of all policies, who is left out and why, where trained weights come from.
+
+    Raises:
+        SbmError: if a world cannot be built, or a trained policy is not for this version of it.
+    """
+    worlds = {world: _one_world(env_id, workplace) for world, env_id in WORLDS.items()}
+    protocols = [world.pop("protocol") for world in worlds.values()]
+    return {"compared_with": POLICIES[0], "worlds": worlds, "protocol": protocols[0]}
+
+
+def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
+    from agents.evaluate import EvaluateConfig
+    from agents.evaluation.run import evaluate
+
+    size = SIZES[workplace.scale]
+    policies, left_out = present(env_id)
+    config = EvaluateConfig(
+        policies=policies,
+        env=env_id,
+        split=SPLIT,
+        episodes=size.episodes,
+        seeds=len(workplace.seeds),
+        detector=DETECTOR,
+        size=size.picture_px,
+        workers=workplace.workers,
+        out=played_folder("policies", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
+    )
+    content = evaluate(config)
+    return {
+        "settings": content["settings"],
+        "left_out": left_out,
+        "trained": {policy: _trained(policy, env_id) for policy in policies if policy.partition(":")[0] == "ppo"},
+        "policies": content["policies"],
+        "protocol": content["protocol"],
+    }
+
+
+def present(env_id: str) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The policies that there are for an env, and why there is none of the others."""
+    from agents.policies.registry import checkpoint_of
+    from labeling.errors import UsageError
+
+    there, left_out = [], {}
+    for policy in POLICIES:
+        try:
+            checkpoint_of(policy, env_id)
+        except UsageError as error:
+            left_out[policy] = str(error)
+        else:
+            there.append(policy)
+    return tuple(there), left_out
+
+
+def played_folder(
+    experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, workplace: Workplace
+) -> Path:
+    """Where results of episodes are kept: another folder whenever something changes that decides them."""
+    from experiments.episode_pool import detector_digest
+    from experiments.provenance import versions
+
+    settings = [env_id, split, detector, picture_px]
+    name = digest(settings, versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
+    return workplace.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
+
+
+def _trained(policy: str, env_id: str) -> dict[str, Any]:
+    """Where the weights of a trained policy come from."""
+    from agents.evaluation.store import policy_key
+    from agents.policies.registry import checkpoint_of
+    from experiments.trained_policies import origin_of
+
+    checkpoint = checkpoint_of(policy, env_id)
+    assert checkpoint is not None
+    return {"checkpoint": policy_key(policy, env_id), **origin_of(checkpoint)}
+
+
+def report(results: Path, docs: Path) -> list[Path]:
+    """Writes the page about policies, and the pictures in it.
+
+    Returns:
+        The files written.
+    """
+    from experiments.policies_page import write_page
+
+    return write_page(results, docs)

@@ -1,0 +1,145 @@
+"""The pictures of the page about policies."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+matplotlib.use("Agg")
+
+COLOURS = {
+    "ring": "#2f5fb3",
+    "ppo": "#c2410c",
+    "next_best_view": "#137a3e",
+    "random": "#8a94a0",
+    "spin": "#9467bd",
+    "frontier": "#17becf",
+}
+INK, GRID = "#1f2328", "#d8dee4"
+LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("right labels an episode", 1)}
+"""Title and factor by figure."""
+ABLATION_PANELS = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
+UNTRAINED = "untrained"
+ABLATION_COLOURS = {
+    "both": "#c2410c",
+    "discovery": "#e39a6f",
+    "diversity": "#137a3e",
+    "neither": "#8a94a0",
+    UNTRAINED: "#ffffff",
+}
+
+
+def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Draws validation return and that of rollouts against steps, a panel for each env; references are dashed.
+
+    Args:
+        contents: of ``policy_training_*.json``, by env.
+        path: PNG to write.
+    """
+    figure, panels = plt.subplots(1, len(contents), figsize=(5.2 * len(contents), 3.4), dpi=100, squeeze=False)
+    for axes, (env, content) in zip(panels[0], contents.items(), strict=True):
+        rollouts, validations = content["rollouts"], content["validations"]
+        axes.plot(*_curve(rollouts), color="#e8b394", lw=1, label="rollouts (training scenes, draws actions)")
+        axes.plot(*_curve(validations), "o-", color=COLOURS["ppo"], lw=1.6, ms=4, label="validation")
+        best = content["best"]
+        axes.plot(best["at"], best["return"], "o", ms=9, mfc="none", mec=INK, mew=1.1, label="shipped")
+        for name, figures in content["references"].items():
+            axes.axhline(figures["return"], color=COLOURS.get(name, INK), ls="--", lw=1.3, label=f"{name} (validation)")
+        axes.set_title(env, fontsize=10)
+        axes.set_xlabel("steps", fontsize=9)
+        axes.set_xlim(left=0)
+        axes.legend(frameon=False, fontsize=7.5)
+        _tidy(axes)
+    panels[0][0].set_ylabel("return of an episode", fontsize=9)
+    figure.tight_layout()
+    _save(figure, path)
+
+
+def _curve(points: list[dict[str, float]]) -> tuple[list[float], list[float]]:
+    return [point["at"] for point in points], [point["return"] for point in points]
+
+
+def draw_labels(worlds: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Draws how good labels are against views spent, a row for each world; bands are one standard deviation over seeds.
+
+    Args:
+        worlds: of ``policies.json``.
+        path: PNG to write.
+    """
+    columns = len(LABEL_PANELS)
+    figure, panels = plt.subplots(
+        len(worlds), columns, figsize=(4.6 * columns, 3.1 * len(worlds)), dpi=100, squeeze=False
+    )
+    for row, (world, content) in zip(panels, worlds.items(), strict=True):
+        for axes, (name, (title, factor)) in zip(row, LABEL_PANELS.items(), strict=True):
+            for policy, found in content["policies"].items():
+                _band(axes, found["labels"], name, factor, policy)
+            axes.set_title(f"{world}: {title}", fontsize=9.5)
+            axes.set_xlabel("views spent", fontsize=9)
+            axes.set_xlim(left=0)
+            axes.set_ylim(bottom=0)
+            _tidy(axes)
+    # A world may lack a policy, so the legend has those of all.
+    found = {
+        name: handle for axes in panels.flat for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.tight_layout(rect=(0, 0.06 if len(worlds) > 1 else 0.1, 1, 1))
+    figure.legend(list(found.values()), list(found), loc="lower center", ncols=len(found), frameon=False, fontsize=9)
+    _save(figure, path)
+
+
+def _band(axes: Axes, labels: Mapping[str, Any], name: str, factor: float, policy: str) -> None:
+    counts = sorted(labels, key=int)
+    views = [int(count) for count in counts]
+    cells = [labels[count][name] for count in counts]
+    means = np.array([np.nan if cell["mean"] is None else factor * cell["mean"] for cell in cells])
+    colour = COLOURS.get(policy, INK)
+    axes.plot(views, means, "o-", color=colour, lw=1.6, ms=4, label=policy)
+    if all(cell["std"] is not None for cell in cells):
+        spread = factor * np.array([cell["std"] for cell in cells])
+        axes.fill_between(views, means - spread, means + spread, color=colour, alpha=0.16, lw=0)
+
+
+def draw_ablation(content: Mapping[str, Any], path: Path) -> None:
+    """Draws figures by what was paid in training: bars for means, dots for training seeds, lines for references.
+
+    Args:
+        content: of ``reward_ablation.json``.
+        path: PNG to write.
+    """
+    bars = {**content["rewards"], UNTRAINED: content["untrained"]}
+    columns = 3
+    rows = -(-len(ABLATION_PANELS) // columns)
+    figure, panels = plt.subplots(rows, columns, figsize=(3.9 * columns, 2.7 * rows), dpi=100, squeeze=False)
+    for axes, name in zip(panels.flat, ABLATION_PANELS, strict=True):
+        for place, (reward, figures) in enumerate(bars.items()):
+            found = figures[name]
+            axes.bar(place, found["mean"], 0.72, color=ABLATION_COLOURS[reward], edgecolor="#57606a", lw=0.7)
+            if len(found["per_seed"]) > 1:
+                seeds = found["per_seed"]
+                axes.plot(np.full(len(seeds), place), seeds, "o", color=INK, ms=3, alpha=0.7)
+        for policy, figures in content["references"].items():
+            axes.axhline(figures[name], color=COLOURS[policy], ls="--", lw=1.2, label=policy)
+        axes.set_xticks(range(len(bars)), list(bars), fontsize=7.5)
+        axes.set_title(name, fontsize=9.5)
+        _tidy(axes)
+    figure.tight_layout(rect=(0, 0.05, 1, 1))
+    handles, names = panels[0][0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="lower center", ncols=len(names), frameon=False, fontsize=8)
+    _save(figure, path)
+
+
+def _tidy(axes: Axes) -> None:
+    axes.grid(axis="y", color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+
+
+def _save(figure: Any, path: Path) -> None:
+    figure.savefig(path, format="png")
+    plt.close(figure)

@@ -1,0 +1,264 @@
+"""The sections of the page about policies: figures as text and tables, nothing that is not computed from them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from experiments.label_report import SCALES
+from labeling.paired import beyond_chance
+
+SPLITS = {"train": "training", "val": "validation", "test": "test"}
+POINTS = 100
+"""AP is told in points of a hundred."""
+EARNED = {
+    "return": ("return", 1),
+    "discovery": ("discovery", 1),
+    "diversity": ("diversity", 1),
+    "objects": ("objects", 1),
+    "sectors": ("sectors seen", 1),
+    "collisions": ("collisions", 1),
+    "path_m": ("path (m)", 1),
+}
+"""Heading and factor by figure."""
+LABELLED = {
+    "pooled_ap50": ("AP50 pooled", POINTS),
+    "ap50": ("AP50 an episode", POINTS),
+    "right": ("right labels", 1),
+    "objects": ("objects labelled right", 1),
+}
+EARLY = {"right": ("right labels", 1), "objects": ("objects labelled right", 1), "ap50": ("AP50 an episode", POINTS)}
+ABLATED = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
+
+
+# Comparison ----------------------------------------------------------------------------------------------------------
+
+
+def evaluation(content: Mapping[str, Any], picture: str) -> list[str]:
+    """What policies earn and what labels they bring home, world by world.
+
+    Args:
+        content: of ``policies.json``.
+        picture: its path, from the page.
+    """
+    base = content["compared_with"]
+    some = next(iter(content["worlds"].values()))["settings"]
+    seeds = len(some["seeds"])
+    parts = [
+        f"{SPLITS[some['split']].capitalize()} scenes, `{some['detector']}` in the loop, {some['episodes']} "
+        f"{_plural('episode', some['episodes'])} x {seeds} {_plural('seed', seeds)} of starts in each world, the same "
+        f"starts for all. Scale `{content['scale']}` "
+        f"({SCALES[content['scale']]}). Mean{_spread_words(seeds, 'seeds')}. **Bold**: the paired 95 % interval of the "
+        f"difference to `{base}`, over episodes, excludes 0. Pooled AP ranks all episodes of a seed as one data set "
+        "and has no such interval.",
+        f"![AP50 of the labels and right labels against views spent]({picture})",
+    ]
+    for name, world in content["worlds"].items():
+        parts += [f"### {name.capitalize()}", *_world(world, base)]
+    return parts
+
+
+def _world(world: Mapping[str, Any], base: str) -> list[str]:
+    policies = world["policies"]
+    last = max(next(iter(policies.values()))["labels"], key=int)
+    parts = [
+        _about_world(world),
+        figures_table(EARNED, {policy: found["figures"] for policy, found in policies.items()}),
+        f"Labels that the generator makes of all {last} views:",
+        figures_table(LABELLED, {policy: found["labels"][last] for policy, found in policies.items()}),
+    ]
+    early = next(iter(policies.values()))["early"]
+    if early is not None:
+        parts += [
+            f"Labels of the first {early['views']} views minus those of all {early['base_views']} of `{base}`, with "
+            "95 % intervals:",
+            _early_table(policies),
+        ]
+    return parts
+
+
+def _about_world(world: Mapping[str, Any]) -> str:
+    scenes = world["settings"]["scenes"]
+    sentences = [f"`{world['settings']['env']}`, {len(scenes)} {_plural('scene', len(scenes))}."]
+    for policy, origin in world["trained"].items():
+        sentences.append(
+            f"`{policy}` was trained for {origin['steps']} steps, seed {origin['seed']}: `{origin['command']}`."
+        )
+    sentences += [f"`{policy}` is left out: {why}." for policy, why in world["left_out"].items()]
+    return " ".join(sentences)
+
+
+def figures_table(headings: Mapping[str, tuple[str, float]], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table of figures with spread, one row for each policy; bold where the difference is beyond chance.
+
+    Args:
+        headings: by figure, its heading and what it is multiplied with.
+        rows: by policy its figures, as ``agents.evaluation`` sums them up.
+    """
+    lines = [
+        "| | " + " | ".join(heading for heading, _ in headings.values()) + " |",
+        "|---" * (len(headings) + 1) + "|",
+    ]
+    for policy, figures in rows.items():
+        cells = [cell(figures.get(name), factor) for name, (_, factor) in headings.items()]
+        lines.append(f"| `{policy}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def cell(figure: Mapping[str, Any] | None, factor: float = 1) -> str:
+    """Mean and spread of a figure; bold where the interval of its difference excludes 0.
+
+    Args:
+        figure: as ``agents.evaluation`` sums it up.
+        factor: to multiply it with.
+    """
+    if figure is None or figure["mean"] is None:
+        return "-"
+    digits = 1 if factor == POINTS else 2
+    mean, std = f"{factor * figure['mean']:.{digits}f}", figure["std"]
+    difference = figure.get("difference")
+    if difference is not None and beyond_chance(difference):
+        mean = f"**{mean}**"
+    return mean if std is None else f"{mean} ± {factor * std:.{digits}f}"
+
+
+def _early_table(policies: Mapping[str, Any]) -> str:
+    lines = ["| | " + " | ".join(heading for heading, _ in EARLY.values()) + " |", "|---" * (len(EARLY) + 1) + "|"]
+    for policy, found in policies.items():
+        differences = found["early"]["difference"]
+        cells = [interval(differences[name], factor) for name, (_, factor) in EARLY.items()]
+        lines.append(f"| `{policy}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
+    """A difference with its interval; bold where this excludes 0."""
+    if difference is None:
+        return "-"
+    digits = 1 if factor == POINTS else 2
+    mean, low, high = (
+        None if difference[name] is None else f"{factor * difference[name]:+.{digits}f}"
+        for name in ("mean", "low", "high")
+    )
+    if low is None:
+        return f"{mean}"
+    return f"{f'**{mean}**' if beyond_chance(dict(difference)) else mean} [{low}, {high}]"
+
+
+# Pictures of episodes ------------------------------------------------------------------------------------------------
+
+
+def ways(contents: Mapping[str, Mapping[str, Any]], folder: str) -> list[str]:
+    """Episodes seen from above, and one as a film.
+
+    Args:
+        contents: of ``policy_pictures_*.json``, by env.
+        folder: of the pictures, from the page.
+    """
+    parts = [
+        "From above: where the robot can stand is white; objects are outlined; the way goes from dark to bright, with "
+        "the direction of each look; around every object that was found, the sectors it was seen from are green."
+    ]
+    for env, content in contents.items():
+        parts.append(f"### {env}")
+        for episode in content["episodes"]:
+            earned = ", ".join(
+                f"`{policy}` {figures['return']:.1f} ({figures['objects']:.0f} {_plural('object', figures['objects'])} "
+                f"from {figures['sectors']:.0f} sides)"
+                for policy, figures in episode["figures"].items()
+            )
+            about = f"{episode['scene']}, seed {episode['seed']}, episode {episode['episode']}"
+            parts += [f"![Ways of the policies in {about}]({folder}/{episode['picture']})", f"{about}: {earned}."]
+        film = content["film"]
+        parts += [
+            f"![{film['policy']} in {film['scene']}, from above, and what its camera sees]({folder}/{film['file']})",
+            f"`{film['policy']}` in {film['scene']}, seed {film['seed']}, episode {film['episode']}: "
+            f"{film['frames']} pictures, from above and what its camera sees.",
+        ]
+    return parts
+
+
+# Training ------------------------------------------------------------------------------------------------------------
+
+
+def training(contents: Mapping[str, Mapping[str, Any]], picture: str) -> list[str]:
+    """How the shipped policies were trained.
+
+    Args:
+        contents: of ``policy_training_*.json``, by env.
+        picture: its path, from the page.
+    """
+    parts = [
+        "Return on validation scenes during training, and of the rollouts on training scenes; dashed: hand-written "
+        "policies on the same validation episodes, with the same detector.",
+        f"![Return against steps]({picture})",
+        "| | steps | validation return before | best, at step | "
+        + " | ".join(f"`{name}`" for name in _references(contents))
+        + " | episodes | detector |",
+        "|---" * (6 + len(_references(contents))) + "|",
+    ]
+    rows = [_training_row(env, content, _references(contents)) for env, content in contents.items()]
+    table = "\n".join([*parts[2:], *rows])
+    commands = "\n".join(f"- {env}: `{content['command']}`" for env, content in contents.items())
+    return [*parts[:2], table, commands]
+
+
+def _references(contents: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(name for content in contents.values() for name in content["references"]))
+
+
+def _training_row(env: str, content: Mapping[str, Any], references: Sequence[str]) -> str:
+    first, best, settings = content["validations"][0], content["best"], content["settings"]
+    known = [content["references"].get(name) for name in references]
+    cells = [
+        f"{content['validations'][-1]['at']:.0f}",
+        f"{first['return']:.2f}" if first["at"] == 0 else "-",
+        f"{best['return']:.2f}, {best['at']:.0f}",
+        *("-" if figures is None else f"{figures['return']:.2f}" for figures in known),
+        str(settings["eval_episodes"]),
+        f"`{settings['detector']}`",
+    ]
+    return f"| {env} | {' | '.join(cells)} |"
+
+
+# Ablation ------------------------------------------------------------------------------------------------------------
+
+
+def ablation(content: Mapping[str, Any], picture: str) -> list[str]:
+    """What policies trained on parts of the reward earn of the whole.
+
+    Args:
+        content: of ``reward_ablation.json``.
+        picture: its path, from the page.
+    """
+    seeds, settings = len(content["seeds"]), content["settings"]
+    steps = sorted({run["steps"] for run in content["runs"]})
+    lines = ["| trained on | " + " | ".join(ABLATED) + " |", "|---" * (len(ABLATED) + 1) + "|"]
+    rows = {
+        **{f"`{reward}`": figures for reward, figures in content["rewards"].items()},
+        "nothing (untrained; validation episodes)": content["untrained"],
+        **{
+            f"(`{policy}`)": {name: {"mean": value, "std": None} for name, value in figures.items()}
+            for policy, figures in content["references"].items()
+        },
+    }
+    for name, figures in rows.items():
+        # Differences here are over training seeds, without an interval: nothing is bold.
+        cells = [cell({**figures[one], "difference": None}) for one in ABLATED]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return [
+        f"`{content['env']}`, `{content['detector']}` detector, {' or '.join(map(str, steps))} steps, {seeds} training "
+        f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). In training only these "
+        "terms of the reward are paid, and collisions cost; measured is the last policy of each run with the full "
+        f"reward, on {settings['episodes']} {_plural('episode', settings['episodes'])} of "
+        f"{SPLITS[settings['split']]} scenes. Mean"
+        f"{_spread_words(seeds, 'training seeds')}.",
+        f"![Figures by what the policy was trained on]({picture})",
+        "\n".join(lines),
+    ]
+
+
+def _spread_words(seeds: int, over: str) -> str:
+    return f" ± standard deviation over {over}" if seeds > 1 else ""
+
+
+def _plural(word: str, count: float) -> str:
+    return word if round(count) == 1 else word + "s"

@@ -1,0 +1,194 @@
+"""Episodes of policies from above, and one as a film: ``python -m experiments.policy_pictures --policies ring``."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from labeling.cli import run_command
+from labeling.errors import SbmError, UsageError
+
+if TYPE_CHECKING:
+    import gymnasium as gym
+    import numpy as np
+    from jaxtyping import UInt8
+
+    from agents.evaluation.episodes import Spawn
+
+RECORD = "policy_pictures_{}.json"
+MAX_FILM_MB = 3
+FRAME_MS, LAST_FRAME_MS = 350, 1500
+FILM_COLOURS = (256, 128, 64)
+"""Tried one after the other until the film is small enough."""
+FILM_PX = {"wide": (192, 576), "square": (288, 288)}
+"""Height and width of the two pictures of a film, by the shape of the world's pictures."""
+GAP_PX = 6
+
+
+@dataclass(frozen=True)
+class PolicyPicturesConfig:
+    """Draws what policies do from the same starts, from above, and films the last policy in the first episode.
+
+    Keeps what was drawn in RESULTS/policy_pictures_ENV.json, from which the page about policies shows it.
+    """
+
+    policies: tuple[str, ...] = ("ring", "ppo")
+    """Who is drawn; names as of agents.evaluate."""
+    env: str = "sbm_gym/Indoor-v0"
+    """Gymnasium id of the world."""
+    episodes: int = 2
+    """How many: the first ones of the seed, as in agents.evaluate."""
+    seed: int = 0
+    """Of the starts."""
+    detector: str = "simulated"
+    """The detector in the loop."""
+    split: Literal["train", "val"] = "val"
+    """Scenes."""
+    out: Path = Path("docs/pictures")
+    """Folder for the pictures."""
+    results: Path = Path("experiments/results")
+    """Folder for what is known about them."""
+
+
+def run(config: PolicyPicturesConfig) -> None:
+    """Plays, draws and films.
+
+    Raises:
+        SbmError: if env, detector or a policy are unknown, or the film cannot be made small enough.
+    """
+    import contextlib
+
+    from agents.environments import inner_env, make_env
+    from agents.evaluation.episodes import play, spawn_of
+    from agents.evaluation.top_down import draw_ways, seen_from_above
+    from agents.policies.registry import make_policy
+    from experiments.provenance import provenance
+    from labeling.files import write_json
+
+    _check(config)
+    name = config.env.rpartition("/")[2]
+    policies = {policy: make_policy(policy, config.env) for policy in config.policies}
+    episodes = []
+    with contextlib.closing(make_env(config.env, config.split, config.detector)) as env:
+        scenes, film_px = inner_env(env).scene_names, _film_size(inner_env(env).profile.capture_size)
+        spawns = [spawn_of(scenes, config.seed, number) for number in range(config.episodes)]
+        for spawn in spawns:
+            records = {label(policy): play(env, chosen, spawn, None)[0] for policy, chosen in policies.items()}
+            picture = f"policies_ways_{name}_{spawn.seed}_{spawn.episode}.png"
+            draw_ways(seen_from_above(inner_env(env)), records, config.out / picture)
+            print(config.out / picture)
+            kept = ("return", "objects", "sectors", "collisions")
+            figures = {
+                policy: {figure: record["figures"][figure] for figure in kept} for policy, record in records.items()
+            }
+            about = {"scene": spawn.scene, "seed": spawn.seed, "episode": spawn.episode}
+            episodes.append({**about, "picture": picture, "figures": figures})
+    film, last = f"policies_film_{name}.gif", config.policies[-1]
+    frames = filmed(config, last, spawns[0], film_px)
+    write_film(frames, config.out / film)
+    print(config.out / film)
+    content = {
+        "env": config.env,
+        "split": config.split,
+        "detector": config.detector,
+        "episodes": episodes,
+        "film": {
+            **{key: episodes[0][key] for key in ("scene", "seed", "episode")},
+            "policy": label(last),
+            "file": film,
+            "frames": len(frames),
+        },
+        **provenance(),
+    }
+    write_json(config.results / RECORD.format(name), content)
+    print(config.results / RECORD.format(name))
+
+
+def _check(config: PolicyPicturesConfig) -> None:
+    if config.episodes < 1 or config.seed < 0:
+        raise UsageError(f"--episodes must be at least 1 and --seed at least 0, not {config.episodes}, {config.seed}")
+    names = [label(policy) for policy in config.policies]
+    if not names or len(set(names)) < len(names):
+        raise UsageError("--policies must name one policy or more, each once")
+
+
+def label(policy: str) -> str:
+    """What a policy is called in a picture: trained ones without the place of their checkpoint."""
+    return policy.partition(":")[0]
+
+
+# Film ----------------------------------------------------------------------------------------------------------------
+
+
+def filmed(
+    config: PolicyPicturesConfig, policy: str, spawn: "Spawn", size_px: tuple[int, int]
+) -> "list[UInt8[np.ndarray, 'h w 3']]":
+    """An episode as pictures: the robot from above beside what its camera sees, before the first step and after each.
+
+    An env renders in one mode, so the episode is played once for each; the same spawn gives the same episode.
+
+    Args:
+        config: the settings.
+        policy: who is filmed.
+        spawn: where it starts.
+        size_px: height and width of either picture; wide ones stand above each other.
+    """
+    import contextlib
+
+    import numpy as np
+    from gymnasium.wrappers import RenderCollection
+
+    from agents.environments import make_env
+    from agents.evaluation.episodes import play
+    from agents.policies.registry import make_policy
+
+    seen: list[Sequence[Any]] = []
+    for mode in ("third_person", "rgb_array"):
+        settings = {"render_mode": mode, "render_size": size_px}
+        with contextlib.closing(make_env(config.env, config.split, config.detector, **settings)) as inner:
+            env: gym.Env = RenderCollection(inner)
+            play(env, make_policy(policy, config.env), spawn, None)
+            frames = env.render()
+            assert isinstance(frames, list)
+            seen.append(frames)
+    height_px, width_px = size_px
+    wide = width_px > height_px
+    gap = np.full((GAP_PX, width_px, 3) if wide else (height_px, GAP_PX, 3), 255, np.uint8)
+    return [np.concatenate([above, gap, ahead], axis=0 if wide else 1) for above, ahead in zip(*seen, strict=True)]
+
+
+def _film_size(capture_size: tuple[int, int]) -> tuple[int, int]:
+    return FILM_PX["wide" if capture_size[1] > 1.5 * capture_size[0] else "square"]
+
+
+def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> None:
+    """Writes pictures as an animated GIF that repeats.
+
+    Raises:
+        SbmError: if it would be larger than ``MAX_FILM_MB``.
+    """
+    from PIL import Image
+
+    from labeling.files import atomic_file
+
+    times = [FRAME_MS] * (len(frames) - 1) + [LAST_FRAME_MS]
+    with atomic_file(path) as temporary:
+        for colours in FILM_COLOURS:
+            # Octrees keep the colours of thin lines; dithering would flicker and not compress.
+            how = {"method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
+            pictures = [Image.fromarray(frame).quantize(colours, **how) for frame in frames]
+            pictures[0].save(temporary, format="GIF", save_all=True, append_images=pictures[1:], duration=times, loop=0)
+            if temporary.stat().st_size <= 1e6 * MAX_FILM_MB:
+                return
+        megabytes = temporary.stat().st_size / 1e6
+        raise SbmError(f"{path}: would have {megabytes:.1f} MB, more than {MAX_FILM_MB}; film a shorter episode")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(PolicyPicturesConfig, run, "python -m experiments.policy_pictures", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

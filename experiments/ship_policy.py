@@ -1,0 +1,184 @@
+"""Makes a trained policy the one that comes with the project: ``python -m experiments.ship_policy RUN``."""
+
+import hashlib
+import re
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import tyro
+
+from labeling.cli import run_command
+from labeling.errors import UsageError
+
+MAX_MB = 20
+MAX_POINTS = 400
+REFERENCE = "ring"
+SUFFIXES = (".safetensors", ".json")
+"""Of the files of a checkpoint that is to be shipped."""
+RECORD = "policy_training_{}.json"
+"""Name of the record of a training run, by env without namespace."""
+ENV_NAME = re.compile(r"[A-Za-z0-9_]+-v\d+")
+
+Point = TypeVar("Point")
+
+
+@dataclass(frozen=True)
+class ShipConfig:
+    """Copies RUN/best to where the policy ``ppo`` is read from, and keeps how it was trained.
+
+    Plays the validation episodes of the run once more with ``ring``, so that the learning curve has something to be
+    compared with.
+    """
+
+    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
+    """Folder of a run of agents.train."""
+    weights: Path = Path("agents/weights")
+    """Folder for the policies that come with the project."""
+    results: Path = Path("experiments/results")
+    """Folder for the record of the training."""
+
+
+def run(config: ShipConfig) -> None:
+    """Ships a policy.
+
+    Raises:
+        SbmError: if there is no checkpoint in the folder, or it is damaged or too large.
+    """
+    from agents.ppo.files import BEST
+    from experiments.trained_policies import origin_of
+    from labeling.files import atomic_folder, write_json
+
+    best = config.run / BEST
+    files = checkpoint_files(config.run)
+    origin = origin_of(best)
+    name = _env_name(origin, best)
+    record = training_record(config.run, origin, files)
+    with atomic_folder(config.weights / name) as temporary:
+        for file in files:
+            shutil.copyfile(file, temporary / file.name)
+    write_json(config.results / RECORD.format(name), record)
+    print(f"{config.weights / name}\n{config.results / RECORD.format(name)}")
+
+
+def checkpoint_files(folder: Path) -> list[Path]:
+    """The files of the best checkpoint of a run.
+
+    Raises:
+        SbmError: if there is none, or it is damaged, or it is too large to ship.
+    """
+    from agents.ppo.checkpoint import read_policy
+    from agents.ppo.files import BEST, POLICY_FILE
+
+    best = folder / BEST
+    if not (best / POLICY_FILE).is_file():
+        raise UsageError(f"{folder}: has no {BEST}/{POLICY_FILE}; give the folder of a run of agents.train")
+    files = sorted(best.iterdir())
+    strange = [file.name for file in files if file.suffix not in SUFFIXES or not file.is_file()]
+    if strange:
+        raise UsageError(f"{best}: holds {strange[0]}, which is no part of a checkpoint; it holds safetensors and JSON")
+    megabytes = sum(file.stat().st_size for file in files) / 1e6
+    if megabytes > MAX_MB:
+        raise UsageError(
+            f"{best}: has {megabytes:.1f} MB, and at most {MAX_MB} MB are shipped; train a smaller network"
+        )
+    read_policy(best)
+    return files
+
+
+def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path]) -> dict[str, Any]:
+    """How a run went and where it comes from.
+
+    Args:
+        folder: of the run.
+        origin: of its best checkpoint.
+        files: of this checkpoint.
+
+    Raises:
+        SbmError: if the run keeps no history.
+    """
+    from agents.ppo.files import HISTORY_FILE, SETTINGS_FILE
+    from experiments.provenance import provenance
+    from experiments.trained_policies import training_command
+    from labeling.episode_json import read_json
+
+    settings, history = read_json(folder / SETTINGS_FILE).mapping(), read_json(folder / HISTORY_FILE).mapping()
+    rollouts, validations = history["rollouts"], history["validations"]
+    if not validations:
+        raise UsageError(f"{folder / HISTORY_FILE}: has no validation; train on with --resume {folder}")
+    return {
+        "env": settings["env"],
+        "command": training_command(settings),
+        "settings": dict(settings),
+        "best": max(validations, key=lambda one: one["return"]),
+        "validations": [_short(one) for one in validations],
+        "rollouts": [_short(one) for one in thinned(rollouts, MAX_POINTS)],
+        "rollouts_in_all": len(rollouts),
+        "references": {REFERENCE: _short(reference_figures(settings))},
+        "checkpoint": {
+            **{name: value for name, value in origin.items() if name not in ("command", "hyperparameters")},
+            "sha256": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},
+            "bytes": sum(file.stat().st_size for file in files),
+        },
+        "shipped_with": provenance(),
+    }
+
+
+def reference_figures(settings: dict[str, Any]) -> dict[str, float]:
+    """Figures of ``ring`` on the validation episodes of a run.
+
+    Args:
+        settings: of the run.
+    """
+    import contextlib
+
+    import numpy as np
+
+    from agents.policies.registry import make_policy
+    from agents.ppo.episode_figures import EpisodeFigures, means
+    from agents.ppo.validation import FIRST_SEED
+    from agents.ppo.workers import EnvSettings, make_env
+
+    policy, done = make_policy(REFERENCE, settings["env"]), []
+    with contextlib.closing(make_env(EnvSettings(settings["env"], settings["detector"]), "val")) as env:
+        for number in range(settings["eval_episodes"]):
+            observation, info = env.reset(seed=FIRST_SEED + number)
+            policy.reset(env, observation, info, np.random.default_rng([number]))
+            figures, ended = EpisodeFigures(), False
+            while not ended:
+                observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
+                figures.add(float(reward), info)
+                ended = terminated or truncated
+            done.append(figures.figures())
+    return means(done)
+
+
+def thinned(points: Sequence[Point], count: int) -> list[Point]:
+    """At most so many points, evenly spread, with the first and the last."""
+    if len(points) <= count:
+        return list(points)
+    return [points[round(place * (len(points) - 1) / (count - 1))] for place in range(count)]
+
+
+def _short(figures: dict[str, float]) -> dict[str, float]:
+    return {name: round(value, 4) for name, value in figures.items()}
+
+
+def _env_name(origin: dict[str, Any], best: Path) -> str:
+    """The env's id without namespace, which names folders."""
+    name = str(origin.get("env")).rpartition("/")[2]
+    if not ENV_NAME.fullmatch(name):
+        raise UsageError(f"{best}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
+    return name
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(ShipConfig, run, "python -m experiments.ship_policy", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

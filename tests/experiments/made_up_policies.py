@@ -1,0 +1,96 @@
+"""Made-up results about policies, every number in them another one, so that none can stand in for another."""
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+NAMES = ("return", "discovery", "diversity", "objects", "sectors", "collisions", "path_m")
+LABELS = ("pooled_ap50", "ap50", "right", "objects")
+COUNTS = ("5", "12", "25")
+
+
+def figure(numbers: Iterator[int], sure: bool, first: bool) -> dict[str, Any]:
+    """A figure with spread, and with a difference that is beyond chance or not."""
+    mean = next(numbers) / 100
+    difference = {"mean": mean + 1, "low": mean + 0.5 if sure else -mean - 1, "high": mean + 2, "episodes": 4}
+    return {"mean": mean, "std": mean / 10, "per_seed": [mean, mean], "difference": None if first else difference}
+
+
+def evaluation(scale: str = "quick") -> dict[str, Any]:
+    """As ``policies.json``, without a trained policy in streets."""
+    numbers = itertools.count(101)
+    worlds = {}
+    for world, policies in (("rooms", ("ring", "random", "ppo")), ("streets", ("ring", "random"))):
+        found = {}
+        for place, policy in enumerate(policies):
+            first, sure = place == 0, place == 1
+            difference = {name: figure(numbers, sure, False)["difference"] for name in ("right", "objects", "ap50")}
+            found[policy] = {
+                "figures": {name: figure(numbers, sure, first) for name in NAMES},
+                "labels": {count: {name: figure(numbers, sure, first) for name in LABELS} for count in COUNTS},
+                "early": {"views": 12, "base_views": 25, "difference": difference},
+                "curves": {},
+            }
+        trained = {"steps": 4321, "seed": 7, "command": "python -m agents.train --seed 7"}
+        worlds[world] = {
+            "settings": {
+                "env": f"sbm_gym/{world}-v0",
+                "split": "val",
+                "detector": "compact",
+                "episodes": 20,
+                "seeds": [0, 1],
+                "scenes": ["a", "b"],
+            },
+            "left_out": {} if "ppo" in policies else {"ppo": "there is none for streets"},
+            "trained": {"ppo": trained} if "ppo" in policies else {},
+            "policies": found,
+        }
+    return {"scale": scale, "seeds": [0, 1], "compared_with": "ring", "worlds": worlds}
+
+
+def ablation() -> dict[str, Any]:
+    """As ``reward_ablation.json``."""
+    numbers = itertools.count(5001)
+    names = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
+    rewards = ("both", "discovery", "diversity", "neither")
+
+    def row() -> dict[str, Any]:
+        return {name: figure(numbers, True, True) for name in names}
+
+    return {
+        "scale": "full",
+        "seeds": [0, 1],
+        "env": "sbm_gym/Some-v0",
+        "detector": "simulated",
+        "settings": {"episodes": 50, "split": "val"},
+        "rewards": {reward: row() for reward in rewards},
+        "untrained": row(),
+        "references": {policy: {name: next(numbers) / 100 for name in names} for policy in ("random", "ring")},
+        "runs": [{"steps": 1234} for _ in rewards],
+    }
+
+
+def training() -> dict[str, Any]:
+    """As ``policy_training_ENV.json``."""
+    validations = [{"at": 0.0, "return": 1.11}, {"at": 500.0, "return": 3.33}, {"at": 1000.0, "return": 2.22}]
+    return {
+        "command": "python -m agents.train --env x",
+        "settings": {"eval_episodes": 17, "detector": "simulated"},
+        "best": validations[1],
+        "validations": validations,
+        "rollouts": [{"at": 100.0 * step, "return": 0.1 * step} for step in range(1, 11)],
+        "references": {"ring": {"return": 4.44}},
+    }
+
+
+def ways() -> dict[str, Any]:
+    """As ``policy_pictures_ENV.json``."""
+    place = {"scene": "val/00", "seed": 3, "episode": 1}
+    figures = {
+        "ring": {"return": 6.5, "objects": 2.0, "sectors": 12.0},
+        "ppo": {"return": 7.5, "objects": 1.0, "sectors": 9.0},
+    }
+    return {
+        "episodes": [{**place, "picture": "ways.png", "figures": figures}],
+        "film": {**place, "policy": "ppo", "file": "film.gif", "frames": 26},
+    }

@@ -1,0 +1,83 @@
+"""Pictures of episodes: drawn from the same starts as evaluations, and films that are small enough."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.evaluation.episodes import spawn_of
+from experiments import policy_pictures
+from experiments.policy_pictures import main, write_film
+from labeling.errors import SbmError
+
+from ..sbm_gym.box_rooms import BoxRooms
+from .box_env import SHORT_ENV_ID, SHORT_STEPS
+
+NAME = SHORT_ENV_ID.rpartition("/")[2]
+
+
+def frames(count: int, size_px: tuple[int, int] = (60, 80)) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    return [rng.integers(0, 256, (*size_px, 3), np.uint8) for _ in range(count)]
+
+
+def test_episodes_are_drawn_and_the_last_policy_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    monkeypatch.setattr(policy_pictures, "FILM_PX", {"wide": (24, 72), "square": (48, 48)})
+    places = ["--out", str(tmp_path / "pictures"), "--results", str(tmp_path)]
+    assert main(["--policies", "ring", "random", "--env", SHORT_ENV_ID, "--episodes", "2", "--seed", "4", *places]) == 0
+    content = json.loads((tmp_path / f"policy_pictures_{NAME}.json").read_text())
+    assert [one["scene"] for one in content["episodes"]] == [
+        spawn_of(BoxRooms().scenes("val"), 4, number).scene for number in range(2)
+    ]
+    for one in content["episodes"]:
+        assert (tmp_path / "pictures" / one["picture"]).read_bytes().startswith(b"\x89PNG")
+        assert set(one["figures"]) == {"ring", "random"}
+    assert content["film"]["policy"] == "random"
+    with Image.open(tmp_path / "pictures" / content["film"]["file"]) as film:
+        assert film.n_frames == content["film"]["frames"] == SHORT_STEPS + 1  # type: ignore[attr-defined]
+        assert film.size == (2 * 48 + policy_pictures.GAP_PX, 48)
+
+
+def test_a_film_shows_its_pictures_in_order(tmp_path: Path) -> None:
+    from PIL import Image
+
+    shown = [np.full((8, 10, 3), value, np.uint8) for value in (10, 90, 200)]
+    write_film(shown, tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as film:
+        for number, picture in enumerate(shown):
+            film.seek(number)
+            assert np.abs(np.asarray(film.convert("RGB"), int) - picture).max() <= 8
+
+
+def test_films_are_made_small_enough_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_film(frames(4), tmp_path / "film.gif")
+    whole = (tmp_path / "film.gif").stat().st_size
+    monkeypatch.setattr(policy_pictures, "MAX_FILM_MB", 0.9 * whole / 1e6)
+    write_film(frames(4), tmp_path / "smaller.gif")
+    assert (tmp_path / "smaller.gif").stat().st_size <= 0.9 * whole
+    monkeypatch.setattr(policy_pictures, "MAX_FILM_MB", 1e-3)
+    with pytest.raises(SbmError, match=r"none\.gif"):
+        write_film(frames(4), tmp_path / "none.gif")
+    assert not list(tmp_path.glob("*none*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--policies", "ring", "ring"], "each once"),
+        (["--policies", "ring", "--episodes", "0"], "--episodes"),
+        (["--policies", "clever"], "clever"),
+        (["--policies", "ring", "--env", "sbm_gym/Moon-v0"], "sbm_gym/Moon-v0"),
+    ],
+)
+def test_bad_arguments_are_one_line(
+    arguments: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--results", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,154 @@
+"""Shipping a trained policy: what is copied is the best checkpoint, and nothing else is ever taken for one."""
+
+import json
+import shutil
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.policies import registry
+from agents.policies.registry import make_policy
+from agents.ppo.training import train
+from agents.train import TrainConfig
+from experiments import ship_policy
+from experiments.ship_policy import main, thinned
+
+from .box_env import SHORT_ENV_ID, write_hyperparams
+
+NAME = SHORT_ENV_ID.rpartition("/")[2]
+
+
+class Silent:
+    """Takes the place of tqdm."""
+
+    def __init__(self, *_, **__) -> None: ...
+
+    def update(self, count: int) -> None: ...
+
+    def set_postfix_str(self, text: str) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trained")
+    config = TrainConfig(
+        out=folder / "run",
+        env=SHORT_ENV_ID,
+        steps=30,
+        hyperparams=write_hyperparams(folder),
+        eval_every=20,
+        eval_episodes=2,
+        seed=3,
+    )
+    train(config, lambda _: None, Silent)
+    return folder / "run"
+
+
+def ship(run: Path, folder: Path) -> int:
+    return main([str(run), "--weights", str(folder / "weights"), "--results", str(folder / "results")])
+
+
+def test_the_best_policy_is_shipped_and_acts_like_it(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ship(trained, tmp_path) == 0
+    shipped = tmp_path / "weights" / NAME
+    assert {path.name for path in shipped.iterdir()} == {path.name for path in (trained / "best").iterdir()}
+    assert all(path.suffix in (".json", ".safetensors") for path in shipped.iterdir())
+    monkeypatch.setattr(registry, "WEIGHTS", tmp_path / "weights")
+    env = gym.make(SHORT_ENV_ID, split="val")
+    observation, info = env.reset(seed=1)
+    actions = []
+    for name in ("ppo", f"ppo:{trained / 'best'}"):
+        policy = make_policy(name, SHORT_ENV_ID)
+        policy.reset(env, observation, info, np.random.default_rng(0))
+        actions.append(policy.act(observation, info))
+    env.close()
+    assert np.array_equal(*actions)
+
+
+def test_the_record_tells_how_the_run_went(trained: Path, tmp_path: Path) -> None:
+    assert ship(trained, tmp_path) == 0
+    record = json.loads((tmp_path / "results" / f"policy_training_{NAME}.json").read_text())
+    history = json.loads((trained / "history.json").read_text())
+    assert [one["at"] for one in record["validations"]] == [one["at"] for one in history["validations"]]
+    returns = [one["return"] for one in history["validations"]]
+    assert record["best"]["return"] == max(returns)
+    assert record["checkpoint"]["steps"] == record["best"]["at"]
+    assert record["rollouts_in_all"] == len(record["rollouts"]) == len(history["rollouts"])
+    assert record["settings"]["seed"] == 3
+    assert f"--env {SHORT_ENV_ID} --steps 30 --seed 3" in record["command"]
+    assert str(trained) not in json.dumps(record)
+
+
+def test_shipping_again_replaces_what_was_there(trained: Path, tmp_path: Path) -> None:
+    old = tmp_path / "weights" / NAME
+    old.mkdir(parents=True)
+    (old / "older.json").write_text("{}")
+    assert ship(trained, tmp_path) == 0
+    assert not (old / "older.json").exists()
+    assert [path.name for path in (tmp_path / "weights").iterdir()] == [NAME]
+
+
+def spoil(run: Path, how: str) -> None:
+    best = run / "best"
+    if how == "no run":
+        shutil.rmtree(run)
+    elif how == "no checkpoint":
+        shutil.rmtree(best)
+    elif how == "foreign file":
+        (best / "notes.txt").write_text("mine")
+    elif how == "damaged weights":
+        (best / "policy.safetensors").write_bytes(b"no tensors")
+    elif how == "strange env":
+        description = json.loads((best / "policy.json").read_text())
+        (best / "policy.json").write_text(json.dumps({**description, "env": "x/../../etc"}))
+    elif how == "no history":
+        (run / "history.json").unlink()
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ("no run", "give the folder of a run"),
+        ("no checkpoint", "give the folder of a run"),
+        ("foreign file", "notes.txt"),
+        ("damaged weights", "policy.safetensors"),
+        ("strange env", "no id of an env"),
+        ("no history", "history.json"),
+    ],
+)
+def test_what_is_no_run_is_refused_in_one_sentence(
+    how: str, says: str, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(trained, tmp_path / "run")
+    spoil(tmp_path / "run", how)
+    assert ship(tmp_path / "run", tmp_path) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "weights").exists()
+    assert not (tmp_path / "results").exists()
+
+
+def test_large_checkpoints_are_refused(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    size = sum(path.stat().st_size for path in (trained / "best").iterdir())
+    monkeypatch.setattr(ship_policy, "MAX_MB", size / 1e6 - 1e-6)
+    assert ship(trained, tmp_path) == 2
+    assert "smaller network" in capsys.readouterr().err
+    assert not (tmp_path / "weights").exists()
+
+
+def test_thinning_keeps_ends_and_order() -> None:
+    for length in (1, 2, 399, 400, 401, 1234):
+        points = list(range(length))
+        kept = thinned(points, 400)
+        assert len(kept) == min(length, 400)
+        assert (kept[0], kept[-1]) == (0, length - 1)
+        assert kept == sorted(set(kept))
