@@ -28,8 +28,11 @@ COMMANDS = (
     "experiments.capture",
     "experiments.demo",
     "experiments.pictures",
+    "experiments.policies_page",
+    "experiments.policy_pictures",
     "experiments.pretrain_compact",
     "experiments.run",
+    "experiments.ship_policy",
 )
 HEAVY = ("torch", "torchvision", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib")
 
