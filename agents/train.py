@@ -35,8 +35,11 @@ class TrainConfig:
     """The detector in the loop."""
     hyperparams: Path | None = None
     """YAML file in the shape of rl-zoo's, with the env as a key; by default the one that comes with the project."""
+    imitate: str = "ring"
+    """The hand-written policy to begin with."""
     imitate_episodes: int = 0
-    """Begin with what the hand-written ``ring`` policy does in so many episodes; 0 begins with nothing."""
+    """Begin with what that policy does, or would do in the network's place, in so many episodes; 0 begins with
+    nothing."""
     eval_every: int = 20_000
     """Steps between validations."""
     eval_episodes: int = 20

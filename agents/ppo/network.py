@@ -40,10 +40,10 @@ def policy_arguments(plain: dict[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def looks_at_colours(plain: dict[str, Any]) -> bool:
-    """Whether a network with these ``policy_kwargs`` looks at colours."""
+def pictures(plain: dict[str, Any]) -> tuple[str, ...]:
+    """The pictures that a network with these ``policy_kwargs`` looks at."""
     given = plain.get("features_extractor_kwargs")
-    return "rgb" in (given.get("pictures", PICTURES) if isinstance(given, dict) else PICTURES)
+    return tuple(given.get("pictures", PICTURES)) if isinstance(given, dict) else PICTURES
 
 
 def policy_class(name: str) -> type[ActorCriticPolicy]:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from agents.policies.registry import POLICIES
 from agents.ppo.files import SETTINGS_FILE
 from agents.ppo.hyperparameters import Hyperparameters, checked, read_hyperparameters
-from agents.ppo.network import looks_at_colours
+from agents.ppo.network import pictures
 from agents.ppo.workers import EnvSettings
 from agents.train import TrainConfig
 from labeling.episode_json import read_json
@@ -25,6 +26,7 @@ class RunSettings:
     folder: Path
     env: EnvSettings
     seed: int
+    imitate: str
     imitate_episodes: int
     eval_every: int
     eval_episodes: int
@@ -37,6 +39,7 @@ class RunSettings:
             "detector": self.env.detector,
             "reward": self.env.reward,
             "seed": self.seed,
+            "imitate": self.imitate,
             "imitate_episodes": self.imitate_episodes,
             "eval_every": self.eval_every,
             "eval_episodes": self.eval_episodes,
@@ -60,6 +63,7 @@ def settle(config: TrainConfig) -> RunSettings:
             folder,
             EnvSettings(config.env, config.detector, config.reward),
             config.seed,
+            config.imitate,
             config.imitate_episodes,
             config.eval_every,
             config.eval_episodes,
@@ -68,7 +72,7 @@ def settle(config: TrainConfig) -> RunSettings:
     asked = {"n_timesteps": config.steps, "n_envs": config.envs}
     sizes = {name: value for name, value in asked.items() if value is not None}
     hyperparameters = dataclasses.replace(settings.hyperparameters, **sizes)
-    env = dataclasses.replace(settings.env, colours=looks_at_colours(hyperparameters.policy_kwargs))
+    env = dataclasses.replace(settings.env, colours="rgb" in pictures(hyperparameters.policy_kwargs))
     settings = dataclasses.replace(settings, env=env, hyperparameters=hyperparameters)
     _check_batches(settings.hyperparameters)
     return settings
@@ -121,6 +125,7 @@ def _of_run(config: TrainConfig, folder: Path) -> RunSettings:
             folder,
             EnvSettings(content.text("env"), content.text("detector"), content.text("reward")),  # type: ignore[arg-type]
             content.integer("seed"),
+            content.text("imitate"),
             content.integer("imitate_episodes"),
             content.integer("eval_every"),
             content.integer("eval_episodes"),
@@ -134,6 +139,7 @@ def _of_run(config: TrainConfig, folder: Path) -> RunSettings:
         "detector",
         "reward",
         "seed",
+        "imitate",
         "imitate_episodes",
         "eval_every",
         "eval_episodes",
@@ -155,6 +161,8 @@ def _check(config: TrainConfig) -> None:
         value = getattr(config, name)
         if value is not None and value < 1:
             raise UsageError(f"--{name.replace('_', '-')} must be at least 1, not {value}")
+    if config.imitate not in POLICIES:
+        raise UsageError(f"--imitate {config.imitate}: no hand-written policy; there are {', '.join(sorted(POLICIES))}")
     if config.imitate_episodes < 0:
         raise UsageError(f"--imitate-episodes must not be negative, not {config.imitate_episodes}")
     if not 0 <= config.seed < 2**31:

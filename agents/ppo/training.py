@@ -1,8 +1,10 @@
 """A training run: a folder that holds the best policy so far, and all it takes to go on after a kill."""
 
 import contextlib
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,17 +13,17 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from agents.policies.registry import make_policy
 from agents.ppo.board import make_logger
 from agents.ppo.callbacks import RunCallback
 from agents.ppo.checkpoint import write_policy
 from agents.ppo.files import BEST, BOARD_FOLDER, HISTORY_FILE, LAST, STATE_FILE
-from agents.ppo.imitation import demonstrate, imitate
+from agents.ppo.imitation import ROUNDS, Demonstration, imitate, joined
 from agents.ppo.interrupts import Wish, stop_on_interrupt
-from agents.ppo.network import build_policy, policy_arguments, policy_class
+from agents.ppo.network import build_policy, pictures, policy_arguments, policy_class
 from agents.ppo.settings import RunSettings, claim, settle
 from agents.ppo.spaces import describe
 from agents.ppo.state import Progress, normalization_of, restore, write_state
+from agents.ppo.teachers import Teachers
 from agents.ppo.validation import validate
 from agents.ppo.workers import make_env, make_workers
 from agents.provenance import git_commit, versions
@@ -135,18 +137,51 @@ def _warm_start(
     say: Callable[[str], None],
     bar: Callable[..., Any],
 ) -> None:
-    """Lets the network begin with what the ``ring`` policy does.
+    """Lets the network begin with what a hand-written policy does.
 
     Raises:
+        SbmError: if there is no such policy, or a process has died.
         KeyboardInterrupt: if someone wants to stop; the run then begins anew.
     """
-    shower = make_env(settings.env, "train")
-    with contextlib.closing(shower):
-        numbers = bar(range(settings.imitate_episodes), desc="ring shows how", unit="episode")
-        shown = demonstrate(shower, make_policy("ring"), wish.granted(numbers), settings.seed)
-    off = imitate(model, env, shown, settings.seed)
-    earned = float(np.mean([rewards.sum() for rewards in shown.rewards]))
-    say(f"imitated ring (return {earned:.2f} on training scenes): actions differ by {off:.2f} (root mean square)")
+    teacher, hyperparameters = settings.imitate, settings.hyperparameters
+    keys = ("state", *pictures(hyperparameters.policy_kwargs))
+    shown: list[Demonstration] = []
+    with (
+        contextlib.closing(Teachers(settings.env, teacher, hyperparameters.n_envs)) as teachers,
+        tempfile.TemporaryDirectory() as folder,
+    ):
+        progress = bar(total=settings.imitate_episodes, desc=f"{teacher} shows how")
+        for turn, numbers in enumerate(np.array_split(np.arange(settings.imitate_episodes), ROUNDS)):
+            if len(numbers) == 0:
+                continue
+            student = None
+            if shown:
+                student = Path(folder) / str(turn)
+                student.mkdir()
+                write_policy(student, model.policy, _network_description(settings, env), normalization_of(env))
+            found = {}
+            for number, part in wish.granted(teachers.show(numbers.tolist(), settings.seed, keys, student)):
+                found[number] = part
+                progress.update(1)
+            newest = [found[number] for number in sorted(found)]
+            shown += newest
+            off = imitate(model, env, joined(shown), settings.seed)
+            earned = float(np.mean([rewards.sum() for part in newest for rewards in part.rewards]))
+            who = teacher if student is None else "the network"
+            say(f"{who} earned {earned:.2f} in training scenes; its actions differ by {off:.2f} (root mean square)")
+        progress.close()
+
+
+def _network_description(settings: RunSettings, env: gym.Env | VecEnv) -> dict[str, Any]:
+    """What it takes to build the network anew."""
+    return {
+        "observation_space": describe(env.observation_space),
+        "action_space": describe(env.action_space),
+        "policy": {
+            "class": settings.hyperparameters.policy,
+            "kwargs": settings.hyperparameters.policy_kwargs,
+        },
+    }
 
 
 def _check_network(settings: RunSettings, env: gym.Env) -> None:
@@ -163,13 +198,12 @@ def _description(settings: RunSettings, env: gym.Env, progress: Progress) -> dic
     hyperparameters = settings.hyperparameters
     return {
         "env": settings.env.env,
-        "observation_space": describe(env.observation_space),
-        "action_space": describe(env.action_space),
-        "policy": {"class": hyperparameters.policy, "kwargs": hyperparameters.policy_kwargs},
+        **_network_description(settings, env),
         "hyperparameters": asdict(hyperparameters),
         "detector": settings.env.detector,
         "reward": settings.env.reward,
         "seed": settings.seed,
+        "imitate": settings.imitate,
         "imitate_episodes": settings.imitate_episodes,
         "steps": progress.steps,
         "validation": {"episodes": settings.eval_episodes, "figures": (progress.validations or [None])[-1]},

@@ -108,18 +108,23 @@ def make_env(settings: EnvSettings, split: str) -> gym.Env:
 
 
 def make_worker(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
-    """The environment of one worker.
+    """The environment of one worker; arguments as of ``make_shared_env``."""
+    return WholeEpisodes(make_shared_env(settings, index, count, scenes))
+
+
+def make_shared_env(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
+    """An environment with its share of the scenes.
 
     Args:
         settings: which environment.
-        index: number of the worker, from 0.
+        index: number of its process, from 0.
         count: how many there are.
         scenes: what they share; by default all training scenes, if the environment has any by name.
     """
     env = make_env(settings, "train")
     if scenes is None and env.has_wrapper_attr("scene_names"):
         scenes = env.get_wrapper_attr("scene_names")
-    return WholeEpisodes(env if scenes is None else ShareOfScenes(env, share(scenes, index, count)))
+    return env if scenes is None else ShareOfScenes(env, share(scenes, index, count))
 
 
 def share(scenes: tuple[str, ...], index: int, count: int) -> tuple[str, ...]:
@@ -135,7 +140,7 @@ def make_workers(settings: EnvSettings, count: int) -> VecEnv:
 
 
 def start_workers(settings: EnvSettings, count: int, scenes: tuple[str, ...] | None = None) -> VecEnv:
-    """Several environments, each in a process and a thread of its own; arguments as of ``make_worker``."""
+    """Several environments, each in a process and a thread of its own; arguments as of ``make_shared_env``."""
     factories = [functools.partial(make_worker, settings, index, count, scenes) for index in range(count)]
     with threads_of_children(1), interrupts_held_back():
         return SubprocVecEnv(factories, start_method="spawn")

@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from agents.policies.ppo import Ppo
-from agents.ppo import training
+from agents.ppo import teachers, training
 from agents.ppo.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
 from agents.ppo.imitation import running_sums
 from agents.ppo.workers import REWARDS, EnvSettings, ShareOfScenes, WholeEpisodes, make_env, share
@@ -210,6 +210,7 @@ def test_what_cannot_be_changed_is_refused_with_resume(trained, config):
     ("arguments", "says"),
     [
         (["--steps", "0"], "--steps must be at least 1"),
+        (["--imitate", "owl"], "--imitate owl: no hand-written policy; there are frontier"),
         (["--imitate-episodes", "-1"], "--imitate-episodes must not be negative"),
         (["--seed", "-1"], "--seed must lie from 0"),
         (["--env", "sbm_gym/Moon-v0"], "no hyperparameters for 'sbm_gym/Moon-v0'"),
@@ -298,14 +299,16 @@ class Echoes:
 
 
 def test_a_warm_start_does_what_it_was_shown_and_knows_what_it_is_worth(config, tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "make_policy", lambda name: {"ring": Echoes()}[name])
+    monkeypatch.setattr(teachers, "make_policy", lambda name, env: {"ring": Echoes()}[name])
     out = tmp_path / "run"
     config = replace(config, out=out, imitate_episodes=100, steps=100, eval_every=10_000)
     seen = {}
-    real = training.imitate
+    real, rounds = training.imitate, []
 
     def imitate_and_look(model, env, shown, seed):
+        rounds.append(len(shown.rewards))
         off = real(model, env, shown, seed)
+        assert set(shown.observations) == {"rgb", "depth", "state"}
         observations, _ = model.policy.obs_to_tensor(shown.observations)
         values = model.policy.predict_values(observations).detach().numpy().reshape(-1, 10)
         seen.update(off=off, values=values.mean(axis=0), scale=np.sqrt(env.ret_rms.var))
@@ -313,7 +316,11 @@ def test_a_warm_start_does_what_it_was_shown_and_knows_what_it_is_worth(config, 
 
     monkeypatch.setattr(training, "imitate", imitate_and_look)
     progress, said = train(config)
-    assert any(line.startswith("imitated ring (return 10.00 on training scenes)") for line in said)
+    assert sum(line.startswith("ring earned 10.00 in training scenes") for line in said) == 1
+    # From the second round on the network acts, and the teacher only says what it would do.
+    assert sum(line.startswith("the network earned") for line in said) == 3
+    assert len(rounds) == 4
+    assert rounds == [25, 50, 75, 100]
     assert seen["off"] < 0.2  # actions differ by 0.58 from their mean
     # All rewards are 1, gamma is a half: a step is worth 2 if there are enough left.
     assert seen["values"].mean() * seen["scale"] == pytest.approx(2 - 0.2, abs=0.3)
@@ -328,10 +335,10 @@ def test_a_warm_start_that_is_stopped_leaves_nothing_half_learnt(config, tmp_pat
         def reset(self, env, observation, info, rng):
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(training, "make_policy", lambda name: Tired())
+    monkeypatch.setattr(teachers, "make_policy", lambda name, env: Tired())
     out = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
-        training.train(replace(config, out=out, imitate_episodes=3), lambda line: None, lambda items, **_: items)
+        training.train(replace(config, out=out, imitate_episodes=3), lambda line: None, Bar)
     assert not (out / LAST).exists()
 
 

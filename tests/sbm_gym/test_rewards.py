@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sbm_gym.object_memory import MemoryUpdate
 from sbm_gym.rewards import RewardWeights, collision, discovery, diversity, reward_terms
 
-NOTHING = MemoryUpdate((), 0.0, 0, 0, (), {}, None)
+NOTHING = MemoryUpdate((), 0.0, 0, 0, (), {}, ())
 updates = st.builds(
     MemoryUpdate,
     st.lists(st.integers(0, 50), max_size=5).map(tuple),
