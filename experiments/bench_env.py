@@ -1,7 +1,6 @@
 """Steps a second of the environment: beside ``mujoco.Renderer`` in the same scene, with workers, and what PPO adds."""
 
 import contextlib
-import functools
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -31,7 +30,8 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
         say: where progress is told.
     """
     yield from _in_one_scene(quick, say)
-    yield from _with_workers(quick, say)
+    for colours in (True, False):
+        yield from _with_workers(quick, say, colours)
     yield from _learning(quick, say)
 
 
@@ -51,9 +51,9 @@ def _in_one_scene(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     theirs = median_seconds(draw, 1 if quick else 3) / len(views)
     what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
     yield Row(what, f"{RIVAL}: the picture only", seconds, theirs)
-    # The same episodes once more, so that both have the same views.
+    env.close()
+    env = gym.make(ENV_ID, colours=False)
     env.reset(seed=0, options={"scene": SCENE})
-    scene.renderer.render = functools.partial(scene.renderer.render, colours=False)
     without = _seconds_per_step(env, episodes, [])
     env.close()
     yield Row("  the same without colours: depth and ids only", "step with colours", without, seconds)
@@ -73,7 +73,7 @@ def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarra
     return float(np.median(seconds))
 
 
-def _with_workers(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def _with_workers(quick: bool, say: Callable[[str], None], colours: bool) -> Iterator[Row]:
     """Steps of several workers side by side, ends of episodes included; each worker has one thread."""
     from agents.ppo.workers import EnvSettings, start_workers
 
@@ -81,18 +81,19 @@ def _with_workers(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     rng = np.random.default_rng(0)
     alone = None
     for count in WORKERS:
-        with contextlib.closing(start_workers(EnvSettings(ENV_ID), count, (SCENE,))) as workers:
+        with contextlib.closing(start_workers(EnvSettings(ENV_ID, colours=colours), count, (SCENE,))) as workers:
             workers.seed(0)
             workers.reset()
             started = time.perf_counter()
             for _ in range(steps):
                 workers.step(rng.uniform(-1.0, 1.0, (count, 4)).astype(np.float32))
             seconds = (time.perf_counter() - started) / (steps * count)
-        say(f"{count} workers: {1.0 / seconds:.0f} steps/s")
+        what = f"step of {count} worker{'s' if count > 1 else ''} side by side{'' if colours else ', without colours'}"
+        say(f"{what}: {1.0 / seconds:.0f} steps/s")
         alone = seconds if alone is None else alone
         per_core = 1.0 / seconds / min(count, len(os.sched_getaffinity(0)))
         yield Row(
-            f"step of {count} worker{'s' if count > 1 else ''} side by side",
+            what,
             "1 worker",
             seconds,
             alone,

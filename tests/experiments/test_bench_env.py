@@ -31,6 +31,9 @@ def test_every_promise_is_measured(tmp_path):
         "step of 1 worker side by side",
         "step of 2 workers side by side",
         "step of 4 workers side by side",
+        "step of 1 worker side by side, without colours",
+        "step of 2 workers side by side, without colours",
+        "step of 4 workers side by side, without colours",
     ]
     assert {row["wanted"] for row in workers} == {"60 steps/s per core"}
     assert all(row["seconds"] > 0 for row in (first, *workers, choosing, learning))
