@@ -1,6 +1,6 @@
 """Policies against each other in both worlds, with a real detector in the loop: what they earn and bring home."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ SPLIT = "val"
 WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
 POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
+LABELLED = ("ring", "next_best_view", "ppo")
+"""Whose views labels are made of, which takes ten times as long as the views do."""
 PLAYING_CODE = (
     "agents.evaluation.episodes",
     "agents.evaluation.label_quality",
@@ -29,11 +31,13 @@ class Size:
 
     episodes: int
     """Of each world, policy and seed."""
+    labelled: int
+    """So many of them, the first, once more, with labels."""
     picture_px: int | None = None
     """Height of the pictures that labels are made on; None is the world's own."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(1, 64), "quick": Size(20), "full": Size(50)}
+SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(20, 6), "full": Size(50, 50)}
 
 
 def run(workplace: Workplace) -> dict[str, Any]:
@@ -63,17 +67,29 @@ def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
         episodes=size.episodes,
         seeds=len(workplace.seeds),
         detector=DETECTOR,
-        size=size.picture_px,
+        labels=False,
         workers=workplace.workers,
-        out=played_folder("policies", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
+        out=played_folder("policies", env_id, SPLIT, DETECTOR, None, workplace),
     )
     content = evaluate(config)
+    config = replace(
+        config,
+        policies=tuple(policy for policy in policies if policy in LABELLED),
+        episodes=size.labelled,
+        labels=True,
+        size=size.picture_px,
+        out=played_folder("policies_labelled", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
+    )
+    labelled = evaluate(config)
+    for policy, found in labelled["policies"].items():
+        content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
     return {
         "settings": content["settings"],
+        "labelled": {"episodes": size.labelled, "picture_px": size.picture_px},
         "left_out": left_out,
         "trained": {policy: _trained(policy, env_id) for policy in policies if policy.partition(":")[0] == "ppo"},
         "policies": content["policies"],
-        "protocol": content["protocol"],
+        "protocol": labelled["protocol"],
     }
 
 

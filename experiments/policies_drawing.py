@@ -77,7 +77,8 @@ def draw_labels(worlds: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     for row, (world, content) in zip(panels, worlds.items(), strict=True):
         for axes, (name, (title, factor)) in zip(row, LABEL_PANELS.items(), strict=True):
             for policy, found in content["policies"].items():
-                _band(axes, found["labels"], name, factor, policy)
+                if found["labels"] is not None:
+                    _band(axes, found["labels"], name, factor, policy)
             axes.set_title(f"{world}: {title}", fontsize=9.5)
             axes.set_xlabel("views spent", fontsize=9)
             axes.set_xlim(left=0)

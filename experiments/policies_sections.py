@@ -58,19 +58,21 @@ def evaluation(content: Mapping[str, Any], picture: str) -> list[str]:
 
 def _world(world: Mapping[str, Any], base: str) -> list[str]:
     policies = world["policies"]
-    last = max(next(iter(policies.values()))["labels"], key=int)
+    labelled = {policy: found for policy, found in policies.items() if found["labels"] is not None}
+    last, count = max(labelled[base]["labels"], key=int), world["labelled"]["episodes"]
     parts = [
         _about_world(world),
         figures_table(EARNED, {policy: found["figures"] for policy, found in policies.items()}),
-        f"Labels that the generator makes of all {last} views:",
-        figures_table(LABELLED, {policy: found["labels"][last] for policy, found in policies.items()}),
+        f"Labels that the generator makes of all {last} views, in the first {count} {_plural('episode', count)} of "
+        "each seed:",
+        figures_table(LABELLED, {policy: found["labels"][last] for policy, found in labelled.items()}),
     ]
-    early = next(iter(policies.values()))["early"]
+    early = labelled[base]["early"]
     if early is not None:
         parts += [
             f"Labels of the first {early['views']} views minus those of all {early['base_views']} of `{base}`, with "
             "95 % intervals:",
-            _early_table(policies),
+            _early_table(labelled),
         ]
     return parts
 

@@ -20,15 +20,17 @@ def evaluation(scale: str = "quick") -> dict[str, Any]:
     """As ``policies.json``, without a trained policy in streets."""
     numbers = itertools.count(101)
     worlds = {}
-    for world, policies in (("rooms", ("ring", "random", "ppo")), ("streets", ("ring", "random"))):
+    for world, policies in (("rooms", ("ring", "random", "ppo", "spin")), ("streets", ("ring", "random"))):
         found = {}
         for place, policy in enumerate(policies):
             first, sure = place == 0, place == 1
             difference = {name: figure(numbers, sure, False)["difference"] for name in ("right", "objects", "ap50")}
             found[policy] = {
                 "figures": {name: figure(numbers, sure, first) for name in NAMES},
-                "labels": {count: {name: figure(numbers, sure, first) for name in LABELS} for count in COUNTS},
-                "early": {"views": 12, "base_views": 25, "difference": difference},
+                "labels": None
+                if policy == "spin"
+                else {count: {name: figure(numbers, sure, first) for name in LABELS} for count in COUNTS},
+                "early": None if policy == "spin" else {"views": 12, "base_views": 25, "difference": difference},
                 "curves": {},
             }
         trained = {"steps": 4321, "seed": 7, "command": "python -m agents.train --seed 7"}
@@ -41,6 +43,7 @@ def evaluation(scale: str = "quick") -> dict[str, Any]:
                 "seeds": [0, 1],
                 "scenes": ["a", "b"],
             },
+            "labelled": {"episodes": 6, "picture_px": None},
             "left_out": {} if "ppo" in policies else {"ppo": "there is none for streets"},
             "trained": {"ppo": trained} if "ppo" in policies else {},
             "policies": found,

@@ -26,23 +26,25 @@ def test_policies_are_compared_and_results_kept(
 ) -> None:
     monkeypatch.setattr(policies, "WORLDS", {"boxes": ENV_ID})
     monkeypatch.setattr(policies, "DETECTOR", "simulated")
-    monkeypatch.setattr(policies, "POLICIES", ("ring", "random", "ppo"))
+    monkeypatch.setattr(policies, "POLICIES", ("ring", "random", "spin", "ppo"))
+    monkeypatch.setattr(policies, "LABELLED", ("ring", "random", "ppo"))
     assert run("policies", tmp_path) == 0
     content = json.loads((tmp_path / "results" / "policies.json").read_text())
     boxes = content["worlds"]["boxes"]
     assert boxes["settings"]["split"] == "val"
     assert boxes["settings"]["scenes"] == ["box_3"]
-    assert list(boxes["policies"]) == ["ring", "random"]
+    assert list(boxes["policies"]) == ["ring", "random", "spin"]
+    assert boxes["policies"]["spin"]["labels"] is None
     assert "no trained policy" in boxes["left_out"]["ppo"]
     assert boxes["trained"] == {}
     assert list(boxes["policies"]["ring"]["labels"]) == ["5", "10", "12", "15", "20", "25"]
-    (file,) = (tmp_path / "cache").rglob("random/*.json")
+    (file,) = (tmp_path / "cache" / "policies").rglob("random/*.json")
     figures = boxes["policies"]["random"]["figures"]
     for name, value in read_result(file)["figures"].items():
         assert figures[name]["mean"] == pytest.approx(value, abs=1e-4)
     early = boxes["policies"]["random"]["early"]
     assert (early["views"], early["base_views"]) == (12, 25)
-    labels = {policy: found["labels"] for policy, found in boxes["policies"].items()}
+    labels = {policy: found["labels"] for policy, found in boxes["policies"].items() if found["labels"]}
     expected = labels["random"]["12"]["right"]["mean"] - labels["ring"]["25"]["right"]["mean"]
     assert early["difference"]["right"]["mean"] == pytest.approx(expected)
     page = (tmp_path / "docs" / "policies-results.md").read_text()

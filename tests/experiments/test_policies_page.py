@@ -48,12 +48,15 @@ def test_every_figure_of_the_comparison_stands_in_its_cell(tmp_path: Path) -> No
     labelled = {"AP50 pooled": "pooled_ap50", "AP50 an episode": "ap50", "right labels": "right"}
     for name, world in made_up.evaluation()["worlds"].items():
         earned, labels, early = tables(text, name.capitalize())
-        assert set(earned) == set(labels) == set(early) == {f"`{policy}`" for policy in world["policies"]}
+        assert set(earned) == {f"`{policy}`" for policy in world["policies"]}
+        assert set(labels) == set(early) == set(earned) - {"`spin`"}
         for policy, found in world["policies"].items():
             bold = "**" if policy == "random" else ""
             for heading, figure in zip(headings, made_up.NAMES, strict=True):
                 mean = found["figures"][figure]["mean"]
                 assert earned[f"`{policy}`"][heading] == f"{bold}{mean:.2f}{bold} ± {mean / 10:.2f}"
+            if found["labels"] is None:
+                continue
             for heading, figure in labelled.items():
                 mean, factor = found["labels"]["25"][figure]["mean"], 100 if "AP" in heading else 1
                 digits = 1 if factor == 100 else 2
