@@ -6,6 +6,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from agents.waypoints import towards
+
 
 class Ppo:
     """Takes the most likely action of a trained network."""
@@ -24,6 +26,7 @@ class Ppo:
 
         self._folder = checkpoint_folder(checkpoint)
         self._network, self.description = read_policy(self._folder)
+        self._waypoints = self.description.get("hyperparameters", {}).get("env_wrapper") is not None
         self._deterministic = deterministic
 
     def reset(
@@ -37,11 +40,16 @@ class Ppo:
         from agents.ppo.checkpoint import check_spaces
 
         check_spaces(self._folder, self.description, env.observation_space, env.action_space)
+        self._env: Any = env.unwrapped
         self._rng = rng
         self._low, self._high = env.action_space.low, env.action_space.high  # type: ignore[attr-defined]
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
+        action = self._choose(observation)
+        return towards(self._env, info, action).astype(np.float32) if self._waypoints else action
+
+    def _choose(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         import torch
 
         if self._deterministic:

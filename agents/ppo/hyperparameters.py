@@ -10,6 +10,7 @@ from labeling.errors import UsageError
 FOLDER = Path(__file__).resolve().parents[1] / "hyperparams"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
+WRAPPERS = ("agents.waypoints.Waypoints",)
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 
@@ -20,6 +21,8 @@ class Hyperparameters:
     n_timesteps: int
     """Steps of the environment in all."""
     n_envs: int = 4
+    env_wrapper: str | None = None
+    """What is put around the environment, one of ``WRAPPERS``: other actions for the same world."""
     policy: str = "MultiInputPolicy"
     n_steps: int = 500
     """Steps of each environment between updates."""
@@ -41,7 +44,7 @@ class Hyperparameters:
 
     def ppo_arguments(self) -> dict[str, Any]:
         """What Stable-Baselines3's ``PPO`` takes, but for policy, environment and network."""
-        elsewhere = ("n_timesteps", "n_envs", "policy", "normalize", "policy_kwargs")
+        elsewhere = ("n_timesteps", "n_envs", "env_wrapper", "policy", "normalize", "policy_kwargs")
         arguments = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in elsewhere}
         return arguments | {name: schedule(arguments[name]) for name in SCHEDULED}
 
@@ -113,6 +116,10 @@ def checked(entry: dict[Any, Any], source: str) -> Hyperparameters:
             values[name] = _whole(name, value, source)
         elif name in ("normalize", "policy_kwargs"):
             values[name] = _mapping(name, value, source)
+        elif name == "env_wrapper":
+            if value is not None and value not in WRAPPERS:
+                raise UsageError(f"{source}: unknown env_wrapper {value!r}; known: {', '.join(WRAPPERS)}")
+            values[name] = value
         elif name == "policy":
             values[name] = str(value)
         elif name == "target_kl" and value is None:

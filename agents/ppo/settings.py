@@ -72,7 +72,15 @@ def settle(config: TrainConfig) -> RunSettings:
     asked = {"n_timesteps": config.steps, "n_envs": config.envs}
     sizes = {name: value for name, value in asked.items() if value is not None}
     hyperparameters = dataclasses.replace(settings.hyperparameters, **sizes)
-    env = dataclasses.replace(settings.env, colours="rgb" in pictures(hyperparameters.policy_kwargs))
+    if hyperparameters.env_wrapper and settings.imitate_episodes:
+        raise UsageError(
+            "--imitate-episodes: hand-written policies show moves, so hyperparameters must have no env_wrapper"
+        )
+    env = dataclasses.replace(
+        settings.env,
+        colours="rgb" in pictures(hyperparameters.policy_kwargs),
+        waypoints=hyperparameters.env_wrapper is not None,
+    )
     settings = dataclasses.replace(settings, env=env, hyperparameters=hyperparameters)
     _check_batches(settings.hyperparameters)
     return settings

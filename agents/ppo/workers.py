@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from agents import environments
 from agents.ppo.episode_figures import EpisodeFigures
+from agents.waypoints import Waypoints
 from labeling.threads import threads_of_children
 from sbm_gym.rewards import RewardWeights
 
@@ -40,6 +41,8 @@ class EnvSettings:
     reward: Literal["both", "discovery", "diversity", "neither"] = "both"
     colours: bool = True
     """Whether observed pictures have colours; without, steps take half the time."""
+    waypoints: bool = False
+    """Whether actions name places to go to (``agents.waypoints``)."""
 
 
 class WholeEpisodes(gym.Wrapper):
@@ -97,7 +100,7 @@ def make_env(settings: EnvSettings, split: str) -> gym.Env:
     Raises:
         UsageError: if there is no such environment, or a setting makes no sense to it.
     """
-    return environments.make_env(
+    env = environments.make_env(
         settings.env,
         split,
         settings.detector,
@@ -105,6 +108,7 @@ def make_env(settings: EnvSettings, split: str) -> gym.Env:
         scene_cache=ALL_SCENES,
         **({} if settings.colours else {"colours": False}),
     )
+    return Waypoints(env) if settings.waypoints else env
 
 
 def make_worker(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
