@@ -49,6 +49,7 @@ _MAKERS: dict[str, Callable[[], Policy]] = {
     "ring": _ring,
     "spin": _spin,
 }
+BUILTIN = "Builtin"
 POLICIES = tuple(_MAKERS)
 """The hand-written ones."""
 
@@ -88,8 +89,11 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
         return Path(place)
     if env_id is None:
         raise UsageError("policy 'ppo' is a trained one for each env, and no env is given; give ppo:CHECKPOINT")
-    folder = WEIGHTS / env_id.rpartition("/")[2]
-    if not folder.is_dir():
+    name_of_env = env_id.rpartition("/")[2]
+    # Builtin furniture makes no difference to a robot's observations and actions.
+    places = [WEIGHTS / name_of_env, WEIGHTS / name_of_env.replace(BUILTIN, "")]
+    folder = next((place for place in places if place.is_dir()), None)
+    if folder is None:
         shipped = sorted(path.name for path in WEIGHTS.glob("*") if path.is_dir())
         raise UsageError(
             f"policy 'ppo': no trained policy comes with the project for {env_id!r} (there is one for: "

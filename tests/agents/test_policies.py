@@ -79,7 +79,8 @@ def test_ppo_is_the_checkpoint_of_the_env_or_the_one_given(tmp_path, monkeypatch
     with pytest.raises(UsageError, match=r"'sbm_gym/Indoor-v0'.*one for: none"):
         make_policy("ppo", "sbm_gym/Indoor-v0")
     shipped.mkdir(parents=True)
-    assert make_policy("ppo", "sbm_gym/Indoor-v0") == ("ppo", shipped)
+    for env_id in ("sbm_gym/Indoor-v0", "sbm_gym/IndoorBuiltin-v0"):
+        assert make_policy("ppo", env_id) == ("ppo", shipped)
     assert make_policy(f"ppo:{shipped}") == ("ppo", shipped)
     with pytest.raises(UsageError, match="one for: Indoor-v0"):
         make_policy("ppo", "sbm_gym/Outdoor-v0")
