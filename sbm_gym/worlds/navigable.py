@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sbm_gym.worlds import grid_kernels
+
 AGENT_RADIUS_M = 0.18
 """Radius of the agent's body, a pole."""
 
@@ -68,19 +70,7 @@ class NavigableMap:
         """Whether the agent can go straight from ``a_m`` to ``b_m``: every cell on the way is free."""
         a = (np.asarray(a_m, float) - self.origin_m) / self.cell_m
         b = (np.asarray(b_m, float) - self.origin_m) / self.cell_m
-        crossings = [np.array([0.0, 1.0])]
-        for axis in range(2):
-            low, high = sorted((a[axis], b[axis]))
-            lines = np.arange(np.ceil(low), np.floor(high) + 1)
-            if high > low:
-                crossings.append((lines - a[axis]) / (b[axis] - a[axis]))
-        t = np.sort(np.concatenate(crossings))
-        middles = 0.5 * (t[1:] + t[:-1])[t[1:] - t[:-1] > 1e-12]
-        points = np.concatenate([a[None], b[None], a + middles[:, None] * (b - a)])
-        j, i = np.floor(points).astype(int).T
-        if np.any((i < 0) | (j < 0) | (i >= self.free.shape[0]) | (j >= self.free.shape[1])):
-            return False
-        return bool(np.all(self.free[i, j]))
+        return grid_kernels.line_is_free(self.free, a[0], a[1], b[0], b[1])
 
     def shortest_path(
         self, start_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]
@@ -101,12 +91,16 @@ class NavigableMap:
         if self.line_is_free(start_m, goal_m):
             return np.stack([start_m, goal_m])
         start, goal = self._node(start_m), self._node(goal_m)
-        _, before = dijkstra(self._graph, indices=start, return_predecessors=True)
+        # Most ways are not much longer than the crow flies; to search no farther saves most of the time.
+        for limit_m in (2.0 * float(np.linalg.norm(goal_m - start_m)) + 1.0, np.inf):
+            _, before = dijkstra(self._graph, indices=start, return_predecessors=True, limit=limit_m)
+            if before[goal] >= 0 or goal == start:
+                break
+        else:
+            return None
         nodes = [goal]
         while nodes[-1] != start:
             nodes.append(int(before[nodes[-1]]))
-            if nodes[-1] < 0:
-                return None
         way = np.concatenate([start_m[None], self._centres_m(self._free_cells[nodes[::-1]]), goal_m[None]])
         return self._pull_straight(way)
 
