@@ -39,14 +39,14 @@ def reachable_places(
     half = int(reach_m / spacing_m)
     steps = np.arange(-half, half + 1) * spacing_m
     grid_m = start_m + np.stack(np.meshgrid(steps, steps), axis=-1)
-    free = _are_free(navigable, grid_m)
+    free = navigable.are_free(grid_m)
     nodes = np.full(free.shape, -1)
     nodes[free] = np.arange(np.count_nonzero(free))
     sources, targets, lengths = [], [], []
     for rows, columns in ((0, 1), (1, 0), (1, 1), (1, -1)):
         here = (slice(0, len(free) - rows), slice(max(0, -columns), len(free) - max(0, columns)))
         there = (slice(rows, len(free)), slice(max(0, columns), len(free) + min(0, columns)))
-        linked = free[here] & free[there] & _are_free(navigable, 0.5 * (grid_m[here] + grid_m[there]))
+        linked = free[here] & free[there] & navigable.are_free(0.5 * (grid_m[here] + grid_m[there]))
         sources.append(nodes[here][linked])
         targets.append(nodes[there][linked])
         lengths.append(np.full(np.count_nonzero(linked), spacing_m * np.hypot(rows, columns)))
@@ -57,12 +57,3 @@ def reachable_places(
     found = np.flatnonzero(np.isfinite(ways_m))
     found = found[np.argsort(ways_m[found], kind="stable")]
     return Reachable(grid_m[free][found], ways_m[found])
-
-
-def _are_free(navigable: NavigableMap, places_m: Float[np.ndarray, "*n 2"]):
-    cells = np.floor((places_m - navigable.origin_m) / navigable.cell_m).astype(np.int64)
-    rows, columns = navigable.free.shape
-    inside = (cells[..., 0] >= 0) & (cells[..., 0] < columns) & (cells[..., 1] >= 0) & (cells[..., 1] < rows)
-    free = np.zeros(inside.shape, bool)
-    free[inside] = navigable.free[cells[..., 1][inside], cells[..., 0][inside]]
-    return free

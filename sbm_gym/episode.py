@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from labeling.geometry import intrinsics_from_fov
 from labeling.instances import Detection
@@ -14,11 +14,14 @@ from sbm_gym.recording import Capture, ground_truth_of_view
 from sbm_gym.rendering.third_person import AgentTrace, Find
 from sbm_gym.scenes import Scene
 from sbm_gym.seen_floor import SeenFloor
+from sbm_gym.seen_space import SeenSpace
 from sbm_gym.view_detectors import View, ViewDetector
 
 GAZES = ("fixate", "free")
 TURN_RAD, TILT_RAD = np.deg2rad(60.0), np.deg2rad(30.0)
 """What gaze actions of 1 turn and tilt the camera by, without a fixation target."""
+OPEN_AT = (0.3, 0.8)
+"""Where on the ring, from its inner to its outer edge, it is tried whether an object can be seen from there."""
 REFIXATE_RAD = np.deg2rad(10.0)
 """A visible object so much nearer to the middle of the picture than the fixation target takes its place."""
 
@@ -36,6 +39,10 @@ class EpisodeSettings:
     detector_size: tuple[int, int]
     """Height and width of what a detector that needs detail looks at, pixels; with smooth edges."""
     stride_m: float
+    ring_m: tuple[float, float]
+    """Distances at which objects are circled."""
+    seen_cell_m: float
+    """Cell of the grid in which seen surfaces are remembered."""
     gaze: str
     """One of ``GAZES``."""
 
@@ -71,6 +78,10 @@ class Episode:
         """Where it has looked, and what may be an object."""
         self.floor = SeenFloor(scene.world.navigable, position_m, settings.stride_m, settings.memory.max_depth_m)
         """Which part of the floor it has seen."""
+        navigable = scene.world.navigable
+        size_m = np.array(navigable.free.shape[::-1]) * navigable.cell_m
+        self.space = SeenSpace(navigable.origin_m, navigable.origin_m + size_m, settings.seen_cell_m)
+        """Which surfaces it has seen."""
         self.target_id: int | None = None
         """The object it fixates."""
         self.step_index, self.collided, self.path_m = 0, False, 0.0
@@ -200,8 +211,28 @@ class Episode:
         update = self.memory.observe(self.detections, sight.frame.depth_m, sight.intrinsics, pose)
         self.looked.add(update.doubtful, self.memory.objects, pose)
         self.floor.add(self.view.frame.depth_m, self.view.intrinsics, pose)
+        self.space.add(self.view.frame.depth_m, self.view.intrinsics, pose)
         self._refixate(update.visible)
         return update
+
+    def open_sectors(self, known: KnownObject) -> Bool[np.ndarray, "sectors"]:
+        """From which sectors around an object it could be seen, as far as the robot knows.
+
+        Those with a place in their middle, at one of two distances of the ring, where the robot can stand and from
+        where no surface that it has seen hides the object.
+        """
+        count = self._settings.memory.bins.num_azimuths
+        angles = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
+        low_m, high_m = self._settings.ring_m
+        distances_m = low_m + (high_m - low_m) * np.array(OPEN_AT)
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        places = known.centroid_m[:2] + distances_m[:, None, None] * directions
+        free = self.scene.world.navigable.are_free(places)
+        seen = np.zeros_like(free)
+        height_m = float(self.scene.body.camera_to_world[2, 3])
+        eyes = np.concatenate([places[free], np.full((np.count_nonzero(free), 1), height_m)], axis=1)
+        seen[free] = self.space.sees(eyes, known.centroid_m, 0.25 + 0.5 * float(np.max(known.extent_m)))
+        return np.asarray(seen.any(axis=0))
 
     def _refixate(self, visible: tuple[int, ...]) -> None:
         """Whatever the robot looks straight at becomes its fixation target; so does the first object it finds."""

@@ -8,6 +8,7 @@ from sbm_gym.episode import Episode
 from sbm_gym.object_memory import KnownObject, ViewBins
 from sbm_gym.observations import encode_depth
 from sbm_gym.state_vector import (
+    OTHERS,
     UNSEEN_DIRECTIONS,
     UNSEEN_STRIDES,
     ObservationScales,
@@ -27,6 +28,9 @@ def observation(episode: Episode, num_views: int, bins: ViewBins, scales: Observ
         scales: lengths that the observation is scaled by.
     """
     body, target, update = episode.scene.body, episode.target, episode.update
+    others = [known for known in episode.memory.objects if known is not target]
+    others.sort(key=lambda known: float(np.linalg.norm((known.centroid_m - body.camera_to_world[:3, 3])[:2])))
+    told = others[:OTHERS] + ([] if target is None else [target])
     situation = Situation(
         yaw_rad=body.yaw_rad,
         tilt_rad=body.tilt_rad,
@@ -34,9 +38,8 @@ def observation(episode: Episode, num_views: int, bins: ViewBins, scales: Observ
         target=target,
         target_visible=target is not None and target.object_id in update.visible,
         target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
-        others=tuple(
-            (known, known.object_id in update.visible) for known in episode.memory.objects if known is not target
-        ),
+        others=tuple((known, known.object_id in update.visible) for known in others[:OTHERS]),
+        open_sectors={known.object_id: episode.open_sectors(known) for known in told},
         candidates=tuple(episode.looked.candidates),
         num_confirmed=len(episode.memory.objects),
         collided=episode.collided,

@@ -176,6 +176,8 @@ class FixationEnv(gym.Env, EzPickle):
             colours=colours,
             detector_size=detector_size or self.profile.capture_size,
             stride_m=self.profile.stride_m if stride_m is None else stride_m,
+            ring_m=self.profile.ring_m,
+            seen_cell_m=self.profile.seen_cell_m,
             gaze=gaze,
         )
         self._bins = self._settings.memory.bins

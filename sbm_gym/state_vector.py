@@ -1,9 +1,10 @@
 """The ``state`` observation: what the robot knows, as numbers from -1 to 1."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 
 from sbm_gym.looked_at import Candidate
 from sbm_gym.object_memory import KnownObject, ViewBins
@@ -49,7 +50,9 @@ class Situation:
     target_visible: bool = False
     target_confidence_now: float = 0.0
     others: tuple[tuple[KnownObject, bool], ...] = ()
-    """Confirmed objects beside the target, and whether the view shows them."""
+    """Confirmed objects beside the target, the nearest first, and whether the view shows them."""
+    open_sectors: Mapping[int, Bool[np.ndarray, "sectors"]] = field(default_factory=dict)
+    """By id of confirmed object: the sectors from which it could be seen, as ``Episode.open_sectors`` says."""
     candidates: tuple[Candidate, ...] = ()
     num_confirmed: int = 0
     collided: bool = False
@@ -94,10 +97,8 @@ def _entries(s: Situation, bins: ViewBins, scales: ObservationScales) -> dict[st
         found["target_elevation"] = float(np.arctan2(offset[2], np.hypot(offset[0], offset[1]))) / np.pi
     found["target_confidence_now"] = s.target_confidence_now
     found["target_best_confidence"] = 0.0 if s.target is None else s.target.best_confidence
-    camera_m = _camera_m(s)
-    nearest = sorted(s.others, key=lambda other: float(np.linalg.norm((other[0].centroid_m - camera_m)[:2])))
     for k in range(OTHERS):
-        known, visible = nearest[k] if k < len(nearest) else (None, False)
+        known, visible = s.others[k] if k < len(s.others) else (None, False)
         found |= _of_object(f"other_{k}", s, known, visible, bins, scales)
     likely = sorted(s.candidates, key=promise, reverse=True)
     for k in range(CANDIDATES):
@@ -130,6 +131,9 @@ def _of_object(
     }
     for k in range(bins.num_azimuths):
         entries[f"sector_{k}_covered"] = float((here + k) % bins.num_azimuths in covered)
+    is_open = None if known is None else s.open_sectors.get(known.object_id)
+    for k in range(bins.num_azimuths):
+        entries[f"sector_{k}_open"] = 0.0 if is_open is None else float(is_open[(here + k) % bins.num_azimuths])
     return {f"{name}_{entry}": value for entry, value in entries.items()}
 
 
@@ -188,10 +192,6 @@ def free_distances_m(
     angles = yaw_rad + np.arange(FREE_DIRECTIONS) * (2.0 * np.pi / FREE_DIRECTIONS)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points = position_m + steps_m[None, :, None] * directions[:, None, :]
-    cells = np.floor((points - navigable.origin_m) / navigable.cell_m).astype(np.int64)
-    rows, columns = navigable.free.shape
-    inside = (cells[..., 0] >= 0) & (cells[..., 0] < columns) & (cells[..., 1] >= 0) & (cells[..., 1] < rows)
-    free = np.zeros(inside.shape, bool)
-    free[inside] = navigable.free[cells[..., 1][inside], cells[..., 0][inside]]
+    free = navigable.are_free(points)
     blocked_at = np.where(free.all(axis=1), len(steps_m), np.argmin(free, axis=1))
     return np.minimum(blocked_at * navigable.cell_m, reach_m)

@@ -23,13 +23,13 @@ from jaxtyping import Float, Int
 from agents.paths import advance
 from agents.policies.frontier import best_frontier
 from agents.reachable import Reachable, reachable_places
-from agents.seen_space import SeenSpace
 from agents.steering import bearing_rad, look, wrap
 from sbm_gym.episode import TURN_RAD
 from sbm_gym.looked_at import IN_VIEW_RAD
 from sbm_gym.object_memory import Cell
 from sbm_gym.observations import decode_depth
 from sbm_gym.seen_floor import SeenFloor
+from sbm_gym.seen_space import SeenSpace
 from sbm_gym.state_vector import promise
 
 BANDS_STRIDES = (1.0, 2.0, 4.0, 8.0)

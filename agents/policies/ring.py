@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from agents.paths import advance, way_length_m
-from agents.seen_space import SeenSpace
 from sbm_gym.observations import decode_depth
+from sbm_gym.seen_space import SeenSpace
 
 TURN_RAD = np.deg2rad(60.0)
 TURNS_PER_PLACE = 5

@@ -28,6 +28,15 @@ class NavigableMap:
         j, i = np.floor((np.asarray(xy_m, float) - self.origin_m) / self.cell_m).astype(int)
         return bool(0 <= i < self.free.shape[0] and 0 <= j < self.free.shape[1] and self.free[i, j])
 
+    def are_free(self, xy_m: Float[np.ndarray, "*n 2"]) -> Bool[np.ndarray, "*n"]:
+        """``is_free`` of many places at once."""
+        cells = np.floor((xy_m - self.origin_m) / self.cell_m).astype(np.int64)
+        rows, columns = self.free.shape
+        inside = (cells[..., 0] >= 0) & (cells[..., 0] < columns) & (cells[..., 1] >= 0) & (cells[..., 1] < rows)
+        free = np.zeros(inside.shape, bool)
+        free[inside] = self.free[cells[..., 1][inside], cells[..., 0][inside]]
+        return free
+
     def random_point(self, rng: np.random.Generator) -> Float[np.ndarray, "2"]:
         """A point drawn evenly from the largest connected part of the free space.
 

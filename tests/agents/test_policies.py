@@ -13,7 +13,6 @@ from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
 from agents.policies.ring import _first_direction
 from agents.reachable import reachable_places
-from agents.seen_space import SeenSpace
 from agents.steering import look, wrap
 from labeling.errors import UsageError
 from labeling.geometry import intrinsics_from_fov, look_at, unproject_depth
@@ -22,6 +21,7 @@ from sbm_gym.looked_at import LookedAt
 from sbm_gym.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.observations import decode_depth
 from sbm_gym.seen_floor import SeenFloor
+from sbm_gym.seen_space import SeenSpace
 from sbm_gym.worlds.navigable import navigable_map
 
 from ..sbm_gym.box_rooms import BoxRooms
