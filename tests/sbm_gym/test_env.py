@@ -323,6 +323,36 @@ def test_state_tells_of_objects_and_candidates_what_info_says_of_them():
     assert doubtful > 20
 
 
+def test_open_sectors_are_those_with_a_place_to_see_the_object_from():
+    env = FixationEnv(BoxRooms(), memory=MemoryConfig(confident=0.4))
+    told, is_open = 0, 0
+    for seed in range(4):
+        observation, _ = env.reset(seed=seed)
+        env.action_space.seed(seed)
+        for _ in range(12):
+            observation, _, _, _, info = env.step(env.action_space.sample())
+            state = dict(zip(env.state_names, observation["state"].tolist(), strict=True))
+            target = info["fixation_target"]
+            if not target:
+                assert not any(state[f"target_sector_{k}_open"] for k in range(18))
+                continue
+            centre, episode = target["centroid_m"], env.episode
+            away = info["agent"]["camera_to_world"][:2, 3] - centre[:2]
+            here = env.azimuth_bin(float(np.arctan2(away[1], away[0])))
+            for k in range(18):
+                angle = np.deg2rad(((here + k) % 18) * 20 + 10)
+                places = [centre[:2] + d * np.array([np.cos(angle), np.sin(angle)]) for d in (1.3, 1.8)]
+                stop_short = 0.25 + 0.5 * float(np.max(target["extent_m"]))
+                expected = any(
+                    env.navigable.is_free(place)
+                    and bool(episode.space.sees(np.array([[*place, 1.5]]), centre, stop_short)[0])
+                    for place in places
+                )
+                assert state[f"target_sector_{k}_open"] == expected
+                told, is_open = told + 1, is_open + expected
+    assert 0.2 * told < is_open < 0.95 * told
+
+
 def wrap(angle_rad):
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi
 

@@ -164,3 +164,34 @@ def test_an_empty_floor_is_free_up_to_the_radius():
     assert grid.free.mean() > 0.75
     assert grid.is_free(np.array([0.25, 0.25]))
     assert not grid.is_free(np.array([0.17, 1.0]))
+
+
+@settings(deadline=None)
+@given(maps())
+def test_many_places_are_free_where_each_is(case):
+    grid, rng = case
+    places = grid.origin_m + rng.uniform(-0.2, 0.8, (4, 5, 2))
+    found = grid.are_free(places)
+    assert found.shape == (4, 5)
+    for index in np.ndindex(4, 5):
+        assert found[index] == grid.is_free(places[index])
+
+
+def test_long_ways_around_a_wall_are_found():
+    wall = np.array([[0.0, -0.5, 0.1, 2.5, 0.0]])
+    room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), wall)
+    path = room.shortest_path(np.array([-0.4, -2.5]), np.array([0.4, -2.5]))
+    assert path is not None
+    # Up to the end of the wall and down again, many times as far as the crow flies.
+    assert 8.0 < np.linalg.norm(np.diff(path, axis=0), axis=1).sum() < 10.5
+
+
+def test_lines_along_the_lines_of_the_grid_are_free_where_the_cells_above_and_right_are():
+    free = np.ones((4, 4), bool)
+    free[1, 2] = False
+    grid = NavigableMap(free, np.zeros(2), 1.0)
+    assert not grid.line_is_free(np.array([0.5, 1.0]), np.array([3.5, 1.0]))
+    assert grid.line_is_free(np.array([0.5, 2.0]), np.array([3.5, 2.0]))
+    assert not grid.line_is_free(np.array([2.0, 0.5]), np.array([2.0, 2.5]))
+    assert grid.line_is_free(np.array([3.0, 0.5]), np.array([3.0, 2.5]))
+    assert not grid.line_is_free(np.array([3.5, 0.5]), np.array([4.0, 0.5]))
