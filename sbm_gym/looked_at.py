@@ -57,7 +57,7 @@ class LookedAt:
         """
         for confidence, points in doubtful:
             self._note(confidence, points)
-        self.candidates = [one for one in self.candidates if not any(self._is_part(one, known) for known in objects)]
+        self._forget_parts_of(objects)
         camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
         yaw_rad = float(np.arctan2(forward[1], forward[0]))
         for centroid_m, cells in (
@@ -80,10 +80,17 @@ class LookedAt:
                 return
         self.candidates.append(Candidate(centroid_m, size_m, confidence))
 
-    def _is_part(self, one: Candidate, known: KnownObject) -> bool:
-        margin_m = self._config.merge_radius_m
-        near = float(np.linalg.norm(one.centroid_m - known.centroid_m)) <= self._reach_m(float(np.max(known.extent_m)))
-        return near or known.surrounds(one.centroid_m, margin_m)
+    def _forget_parts_of(self, objects: Sequence[KnownObject]) -> None:
+        """Drops the candidates that have turned out to be confirmed objects."""
+        if not objects or not self.candidates:
+            return
+        centroids_m = np.stack([one.centroid_m for one in self.candidates])
+        is_part = np.zeros(len(centroids_m), bool)
+        for known in objects:
+            reach_m = self._reach_m(float(np.max(known.extent_m)))
+            is_part |= np.linalg.norm(centroids_m - known.centroid_m, axis=1) <= reach_m
+            is_part |= known.surround(centroids_m, self._config.merge_radius_m)
+        self.candidates = [one for one, part in zip(self.candidates, is_part, strict=True) if not part]
 
     def _reach_m(self, size_m: float) -> float:
         return max(self._config.merge_radius_m, self._config.merge_extent_share * size_m)

@@ -107,8 +107,12 @@ class KnownObject:
 
     def surrounds(self, point_m: Float[np.ndarray, "3"], margin_m: float) -> bool:
         """Whether a point lies in the upright box around the seen part, grown by a margin on all sides."""
+        return bool(self.surround(point_m[None], margin_m)[0])
+
+    def surround(self, points_m: Float[np.ndarray, "n 3"], margin_m: float) -> Bool[np.ndarray, "n"]:
+        """``surrounds`` of several points."""
         low, high = self._bounds()
-        return bool(np.all(point_m >= low - margin_m) and np.all(point_m <= high + margin_m))
+        return np.all((points_m >= low - margin_m) & (points_m <= high + margin_m), axis=1)
 
     def _bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
         if self._bounds_m is None:
