@@ -7,7 +7,8 @@ A policy that learns need not learn to steer around furniture then, for which th
 | 0 | with a fixation target | distance from it: -1 is the inner, 1 the outer edge of the ring, and a bit beyond |
 | 1 | with a fixation target | how far around it: a is 30 a + 120 a^3 degrees, positive is to the robot's left |
 | 0, 1 | without | ahead and left of the robot, 1 is six strides |
-| 2, 3 | | gaze, as in the environment's own action space |
+| 2 | | gaze yaw: a stands for the environment's own a |a|, so that trying things out rarely loses the target |
+| 3 | | gaze pitch: a stands for the environment's own 0.4 a |
 
 Places that the robot cannot stand at stand for the nearest one that it can. Every step may name another place.
 """
@@ -23,6 +24,7 @@ from agents.steering import bearing_rad, move_action
 
 FINE_RAD, COARSE_RAD = np.deg2rad(30.0), np.deg2rad(120.0)
 FAR_STRIDES = 6.0
+PITCH_SHARE = 0.4
 RING_MARGIN = 0.25
 """How far beyond the world's ring distances can be chosen, as a share of them."""
 
@@ -58,7 +60,7 @@ def towards(env: Any, info: dict[str, Any], action: Float[np.ndarray, "4"]) -> F
         goal_m = env.navigable.nearest_free(place_m(env, info, action))
         step_m = advance(env.navigable, agent["position_m"], goal_m, env.stride_m)
     move = np.zeros(2) if step_m is None else move_action(step_m, agent["yaw_rad"], env.stride_m)
-    return np.array([*move, *action[2:]])
+    return np.array([*move, action[2] * abs(action[2]), PITCH_SHARE * action[3]])
 
 
 def place_m(env: Any, info: dict[str, Any], action: Float[np.ndarray, "4"]) -> Float[np.ndarray, "2"]:

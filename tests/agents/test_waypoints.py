@@ -79,7 +79,8 @@ def test_every_place_leads_to_a_move_of_a_stride_at_most():
             action = towards(env.unwrapped, info, chosen)
             assert np.all(np.abs(action) <= 1.0)
             assert np.linalg.norm(action[:2]) <= 1.0 + 1e-6
-            assert np.allclose(action[2:], np.clip(chosen[2:], -1, 1))
+            gaze = np.clip(chosen[2:], -1, 1)
+            assert np.allclose(action[2:], [np.sign(gaze[0]) * gaze[0] ** 2, 0.4 * gaze[1]])
             *_, info = env.step(action)
             assert not info["collided"]
 
