@@ -12,7 +12,7 @@ from agents.ppo.checkpoint import write_policy
 from agents.ppo.network import build_policy
 from agents.ppo.spaces import describe
 from agents.steering import wrap
-from agents.waypoints import Waypoints, around_rad, place_m, towards
+from agents.waypoints import Waypoints, around_rad, next_side, place_m, sectors_left, towards
 from sbm_gym.object_memory import MemoryConfig
 
 from ..sbm_gym.box_rooms import BoxRooms
@@ -33,20 +33,21 @@ def test_turns_around_the_target_grow_with_the_action_and_have_no_side(one, othe
         assert around_rad(one) <= around_rad(other)
 
 
-def test_places_are_at_the_distance_and_the_angle_that_were_asked_for():
+def test_places_are_at_the_distance_and_the_angle_from_the_next_side_that_were_asked_for():
     env, rng, told = make_env(), np.random.default_rng(0), {True: 0, False: 0}
     for seed in range(4):
         _, info = env.reset(seed=seed)
         for _ in range(25):
             action = rng.uniform(-1, 1, 4)
-            place, agent = place_m(env.unwrapped, info, action), info["agent"]
-            pose, target = agent["camera_to_world"], info["fixation_target"]
-            told[bool(target)] += 1
-            if target:
-                centre = target["centroid_m"][:2]
-                away, before = place - centre, agent["position_m"] - centre
+            agent, had_target = info["agent"], bool(info["fixation_target"])
+            place, pose = place_m(env.unwrapped, info, action), info["agent"]["camera_to_world"]
+            told[had_target] += 1
+            if had_target:
+                known, angle = next_side(env.unwrapped, agent["position_m"])
+                assert known is env.unwrapped.episode.target
+                away = place - known.centroid_m[:2]
                 assert np.linalg.norm(away) == pytest.approx(0.75 + 0.5 * (action[0] + 1) * 1.75)
-                turned = wrap(np.arctan2(*before[::-1]) - np.arctan2(*away[::-1]))
+                turned = wrap(angle - np.arctan2(*away[::-1]))
                 assert turned == pytest.approx(around_rad(action[1]), abs=1e-6)
             else:
                 # Camera axes: +Z ahead, +X to the right; the tilt is taken out.
@@ -57,13 +58,43 @@ def test_places_are_at_the_distance_and_the_angle_that_were_asked_for():
     assert min(told.values()) > 5
 
 
-def test_a_constant_action_circles_the_target_and_nothing_is_bumped_into():
+def test_the_next_side_is_the_nearest_one_that_is_open_and_new():
+    env, rng, told, changed = make_env(), np.random.default_rng(2), 0, 0
+    inner = env.unwrapped
+    for seed in range(4):
+        _, info = env.reset(seed=seed)
+        for _ in range(25):
+            if info["fixation_target"]:
+                here, before = info["agent"]["position_m"], inner.episode.target
+                known, angle = next_side(inner, here)
+                left = {one.object_id: sectors_left(inner, one) for one in inner.memory.objects}
+                if left[before.object_id]:
+                    assert known is before
+                elif any(left.values()):
+                    assert left[known.object_id]
+                    assert inner.episode.target is known
+                    changed += 1
+                if left[known.object_id]:
+                    sector = inner.azimuth_bin(angle)
+                    is_open = inner.episode.open_sectors(known)
+                    assert is_open[sector]
+                    assert sector not in known.azimuths
+                    from_here = np.arctan2(*(here - known.centroid_m[:2])[::-1])
+                    nearer = [abs(wrap(np.deg2rad(20 * s + 10) - from_here)) for s in left[known.object_id]]
+                    assert abs(wrap(angle - from_here)) == pytest.approx(min(nearer))
+                    told += 1
+            *_, info = env.step(towards(inner, info, rng.uniform(-0.5, 0.5, 4)))
+    assert told > 30
+    assert changed > 3
+
+
+def test_an_action_of_zero_circles_what_it_finds_and_bumps_into_nothing():
     env = Waypoints(make_env())
     seen, bumps = [], 0
     for seed in range(4):
         _, info = env.reset(seed=seed)
         for _ in range(25):
-            *_, info = env.step(np.array([0.0, 0.8, 0.0, 0.0]) if info["fixation_target"] else np.array([0, 0, 1, 0]))
+            *_, info = env.step(np.zeros(4) if info["fixation_target"] else np.array([0, 0, 1, 0]))
             bumps += info["collided"]
         seen.append(max((len(known["azimuths"]) for known in info["confirmed_objects"]), default=0))
     assert bumps == 0
