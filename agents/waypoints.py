@@ -20,7 +20,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from agents.paths import advance
 from agents.steering import bearing_rad, move_action, wrap
@@ -49,7 +49,7 @@ class Waypoints(gym.Wrapper):
         return observation, reward, terminated, truncated, self._info
 
 
-def towards(env: Any, info: dict[str, Any], action: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+def towards(env: Any, info: dict[str, Any], action: Float[np.ndarray, "4"]) -> Float32[np.ndarray, "4"]:
     """The environment's own action for one that names a place; may choose another fixation target.
 
     Args:
@@ -64,7 +64,7 @@ def towards(env: Any, info: dict[str, Any], action: Float[np.ndarray, "4"]) -> F
         goal_m = env.navigable.nearest_free(place_m(env, info, action))
         step_m = advance(env.navigable, agent["position_m"], goal_m, env.stride_m)
     move = np.zeros(2) if step_m is None else move_action(step_m, agent["yaw_rad"], env.stride_m)
-    return np.array([*move, action[2] * abs(action[2]), PITCH_SHARE * action[3]])
+    return np.array([*move, action[2] * abs(action[2]), PITCH_SHARE * action[3]], np.float32)
 
 
 def place_m(env: Any, info: dict[str, Any], action: Float[np.ndarray, "4"]) -> Float[np.ndarray, "2"]:

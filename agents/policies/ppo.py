@@ -47,7 +47,7 @@ class Ppo:
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
         action = self._choose(observation)
-        return towards(self._env, info, action).astype(np.float32) if self._waypoints else action
+        return towards(self._env, info, action) if self._waypoints else action
 
     def _choose(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         import torch
