@@ -39,7 +39,7 @@ class TrainConfig:
     """The hand-written policy to begin with."""
     imitate_episodes: int = 0
     """Begin with what that policy does, or would do in the network's place, in so many episodes; 0 begins with
-    nothing."""
+    nothing. It shows moves, so it goes with hyperparameters without env_wrapper only."""
     eval_every: int = 20_000
     """Steps between validations."""
     eval_episodes: int = 20
