@@ -1,7 +1,6 @@
 """Teachers side by side show what each would show alone."""
 
 import contextlib
-import os
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,9 +13,8 @@ from .toy_world import ENV_ID
 
 
 def test_teachers_in_processes_show_what_they_show_here(monkeypatch):
-    root = str(Path(__file__).parents[2])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
-    settings = EnvSettings(f"tests.agents.toy_world:{ENV_ID}")
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    settings = EnvSettings(f"toy_world:{ENV_ID}")
     assert ENV_ID in gym.registry
     with contextlib.closing(Teachers(settings, "random", 2)) as teachers:
         shown = dict(teachers.show(range(5), 7, ("state",), None))
