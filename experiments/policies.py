@@ -13,7 +13,7 @@ WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
 POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
 LABELLED = ("ring", "next_best_view", "ppo")
-"""Whose views labels are made of, which takes ten times as long as the views do."""
+"""Whose views labels are made of, which takes several times as long as the views do."""
 PLAYING_CODE = (
     "agents.evaluation.episodes",
     "agents.evaluation.label_quality",

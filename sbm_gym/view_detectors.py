@@ -15,7 +15,7 @@ from sbm_gym.simulated_detector import SimulatedDetector, SimulatedDetectorConfi
 SIMULATED, SIMULATED_WEAK = "simulated", "simulated_weak"
 WEAKER_LOGIT, WEAK_SPREAD = 1.9, 1.0
 """How much less sure the weak simulated detector is, and how much that differs from episode to episode. Chosen so that
-``spin`` and ``ring`` confirm about as many objects as they do with ``compact`` in training homes."""
+``spin`` confirms about as many objects as it does with ``compact`` in training homes."""
 
 
 @dataclass(frozen=True)

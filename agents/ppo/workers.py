@@ -40,7 +40,7 @@ class EnvSettings:
     detector: str = "simulated"
     reward: Literal["both", "discovery", "diversity", "neither"] = "both"
     colours: bool = True
-    """Whether observed pictures have colours; without, steps take half the time."""
+    """Whether observed pictures have colours; without, steps are faster."""
     waypoints: bool = False
     """Whether actions name places to go to (``agents.waypoints``)."""
 
