@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from labeling.geometry import project, unproject
 from labeling.instances import CONFIDENT, Detection
@@ -39,6 +39,32 @@ class ViewBins:
         elevation_rad = float(np.arctan2(offset[2], range_m))
         layer = int(np.searchsorted(self.elevation_edges_rad, elevation_rad, side="right"))
         return self.azimuth_bin(float(np.arctan2(offset[1], offset[0]))), ring, layer
+
+    def cells(
+        self, cameras_m: Float[np.ndarray, "n 3"], centroid_m: Float[np.ndarray, "3"]
+    ) -> tuple[Bool[np.ndarray, "n"], Int[np.ndarray, "n 3"]]:
+        """``cell`` of many cameras.
+
+        Args:
+            cameras_m: where they are.
+            centroid_m: what they look at.
+
+        Returns:
+            Which of them are within the outermost ranges, and the bins of all; those of the others mean nothing.
+        """
+        offsets = cameras_m - centroid_m
+        ranges_m = np.hypot(offsets[:, 0], offsets[:, 1])
+        rings = np.searchsorted(self.range_edges_m, ranges_m, side="right") - 1
+        layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[:, 2], ranges_m), side="right")
+        turns = (np.arctan2(offsets[:, 1], offsets[:, 0]) / (2.0 * np.pi)) % 1.0
+        azimuths = np.minimum((turns * self.num_azimuths).astype(np.int64), self.num_azimuths - 1)
+        inside = (rings >= 0) & (rings < len(self.range_edges_m) - 1)
+        return inside, np.stack([azimuths, rings, layers], axis=1)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """How many sectors, ranges and elevations are told apart."""
+        return self.num_azimuths, len(self.range_edges_m) - 1, len(self.elevation_edges_rad) + 1
 
     def azimuth_bin(self, azimuth_rad: float) -> int:
         """The sector of an azimuth (of the camera as seen from the object, counter-clockwise from +X)."""

@@ -4,8 +4,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.geometry import unproject_depth
+from sbm_gym.sight_kernels import unhidden
 
 HEIGHT_M = 3.0
+CLEAR_M = 0.2
+"""Nothing closer to the eye than the body is wide can be an obstacle."""
 
 
 class SeenSpace:
@@ -45,20 +48,15 @@ class SeenSpace:
             target_m: what to look at.
             stop_short_m: the last piece of the way that is not checked: the target itself fills it.
         """
-        offsets = eyes_m - target_m
-        distances_m = np.linalg.norm(offsets, axis=1)
-        reach_m = float(distances_m.max(initial=0.0))
-        along_m = np.arange(stop_short_m, reach_m, 0.5 * self._cell_m)
-        if len(along_m) == 0:
-            return np.ones(len(eyes_m), bool)
-        share = along_m[None, :] / np.maximum(distances_m, 1e-9)[:, None]
-        points = target_m + share[..., None] * offsets[:, None, :]
-        cells, inside = self._cells(points.reshape(-1, 3))
-        hit = np.zeros(len(cells), bool)
-        hit[inside] = self._filled[tuple(cells[inside].T)]
-        # Nothing closer to the eye than the body is wide can be an obstacle.
-        checked = along_m[None, :] < distances_m[:, None] - 0.2
-        return ~np.any(hit.reshape(share.shape) & checked, axis=1)
+        return unhidden(
+            self._filled,
+            self._origin_m,
+            self._cell_m,
+            np.ascontiguousarray(eyes_m, float),
+            np.asarray(target_m, float),
+            float(stop_short_m),
+            CLEAR_M,
+        )
 
     def _cells(self, points_m: Float[np.ndarray, "n 3"]):
         cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)

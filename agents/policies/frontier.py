@@ -13,16 +13,13 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from agents.paths import advance, way_length_m
-from agents.steering import bearing_rad, look, wrap
+from agents.frontiers import Frontiers, best_frontier
+from agents.paths import advance
+from agents.steering import bearing_rad, look
 from sbm_gym.episode import TURN_RAD
-from sbm_gym.observations import decode_depth
-from sbm_gym.seen_floor import Frontier, SeenFloor
 
 STUCK_STRIDES = 0.1
 ARRIVED_STRIDES = 0.75
-NUM_WEIGHED = 6
-"""So many frontiers, the best as the crow flies, are compared by their real ways."""
 PATIENCE_STEPS = 12
 """A frontier that has not been seen after so many steps is given up."""
 
@@ -37,9 +34,7 @@ class FrontierWalk:
         self._env: Any = env.unwrapped
         self._profile = self._env.profile
         self._rng = rng
-        self._floor = SeenFloor(
-            self._env.navigable, info["agent"]["position_m"], self._env.stride_m, self._profile.memory.max_depth_m
-        )
+        self._frontiers = Frontiers(self._env.episode.floor)
         self._goal_m: Float[np.ndarray, "2"] | None = None
         self._steps_on_goal = 0
         self._before_m: Float[np.ndarray, "2"] | None = None
@@ -47,15 +42,13 @@ class FrontierWalk:
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """A stride towards the frontier, and a look there."""
         agent = info["agent"]
-        depth_m = decode_depth(observation["depth"], self._profile.scales.depth_level_m)
-        self._floor.add(depth_m, agent["intrinsics"], agent["camera_to_world"])
         position_m = agent["position_m"]
         self._judge(position_m)
         if self._goal_m is None:
             self._goal_m, self._steps_on_goal = self._next_goal(position_m, agent["yaw_rad"]), 0
         step_m = advance(self._env.navigable, position_m, self._goal_m, self._env.stride_m)
         if step_m is None:
-            self._floor.give_up(self._goal_m)
+            self._frontiers.give_up(self._goal_m)
             self._goal_m, step_m = None, np.zeros(2)
         self._before_m = position_m.copy()
         self._steps_on_goal += 1
@@ -67,19 +60,19 @@ class FrontierWalk:
         if self._goal_m is None:
             return
         stride_m = self._env.stride_m
-        if not self._floor.is_unseen(self._goal_m):
+        if not self._frontiers.is_left(self._goal_m):
             self._goal_m = None
             return
         arrived = np.linalg.norm(position_m - self._goal_m) < ARRIVED_STRIDES * stride_m
         moved_m = stride_m if self._before_m is None else float(np.linalg.norm(position_m - self._before_m))
         if arrived or moved_m < STUCK_STRIDES * stride_m or self._steps_on_goal >= PATIENCE_STEPS:
-            self._floor.give_up(self._goal_m)
+            self._frontiers.give_up(self._goal_m)
             self._goal_m = None
 
     def _next_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
-        frontiers = self._floor.frontiers()
+        frontiers = self._frontiers.left()
         if not frontiers:
-            self._floor.forget()
+            self._frontiers.start_over()
             return self._env.navigable.random_point(self._rng)
         place_m = best_frontier(self._env.navigable, frontiers, position_m, yaw_rad, self._env.stride_m)
         return self._env.navigable.nearest_free(place_m)
@@ -93,28 +86,3 @@ class FrontierWalk:
         if np.linalg.norm(self._goal_m - after_m) > 1e-6 and navigable.line_is_free(after_m, self._goal_m):
             return bearing_rad(after_m, self._goal_m)
         return bearing_rad(position_m, after_m) if np.any(step_m) else yaw_rad + TURN_RAD
-
-
-def best_frontier(
-    navigable, frontiers: list[Frontier], position_m: Float[np.ndarray, "2"], yaw_rad: float, stride_m: float
-) -> Float[np.ndarray, "2"]:
-    """The frontier with most unseen floor for the steps it takes to look at it.
-
-    Args:
-        navigable: the map.
-        frontiers: at least one.
-        position_m: where the robot is.
-        yaw_rad: where its camera points.
-        stride_m: its longest move.
-    """
-
-    def worth(frontier: Frontier, way_m: float) -> float:
-        turns = abs(wrap(bearing_rad(position_m, frontier.place_m) - yaw_rad)) / TURN_RAD
-        return frontier.unseen_m2 / (1.0 + max(way_m / stride_m, turns))
-
-    by_air = sorted(frontiers, key=lambda one: -worth(one, float(np.linalg.norm(one.place_m - position_m))))
-    weighed = [
-        (worth(one, way_length_m(navigable, position_m, navigable.nearest_free(one.place_m))), -number)
-        for number, one in enumerate(by_air[:NUM_WEIGHED])
-    ]
-    return by_air[-max(weighed)[1]].place_m

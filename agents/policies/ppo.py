@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.waypoints import towards
+from agents.prioritised_views import planner_of, priorities_of
 
 
 class Ppo:
@@ -26,7 +26,7 @@ class Ppo:
 
         self._folder = checkpoint_folder(checkpoint)
         self._network, self.description = read_policy(self._folder)
-        self._waypoints = self.description.get("hyperparameters", {}).get("env_wrapper") is not None
+        self._sets_priorities = self.description.get("hyperparameters", {}).get("env_wrapper") is not None
         self._deterministic = deterministic
 
     def reset(
@@ -40,14 +40,14 @@ class Ppo:
         from agents.ppo.checkpoint import check_spaces
 
         check_spaces(self._folder, self.description, env.observation_space, env.action_space)
-        self._env: Any = env.unwrapped
+        self._planner = planner_of(env) if self._sets_priorities else None
         self._rng = rng
         self._low, self._high = env.action_space.low, env.action_space.high  # type: ignore[attr-defined]
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
         action = self._choose(observation)
-        return towards(self._env, info, action) if self._waypoints else action
+        return action if self._planner is None else self._planner.act(info, priorities_of(action))
 
     def _choose(self, observation: dict[str, np.ndarray]) -> np.ndarray:
         import torch

@@ -19,8 +19,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from agents.paths import advance, way_length_m
-from sbm_gym.observations import decode_depth
-from sbm_gym.seen_space import SeenSpace
 
 TURN_RAD = np.deg2rad(60.0)
 TURNS_PER_PLACE = 5
@@ -42,8 +40,6 @@ class Ring:
         self._profile = self._env.profile
         self._rng = rng
         self._map = self._env.navigable
-        size_m = np.array(self._map.free.shape[::-1]) * self._map.cell_m
-        self._seen = SeenSpace(self._map.origin_m, self._map.origin_m + size_m, self._profile.seen_cell_m)
         self._turns_left = TURNS_PER_PLACE
         self._search_goal: Float[np.ndarray, "2"] | None = None
         self._circled: int | None = None
@@ -56,8 +52,6 @@ class Ring:
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """Turns, walks or circles; see the module."""
         agent = info["agent"]
-        depth_m = decode_depth(observation["depth"], self._profile.scales.depth_level_m)
-        self._seen.add(depth_m, agent["intrinsics"], agent["camera_to_world"])
         action = self._circle(info) if info["fixation_target"] else self._search(info)
         self._before_m = agent["position_m"]
         self._steps_left -= 1
@@ -185,10 +179,10 @@ class Ring:
         radius_m = rng.uniform(low_m, high_m, RING_SAMPLES)
         centroid_m = target["centroid_m"]
         places = centroid_m[:2] + radius_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        places = places[[self._map.is_free(place) for place in places]]
+        places = places[self._map.are_free(places)]
         eyes = np.concatenate([places, np.full((len(places), 1), self._profile.body.camera_height_m)], axis=1)
         stop_short_m = 0.25 + 0.5 * float(np.max(target["extent_m"]))
-        places = places[self._seen.sees(eyes, centroid_m, stop_short_m)]
+        places = places[self._env.episode.space.sees(eyes, centroid_m, stop_short_m)]
         return places, np.array([self._sector(target, place) for place in places], int)
 
     def _sector(self, target: dict[str, Any], place_m: Float[np.ndarray, "2"]) -> int:

@@ -10,7 +10,7 @@ from labeling.errors import UsageError
 FOLDER = Path(__file__).resolve().parents[1] / "hyperparams"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
-WRAPPERS = ("agents.waypoints.Waypoints",)
+WRAPPERS = ("agents.prioritised_views.PrioritisedViews",)
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 

@@ -79,7 +79,7 @@ def settle(config: TrainConfig) -> RunSettings:
     env = dataclasses.replace(
         settings.env,
         colours="rgb" in pictures(hyperparameters.policy_kwargs),
-        waypoints=hyperparameters.env_wrapper is not None,
+        priorities=hyperparameters.env_wrapper is not None,
     )
     settings = dataclasses.replace(settings, env=env, hyperparameters=hyperparameters)
     _check_batches(settings.hyperparameters)

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from agents import environments
 from agents.ppo.episode_figures import EpisodeFigures
-from agents.waypoints import Waypoints
+from agents.prioritised_views import PrioritisedViews
 from labeling.threads import threads_of_children
 from sbm_gym.rewards import RewardWeights
 
@@ -41,8 +41,8 @@ class EnvSettings:
     reward: Literal["both", "discovery", "diversity", "neither"] = "both"
     colours: bool = True
     """Whether observed pictures have colours; without, steps are faster."""
-    waypoints: bool = False
-    """Whether actions name places to go to (``agents.waypoints``)."""
+    priorities: bool = False
+    """Whether actions set the priorities of a planner (``agents.prioritised_views``) instead of moving the robot."""
 
 
 class WholeEpisodes(gym.Wrapper):
@@ -108,7 +108,7 @@ def make_env(settings: EnvSettings, split: str) -> gym.Env:
         scene_cache=ALL_SCENES,
         **({} if settings.colours else {"colours": False}),
     )
-    return Waypoints(env) if settings.waypoints else env
+    return PrioritisedViews(env) if settings.priorities else env
 
 
 def make_worker(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:

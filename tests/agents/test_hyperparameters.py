@@ -78,7 +78,7 @@ def test_mappings_and_truth_values_of_yaml_are_read_too(tmp_path):
         ("n_timesteps: 10\nent_coef: true", "ent_coef must be a number"),
         ("n_timesteps: 10\nlearning_rate: lin_x", "lin_0.0003"),
         ("n_timesteps: 10\nlearning_rate: .nan", "learning_rate must be a number"),
-        ("n_timesteps: 10\nenv_wrapper: os.system", "unknown env_wrapper 'os.system'; known: agents.waypoints"),
+        ("n_timesteps: 10\nenv_wrapper: os.system", "unknown env_wrapper 'os.system'; known: agents.prioritised_views"),
         ("n_timesteps: 10\nnormalize: true\npolicy_kwargs: 3", "policy_kwargs must be a mapping"),
         ("n_timesteps: 10\npolicy_kwargs: \"__import__('os').system('true')\"", "no mapping of plain values"),
         ("n_timesteps: 10\npolicy_kwargs: \"dict(a=open('x'))\"", "no mapping of plain values"),

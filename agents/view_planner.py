@@ -1,0 +1,261 @@
+"""Plans the next view: weighs the views within reach by what they promise for the steps they cost.
+
+Views are places within a few strides, each with directions to look in. A view promises
+- for each confirmed object in it that nothing known hides: 1 for a side (sector) not seen yet, a fraction for a new
+  range or elevation;
+- for each unconfirmed candidate in it: more, the surer the detector is already, less for each look that was in vain;
+- for each frontier of the seen floor in it: by how much unseen floor lies there.
+
+What it promises counts the less the more steps it takes to get there, and nothing if the episode ends before. On the
+way the camera looks where most is to be seen. Where nothing within reach promises anything, it goes to the best
+frontier farther away. ``Priorities`` shift what counts how much.
+
+Source: Connolly 1985, "The determination of next best views"; gain times exp(-lambda length): Gonzalez-Banos and
+Latombe 2002, "Navigation strategies for exploring indoor environments".
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from agents.frontiers import Frontiers, best_frontier
+from agents.paths import advance
+from agents.reachable import Reachable, reachable_places
+from agents.steering import bearing_rad, look, wrap
+from sbm_gym.episode import TURN_RAD
+from sbm_gym.looked_at import IN_VIEW_RAD
+from sbm_gym.object_memory import Cell
+from sbm_gym.state_vector import promise
+
+BANDS_STRIDES = (1.0, 2.0, 4.0, 8.0)
+"""Places are drawn band by band, so that there are near ones to choose from; beyond the last one nothing is reached."""
+PLACES_PER_BAND = 30
+PATH_COST = 0.2
+"""A view's promise shrinks by so much, as an exponent, with every step to it."""
+NEW_CELL = 0.2
+"""A new range or elevation within a known sector, as a share of a new sector (as the env's reward has it)."""
+CANDIDATE = 4.0
+"""Confirming an object, in sectors (as the env's reward has it), times the confidence it has already."""
+FRONTIER_PER_STRIDE2 = 0.04
+"""Unseen floor, squares of a stride: 25 of them are worth a sector."""
+FLOOR_EYE_M = 0.1
+"""Lines of sight to the floor end so far above it: the floor itself is filled."""
+HEADINGS = 24
+"""Directions considered at each place."""
+
+
+@dataclass(frozen=True)
+class Priorities:
+    """What counts more or less than by default; all are exponents, so that 0 changes nothing and 1 is times e."""
+
+    ahead: float = 0.0
+    """Places ahead of where the camera points; behind, less."""
+    left: float = 0.0
+    """Places to the left; to the right, less."""
+    explore: float = 0.0
+    """Unconfirmed candidates and unseen floor."""
+    focus: float = 0.0
+    """The fixation target."""
+
+
+DEFAULT = Priorities()
+
+
+@dataclass(frozen=True)
+class _Target:
+    """Something worth seeing."""
+
+    centre_m: Float[np.ndarray, "3"]
+    stop_short_m: float
+    """What stands so near to it belongs to it."""
+    worth: float
+    """Of a view of it from a side that is new."""
+    worth_of_bins: Float[np.ndarray, "sectors ranges elevations"] | None = None
+    """Of a view of it from each bin. None: any view of it is worth the same, up to the robot's reach."""
+
+
+class ViewPlanner:
+    """Plans one episode, view by view, from what the robot remembers."""
+
+    def __init__(self, env: Any, rng: np.random.Generator) -> None:
+        """Starts an episode.
+
+        Args:
+            env: the unwrapped environment, just reset.
+            rng: draws the places to weigh.
+        """
+        self._env, self._rng = env, rng
+        self._profile, self._map, self._stride_m = env.profile, env.navigable, env.stride_m
+        self._bins = env.memory.config.bins
+        self._reach_m = env.profile.memory.max_depth_m
+        self._space = env.episode.space
+        self._frontiers = Frontiers(env.episode.floor)
+        self._goal_m: Float[np.ndarray, "2"] | None = None
+
+    def act(self, info: dict[str, Any], priorities: Priorities = DEFAULT) -> Float32[np.ndarray, "4"]:
+        """The action that makes a stride towards the best view, and takes the best look from there.
+
+        Args:
+            info: of the latest step.
+            priorities: what counts more or less this time.
+        """
+        agent = info["agent"]
+        position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
+        self._note_vain_looks(agent["camera_to_world"], yaw_rad)
+        targets = self._targets(priorities)
+        goal_m = self._goal_m = self._best_place(targets, info, priorities)
+        if goal_m is None:
+            goal_m = self._far_goal(position_m, yaw_rad)
+        step_m = advance(self._map, position_m, goal_m, self._stride_m)
+        if step_m is None:
+            self._frontiers.give_up(goal_m)
+            step_m = np.zeros(2)
+        after_m = position_m + step_m
+        headings, gains = self._gains(targets, after_m[None])
+        turns = np.abs(wrap(headings - yaw_rad))
+        ahead_rad = bearing_rad(position_m, goal_m) if np.any(step_m) else yaw_rad + TURN_RAD
+        # Of equally good directions the one nearest to where it goes.
+        value = gains[0] - 1e-3 * np.abs(wrap(headings - ahead_rad))
+        if not info["confirmed_objects"]:
+            value = np.where(turns <= TURN_RAD + 0.5 * np.pi / HEADINGS, value, -np.inf)
+        best = int(np.argmax(value))
+        tilt_rad = self._tilt_rad(targets, after_m, float(headings[best]))
+        return look(info, self._stride_m, step_m, float(headings[best]), tilt_rad).astype(np.float32)
+
+    def _note_vain_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> None:
+        """Frontiers that the camera points at and nothing known hides, and that are unseen all the same."""
+        eye_m = camera_to_world[:3, 3]
+        for frontier in self._frontiers.left():
+            centre_m = np.array([*frontier.place_m, FLOOR_EYE_M])
+            near = float(np.linalg.norm(frontier.place_m - eye_m[:2])) < self._reach_m
+            in_view = abs(wrap(bearing_rad(eye_m[:2], frontier.place_m) - yaw_rad)) < IN_VIEW_RAD
+            if near and in_view and self._space.sees(eye_m[None], centre_m, self._stride_m)[0]:
+                self._frontiers.look_in_vain(frontier.place_m)
+
+    # What there is to see ---------------------------------------------------------------------------------------------
+
+    def _targets(self, priorities: Priorities) -> list[_Target]:
+        """Confirmed objects, candidates and frontiers."""
+        found, looked = [], self._env.episode.looked
+        explore, focus = np.exp(priorities.explore), np.exp(priorities.focus)
+        for known in self._env.memory.objects:
+            worth = focus if known is self._env.episode.target else 1.0
+            short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
+            bins = self._worth_of_bins(worth, known.azimuths, known.cells | looked.tried(known.object_id))
+            found.append(_Target(known.centroid_m, short_m, worth, bins))
+        for one in looked.candidates:
+            worth = explore * CANDIDATE * promise(one)
+            bins = self._worth_of_bins(worth, set(), one.looks)
+            found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, worth, bins))
+        for frontier in self._frontiers.left():
+            worth = explore * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
+            found.append(_Target(np.array([*frontier.place_m, FLOOR_EYE_M]), self._stride_m, worth))
+        return found
+
+    def _worth_of_bins(
+        self, worth: float, sectors: set[int], done: set[Cell]
+    ) -> Float[np.ndarray, "sectors ranges elevations"]:
+        """What views of an object are worth: less in sectors it was seen from, nothing in the very same bins."""
+        table = np.full(self._bins.shape, worth)
+        table[sorted(sectors)] = NEW_CELL * worth
+        if done:
+            table[tuple(np.array(sorted(done)).T)] = 0.0
+        return table
+
+    def _gains(
+        self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"]
+    ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "p d"]]:
+        """What a look from each place in each of some directions promises."""
+        headings = -np.pi + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+        gains = np.zeros((len(places_m), HEADINGS))
+        height_m = self._profile.body.camera_height_m
+        eyes_m = np.concatenate([places_m, np.full((len(places_m), 1), height_m)], axis=1)
+        for target in targets:
+            worth = self._worth(target, eyes_m)
+            wanted = np.flatnonzero(worth > 0.0)
+            if len(wanted) == 0:
+                continue
+            wanted = wanted[self._space.sees(eyes_m[wanted], target.centre_m, target.stop_short_m)]
+            bearings = _bearings(places_m[wanted], target.centre_m)
+            gains[wanted] += worth[wanted, None] * (np.abs(wrap(bearings[:, None] - headings)) < IN_VIEW_RAD)
+        return headings, gains
+
+    def _worth(self, target: _Target, eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p"]:
+        """What seeing a target from each place is worth, if nothing hides it."""
+        if target.worth_of_bins is None:
+            distances_m = np.linalg.norm(eyes_m[:, :2] - target.centre_m[:2], axis=1)
+            return np.where(distances_m < self._reach_m, target.worth, 0.0)
+        worth = np.zeros(len(eyes_m))
+        inside, bins = self._bins.cells(eyes_m, target.centre_m)
+        worth[inside] = target.worth_of_bins[tuple(bins[inside].T)]
+        return worth
+
+    # Where to go ------------------------------------------------------------------------------------------------------
+
+    def _best_place(
+        self, targets: list[_Target], info: dict[str, Any], priorities: Priorities
+    ) -> Float[np.ndarray, "2"] | None:
+        """The place within reach with most to see for the steps it takes; None if there is nothing to see."""
+        agent = info["agent"]
+        found = reachable_places(self._map, agent["position_m"], self._stride_m, BANDS_STRIDES[-1] * self._stride_m)
+        chosen = self._some_of(found)
+        places_m, ways_m = found.places_m[chosen], found.ways_m[chosen]
+        headings, gains = self._gains(targets, places_m)
+        steps = np.maximum(1.0, np.ceil(ways_m / self._stride_m - 1e-6))[:, None]
+        gains = np.where(steps <= self._env.num_views - self._env.episode.step_index, gains, 0.0)
+        if not info["confirmed_objects"]:
+            steps = np.maximum(steps, np.ceil(np.abs(wrap(headings - agent["yaw_rad"])) / TURN_RAD - 0.1))
+        preferred = self._preferred(places_m - agent["position_m"], agent["yaw_rad"], priorities)
+        # Of equally good views the one on the shortest way.
+        value = gains * np.exp(preferred[:, None] - PATH_COST * steps) - 1e-4 * ways_m[:, None] / self._stride_m
+        best = int(np.argmax(value.max(axis=1)))
+        return places_m[best] if gains[best].max() > 0.0 else None
+
+    def _preferred(
+        self, offsets_m: Float[np.ndarray, "p 2"], yaw_rad: float, priorities: Priorities
+    ) -> Float[np.ndarray, "p"]:
+        """The exponent that places get for their direction; places within a stride get less of it."""
+        towards = offsets_m / np.maximum(self._stride_m, np.linalg.norm(offsets_m, axis=1))[:, None]
+        ahead, left = np.array([np.cos(yaw_rad), np.sin(yaw_rad)]), np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
+        return towards @ (priorities.ahead * ahead + priorities.left * left)
+
+    def _some_of(self, found: Reachable) -> Int[np.ndarray, "k"]:
+        """Which places to weigh: where it is, what it headed for last time, and some of each band of distances."""
+        chosen = [0]
+        if self._goal_m is not None:
+            chosen.append(int(np.argmin(np.sum((found.places_m - self._goal_m) ** 2, axis=1))))
+        strides, low = found.ways_m / self._stride_m, 0.0
+        for high in BANDS_STRIDES:
+            band = np.flatnonzero((strides > low) & (strides <= high))
+            chosen.extend(self._rng.permutation(band)[:PLACES_PER_BAND])
+            low = high
+        return np.unique(chosen)
+
+    def _far_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
+        """Somewhere beyond reach: the best frontier, else any place."""
+        frontiers = self._frontiers.left()
+        if frontiers:
+            return self._map.nearest_free(best_frontier(self._map, frontiers, position_m, yaw_rad, self._stride_m))
+        self._frontiers.start_over()
+        return self._map.random_point(self._rng)
+
+    def _tilt_rad(self, targets: list[_Target], place_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
+        """Up or down to what is worth seeing in that direction."""
+        eye_m = np.array([*place_m, self._profile.body.camera_height_m])
+        tilts, weights = [self._profile.rest_tilt_rad], [0.1]
+        for target in targets:
+            if target.worth_of_bins is None or abs(wrap(bearing_rad(place_m, target.centre_m) - yaw_rad)) > IN_VIEW_RAD:
+                continue
+            worth = float(self._worth(target, eye_m[None])[0])
+            if worth > 0.0:
+                distance_m = float(np.linalg.norm(target.centre_m[:2] - place_m))
+                tilts.append(float(np.arctan2(target.centre_m[2] - eye_m[2], max(distance_m, 1e-6))))
+                weights.append(worth)
+        return float(np.average(tilts, weights=weights))
+
+
+def _bearings(places_m: Float[np.ndarray, "p 2"], point_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "p"]:
+    offsets = point_m[:2] - places_m
+    return np.arctan2(offsets[:, 1], offsets[:, 0])
