@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from agents.planner_kernels import ways_over_grid
 from sbm_gym.worlds.navigable import NavigableMap
 
 CELLS_PER_STRIDE = 5
@@ -31,29 +32,13 @@ def reachable_places(
         stride_m: its longest move.
         reach_m: longest way.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
-
     start_m = navigable.nearest_free(start_m)
     spacing_m = max(navigable.cell_m, stride_m / CELLS_PER_STRIDE)
     half = int(reach_m / spacing_m)
-    steps = np.arange(-half, half + 1) * spacing_m
+    # Twice as fine as the grid of places: between two of them there must be no obstacle either.
+    steps = 0.5 * spacing_m * np.arange(-2 * half, 2 * half + 1)
     grid_m = start_m + np.stack(np.meshgrid(steps, steps), axis=-1)
-    free = navigable.are_free(grid_m)
-    nodes = np.full(free.shape, -1)
-    nodes[free] = np.arange(np.count_nonzero(free))
-    sources, targets, lengths = [], [], []
-    for rows, columns in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = (slice(0, len(free) - rows), slice(max(0, -columns), len(free) - max(0, columns)))
-        there = (slice(rows, len(free)), slice(max(0, columns), len(free) + min(0, columns)))
-        linked = free[here] & free[there] & navigable.are_free(0.5 * (grid_m[here] + grid_m[there]))
-        sources.append(nodes[here][linked])
-        targets.append(nodes[there][linked])
-        lengths.append(np.full(np.count_nonzero(linked), spacing_m * np.hypot(rows, columns)))
-    source, target, length = map(np.concatenate, (sources, targets, lengths))
-    count = np.count_nonzero(free)
-    graph = coo_array((length, (source, target)), shape=(count, count)).tocsr()
-    ways_m = dijkstra(graph, directed=False, indices=nodes[half, half], limit=reach_m)
+    ways_m = ways_over_grid(navigable.are_free(grid_m), spacing_m, reach_m).ravel()
     found = np.flatnonzero(np.isfinite(ways_m))
     found = found[np.argsort(ways_m[found], kind="stable")]
-    return Reachable(grid_m[free][found], ways_m[found])
+    return Reachable(grid_m[::2, ::2].reshape(-1, 2)[found], ways_m[found])

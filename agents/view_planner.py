@@ -20,13 +20,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from agents.frontiers import Frontiers, best_frontier
+from agents.frontiers import Frontier, Frontiers, best_frontier
 from agents.paths import advance
+from agents.planner_kernels import promised
 from agents.reachable import Reachable, reachable_places
 from agents.steering import bearing_rad, look, wrap
 from sbm_gym.episode import TURN_RAD
 from sbm_gym.looked_at import IN_VIEW_RAD
 from sbm_gym.object_memory import Cell
+from sbm_gym.seen_space import CLEAR_M
 from sbm_gym.state_vector import promise
 
 BANDS_STRIDES = (1.0, 2.0, 4.0, 8.0)
@@ -103,8 +105,8 @@ class ViewPlanner:
         """
         agent = info["agent"]
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
-        self._note_vain_looks(agent["camera_to_world"], yaw_rad)
-        targets = self._targets(priorities)
+        frontiers = self._note_vain_looks(agent["camera_to_world"], yaw_rad)
+        targets = self._targets(frontiers, priorities)
         goal_m = self._goal_m = self._best_place(targets, info, priorities)
         if goal_m is None:
             goal_m = self._far_goal(position_m, yaw_rad)
@@ -124,19 +126,26 @@ class ViewPlanner:
         tilt_rad = self._tilt_rad(targets, after_m, float(headings[best]))
         return look(info, self._stride_m, step_m, float(headings[best]), tilt_rad).astype(np.float32)
 
-    def _note_vain_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> None:
-        """Frontiers that the camera points at and nothing known hides, and that are unseen all the same."""
-        eye_m = camera_to_world[:3, 3]
-        for frontier in self._frontiers.left():
+    def _note_vain_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> list[Frontier]:
+        """Notes the frontiers that the camera points at, that nothing known hides and that are unseen all the same.
+
+        Returns:
+            The frontiers left.
+        """
+        eye_m, before = camera_to_world[:3, 3], self._frontiers.left()
+        any_in_vain = False
+        for frontier in before:
             centre_m = np.array([*frontier.place_m, FLOOR_EYE_M])
             near = float(np.linalg.norm(frontier.place_m - eye_m[:2])) < self._reach_m
             in_view = abs(wrap(bearing_rad(eye_m[:2], frontier.place_m) - yaw_rad)) < IN_VIEW_RAD
             if near and in_view and self._space.sees(eye_m[None], centre_m, self._stride_m)[0]:
                 self._frontiers.look_in_vain(frontier.place_m)
+                any_in_vain = True
+        return self._frontiers.left() if any_in_vain else before
 
     # What there is to see ---------------------------------------------------------------------------------------------
 
-    def _targets(self, priorities: Priorities) -> list[_Target]:
+    def _targets(self, frontiers: list[Frontier], priorities: Priorities) -> list[_Target]:
         """Confirmed objects, candidates and frontiers."""
         found, looked = [], self._env.episode.looked
         explore, focus = np.exp(priorities.explore), np.exp(priorities.focus)
@@ -149,7 +158,7 @@ class ViewPlanner:
             worth = explore * CANDIDATE * promise(one)
             bins = self._worth_of_bins(worth, set(), one.looks)
             found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, worth, bins))
-        for frontier in self._frontiers.left():
+        for frontier in frontiers:
             worth = explore * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
             found.append(_Target(np.array([*frontier.place_m, FLOOR_EYE_M]), self._stride_m, worth))
         return found
@@ -169,18 +178,17 @@ class ViewPlanner:
     ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "p d"]]:
         """What a look from each place in each of some directions promises."""
         headings = -np.pi + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
-        gains = np.zeros((len(places_m), HEADINGS))
+        if not targets:
+            return headings, np.zeros((len(places_m), HEADINGS))
         height_m = self._profile.body.camera_height_m
         eyes_m = np.concatenate([places_m, np.full((len(places_m), 1), height_m)], axis=1)
-        for target in targets:
-            worth = self._worth(target, eyes_m)
-            wanted = np.flatnonzero(worth > 0.0)
-            if len(wanted) == 0:
-                continue
-            wanted = wanted[self._space.sees(eyes_m[wanted], target.centre_m, target.stop_short_m)]
-            bearings = _bearings(places_m[wanted], target.centre_m)
-            gains[wanted] += worth[wanted, None] * (np.abs(wrap(bearings[:, None] - headings)) < IN_VIEW_RAD)
-        return headings, gains
+        worth = np.array([self._worth(target, eyes_m) for target in targets])
+        centres_m = np.array([target.centre_m for target in targets])
+        short_m = np.array([target.stop_short_m for target in targets])
+        filled, origin_m, cell_m = self._space.grid
+        return headings, promised(
+            worth, eyes_m, centres_m, short_m, headings, IN_VIEW_RAD, filled, origin_m, cell_m, CLEAR_M
+        )
 
     def _worth(self, target: _Target, eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p"]:
         """What seeing a target from each place is worth, if nothing hides it."""
@@ -254,8 +262,3 @@ class ViewPlanner:
                 tilts.append(float(np.arctan2(target.centre_m[2] - eye_m[2], max(distance_m, 1e-6))))
                 weights.append(worth)
         return float(np.average(tilts, weights=weights))
-
-
-def _bearings(places_m: Float[np.ndarray, "p 2"], point_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "p"]:
-    offsets = point_m[:2] - places_m
-    return np.arctan2(offsets[:, 1], offsets[:, 0])

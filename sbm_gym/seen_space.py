@@ -48,15 +48,13 @@ class SeenSpace:
             target_m: what to look at.
             stop_short_m: the last piece of the way that is not checked: the target itself fills it.
         """
-        return unhidden(
-            self._filled,
-            self._origin_m,
-            self._cell_m,
-            np.ascontiguousarray(eyes_m, float),
-            np.asarray(target_m, float),
-            float(stop_short_m),
-            CLEAR_M,
-        )
+        eyes_m, target_m = np.ascontiguousarray(eyes_m, float), np.asarray(target_m, float)
+        return unhidden(*self.grid, eyes_m, target_m, float(stop_short_m), CLEAR_M)
+
+    @property
+    def grid(self) -> tuple[Bool[np.ndarray, "nx ny nz"], Float[np.ndarray, "3"], float]:
+        """The filled cells, the grid's lower corner and the edge length of a cell."""
+        return self._filled, self._origin_m, self._cell_m
 
     def _cells(self, points_m: Float[np.ndarray, "n 3"]):
         cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)

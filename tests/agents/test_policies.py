@@ -7,7 +7,10 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from agents.frontiers import Frontiers
 from agents.paths import advance, way_length_m
 from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
@@ -22,6 +25,7 @@ from sbm_gym.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.observations import decode_depth
 from sbm_gym.seen_floor import SeenFloor
 from sbm_gym.seen_space import SeenSpace
+from sbm_gym.sight_kernels import unhidden
 from sbm_gym.worlds.navigable import navigable_map
 
 from ..sbm_gym.box_rooms import BoxRooms
@@ -173,6 +177,24 @@ def test_seen_walls_block_the_line_of_sight_and_unseen_space_does_not():
     assert seen.sees(eyes, target, 0.3).tolist() == [False, True]
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_lines_of_sight_end_at_the_first_filled_cell(seed):
+    rng = np.random.default_rng(seed)
+    filled = rng.random((12, 9, 7)) < 0.05
+    origin, cell = rng.uniform(-1, 1, 3), float(rng.uniform(0.1, 0.4))
+    corner = origin + cell * np.array(filled.shape)
+    target, eyes = rng.uniform(origin, corner), rng.uniform(origin - 0.5, corner + 0.5, (20, 3))
+    short, clear = float(rng.uniform(0.1, 0.6)), 0.2
+    told = unhidden(filled, origin, cell, eyes, target, short, clear)
+    for eye, free in zip(eyes, told, strict=True):
+        distance = np.linalg.norm(eye - target)
+        along = np.arange(short, 10.0, 0.5 * cell)
+        points = target + along[along < distance - clear, None] * (eye - target) / distance
+        cells = np.floor((points - origin) / cell).astype(int)
+        cells = cells[np.all((cells >= 0) & (cells < filled.shape), axis=1)]
+        assert free == (not filled[tuple(cells.T)].any())
+
+
 def test_seen_floor_is_what_depth_shows_and_not_what_walls_hide():
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[1.0, 0.0, 0.05, 2.0, 0.0]]))
     floor = SeenFloor(room, np.array([-2.0, 0.0]), 0.5, 8.0)
@@ -188,15 +210,36 @@ def test_seen_floor_is_what_depth_shows_and_not_what_walls_hide():
     assert not floor.is_unseen(np.array([0.2, 0.0]))
     assert floor.is_unseen(np.array([2.0, 0.0]))
     assert floor.is_unseen(np.array([-2.0, 2.5]))
-    places = [frontier.place_m for frontier in floor.frontiers()]
+    frontiers = Frontiers(floor)
+    places = [frontier.place_m for frontier in frontiers.left()]
     assert places
-    assert all(floor.is_unseen(place) for place in places)
-    floor.look_in_vain(places[0])
+    assert all(floor.is_unseen(place) and frontiers.is_left(place) for place in places)
+    frontiers.look_in_vain(places[0])
+    assert frontiers.is_left(places[0])
+    frontiers.look_in_vain(places[0])
+    assert not frontiers.is_left(places[0])
+    # Giving up on a place is no news about the floor.
     assert floor.is_unseen(places[0])
-    floor.look_in_vain(places[0])
-    assert not floor.is_unseen(places[0])
-    floor.forget()
-    assert floor.seen_share == 0.0
+
+
+def test_starting_over_counts_what_is_seen_from_then_on():
+    room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.zeros((0, 5)))
+    floor = SeenFloor(room, np.array([0.0, 0.0]), 0.5, 8.0)
+    frontiers, intrinsics = Frontiers(floor), intrinsics_from_fov(64, 64, np.pi / 2)
+    down = look_at(np.array([-1.0, 0.0, 1.5]), np.array([1.0, 0.0, 0.0]))
+    up = look_at(np.array([-1.0, 0.0, 1.5]), np.array([1.0, 0.0, 3.0]))
+    far = np.full((64, 64), 7.0, np.float32)
+    floor.add(far, intrinsics, down)
+    ahead = np.array([1.0, 0.0])
+    assert not frontiers.is_left(ahead)
+    share = floor.seen_share
+    frontiers.start_over()
+    assert frontiers.is_left(ahead)
+    assert floor.seen_share == share
+    floor.add(far, intrinsics, up)
+    assert frontiers.is_left(ahead)
+    floor.add(far, intrinsics, down)
+    assert not frontiers.is_left(ahead)
 
 
 def test_reachable_places_are_free_and_as_far_as_the_shortest_way():

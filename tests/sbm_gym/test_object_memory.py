@@ -177,6 +177,20 @@ def test_a_turn_by_one_sector_moves_the_bin_by_one(azimuth, radius_m, sectors):
     assert here[1:] == there[1:]
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_bins_of_many_cameras_are_those_of_each(seed):
+    rng, bins = np.random.default_rng(seed), ViewBins()
+    centroid = rng.uniform(-1, 1, 3)
+    cameras = centroid + rng.uniform(-3.5, 3.5, (30, 3))
+    inside, cells = bins.cells(cameras, centroid)
+    for camera, within, cell in zip(cameras, inside, cells, strict=True):
+        expected = bins.cell(camera, centroid)
+        assert within == (expected is not None)
+        if expected is not None:
+            assert tuple(cell) == expected
+            assert all(0 <= index < count for index, count in zip(expected, bins.shape, strict=True))
+
+
 def test_views_from_too_near_or_too_far_are_in_no_bin():
     bins = ViewBins()
     assert bins.cell(np.array([0.2, 0.0, 1.5]), np.zeros(3)) is None
