@@ -121,8 +121,9 @@ def read_policy(folder: Path) -> tuple[ActorCriticPolicy, dict[str, Any]]:
     assert isinstance(observation_space, spaces.Dict)
     assert isinstance(action_space, spaces.Box)
     try:
+        about = description["policy"]
         policy = build_policy(
-            observation_space, action_space, description["policy"]["class"], description["policy"]["kwargs"]
+            observation_space, action_space, about["class"], about["kwargs"], about.get("use_sde") is True
         )
     except UsageError as error:
         raise SbmError(f"{folder / POLICY_FILE}: {error}") from None

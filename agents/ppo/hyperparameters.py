@@ -35,6 +35,10 @@ class Hyperparameters:
     vf_coef: float = 0.5
     max_grad_norm: float = 0.5
     target_kl: float | None = None
+    use_sde: bool = False
+    """Exploration that depends on the state and stays the same for some steps (gSDE), instead of new noise every step."""
+    sde_sample_freq: int = -1
+    """For so many steps; with the number of views, for an episode. -1: until the next update."""
     learning_rate: float | str = 3e-4
     """A number, or ``lin_`` and a number: falls to 0 over the run; as may ``clip_range``."""
     normalize: dict[str, Any] = field(default_factory=lambda: dict(NORMALIZE))
@@ -112,7 +116,13 @@ def checked(entry: dict[Any, Any], source: str) -> Hyperparameters:
         raise UsageError(f"{source}: n_timesteps is missing")
     values: dict[str, Any] = {}
     for name, value in entry.items():
-        if known[name].type is int:
+        if name == "use_sde":
+            if not isinstance(value, bool):
+                raise UsageError(f"{source}: use_sde must be true or false, not {value!r}")
+            values[name] = value
+        elif name == "sde_sample_freq" and value == -1:
+            values[name] = -1
+        elif known[name].type is int:
             values[name] = _whole(name, value, source)
         elif name in ("normalize", "policy_kwargs"):
             values[name] = _mapping(name, value, source)

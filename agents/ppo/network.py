@@ -58,7 +58,7 @@ def policy_class(name: str) -> type[ActorCriticPolicy]:
 
 
 def build_policy(
-    observation_space: spaces.Dict, action_space: spaces.Box, name: str, plain: dict[str, Any]
+    observation_space: spaces.Dict, action_space: spaces.Box, name: str, plain: dict[str, Any], use_sde: bool = False
 ) -> ActorCriticPolicy:
     """A network with random weights on the CPU, not to be trained.
 
@@ -67,13 +67,15 @@ def build_policy(
         action_space: likewise.
         name: of the policy's class.
         plain: its ``policy_kwargs``.
+        use_sde: whether its noise depends on the state.
 
     Raises:
         UsageError: if the arguments do not make a network for these spaces.
     """
     arguments = policy_arguments(plain)
     try:
-        return policy_class(name)(channels_first(observation_space), action_space, lambda left: 0.0, **arguments)
+        space = channels_first(observation_space)
+        return policy_class(name)(space, action_space, lambda left: 0.0, use_sde=use_sde, **arguments)
     except (TypeError, ValueError, AssertionError, RuntimeError) as error:
         raise UsageError(f"policy_kwargs do not make a network for this environment: {error}") from None
 

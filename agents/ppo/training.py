@@ -180,6 +180,7 @@ def _network_description(settings: RunSettings, env: gym.Env | VecEnv) -> dict[s
         "policy": {
             "class": settings.hyperparameters.policy,
             "kwargs": settings.hyperparameters.policy_kwargs,
+            "use_sde": settings.hyperparameters.use_sde,
         },
     }
 
