@@ -36,7 +36,7 @@ class Hyperparameters:
     max_grad_norm: float = 0.5
     target_kl: float | None = None
     use_sde: bool = False
-    """Exploration that depends on the state and stays the same for some steps (gSDE), instead of new noise every step."""
+    """Exploration that depends on the state and stays the same for some steps (gSDE), not noise of every step."""
     sde_sample_freq: int = -1
     """For so many steps; with the number of views, for an episode. -1: until the next update."""
     learning_rate: float | str = 3e-4

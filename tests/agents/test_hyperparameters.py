@@ -41,7 +41,9 @@ ent_coef: 1e-3
 clip_range: lin_0.2
 normalize: "{'norm_obs': False, 'norm_reward': True}"
 policy_kwargs: "dict(log_std_init=-2, net_arch=dict(pi=[64, 32], vf=[64]), activation_fn=nn.ReLU)"
-target_kl: 0.03"""
+target_kl: 0.03
+use_sde: True
+sde_sample_freq: 25"""
     found = read_hyperparameters("toy/Echo-v0", written(tmp_path, text))
     assert (found.n_timesteps, found.ent_coef, found.target_kl) == (100_000, 0.001, 0.03)
     assert found.normalize == {"norm_obs": False, "norm_reward": True}
@@ -54,6 +56,7 @@ target_kl: 0.03"""
     assert [arguments["learning_rate"](left) for left in (1.0, 0.5, 0.0)] == pytest.approx([3e-4, 1.5e-4, 0.0])
     assert arguments["clip_range"](0.5) == pytest.approx(0.1)
     assert arguments["n_epochs"] == Hyperparameters(1).n_epochs
+    assert (arguments["use_sde"], arguments["sde_sample_freq"]) == (True, 25)
 
 
 def test_mappings_and_truth_values_of_yaml_are_read_too(tmp_path):
@@ -78,6 +81,8 @@ def test_mappings_and_truth_values_of_yaml_are_read_too(tmp_path):
         ("n_timesteps: 10\nent_coef: true", "ent_coef must be a number"),
         ("n_timesteps: 10\nlearning_rate: lin_x", "lin_0.0003"),
         ("n_timesteps: 10\nlearning_rate: .nan", "learning_rate must be a number"),
+        ("n_timesteps: 10\nuse_sde: 1", "use_sde must be true or false, not 1"),
+        ("n_timesteps: 10\nsde_sample_freq: -2", "sde_sample_freq must be a number from 0"),
         ("n_timesteps: 10\nenv_wrapper: os.system", "unknown env_wrapper 'os.system'; known: agents.prioritised_views"),
         ("n_timesteps: 10\nnormalize: true\npolicy_kwargs: 3", "policy_kwargs must be a mapping"),
         ("n_timesteps: 10\npolicy_kwargs: \"__import__('os').system('true')\"", "no mapping of plain values"),

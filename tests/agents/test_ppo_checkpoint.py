@@ -95,6 +95,25 @@ def test_drawn_actions_are_spread_around_the_most_likely_one(checkpoint):
     assert np.allclose(np.median(drawn, axis=0), sure.act(observation, info), atol=0.2)
 
 
+def test_policies_whose_noise_depends_on_the_state_come_back_too(tmp_path):
+    env = Echo()
+    policy = build_policy(env.observation_space, env.action_space, "MultiInputPolicy", KWARGS, True)  # type: ignore[arg-type]
+    description = {
+        "observation_space": describe(env.observation_space),
+        "action_space": describe(env.action_space),
+        "policy": {"class": "MultiInputPolicy", "kwargs": KWARGS, "use_sde": True},
+    }
+    write_policy(tmp_path, policy, description, {})
+    again, _ = read_policy(tmp_path)
+    observation, _ = env.reset(seed=3)
+    assert np.array_equal(
+        again.predict(observation, deterministic=True)[0], policy.predict(observation, deterministic=True)[0]
+    )
+    drawn = actions(Ppo(tmp_path, deterministic=False), seed=0)
+    assert np.array_equal(drawn, actions(Ppo(tmp_path, deterministic=False), seed=0))
+    assert not np.array_equal(drawn, actions(Ppo(tmp_path, deterministic=False), seed=1))
+
+
 def test_a_run_means_its_best_policy(checkpoint):
     assert checkpoint_folder(checkpoint.parent) == checkpoint
     assert np.array_equal(actions(Ppo(checkpoint.parent)), actions(Ppo(checkpoint)))
