@@ -7,28 +7,37 @@ Johannink et al. 2019).
 
 | | action: 1 is times 4.5, -1 divides by as much |
 |---|---|
-| 0 | what there is to see from places ahead of the robot's camera; behind it, the other way round |
-| 1 | from places to its left; to its right, the other way round |
-| 2 | what unconfirmed candidates and unseen floor promise |
-| 3 | what new views of the fixation target promise |
+| 0 | what views of unconfirmed candidates promise |
+| 1 | of unseen floor |
+| 2 | of the fixation target |
+| 3 | from new ranges and elevations in sectors that have been seen |
+| 4 | the nearest views of objects and candidates; the farthest, the other way round |
+| 5 | how many steps away a view may be (patience) |
 """
 
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from jaxtyping import Float
 
 from agents.view_planner import Priorities, ViewPlanner
 
 STRENGTH = 1.5
 """Exponent that an action of 1 stands for."""
+ACTION_SPACE = spaces.Box(-1.0, 1.0, (6,), np.float32)
 DRAW_SEED = 0
 """Every episode draws the places to weigh from the same numbers: the action alone decides."""
 
 
 class PrioritisedViews(gym.Wrapper):
     """An environment whose actions are priorities of the planner that moves the robot."""
+
+    def __init__(self, env: gym.Env) -> None:
+        """Wraps a ``FixationEnv``."""
+        super().__init__(env)
+        self.action_space = ACTION_SPACE
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode."""
@@ -48,7 +57,6 @@ def planner_of(env: gym.Env) -> ViewPlanner:
     return ViewPlanner(env.unwrapped, np.random.default_rng(DRAW_SEED))
 
 
-def priorities_of(action: Float[np.ndarray, "4"]) -> Priorities:
+def priorities_of(action: Float[np.ndarray, "6"]) -> Priorities:
     """What an action means; values beyond [-1, 1] are clipped."""
-    ahead, left, explore, focus = STRENGTH * np.clip(np.asarray(action, float), -1.0, 1.0)
-    return Priorities(float(ahead), float(left), float(explore), float(focus))
+    return Priorities(*(STRENGTH * np.clip(np.asarray(action, float), -1.0, 1.0)).tolist())

@@ -52,14 +52,18 @@ HEADINGS = 24
 class Priorities:
     """What counts more or less than by default; all are exponents, so that 0 changes nothing and 1 is times e."""
 
-    ahead: float = 0.0
-    """Places ahead of where the camera points; behind, less."""
-    left: float = 0.0
-    """Places to the left; to the right, less."""
-    explore: float = 0.0
-    """Unconfirmed candidates and unseen floor."""
+    candidates: float = 0.0
+    """Views of unconfirmed candidates."""
+    floor: float = 0.0
+    """Views of unseen floor."""
     focus: float = 0.0
-    """The fixation target."""
+    """Views of the fixation target."""
+    detail: float = 0.0
+    """Views from new ranges and elevations in sectors that have been seen."""
+    near: float = 0.0
+    """The nearest views of objects and candidates; the farthest get so much less."""
+    patience: float = 0.0
+    """Views that are many steps away: what a step costs is divided."""
 
 
 DEFAULT = Priorities()
@@ -76,6 +80,8 @@ class _Target:
     """Of a view of it from a side that is new."""
     worth_of_bins: Float[np.ndarray, "sectors ranges elevations"] | None = None
     """Of a view of it from each bin. None: any view of it is worth the same, up to the robot's reach."""
+    near: float = 0.0
+    """As ``Priorities.near``, for a target with bins."""
 
 
 class ViewPlanner:
@@ -107,7 +113,7 @@ class ViewPlanner:
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
         frontiers = self._note_vain_looks(agent["camera_to_world"], yaw_rad)
         targets = self._targets(frontiers, priorities)
-        goal_m = self._goal_m = self._best_place(targets, info, priorities)
+        goal_m = self._goal_m = self._best_place(targets, info, PATH_COST * float(np.exp(-priorities.patience)))
         if goal_m is None:
             goal_m = self._far_goal(position_m, yaw_rad)
         step_m = advance(self._map, position_m, goal_m, self._stride_m)
@@ -148,27 +154,28 @@ class ViewPlanner:
     def _targets(self, frontiers: list[Frontier], priorities: Priorities) -> list[_Target]:
         """Confirmed objects, candidates and frontiers."""
         found, looked = [], self._env.episode.looked
-        explore, focus = np.exp(priorities.explore), np.exp(priorities.focus)
+        detail = NEW_CELL * float(np.exp(priorities.detail))
         for known in self._env.memory.objects:
-            worth = focus if known is self._env.episode.target else 1.0
+            worth = float(np.exp(priorities.focus)) if known is self._env.episode.target else 1.0
             short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
-            bins = self._worth_of_bins(worth, known.azimuths, known.cells | looked.tried(known.object_id))
-            found.append(_Target(known.centroid_m, short_m, worth, bins))
+            done = known.cells | looked.tried(known.object_id)
+            bins = self._worth_of_bins(worth, detail * worth, known.azimuths, done)
+            found.append(_Target(known.centroid_m, short_m, worth, bins, priorities.near))
         for one in looked.candidates:
-            worth = explore * CANDIDATE * promise(one)
-            bins = self._worth_of_bins(worth, set(), one.looks)
-            found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, worth, bins))
+            worth = float(np.exp(priorities.candidates)) * CANDIDATE * promise(one)
+            bins = self._worth_of_bins(worth, worth, set(), one.looks)
+            found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, worth, bins, priorities.near))
         for frontier in frontiers:
-            worth = explore * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
+            worth = float(np.exp(priorities.floor)) * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
             found.append(_Target(np.array([*frontier.place_m, FLOOR_EYE_M]), self._stride_m, worth))
         return found
 
     def _worth_of_bins(
-        self, worth: float, sectors: set[int], done: set[Cell]
+        self, worth: float, detail: float, sectors: set[int], done: set[Cell]
     ) -> Float[np.ndarray, "sectors ranges elevations"]:
         """What views of an object are worth: less in sectors it was seen from, nothing in the very same bins."""
         table = np.full(self._bins.shape, worth)
-        table[sorted(sectors)] = NEW_CELL * worth
+        table[sorted(sectors)] = detail
         if done:
             table[tuple(np.array(sorted(done)).T)] = 0.0
         return table
@@ -192,18 +199,19 @@ class ViewPlanner:
 
     def _worth(self, target: _Target, eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p"]:
         """What seeing a target from each place is worth, if nothing hides it."""
+        distances_m = np.linalg.norm(eyes_m[:, :2] - target.centre_m[:2], axis=1)
         if target.worth_of_bins is None:
-            distances_m = np.linalg.norm(eyes_m[:, :2] - target.centre_m[:2], axis=1)
             return np.where(distances_m < self._reach_m, target.worth, 0.0)
         worth = np.zeros(len(eyes_m))
         inside, bins = self._bins.cells(eyes_m, target.centre_m)
-        worth[inside] = target.worth_of_bins[tuple(bins[inside].T)]
+        nearness = 1.0 - 2.0 * distances_m[inside] / self._bins.range_edges_m[-1]
+        worth[inside] = target.worth_of_bins[tuple(bins[inside].T)] * np.exp(target.near * nearness)
         return worth
 
     # Where to go ------------------------------------------------------------------------------------------------------
 
     def _best_place(
-        self, targets: list[_Target], info: dict[str, Any], priorities: Priorities
+        self, targets: list[_Target], info: dict[str, Any], path_cost: float
     ) -> Float[np.ndarray, "2"] | None:
         """The place within reach with most to see for the steps it takes; None if there is nothing to see."""
         agent = info["agent"]
@@ -215,19 +223,10 @@ class ViewPlanner:
         gains = np.where(steps <= self._env.num_views - self._env.episode.step_index, gains, 0.0)
         if not info["confirmed_objects"]:
             steps = np.maximum(steps, np.ceil(np.abs(wrap(headings - agent["yaw_rad"])) / TURN_RAD - 0.1))
-        preferred = self._preferred(places_m - agent["position_m"], agent["yaw_rad"], priorities)
         # Of equally good views the one on the shortest way.
-        value = gains * np.exp(preferred[:, None] - PATH_COST * steps) - 1e-4 * ways_m[:, None] / self._stride_m
+        value = gains * np.exp(-path_cost * steps) - 1e-4 * ways_m[:, None] / self._stride_m
         best = int(np.argmax(value.max(axis=1)))
         return places_m[best] if gains[best].max() > 0.0 else None
-
-    def _preferred(
-        self, offsets_m: Float[np.ndarray, "p 2"], yaw_rad: float, priorities: Priorities
-    ) -> Float[np.ndarray, "p"]:
-        """The exponent that places get for their direction; places within a stride get less of it."""
-        towards = offsets_m / np.maximum(self._stride_m, np.linalg.norm(offsets_m, axis=1))[:, None]
-        ahead, left = np.array([np.cos(yaw_rad), np.sin(yaw_rad)]), np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
-        return towards @ (priorities.ahead * ahead + priorities.left * left)
 
     def _some_of(self, found: Reachable) -> Int[np.ndarray, "k"]:
         """Which places to weigh: where it is, what it headed for last time, and some of each band of distances."""

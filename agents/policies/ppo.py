@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.prioritised_views import planner_of, priorities_of
+from agents.prioritised_views import ACTION_SPACE, planner_of, priorities_of
 
 
 class Ppo:
@@ -39,10 +39,11 @@ class Ppo:
         """
         from agents.ppo.checkpoint import check_spaces
 
-        check_spaces(self._folder, self.description, env.observation_space, env.action_space)
+        actions = ACTION_SPACE if self._sets_priorities else env.action_space
+        check_spaces(self._folder, self.description, env.observation_space, actions)
         self._planner = planner_of(env) if self._sets_priorities else None
         self._rng = rng
-        self._low, self._high = env.action_space.low, env.action_space.high  # type: ignore[attr-defined]
+        self._low, self._high = actions.low, actions.high  # type: ignore[attr-defined]
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
