@@ -100,7 +100,8 @@ class ViewPlanner:
         self._reach_m = env.profile.memory.max_depth_m
         self._space = env.episode.space
         self._frontiers = Frontiers(env.episode.floor)
-        self._goal_m: Float[np.ndarray, "2"] | None = None
+        self.goal_m: Float[np.ndarray, "2"] | None = None
+        """Where it heads for, None if nothing within reach promises anything."""
 
     def act(self, info: dict[str, Any], priorities: Priorities = DEFAULT) -> Float32[np.ndarray, "4"]:
         """The action that makes a stride towards the best view, and takes the best look from there.
@@ -113,7 +114,7 @@ class ViewPlanner:
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
         frontiers = self._note_vain_looks(agent["camera_to_world"], yaw_rad)
         targets = self._targets(frontiers, priorities)
-        goal_m = self._goal_m = self._best_place(targets, info, PATH_COST * float(np.exp(-priorities.patience)))
+        goal_m = self.goal_m = self._best_place(targets, info, PATH_COST * float(np.exp(-priorities.patience)))
         if goal_m is None:
             goal_m = self._far_goal(position_m, yaw_rad)
         step_m = advance(self._map, position_m, goal_m, self._stride_m)
@@ -231,8 +232,8 @@ class ViewPlanner:
     def _some_of(self, found: Reachable) -> Int[np.ndarray, "k"]:
         """Which places to weigh: where it is, what it headed for last time, and some of each band of distances."""
         chosen = [0]
-        if self._goal_m is not None:
-            chosen.append(int(np.argmin(np.sum((found.places_m - self._goal_m) ** 2, axis=1))))
+        if self.goal_m is not None:
+            chosen.append(int(np.argmin(np.sum((found.places_m - self.goal_m) ** 2, axis=1))))
         strides, low = found.ways_m / self._stride_m, 0.0
         for high in BANDS_STRIDES:
             band = np.flatnonzero((strides > low) & (strides <= high))

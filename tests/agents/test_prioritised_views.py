@@ -13,7 +13,7 @@ from agents.policies.ppo import Ppo
 from agents.ppo.checkpoint import write_policy
 from agents.ppo.network import build_policy
 from agents.ppo.spaces import describe
-from agents.prioritised_views import DRAW_SEED, STRENGTH, PrioritisedViews, priorities_of
+from agents.prioritised_views import ACTION_SPACE, DRAW_SEED, STRENGTH, PrioritisedViews, priorities_of
 from agents.view_planner import Priorities, ViewPlanner
 from sbm_gym.object_memory import MemoryConfig
 
@@ -29,26 +29,10 @@ def make_env(worlds=None) -> gym.Env:
     return gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=worlds, memory=MemoryConfig(confident=0.4), colours=False)
 
 
-def moves_of_zero_and(priorities: Priorities, episodes: int):
-    """What planners with and without priorities do in the same situations: pairs of world displacements."""
-    env = make_env()
-    inner = env.unwrapped
-    for seed in range(episodes):
-        _, info = env.reset(seed=seed)
-        plain = ViewPlanner(inner, np.random.default_rng(0))
-        for _ in range(25):
-            # Both from where it is, with the same places drawn; goals of steps before are forgotten.
-            pair = [
-                ViewPlanner(inner, np.random.default_rng(0)).act(info, chosen) for chosen in (Priorities(), priorities)
-            ]
-            yield pair, info
-            *_, info = env.step(plain.act(info))
-
-
-@given(arrays(float, 4, elements=st.floats(-3, 3)))
+@given(arrays(float, 6, elements=st.floats(-3, 3)))
 def test_actions_are_exponents_and_clipped(action):
     told = priorities_of(action)
-    values = np.array([told.ahead, told.left, told.explore, told.focus])
+    values = [told.candidates, told.floor, told.focus, told.detail, told.near, told.patience]
     assert np.allclose(values, STRENGTH * np.clip(action, -1, 1))
 
 
@@ -64,36 +48,60 @@ def test_an_action_of_zero_is_the_next_best_view():
             assert np.array_equal(there["agent"]["camera_to_world"], info["agent"]["camera_to_world"])
 
 
-@pytest.mark.parametrize(("name", "axis"), [("ahead", 0), ("left", 1)])
-def test_places_in_a_preferred_direction_are_gone_to(name, axis):
-    # Move actions are in the robot's own axes: ahead and left.
-    forth, back, shifted = [], [], 0
-    for (plain, pulled), _ in moves_of_zero_and(Priorities(**{name: 3.0}), 3):
-        forth.append(pulled[axis] - plain[axis])
-        shifted += not np.allclose(plain, pulled)
-    for (plain, pulled), _ in moves_of_zero_and(Priorities(**{name: -3.0}), 3):
-        back.append(pulled[axis] - plain[axis])
-    assert shifted > 20
-    assert np.mean(forth) > 0.1
-    assert np.mean(back) < -0.1
-
-
-def outcome(worlds, priorities: Priorities) -> tuple[float, float]:
-    """Most sides seen of any object, and the share of the floor seen; means over episodes."""
+def outcome(worlds, priorities: Priorities) -> dict[str, float]:
+    """What a planner with priorities has seen after some steps; means over episodes."""
     env, found = make_env(worlds), []
     for seed in range(4):
         _, info = env.reset(seed=seed)
-        planner = ViewPlanner(env.unwrapped, np.random.default_rng(seed))
-        for _ in range(12):
+        inner, ranges, goals, targets = env.unwrapped, [], [], []
+        planner = ViewPlanner(inner, np.random.default_rng(seed))
+        for _ in range(15):
             *_, info = env.step(planner.act(info, priorities))
-        sides = [len(known["azimuths"]) for known in info["confirmed_objects"]]
-        found.append((max(sides, default=0), env.unwrapped.episode.floor.seen_share))
-    return tuple(np.mean(found, axis=0))
+            here = info["agent"]["position_m"]
+            if info["fixation_target"]:
+                targets.append(info["fixation_target"]["object_id"])
+                ranges.append(np.linalg.norm(here - info["fixation_target"]["centroid_m"][:2]))
+            if planner.goal_m is not None:
+                goals.append(np.linalg.norm(planner.goal_m - here))
+        known = inner.memory.objects
+        found.append(
+            {
+                "switches": np.count_nonzero(np.diff(targets)),
+                "cells": max((len(one.cells) - len(one.azimuths) for one in known), default=0),
+                "floor": inner.episode.floor.seen_share,
+                "range": np.mean(ranges) if ranges else np.nan,
+                "goal": np.mean(goals),
+            }
+        )
+    return {name: float(np.nanmean([one[name] for one in found])) for name in found[0]}
 
 
-def test_focus_sees_more_sides_and_exploring_more_floor():
-    assert outcome(BoxRooms(), Priorities(focus=3.0, explore=-3.0))[0] > outcome(BoxRooms(), Priorities(explore=3.0))[0]
-    assert outcome(WalledRooms(), Priorities(explore=3.0))[1] > outcome(WalledRooms(), Priorities(explore=-3.0))[1]
+@pytest.mark.parametrize(
+    ("worlds", "more", "less", "name"),
+    [
+        (BoxRooms(), Priorities(focus=-3.0), Priorities(focus=3.0), "switches"),
+        (WalledRooms(), Priorities(floor=3.0), Priorities(floor=-3.0), "floor"),
+        (BoxRooms(), Priorities(detail=3.0, floor=-3.0), Priorities(detail=-3.0, floor=-3.0), "cells"),
+        (BoxRooms(), Priorities(near=-2.0), Priorities(near=2.0), "range"),
+        (WalledRooms(), Priorities(patience=3.0), Priorities(patience=-3.0), "goal"),
+    ],
+)
+def test_each_priority_gets_more_of_what_it_is_for(worlds, more, less, name):
+    assert outcome(worlds, more)[name] > outcome(worlds, less)[name]
+
+
+def test_doubtful_candidates_are_looked_at_more_if_they_count_more():
+    looks = {}
+    for candidates in (3.0, -3.0):
+        env, count = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), colours=False), 0
+        for seed in range(4):
+            _, info = env.reset(seed=seed)
+            planner = ViewPlanner(env.unwrapped, np.random.default_rng(seed))
+            for _ in range(15):
+                *_, info = env.step(planner.act(info, Priorities(candidates=candidates)))
+            count += sum(len(one.looks) for one in env.unwrapped.episode.looked.candidates)
+        looks[candidates] = count
+    assert looks[3.0] > looks[-3.0]
 
 
 def test_plans_never_bump_into_things_whatever_the_priorities():
@@ -101,7 +109,7 @@ def test_plans_never_bump_into_things_whatever_the_priorities():
     for seed in range(3):
         env.reset(seed=seed)
         for _ in range(25):
-            *_, info = env.step(rng.uniform(-1, 1, 4))
+            *_, info = env.step(rng.uniform(-1, 1, 6))
             bumps += info["collided"]
     assert bumps == 0
 
@@ -109,13 +117,12 @@ def test_plans_never_bump_into_things_whatever_the_priorities():
 def test_a_policy_that_sets_priorities_does_as_it_did_in_training(tmp_path):
     env = make_env()
     assert isinstance(env.observation_space, spaces.Dict)
-    assert isinstance(env.action_space, spaces.Box)
-    network = build_policy(env.observation_space, env.action_space, "MultiInputPolicy", KWARGS)
+    network = build_policy(env.observation_space, ACTION_SPACE, "MultiInputPolicy", KWARGS)
     for parameter in network.action_net.parameters():
         parameter.data *= 50.0  # new networks hardly act at all
     description = {
         "observation_space": describe(env.observation_space),
-        "action_space": describe(env.action_space),
+        "action_space": describe(ACTION_SPACE),
         "policy": {"class": "MultiInputPolicy", "kwargs": KWARGS},
         "hyperparameters": {"env_wrapper": "agents.prioritised_views.PrioritisedViews"},
     }
