@@ -41,25 +41,26 @@ class ViewBins:
         return self.azimuth_bin(float(np.arctan2(offset[1], offset[0]))), ring, layer
 
     def cells(
-        self, cameras_m: Float[np.ndarray, "n 3"], centroid_m: Float[np.ndarray, "3"]
-    ) -> tuple[Bool[np.ndarray, "n"], Int[np.ndarray, "n 3"]]:
-        """``cell`` of many cameras.
+        self, cameras_m: Float[np.ndarray, "*#n 3"], centroids_m: Float[np.ndarray, "*#n 3"]
+    ) -> tuple[Bool[np.ndarray, "*n"], tuple[Int[np.ndarray, "*n"], Int[np.ndarray, "*n"], Int[np.ndarray, "*n"]]]:
+        """``cell`` of many cameras and centroids.
 
         Args:
             cameras_m: where they are.
-            centroid_m: what they look at.
+            centroids_m: what they look at; shapes are broadcast.
 
         Returns:
-            Which of them are within the outermost ranges, and the bins of all; those of the others mean nothing.
+            Which of them are within the outermost ranges, and sector, range and elevation of all; what lies beyond the
+            outermost ranges is counted to the nearest.
         """
-        offsets = cameras_m - centroid_m
-        ranges_m = np.hypot(offsets[:, 0], offsets[:, 1])
+        offsets = cameras_m - centroids_m
+        ranges_m = np.hypot(offsets[..., 0], offsets[..., 1])
         rings = np.searchsorted(self.range_edges_m, ranges_m, side="right") - 1
-        layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[:, 2], ranges_m), side="right")
-        turns = (np.arctan2(offsets[:, 1], offsets[:, 0]) / (2.0 * np.pi)) % 1.0
+        layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[..., 2], ranges_m), side="right")
+        turns = (np.arctan2(offsets[..., 1], offsets[..., 0]) / (2.0 * np.pi)) % 1.0
         azimuths = np.minimum((turns * self.num_azimuths).astype(np.int64), self.num_azimuths - 1)
-        inside = (rings >= 0) & (rings < len(self.range_edges_m) - 1)
-        return inside, np.stack([azimuths, rings, layers], axis=1)
+        last = len(self.range_edges_m) - 2
+        return (rings >= 0) & (rings <= last), (azimuths, np.clip(rings, 0, last), layers)
 
     @property
     def shape(self) -> tuple[int, int, int]:

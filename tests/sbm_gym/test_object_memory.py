@@ -183,12 +183,12 @@ def test_bins_of_many_cameras_are_those_of_each(seed):
     centroid = rng.uniform(-1, 1, 3)
     cameras = centroid + rng.uniform(-3.5, 3.5, (30, 3))
     inside, cells = bins.cells(cameras, centroid)
-    for camera, within, cell in zip(cameras, inside, cells, strict=True):
+    for camera, within, *cell in zip(cameras, inside, *cells, strict=True):
         expected = bins.cell(camera, centroid)
         assert within == (expected is not None)
         if expected is not None:
             assert tuple(cell) == expected
-            assert all(0 <= index < count for index, count in zip(expected, bins.shape, strict=True))
+        assert all(0 <= index < count for index, count in zip(cell, bins.shape, strict=True))
 
 
 def test_views_from_too_near_or_too_far_are_in_no_bin():
