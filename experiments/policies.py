@@ -32,7 +32,7 @@ class Size:
     episodes: int
     """Of each world, policy and seed."""
     labelled: int
-    """So many of them, the first, once more, with labels."""
+    """Labels are made of so many of them, the first."""
     picture_px: int | None = None
     """Height of the pictures that labels are made on; None is the world's own."""
 
@@ -71,8 +71,7 @@ def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
         workers=workplace.workers,
         out=played_folder("policies", env_id, SPLIT, DETECTOR, None, workplace),
     )
-    content = evaluate(config)
-    config = replace(
+    with_labels = replace(
         config,
         policies=tuple(policy for policy in policies if policy in LABELLED),
         episodes=size.labelled,
@@ -80,7 +79,8 @@ def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
         size=size.picture_px,
         out=played_folder("policies_labelled", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
     )
-    labelled = evaluate(config)
+    labelled = evaluate(with_labels)
+    content = evaluate(config, played=with_labels.out)
     for policy, found in labelled["policies"].items():
         content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
     return {

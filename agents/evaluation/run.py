@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import Any
 
 from agents.environments import capture_size, inner_env, make_env
 from agents.evaluate import EvaluateConfig
 from agents.evaluation.episodes import Spawn, play, spawn_of
 from agents.evaluation.label_quality import VIEW_COUNTS, label_record
-from agents.evaluation.store import BEFORE, DECISIVE, SETTINGS_FILE, policy_key, read_result, result_path
+from agents.evaluation.store import BEFORE, DECISIVE, SETTINGS_FILE, adopt, policy_key, read_result, result_path
 from agents.evaluation.summary import summary
 from agents.evaluation.table import print_tables
 from agents.output_folder import claim_folder
@@ -25,8 +26,12 @@ from labeling.threads import threads_of_children
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
 
-def evaluate(config: EvaluateConfig) -> dict[str, Any]:
+def evaluate(config: EvaluateConfig, played: Path | None = None) -> dict[str, Any]:
     """Evaluates policies; see ``EvaluateConfig``.
+
+    Args:
+        config: the settings.
+        played: for an evaluation without labels: the folder of one with, whose episodes need not be played again.
 
     Returns:
         The content of ``evaluation.json``.
@@ -41,6 +46,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         if config.labels:
             settings["views"] = list(VIEW_COUNTS)
         claim_folder(config.out, SETTINGS_FILE, settings, BEFORE)
+        if played is not None and not config.labels:
+            adopt(played, config.out)
         spawns = [
             spawn_of(player.scenes, seed, episode) for seed in range(config.seeds) for episode in range(config.episodes)
         ]

@@ -7,8 +7,9 @@ from typing import Any
 
 from agents.policies.registry import checkpoint_of
 from labeling.errors import UsageError
+from labeling.files import write_json
 
-SETTINGS_FILE = "settings.json"
+SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
 DECISIVE = ("env", "split", "detector", "labels", "size")
 """Settings that decide what an episode's result is."""
 BEFORE = {"views": [5, 10, 15, 20, 25]}
@@ -34,7 +35,21 @@ def policy_key(policy: str, env_id: str) -> str:
 
 def result_path(out: Path, key: str, seed: int, episode: int) -> Path:
     """Where the result of an episode lies."""
-    return out / "episodes" / key / f"seed{seed}-{episode:04d}.json"
+    return out / EPISODES_FOLDER / key / f"seed{seed}-{episode:04d}.json"
+
+
+def adopt(played: Path, out: Path) -> None:
+    """Takes over episodes that were played for their labels: what a policy earns is the same with labels and without.
+
+    Args:
+        played: folder of an evaluation with labels, of the same env, split and detector.
+        out: folder of one without; what it has already stays.
+    """
+    for path in sorted((played / EPISODES_FOLDER).rglob("*.json")):
+        target = out / path.relative_to(played)
+        if not target.is_file():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            write_json(target, {name: value for name, value in read_result(path).items() if name != "label_quality"})
 
 
 def read_result(path: Path) -> dict[str, Any]:

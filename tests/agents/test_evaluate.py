@@ -67,6 +67,13 @@ def test_validation_scenes_are_used_unless_others_are_asked_for(evaluated, tmp_p
     assert {one["scene"] for one in results(tmp_path / "train", "spin")} == set(BoxRooms().scenes("train"))
 
 
+def test_episodes_played_for_their_labels_need_not_be_played_again(evaluated, tmp_path, monkeypatch):
+    evaluate(config(tmp_path / "afresh"))
+    monkeypatch.setattr(Player, "play", None)
+    evaluate(config(tmp_path / "adopted"), played=evaluated)
+    assert contents(tmp_path / "adopted") == contents(tmp_path / "afresh")
+
+
 def test_spawns_depend_on_seed_and_number_alone_and_take_scenes_in_turn():
     scenes = ("a", "b", "c")
     for seed in range(3):
