@@ -140,8 +140,7 @@ class SeenFloor:
 
     def _pass_by(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> None:
         """Counts the floor around the robot's feet, which its camera cannot show, as seen."""
-        near = np.linalg.norm(self._centres_m - place_m, axis=1) < radius_m
-        rows, columns = self._cells[near].T
+        rows, columns = self.cells_near(place_m, radius_m).T
         self._seen_at[rows, columns] = self.num_views
 
 
