@@ -8,7 +8,6 @@ from experiments.provenance import versions
 from experiments.stages import Scale, Workplace, code_digest, digest
 
 RECORDING_CODE = ("agents.recorder", "sbm_gym.fixation_env", "sbm_gym.registration")
-POLICY = "ring"
 
 
 @dataclass(frozen=True)
@@ -23,6 +22,8 @@ class Pool:
     seed: int = 0
     detector: str = "simulated"
     """Whose detections guide the agent and are recorded: "simulated", or a name that labeling.detectors knows."""
+    policy: str = "ring"
+    """Who moves."""
 
 
 def pools(scale: Scale) -> tuple[Pool, ...]:
@@ -49,10 +50,23 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
         SbmError: if the world cannot be built.
     """
     from agents.collect import CollectConfig
+    from agents.evaluation.store import policy_key
     from agents.recorder import collect
 
-    settings = {"env": pool.env, "split": pool.split, "seed": pool.seed, "policy": POLICY, "detector": pool.detector}
-    depends_on = [settings, versions(), code_digest(*RECORDING_CODE), detector_digest(pool.detector)]
+    settings = {
+        "env": pool.env,
+        "split": pool.split,
+        "seed": pool.seed,
+        "policy": pool.policy,
+        "detector": pool.detector,
+    }
+    mover = policy_key(pool.policy, pool.env)
+    depends_on = [
+        {**settings, "policy": mover},
+        versions(),
+        code_digest(*RECORDING_CODE),
+        detector_digest(pool.detector),
+    ]
     name = f"{pool.name}-{digest(*depends_on)}"
     return collect(CollectConfig(out=workplace.cache / "episodes" / name, episodes=pool.episodes, **settings))
 
@@ -75,4 +89,4 @@ def about(pool: Pool, folders: list[Path]) -> dict[str, Any]:
     import json
 
     scenes = [json.loads((folder / "episode.json").read_text())["scene"] for folder in folders]
-    return {**asdict(pool), "policy": POLICY, "views_per_episode": 25, "scenes": scenes}
+    return {**asdict(pool), "views_per_episode": 25, "scenes": scenes}

@@ -1,135 +1,78 @@
-"""Policies against each other in both worlds, with a real detector in the loop: what they earn and bring home."""
+"""What a detector learns from the labels of each policy: as many episodes of each, the same training for all."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from experiments.stages import Scale, Workplace, code_digest, digest
+from experiments.stages import Workplace
 
-DESCRIPTION = "what policies earn, and how good the labels of their views are, on validation scenes with compact"
-DETECTOR = "compact"
-SPLIT = "val"
-WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
-POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
+if TYPE_CHECKING:
+    from labeling.detectors.pictures import AnnotatedPicture
+
+DESCRIPTION = "compact fine-tuned on the labels of each policy's views of training scenes, tried on validation scenes"
+POLICIES = ("ring", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
-LABELLED = ("ring", "next_best_view", "ppo")
-"""Whose views labels are made of, which takes several times as long as the views do."""
-PLAYING_CODE = (
-    "agents.evaluation.episodes",
-    "agents.evaluation.label_quality",
-    "agents.environments",
-    "agents.policies.registry",
-    "sbm_gym.fixation_env",
-    "sbm_gym.registration",
-)
-"""What the result of an episode depends on; how results are summed up and drawn is not among it."""
-
-
-@dataclass(frozen=True)
-class Size:
-    """How much of everything a scale has."""
-
-    episodes: int
-    """Of each world, policy and seed."""
-    labelled: int
-    """Labels are made of so many of them, the first."""
-    picture_px: int | None = None
-    """Height of the pictures that labels are made on; None is the world's own."""
-
-
-SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(20, 6), "full": Size(50, 50)}
 
 
 def run(workplace: Workplace) -> dict[str, Any]:
-    """Plays what has not been played, and sums up.
+    """Records, labels, trains and scores; episodes, settings and validation pictures are those of ``fine_tuning``.
 
     Returns:
-        For each world: settings and figures of all policies, who is left out and why, where trained weights come from.
-
-    Raises:
-        SbmError: if a world cannot be built, or a trained policy is not for this version of it.
+        For each world: the episodes, how good the labels are, the detector before, and every run by policy and seed.
     """
-    worlds = {world: _one_world(env_id, workplace) for world, env_id in WORLDS.items()}
-    protocols = [world.pop("protocol") for world in worlds.values()]
-    return {"compared_with": POLICIES[0], "worlds": worlds, "protocol": protocols[0]}
-
-
-def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
-    from agents.evaluate import EvaluateConfig
-    from agents.evaluation.run import evaluate
+    from experiments.fine_tuning import DETECTOR, SIZES, replayed_photographs
 
     size = SIZES[workplace.scale]
-    policies, left_out = present(env_id)
-    config = EvaluateConfig(
-        policies=policies,
-        env=env_id,
-        split=SPLIT,
-        episodes=size.episodes,
-        seeds=len(workplace.seeds),
-        detector=DETECTOR,
-        labels=False,
-        workers=workplace.workers,
-        out=played_folder("policies", env_id, SPLIT, DETECTOR, None, workplace),
-    )
-    with_labels = replace(
-        config,
-        policies=tuple(policy for policy in policies if policy in LABELLED),
-        episodes=size.labelled,
-        labels=True,
-        size=size.picture_px,
-        out=played_folder("policies_labelled", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
-    )
-    labelled = evaluate(with_labels)
-    content = evaluate(config, played=with_labels.out)
-    for policy, found in labelled["policies"].items():
-        content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
+    photographs = replayed_photographs(size.photographs, workplace)
     return {
-        "settings": content["settings"],
-        "labelled": {"episodes": size.labelled, "picture_px": size.picture_px},
-        "left_out": left_out,
-        "trained": {policy: _trained(policy, env_id) for policy in policies if policy.partition(":")[0] == "ppo"},
-        "policies": content["policies"],
-        "protocol": labelled["protocol"],
+        "compared_with": POLICIES[0],
+        "detector": DETECTOR,
+        "settings": {
+            "train": asdict(size.train),
+            "augment": {world: asdict(size.augment[world]) for world in size.episodes},
+            "photographs": size.photographs,
+        },
+        "worlds": {world: _one_world(world, photographs, workplace) for world in size.episodes},
     }
 
 
-def present(env_id: str) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The policies that there are for an env, and why there is none of the others."""
-    from agents.policies.registry import checkpoint_of
-    from labeling.errors import UsageError
+def _one_world(world: str, photographs: "Sequence[Sequence[AnnotatedPicture]]", workplace: Workplace) -> dict[str, Any]:
+    from experiments.detector_stages import detector_scores, label, label_scores, taught
+    from experiments.episode_pool import Pool, about, record
+    from experiments.fine_tuning import DETECTOR, SIZES, WORLDS
+    from experiments.policy_evaluation import present, trained
+    from labeling.detectors.pictures import read_pictures
 
-    there, left_out = [], {}
-    for policy in POLICIES:
-        try:
-            checkpoint_of(policy, env_id)
-        except UsageError as error:
-            left_out[policy] = str(error)
-        else:
-            there.append(policy)
-    return tuple(there), left_out
-
-
-def played_folder(
-    experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, workplace: Workplace
-) -> Path:
-    """Where results of episodes are kept: another folder whenever something changes that decides them."""
-    from experiments.episode_pool import detector_digest
-    from experiments.provenance import versions
-
-    settings = [env_id, split, detector, picture_px]
-    name = digest(settings, versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
-    return workplace.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
-
-
-def _trained(policy: str, env_id: str) -> dict[str, Any]:
-    """Where the weights of a trained policy come from."""
-    from agents.evaluation.store import policy_key
-    from agents.policies.registry import checkpoint_of
-    from experiments.trained_policies import origin_of
-
-    checkpoint = checkpoint_of(policy, env_id)
-    assert checkpoint is not None
-    return {"checkpoint": policy_key(policy, env_id), **origin_of(checkpoint)}
+    size, env_id = SIZES[workplace.scale], WORLDS[world]
+    learn, choose, val = size.episodes[world]
+    policies, left_out = present(env_id, POLICIES)
+    val_pool = Pool(f"{world}_val", env_id, "val", val, 0, DETECTOR)
+    val_folders = record(val_pool, workplace)
+    replay, held_out = photographs
+    sets = {"validation": read_pictures(val_folders[0].parent), "photographs": held_out}
+    pools, labels, runs = {"val": about(val_pool, val_folders)}, [], []
+    for policy in policies:
+        folders: dict[str, list[Path]] = {}
+        for seed, (name, count) in enumerate((("learn", learn), ("choose", choose))):
+            pool = Pool(f"{world}_{name}", env_id, "train", count, seed, DETECTOR, policy)
+            folders[name] = record(pool, workplace)
+            pools[f"{policy}_{name}"] = about(pool, folders[name])
+        for seed in workplace.seeds:
+            made = {name: label(found, seed, workplace) for name, found in folders.items()}
+            labels.append({"policy": policy, "seed": seed, **label_scores(made["learn"])})
+            out = taught(
+                DETECTOR, made["learn"], made["choose"], replay, size.train, size.augment[world], seed, workplace
+            )
+            runs.append({"policy": policy, "seed": seed, **detector_scores(str(out), sets, workplace)})
+    return {
+        "pools": pools,
+        "left_out": left_out,
+        "trained": trained(policies, env_id),
+        "labels": labels,
+        "before": detector_scores(DETECTOR, sets, workplace),
+        "runs": runs,
+    }
 
 
 def report(results: Path, docs: Path) -> list[Path]:

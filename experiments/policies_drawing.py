@@ -67,7 +67,7 @@ def draw_labels(worlds: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Draws how good labels are against views spent, a row for each world; bands are one standard deviation over seeds.
 
     Args:
-        worlds: of ``policies.json``.
+        worlds: of ``policy_evaluation.json``.
         path: PNG to write.
     """
     columns = len(LABEL_PANELS)

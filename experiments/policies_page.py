@@ -10,7 +10,8 @@ from labeling.cli import run_command
 from labeling.errors import SbmError
 
 PAGE, PICTURES = "policies-results.md", "pictures"
-EVALUATION, ABLATION = "policies.json", "reward_ablation.json"
+EVALUATION, ABLATION = "policy_evaluation.json", "reward_ablation.json"
+TEACHING = "policies.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 LEARNING_PICTURE, LABELS_PICTURE = "policies_learning.png", "policies_labels.png"
 ABLATION_PICTURE = "policies_rewards.png"
@@ -40,7 +41,8 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     """Writes the page and the pictures that are drawn from figures.
 
     Args:
-        results: folder with some of ``policies.json``, ``reward_ablation.json`` and ``policy_training_*.json``.
+        results: folder with some of ``policy_evaluation.json``, ``policies.json``, ``reward_ablation.json``,
+            ``policy_training_*.json`` and ``policy_pictures_*.json``.
         docs: folder for the page.
 
     Returns:
@@ -78,6 +80,7 @@ class Figures:
     """Contents of the files of figures; None or empty where there is none."""
 
     evaluation: dict[str, Any] | None
+    teaching: dict[str, Any] | None
     ablation: dict[str, Any] | None
     training: dict[str, dict[str, Any]]
     """By env without namespace."""
@@ -100,10 +103,11 @@ def read_figures(results: Path) -> Figures:
         first = len(pattern.partition("*")[0])
         return {path.stem[first:]: dict(read_json(path).mapping()) for path in sorted(results.glob(pattern))}
 
-    found = Figures(one(EVALUATION), one(ABLATION), several(TRAINING), several(WAYS))
-    if found == Figures(None, None, {}, {}):
+    found = Figures(one(EVALUATION), one(TEACHING), one(ABLATION), several(TRAINING), several(WAYS))
+    if found == Figures(None, None, None, {}, {}):
         raise SbmError(
-            f"{results}: no {EVALUATION}, {ABLATION} or {TRAINING}; python -m experiments.run policies makes the first"
+            f"{results}: no {EVALUATION}, {TEACHING}, {ABLATION} or {TRAINING}; python -m experiments.run "
+            "policy_evaluation makes the first"
         )
     return found
 
@@ -119,9 +123,14 @@ def page(figures: Figures) -> str:
         "## Against each other",
     ]
     if figures.evaluation is None:
-        parts.append(_missing("No comparison", "python -m experiments.run policies"))
+        parts.append(_missing("No comparison", "python -m experiments.run policy_evaluation"))
     else:
         parts += sections.evaluation(figures.evaluation, f"{PICTURES}/{LABELS_PICTURE}")
+    parts.append("## What detectors learn from their labels")
+    if figures.teaching is None:
+        parts.append(_missing("No detector", "python -m experiments.run policies", "has been taught"))
+    else:
+        parts += sections.teaching(figures.teaching)
     parts.append("## How they look around")
     if figures.ways:
         parts += sections.ways(figures.ways, PICTURES)

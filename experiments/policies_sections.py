@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from experiments.label_report import SCALES
 from labeling.paired import beyond_chance
 
@@ -36,7 +38,7 @@ def evaluation(content: Mapping[str, Any], picture: str) -> list[str]:
     """What policies earn and what labels they bring home, world by world.
 
     Args:
-        content: of ``policies.json``.
+        content: of ``policy_evaluation.json``.
         picture: its path, from the page.
     """
     base = content["compared_with"]
@@ -143,6 +145,70 @@ def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
     if low is None:
         return f"{mean}"
     return f"{f'**{mean}**' if beyond_chance(dict(difference)) else mean} [{low}, {high}]"
+
+
+# What detectors learn ------------------------------------------------------------------------------------------------
+
+
+def teaching(content: Mapping[str, Any]) -> list[str]:
+    """What a detector learns from the labels of each policy.
+
+    Args:
+        content: of ``policies.json``.
+    """
+    seeds = len(content["seeds"])
+    parts = [
+        f"`{content['detector']}` fine-tuned on the labels of as many episodes of each policy in training scenes, and "
+        "tried on validation scenes and on photographs held out. Scale "
+        f"`{content['scale']}` ({SCALES[content['scale']]}). Mean{_spread_words(seeds, 'seeds')} of label generation "
+        "and training. **Bold**: better, or worse, than after the labels of "
+        f"`{content['compared_with']}` with every seed, of three or more."
+    ]
+    for name, world in content["worlds"].items():
+        learn = {policy: world["pools"][f"{policy}_learn"] for policy in _taught_by(world)}
+        first = next(iter(learn.values()))
+        about = f"{first['episodes']} {_plural('episode', first['episodes'])} of each policy to learn from."
+        left_out = " ".join(f"`{policy}` is left out: {why}." for policy, why in world["left_out"].items())
+        parts += [f"### {name.capitalize()}: detectors", f"{about} {left_out}".strip(), _teaching_table(content, world)]
+    return parts
+
+
+def _taught_by(world: Mapping[str, Any]) -> list[str]:
+    return list(dict.fromkeys(one["policy"] for one in world["runs"]))
+
+
+def _teaching_table(content: Mapping[str, Any], world: Mapping[str, Any]) -> str:
+    """Rows: the detector before, and after the labels of each policy."""
+    headings = ("labels AP50", "AP50", "AP30", "AP50 on photographs")
+    before = world["before"]
+    cells = [before["validation"]["mask_ap50"], before["validation"]["mask_ap30"], before["photographs"]["mask_ap50"]]
+    lines = [
+        f"| | {' | '.join(headings)} |",
+        "|---" * (len(headings) + 1) + "|",
+        f"| before | - | {' | '.join(f'{POINTS * one:.1f}' for one in cells)} |",
+    ]
+    columns = {policy: _teaching_figures(world, policy) for policy in _taught_by(world)}
+    base = columns[content["compared_with"]]
+    for policy, found in columns.items():
+        row = [_over_seeds(ours, theirs) for ours, theirs in zip(found, base, strict=True)]
+        lines.append(f"| after labels of `{policy}` | {' | '.join(row)} |")
+    return "\n".join(lines)
+
+
+def _teaching_figures(world: Mapping[str, Any], policy: str) -> list[list[float]]:
+    """One list over seeds for each column, in points."""
+    labels = [one["pseudo_labels"]["mask_ap50"] for one in world["labels"] if one["policy"] == policy]
+    runs = [one for one in world["runs"] if one["policy"] == policy]
+    parts = (("validation", "mask_ap50"), ("validation", "mask_ap30"), ("photographs", "mask_ap50"))
+    columns = [labels, *([run[part][figure] for run in runs] for part, figure in parts)]
+    return [[POINTS * value for value in column] for column in columns]
+
+
+def _over_seeds(ours: Sequence[float], base: Sequence[float]) -> str:
+    mean = f"{np.mean(ours):.1f}"
+    if len(ours) >= 3 and abs(sum(np.sign(np.subtract(ours, base)))) == len(ours):
+        mean = f"**{mean}**"
+    return mean if len(ours) == 1 else f"{mean} ± {np.std(ours, ddof=1):.1f}"
 
 
 # Pictures of episodes ------------------------------------------------------------------------------------------------

@@ -151,7 +151,7 @@ def _measured(runs: dict[Reward, list[Path]], workplace: Workplace) -> dict[str,
     """Plays the last policies of all runs, and hand-written ones, from the same starts."""
     from agents.evaluate import EvaluateConfig
     from agents.evaluation.run import evaluate
-    from experiments.policies import played_folder
+    from experiments.policy_evaluation import played_folder
 
     config = EvaluateConfig(
         policies=(*(_policy(folder) for folders in runs.values() for folder in folders), *REFERENCES),

@@ -18,6 +18,7 @@ EXPERIMENTS = {
     "label_ablation": "experiments.label_ablation",
     "label_modes": "experiments.label_modes",
     "fine_tuning": "experiments.fine_tuning",
+    "policy_evaluation": "experiments.policy_evaluation",
     "policies": "experiments.policies",
     "reward_ablation": "experiments.reward_ablation",
 }

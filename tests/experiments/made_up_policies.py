@@ -17,7 +17,7 @@ def figure(numbers: Iterator[int], sure: bool, first: bool) -> dict[str, Any]:
 
 
 def evaluation(scale: str = "quick") -> dict[str, Any]:
-    """As ``policies.json``, without a trained policy in streets."""
+    """As ``policy_evaluation.json``, without a trained policy in streets."""
     numbers = itertools.count(101)
     worlds = {}
     for world, policies in (("rooms", ("ring", "random", "ppo", "spin")), ("streets", ("ring", "random"))):
@@ -49,6 +49,35 @@ def evaluation(scale: str = "quick") -> dict[str, Any]:
             "policies": found,
         }
     return {"scale": scale, "seeds": [0, 1], "compared_with": "ring", "worlds": worlds}
+
+
+def teaching() -> dict[str, Any]:
+    """As ``policies.json``: in rooms every seed learns more from the second policy, in streets only some do."""
+    gains = {"rooms": (0.05, 0.01, 0.02), "streets": (0.05, -0.01, 0.02)}
+    worlds = {}
+    for place, (world, more) in enumerate(gains.items()):
+        base = 0.3 + place / 10
+
+        def scores(ap50: float) -> dict[str, Any]:
+            part = {"mask_ap50": ap50, "mask_ap30": ap50 + 0.1}
+            return {"validation": part, "photographs": {"mask_ap50": ap50 + 0.2, "mask_ap30": ap50 + 0.3}}
+
+        worlds[world] = {
+            "pools": {f"{policy}_learn": {"episodes": 20} for policy in ("ring", "ppo")},
+            "left_out": {},
+            "labels": [
+                {"policy": policy, "seed": seed, "pseudo_labels": {"mask_ap50": base + 0.2 + seed / 100}}
+                for policy in ("ring", "ppo")
+                for seed in range(3)
+            ],
+            "before": scores(base - 0.05),
+            "runs": [
+                {"policy": policy, "seed": seed, **scores(base + seed / 100 + (more[seed] if policy == "ppo" else 0))}
+                for policy in ("ring", "ppo")
+                for seed in range(3)
+            ],
+        }
+    return {"scale": "quick", "seeds": [0, 1, 2], "compared_with": "ring", "detector": "compact", "worlds": worlds}
 
 
 def ablation() -> dict[str, Any]:

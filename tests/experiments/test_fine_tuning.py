@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import experiments.episode_pool
-from experiments import fine_tuning
+from experiments import fine_tuning, policies
 from experiments.fine_tuning import SIZES, Size
 from experiments.fine_tuning_page import gap_closed
 from experiments.run import main
@@ -71,6 +71,26 @@ def test_the_experiment_runs_resumes_and_reports(
     monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
     assert run() == 0
     assert json.loads(written.read_text()) == content
+    capsys.readouterr()
+
+
+def test_every_policy_teaches_from_as_many_episodes_of_its_own(
+    small: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(policies, "POLICIES", ("ring", "random"))
+    places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
+    assert main(["policies", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
+    room = json.loads((tmp_path / "results" / "policies.json").read_text())["worlds"]["rooms"]
+    assert [(one["policy"], one["seed"]) for one in room["runs"]] == [
+        (policy, seed) for policy in ("ring", "random") for seed in (0, 1)
+    ]
+    asked = {(pool.policy, pool.name): pool for pool in small if pool.name != "photographs"}
+    assert set(asked) == {
+        ("ring", "rooms_val"),
+        *((policy, f"rooms_{part}") for policy in ("ring", "random") for part in ("learn", "choose")),
+    }
+    assert asked["ring", "rooms_learn"] == replace(asked["random", "rooms_learn"], policy="ring")
+    assert "after labels of `random`" in (tmp_path / "docs" / "policies-results.md").read_text()
     capsys.readouterr()
 
 

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments.policies_page import PAGE, main, page, read_figures, write_page
@@ -15,7 +16,8 @@ from . import made_up_policies as made_up
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS, DOCS = ROOT / "experiments" / "results", ROOT / "docs"
 FILES = {
-    "policies.json": made_up.evaluation,
+    "policy_evaluation.json": made_up.evaluation,
+    "policies.json": made_up.teaching,
     "reward_ablation.json": made_up.ablation,
     "policy_training_Some-v0.json": made_up.training,
     "policy_pictures_Some-v0.json": made_up.ways,
@@ -31,7 +33,7 @@ def write(folder: Path, *names: str) -> Path:
 def tables(text: str, section: str) -> list[dict[str, dict[str, str]]]:
     """The tables of a section: row -> heading -> cell."""
     part = re.split(r"^##+ ", text, flags=re.MULTILINE)
-    (body,) = [one for one in part if one.startswith(section)]
+    (body,) = [one for one in part if one.partition("\n")[0] == section]
     found = []
     for block in body.split("\n\n"):
         if not block.startswith("|"):
@@ -83,7 +85,7 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
     assert row["`ring`"] == "4.44"
     assert row["episodes"] == "17"
     content = made_up.ablation()
-    (table,) = tables(text, "What each half")
+    (table,) = tables(text, "What each half of the reward teaches")
     assert len(table) == 4 + 1 + 2
     rows = {**{f"`{reward}`": found for reward, found in content["rewards"].items()}}
     rows["nothing (untrained; validation episodes)"] = content["untrained"]
@@ -92,6 +94,19 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
             assert table[name][heading] == f"{figure['mean']:.2f} ± {figure['std']:.2f}"
     for policy, figures in content["references"].items():
         assert {heading: f"{value:.2f}" for heading, value in figures.items()} == table[f"(`{policy}`)"]
+
+
+def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> None:
+    content, text = made_up.teaching(), page(read_figures(write(tmp_path)))
+    for name, world in content["worlds"].items():
+        (table,) = tables(text, f"{name.capitalize()}: detectors")
+        assert table["before"]["AP50"] == f"{100 * world['before']['validation']['mask_ap50']:.1f}"
+        for policy in ("ring", "ppo"):
+            runs = [one for one in world["runs"] if one["policy"] == policy]
+            values = [100 * one["validation"]["mask_ap50"] for one in runs]
+            bold = "**" if policy == "ppo" and name == "rooms" else ""
+            mean, std = np.mean(values), np.std(values, ddof=1)
+            assert table[f"after labels of `{policy}`"]["AP50"] == f"{bold}{mean:.1f}{bold} ± {std:.1f}"
 
 
 def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:
@@ -104,9 +119,16 @@ def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("there", "missing"),
     [
-        ("policies.json", ["policy_pictures", "ship_policy RUN", "run reward_ablation"]),
-        ("reward_ablation.json", ["run policies", "policy_pictures", "ship_policy RUN"]),
-        ("policy_training_Some-v0.json", ["run policies", "policy_pictures", "run reward_ablation"]),
+        ("policy_evaluation.json", ["run policies", "policy_pictures", "ship_policy RUN", "run reward_ablation"]),
+        (
+            "policies.json",
+            ["run policy_evaluation", "policy_pictures", "ship_policy RUN", "run reward_ablation"],
+        ),
+        ("reward_ablation.json", ["run policy_evaluation", "run policies", "policy_pictures", "ship_policy RUN"]),
+        (
+            "policy_training_Some-v0.json",
+            ["run policy_evaluation", "run policies", "policy_pictures", "run reward_ablation"],
+        ),
     ],
 )
 def test_what_is_missing_is_one_sentence_with_its_command(there: str, missing: list[str], tmp_path: Path) -> None:
@@ -115,7 +137,7 @@ def test_what_is_missing_is_one_sentence_with_its_command(there: str, missing: l
 
 
 def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SbmError, match="run policies"):
+    with pytest.raises(SbmError, match="run policy_evaluation"):
         read_figures(tmp_path)
     assert main(["--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1

@@ -8,7 +8,7 @@ import pytest
 
 from agents.evaluation.run import Player
 from agents.evaluation.store import read_result
-from experiments import policies, reward_ablation
+from experiments import policy_evaluation, reward_ablation
 from experiments.run import main
 from experiments.trained_policies import training_command
 from labeling.paired import paired_difference
@@ -24,12 +24,12 @@ def run(name: str, folder: Path, seeds: int = 1) -> int:
 def test_policies_are_compared_and_results_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(policies, "WORLDS", {"boxes": ENV_ID})
-    monkeypatch.setattr(policies, "DETECTOR", "simulated")
-    monkeypatch.setattr(policies, "POLICIES", ("ring", "random", "spin", "ppo"))
-    monkeypatch.setattr(policies, "LABELLED", ("ring", "random", "ppo"))
-    assert run("policies", tmp_path) == 0
-    content = json.loads((tmp_path / "results" / "policies.json").read_text())
+    monkeypatch.setattr(policy_evaluation, "WORLDS", {"boxes": ENV_ID})
+    monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
+    monkeypatch.setattr(policy_evaluation, "POLICIES", ("ring", "random", "spin", "ppo"))
+    monkeypatch.setattr(policy_evaluation, "LABELLED", ("ring", "random", "ppo"))
+    assert run("policy_evaluation", tmp_path) == 0
+    content = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
     boxes = content["worlds"]["boxes"]
     assert boxes["settings"]["split"] == "val"
     assert boxes["settings"]["scenes"] == ["box_3"]
@@ -38,7 +38,7 @@ def test_policies_are_compared_and_results_kept(
     assert "no trained policy" in boxes["left_out"]["ppo"]
     assert boxes["trained"] == {}
     assert list(boxes["policies"]["ring"]["labels"]) == ["5", "10", "12", "15", "20", "25"]
-    (file,) = (tmp_path / "cache" / "policies").rglob("random/*.json")
+    (file,) = (tmp_path / "cache" / "policy_evaluation").rglob("random/*.json")
     figures = boxes["policies"]["random"]["figures"]
     for name, value in read_result(file)["figures"].items():
         assert figures[name]["mean"] == pytest.approx(value, abs=1e-4)
@@ -50,8 +50,8 @@ def test_policies_are_compared_and_results_kept(
     page = (tmp_path / "docs" / "policies-results.md").read_text()
     assert "`ppo` is left out" in page
     monkeypatch.setattr(Player, "play", None)  # a second run has nothing left to do
-    assert run("policies", tmp_path) == 0
-    again = json.loads((tmp_path / "results" / "policies.json").read_text())
+    assert run("policy_evaluation", tmp_path) == 0
+    again = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
     assert again["worlds"] == content["worlds"]
     capsys.readouterr()
 
@@ -101,7 +101,7 @@ def test_rewards_are_compared_by_the_last_policies(
 def test_longer_runs_are_other_runs(tmp_path: Path) -> None:
     sizes = [reward_ablation.SIZES[scale].steps for scale in ("smoke", "quick", "full")]
     assert len(set(sizes)) == 3
-    assert policies.SPLIT == reward_ablation.SPLIT == "val"
+    assert policy_evaluation.SPLIT == reward_ablation.SPLIT == "val"
 
 
 def test_commands_name_what_differs_from_the_defaults() -> None:
