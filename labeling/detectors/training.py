@@ -33,6 +33,8 @@ class Scores:
     box_ap50: float | None
     box_ap30: float | None
     per_class_ap50: dict[str, float | None]
+    """Of masks, as ``per_class_ap30``."""
+    per_class_ap30: dict[str, float | None]
     pictures: int
     objects: int
 
@@ -128,6 +130,7 @@ def evaluate(
         box_ap50=boxes.mean[0.5],
         box_ap30=boxes.mean[0.3],
         per_class_ap50={name: ap[0.5] for name, ap in masks.per_class.items()},
+        per_class_ap30={name: ap[0.3] for name, ap in masks.per_class.items()},
         pictures=len(pictures),
         objects=sum(not truth.ignore for truth in truths),
     )
