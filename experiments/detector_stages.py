@@ -6,31 +6,44 @@ from pathlib import Path
 from typing import Any
 
 from experiments.stages import Workplace, code_digest, digest
-from labeling.detectors.pictures import AnnotatedPicture, read_pictures
+from labeling.detectors.pictures import AnnotatedPicture
 from labeling.detectors.train_config import AugmentConfig, TrainConfig
+from labeling.label_config import LabelConfig
+from labeling.source_config import SourceConfig
 
 LABEL_CODE = ("labeling.generate",)
 TRAIN_CODE = ("labeling.detectors.training_run", "labeling.detectors.network", "labeling.detectors.pictures")
 SCORE_CODE = ("labeling.detectors.training", "labeling.detectors.network_detector", "labeling.detectors.pictures")
 
 
-def label(episodes: Sequence[Path], seed: int, workplace: Workplace) -> Path:
-    """Labels episodes with the default settings.
+def label(
+    episodes: Sequence[Path],
+    seed: int,
+    workplace: Workplace,
+    settings: LabelConfig | None = None,
+    sources: SourceConfig | None = None,
+) -> Path:
+    """Labels episodes.
 
     Args:
         episodes: all folders of one dataset.
         seed: of the label generator.
         workplace: where to keep the label set.
+        settings: of label generation; None takes the defaults. Their seed is replaced.
+        sources: where the masks come from that labels are made of; by default the detections of the episodes.
 
     Returns:
         The folder of the label set.
     """
     from labeling import generate
-    from labeling.label_config import LabelConfig
+    from labeling.label_sources import identity
 
+    config = replace(settings or LabelConfig(), seed=seed)
+    sources = sources or SourceConfig()
     dataset = episodes[0].parent
-    out = workplace.cache / "labels" / digest(dataset.name, len(episodes), seed, code_digest(*LABEL_CODE))
-    generate.run(generate.GenerateConfig(dataset=dataset, out=out, label=LabelConfig(seed=seed)))
+    inputs = [dataset.name, len(episodes), asdict(config), identity(sources)]
+    out = workplace.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
+    generate.run(generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources))
     return out
 
 
@@ -45,40 +58,49 @@ def label_scores(labels: Path) -> dict[str, Any]:
 
 def taught(
     detector: str,
-    learn: Path,
-    choose: Path,
+    learn: Sequence[AnnotatedPicture],
+    choose: Sequence[AnnotatedPicture],
     replay: Sequence[AnnotatedPicture],
     train_config: TrainConfig,
     augmentation: AugmentConfig,
     seed: int,
     workplace: Workplace,
+    title: str,
+    new_categories: Sequence[str] = (),
 ) -> Path:
     """Fine-tunes a detector, as ``labeling.finetune`` does.
 
     Args:
         detector: where to start.
-        learn: label set or episodes with ground truth.
-        choose: likewise; the network that does best on it is kept.
+        learn: annotated pictures.
+        choose: likewise; the network that does best on them is kept.
         replay: source pictures to mix in.
         train_config: settings; their seed is replaced.
         augmentation: settings.
         seed: of training.
         workplace: where to keep the run.
+        title: what is learnt from, for the records.
+        new_categories: that it is to learn beside those it knows.
 
     Returns:
         The folder of the run, which is a detector by that name.
     """
+    import torch
+
+    from labeling.detectors.network import with_categories
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.training_run import train
 
     config = replace(train_config, seed=seed)
     network, weights = load_named_network(detector)
-    pictures, validation = read_pictures(learn), read_pictures(choose)
-    inputs = [weights, _content(pictures), _content(validation), len(replay), asdict(config), asdict(augmentation)]
-    out = workplace.cache / "detectors" / digest(*inputs, code_digest(*TRAIN_CODE))
-    print(f"training on {learn.name}, seed {seed}: {out}", flush=True)
-    about = {"started_from": detector, "started_from_digest": weights, "labels": str(learn)}
-    train(network, out, pictures, validation, config, augmentation, replay, choose_device(), about)
+    if new_categories:
+        torch.manual_seed(seed)
+        network = with_categories(network, (*network.spec.categories, *new_categories))
+    inputs = [weights, _content(learn), _content(choose), len(replay), asdict(config), asdict(augmentation)]
+    out = workplace.cache / "detectors" / digest(*inputs, list(new_categories), code_digest(*TRAIN_CODE))
+    print(f"training on {title}, seed {seed}: {out}", flush=True)
+    about = {"started_from": detector, "started_from_digest": weights, "labels": title}
+    train(network, out, learn, choose, config, augmentation, replay, choose_device(), about)
     return out
 
 

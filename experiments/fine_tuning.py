@@ -110,8 +110,17 @@ def _one_world(
         labels.append({"seed": seed, **label_scores(made["learn"])})
         for teacher in TEACHERS:
             source = made if teacher == "labels" else {name: folders[name][0].parent for name in made}
+            pictures = {name: read_pictures(place) for name, place in source.items()}
             out = taught(
-                DETECTOR, source["learn"], source["choose"], replay, size.train, size.augment[world], seed, workplace
+                DETECTOR,
+                pictures["learn"],
+                pictures["choose"],
+                replay,
+                size.train,
+                size.augment[world],
+                seed,
+                workplace,
+                f"{teacher} of {world}",
             )
             runs.append({"teacher": teacher, "seed": seed, **detector_scores(str(out), sets, workplace)})
     return {

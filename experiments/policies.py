@@ -62,7 +62,15 @@ def _one_world(world: str, photographs: "Sequence[Sequence[AnnotatedPicture]]", 
             made = {name: label(found, seed, workplace) for name, found in folders.items()}
             labels.append({"policy": policy, "seed": seed, **label_scores(made["learn"])})
             out = taught(
-                DETECTOR, made["learn"], made["choose"], replay, size.train, size.augment[world], seed, workplace
+                DETECTOR,
+                read_pictures(made["learn"]),
+                read_pictures(made["choose"]),
+                replay,
+                size.train,
+                size.augment[world],
+                seed,
+                workplace,
+                f"labels of {policy} in {world}",
             )
             runs.append({"policy": policy, "seed": seed, **detector_scores(str(out), sets, workplace)})
     return {

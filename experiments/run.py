@@ -5,8 +5,7 @@ import sys
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -14,6 +13,7 @@ from experiments.stages import Scale, Workplace
 from labeling.cli import run_command
 from labeling.errors import UsageError
 
+TABLES = ("5_1", "5_2", "5_3", "5_4", "a_1", "a_2", "a_3")
 EXPERIMENTS = {
     "label_ablation": "experiments.label_ablation",
     "label_modes": "experiments.label_modes",
@@ -21,9 +21,11 @@ EXPERIMENTS = {
     "policy_evaluation": "experiments.policy_evaluation",
     "policies": "experiments.policies",
     "reward_ablation": "experiments.reward_ablation",
+    **{f"table_{number}": f"experiments.thesis_tables:table_{number}" for number in TABLES},
 }
-"""Modules by the name of the experiment. Each has a ``DESCRIPTION``, a function ``run(workplace)`` that returns what is
-to be kept of it as JSON, and a function ``report(results, docs)`` that writes the page about it."""
+"""Modules by the name of the experiment, or ``module:object``. Each has a ``DESCRIPTION``, a function
+``run(workplace)`` that returns what is to be kept of it as JSON, and a function ``report(results, docs)`` that writes
+the page about it."""
 
 
 @dataclass(frozen=True)
@@ -60,20 +62,25 @@ def run(config: RunConfig) -> None:
     """
     if config.name == "list":
         for name, module in EXPERIMENTS.items():
-            print(f"{name:16} {import_module(module).DESCRIPTION}")
+            print(f"{name:18} {_find(module).DESCRIPTION}")
         return
     if config.name not in EXPERIMENTS:
         raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(EXPERIMENTS)}")
     if config.seeds < 1 or config.workers < 0:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
-    module = import_module(EXPERIMENTS[config.name])
+    experiment = _find(EXPERIMENTS[config.name])
     if not config.report:
-        _run_one(module, config)
-    for path in module.report(config.results, config.docs):
+        _run_one(experiment, config)
+    for path in experiment.report(config.results, config.docs):
         print(path)
 
 
-def _run_one(module: ModuleType, config: RunConfig) -> None:
+def _find(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name) if name else import_module(module)
+
+
+def _run_one(experiment: Any, config: RunConfig) -> None:
     from experiments.provenance import provenance
     from labeling.files import write_json
 
@@ -83,11 +90,11 @@ def _run_one(module: ModuleType, config: RunConfig) -> None:
         workers=config.workers or len(os.sched_getaffinity(0)),
         cache=config.cache,
     )
-    found = module.run(workplace)
+    found = experiment.run(workplace)
     path = config.results / f"{config.name}.json"
     content = {
         "experiment": config.name,
-        "description": module.DESCRIPTION,
+        "description": experiment.DESCRIPTION,
         "scale": config.scale,
         "seeds": list(workplace.seeds),
         **provenance(),

@@ -6,49 +6,15 @@ from pathlib import Path
 
 import pytest
 
-import experiments.episode_pool
-from experiments import fine_tuning, policies
-from experiments.fine_tuning import SIZES, Size
+from experiments import policies
+from experiments.fine_tuning import SIZES
 from experiments.fine_tuning_page import gap_closed
 from experiments.run import main
 from labeling.detectors import training_run
-from labeling.detectors.pictures import read_pictures
-from labeling.detectors.train_config import AugmentConfig, TrainConfig
-from labeling.episodes import write_episode
-
-from ..labeling.synthetic_room import make_episode
-
-
-@pytest.fixture
-def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
-    """Tiny rooms in place of recorded ones and of photographs; returns the pools that were asked for."""
-    asked: list = []
-
-    def record(pool, workplace):
-        asked.append(pool)
-        folder = tmp_path / "episodes" / pool.name / "0000"
-        if not folder.exists():
-            room = make_episode(len(pool.name) + pool.seed, 3, (64, 64), num_objects=3, confident_share=2.0)
-            write_episode(folder, replace(room, name=folder.name, metadata={"scene": "room/0"}))
-        return [folder]
-
-    def photographs(counts, workplace):
-        pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, workplace)[0])
-        return pictures, pictures[:1]
-
-    train = TrainConfig(iterations=2, validate_every=1, warmup=1)
-    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
-    monkeypatch.setitem(SIZES, "smoke", size)
-    monkeypatch.setattr(experiments.episode_pool, "record", record)
-    monkeypatch.setattr(fine_tuning, "replayed_photographs", photographs)
-    return asked
-
-
-POOL = experiments.episode_pool.Pool("photographs", "none", "train", 1)
 
 
 def test_the_experiment_runs_resumes_and_reports(
-    small: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def run() -> int:
         places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
@@ -60,7 +26,7 @@ def test_the_experiment_runs_resumes_and_reports(
     room = content["worlds"]["rooms"]
     assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [("labels", 0), ("truth", 0)]
     assert set(room["before"]) == {"validation", "photographs"}
-    pools = {pool.name: pool for pool in small if pool.name.startswith("rooms")}
+    pools = {pool.name: pool for pool in small_rooms if pool.name.startswith("rooms")}
     assert {pool.split for pool in pools.values()} == {"train", "val"}
     assert {pool.detector for pool in pools.values()} == {"compact"}
     assert (pools["rooms_learn"].split, pools["rooms_choose"].split) == ("train", "train")
@@ -75,7 +41,7 @@ def test_the_experiment_runs_resumes_and_reports(
 
 
 def test_every_policy_teaches_from_as_many_episodes_of_its_own(
-    small: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(policies, "POLICIES", ("ring", "random"))
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
@@ -84,7 +50,7 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     assert [(one["policy"], one["seed"]) for one in room["runs"]] == [
         (policy, seed) for policy in ("ring", "random") for seed in (0, 1)
     ]
-    asked = {(pool.policy, pool.name): pool for pool in small if pool.name != "photographs"}
+    asked = {(pool.policy, pool.name): pool for pool in small_rooms if pool.name != "photographs"}
     assert set(asked) == {
         ("ring", "rooms_val"),
         *((policy, f"rooms_{part}") for policy in ("ring", "random") for part in ("learn", "choose")),

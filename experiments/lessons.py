@@ -1,0 +1,232 @@
+"""What the tables of the thesis share: the episodes of a world, labels of them, and detectors taught with these.
+
+Each is made when it is first asked for and kept in the cache, so that tables share what they have in common.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from experiments import fine_tuning
+from experiments.fine_tuning import DETECTOR, SIZES, WORLDS
+from experiments.stages import Workplace
+from labeling.label_config import LabelConfig
+from labeling.presets import PRESETS
+from labeling.source_config import SourceConfig
+
+if TYPE_CHECKING:
+    from labeling.detectors.pictures import AnnotatedPicture
+
+Part = Literal["learn", "choose", "test"]
+SPLITS: dict[Part, Literal["train", "test"]] = {"learn": "train", "choose": "train", "test": "test"}
+"""To learn from, to choose the best network by, to report on. Labels of test scenes teach nobody."""
+POOL_SEEDS: dict[Part, int] = {"learn": 0, "choose": 1, "test": 0}
+NOVEL = ("cushion", "nightstand", "shelf", "beanbag")
+"""Categories that no photograph has taught. Source: thesis A.6."""
+STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
+"""The thesis' own label settings for streets. Source: field notes."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A way to make labels."""
+
+    settings: LabelConfig = field(default_factory=LabelConfig)
+    weak: bool = False
+    """From one true mask per object, instead of confident detections."""
+
+
+KINDS: dict[str, Kind] = {
+    "sbm": Kind(),
+    "weak": Kind(weak=True),
+    "consistent": Kind(LabelConfig(consistency=True)),
+    "paper": Kind(PRESETS["paper"]),
+    "released": Kind(PRESETS["released"]),
+}
+TRUTH, ANNOTATED = "truth", "annotated views"
+TEACHERS = (*KINDS, TRUTH, ANNOTATED)
+"""What a detector may learn from: labels of a kind; ground truth; or only the masks that weak labels are made from."""
+
+
+class Lessons:
+    """One world."""
+
+    def __init__(self, world: str, workplace: Workplace) -> None:
+        """Makes nothing yet.
+
+        Args:
+            world: one of ``fine_tuning.WORLDS``.
+            workplace: scale, and where everything is kept.
+        """
+        self.world, self._workplace = world, workplace
+        self._size = SIZES[workplace.scale]
+        self._photographs: tuple[list[AnnotatedPicture], list[AnnotatedPicture]] | None = None
+
+    def episodes(self, part: Part) -> list[Path]:
+        """Folders of recorded episodes."""
+        from experiments.episode_pool import record
+
+        return record(self._pool(part), self._workplace)
+
+    def about(self, part: Part) -> dict[str, Any]:
+        """What a reader of figures wants to know about them."""
+        from experiments.episode_pool import about
+
+        return about(self._pool(part), self.episodes(part))
+
+    def settings(self) -> dict[str, Any]:
+        """Of training."""
+        size = self._size
+        return {
+            "detector": DETECTOR,
+            "train": asdict(size.train),
+            "augment": asdict(size.augment[self.world]),
+            "photographs": size.photographs,
+        }
+
+    def labels(self, part: Part, kind: str, seed: int, detector: str | None = None) -> Path:
+        """A label set.
+
+        Args:
+            part: of which episodes.
+            kind: one of ``KINDS``.
+            seed: of the label generator.
+            detector: whose detections it is made from; None takes those recorded with the episodes.
+        """
+        from experiments.detector_stages import label
+
+        made = KINDS[kind]
+        settings = replace(made.settings, **STREETS) if self._is_thesis_in_streets(made) else made.settings
+        sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
+        return label(self.episodes(part), seed, self._workplace, settings, sources)
+
+    def detector(self, teacher: str | None, seed: int, new_categories: Sequence[str] = ()) -> str:
+        """The name of a detector.
+
+        Args:
+            teacher: one of ``TEACHERS``; None for the one that nothing here has taught.
+            seed: of labels and training.
+            new_categories: taught beside those it knows.
+        """
+        from experiments.detector_stages import taught
+
+        if teacher is None:
+            return DETECTOR
+        out = taught(
+            DETECTOR,
+            self.lesson("learn", teacher, seed),
+            self.lesson("choose", teacher, seed),
+            self.photographs()[0],
+            self._size.train,
+            self._size.augment[self.world],
+            seed,
+            self._workplace,
+            f"{teacher} of {self.world}",
+            new_categories,
+        )
+        return str(out)
+
+    def lesson(self, part: Part, teacher: str, seed: int) -> "list[AnnotatedPicture]":
+        """Annotated pictures to learn from, or to choose a network by.
+
+        Raises:
+            ValueError: for episodes of test scenes.
+        """
+        from labeling.detectors.pictures import read_pictures
+
+        if SPLITS[part] != "train":
+            raise ValueError(f"{part} episodes teach nobody")
+        if teacher == TRUTH:
+            return self.pictures(part)
+        if teacher == ANNOTATED:
+            return annotated_views(self.episodes(part), seed)
+        return read_pictures(self.labels(part, teacher, seed))
+
+    def pictures(self, part: Part) -> "list[AnnotatedPicture]":
+        """The views of episodes with their ground truth."""
+        from labeling.detectors.pictures import read_pictures
+
+        return read_pictures(self.episodes(part)[0].parent)
+
+    def photographs(self) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture]]":
+        """Those that the detector was pre-trained on, and those held out."""
+        if self._photographs is None:
+            self._photographs = fine_tuning.replayed_photographs(self._size.photographs, self._workplace)
+        return self._photographs
+
+    def label_figures(self, part: Part, kind: str, seed: int, detector: str | None = None) -> dict[str, Any]:
+        """How good labels are: AP of masks and boxes, over all categories and of each."""
+        from labeling.evaluation import evaluate_label_set
+
+        metrics = evaluate_label_set(self.labels(part, kind, seed, detector)).metrics["pseudo_labels"]
+        of_each = metrics["per_class"]
+        return {
+            **{name: metrics[name] for name in ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30")},
+            **{
+                f"per_class_{figure}": {name: found[f"mask_{figure}"] for name, found in of_each.items()}
+                for figure in ("ap50", "ap30")
+            },
+            "instances": {name: found["ground_truth_instances"] for name, found in of_each.items()},
+        }
+
+    def detector_figures(self, part: Part, detector: str) -> dict[str, Any]:
+        """How good a detector is on the views of episodes, and on the photographs held out."""
+        from collections import Counter
+
+        from experiments.detector_stages import detector_scores
+
+        pictures = self.pictures(part)
+        found = detector_scores(detector, {"views": pictures, "photographs": self.photographs()[1]}, self._workplace)
+        counts = Counter(one.category for picture in pictures for one in picture.annotations if not one.ignore)
+        views = found["views"]
+        return {
+            **{name: value for name, value in views.items() if name not in ("pictures", "objects")},
+            "instances": {name: counts[name] for name in views["per_class_ap50"]},
+            "photographs_ap50": found["photographs"]["mask_ap50"],
+        }
+
+    def _pool(self, part: Part) -> Any:
+        from experiments.episode_pool import Pool
+
+        count = self._size.episodes[self.world][("learn", "choose", "test").index(part)]
+        name = f"{self.world}_{part}"
+        return Pool(name, WORLDS[self.world], SPLITS[part], count, POOL_SEEDS[part], DETECTOR)
+
+    def _is_thesis_in_streets(self, kind: Kind) -> bool:
+        return self.world == "streets" and not kind.settings.fuse_views
+
+
+def annotated_views(episodes: Sequence[Path], seed: int) -> "list[AnnotatedPicture]":
+    """Only what a person has drawn for weak labels: one true mask of each object.
+
+    Args:
+        episodes: with ground truth.
+        seed: of the label generator, which chooses the views.
+
+    Returns:
+        The views in which something was drawn. What else they show is marked as region to ignore: nobody has drawn it
+        there.
+    """
+    from labeling.detectors.pictures import AnnotatedPicture, Annotation
+    from labeling.episodes import read_episode
+    from labeling.instances import encode_mask
+    from labeling.weak import one_view_per_object
+
+    found = []
+    for folder in episodes:
+        episode = read_episode(folder)
+        truths = episode.ground_truth or ()
+        drawn = one_view_per_object(truths, episode.depth_m, LabelConfig().min_mask_px, seed, episode.name)
+        for view in sorted({one.view_index for one in drawn}):
+            masks = [one for one in drawn if one.view_index == view]
+            known = [Annotation(one.category, encode_mask(one.mask)) for one in masks]
+            rest = [
+                Annotation(one.category, encode_mask(one.modal), ignore=True)
+                for one in truths
+                if one.view_index == view and not any(np.array_equal(one.modal, mask.mask) for mask in masks)
+            ]
+            found.append(AnnotatedPicture(folder / episode.file_names[view], episode.size, (*known, *rest)))
+    return found

@@ -1,0 +1,49 @@
+"""Pictures of the page of results."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib import pyplot as plt
+
+from experiments.results_page import values
+
+matplotlib.use("Agg")
+
+COLOURS = ("#8a94a0", "#137a3e", "#2f5fb3", "#c26a12", "#7a3e9d", "#b3372f")
+
+
+def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path: Path) -> None:
+    """AP50 of all categories and of each, one bar for each row, with a dot for each seed.
+
+    Args:
+        content: of a table's result.
+        categories: to draw.
+        path: PNG to write.
+    """
+    groups = [None, *categories]
+    figure, axes = plt.subplots(figsize=(max(7.0, 1.2 * len(groups)), 3.4), dpi=110, layout="constrained")
+    width = 0.8 / len(content["rows"])
+    for number, row in enumerate(content["rows"]):
+        places = np.arange(len(groups)) + (number - (len(content["rows"]) - 1) / 2) * width
+        found = [values(row, "ap50", category) for category in groups]
+        axes.bar(
+            places,
+            [np.mean(one) if one else 0.0 for one in found],
+            width,
+            color=COLOURS[number % len(COLOURS)],
+            label=row["name"],
+        )
+        for place, one in zip(places, found, strict=True):
+            axes.plot([place] * len(one), one, ".", color="black", markersize=2.5)
+    axes.set_xticks(range(len(groups)), ["all", *categories])
+    axes.set_ylabel("AP50")
+    axes.set_ylim(0, 100)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(
+        fontsize=8, frameon=False, ncols=min(3, len(content["rows"])), loc="upper center", bbox_to_anchor=(0.5, 1.25)
+    )
+    figure.savefig(path, format="png")
+    plt.close(figure)

@@ -1,0 +1,233 @@
+"""The page of the thesis' tables in our worlds: ``python -m experiments.results_page``."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.label_report import SCALES
+from experiments.thesis_figures import MEANS, of_category
+from labeling.cli import run_command
+from labeling.errors import SbmError
+
+PAGE, PICTURES = "results.md", "pictures"
+TITLES = {
+    "table_5_1": "Table 5.1: streets",
+    "table_5_2": "Table 5.2: labels in rooms",
+    "table_5_3": "Table 5.3: detectors in unseen rooms",
+    "table_5_4": "Table 5.4: labels of the fine-tuned detector",
+    "table_a_1": "Table A.1: the consistency filter",
+    "table_a_2": "Table A.2: labels of novel categories",
+    "table_a_3": "Table A.3: detectors of novel categories",
+}
+FEW_INSTANCES = 10
+"""Figures of a category with fewer instances say little. Source: thesis 5.1."""
+FIGURES = {"ap50": "AP50", "ap30": "AP30"}
+SEEN_ON = {"learn": "training scenes", "choose": "training scenes", "test": "unseen test scenes"}
+INTRODUCTION = (
+    "# The thesis' tables, in our worlds\n\n"
+    "Written by `python -m experiments.results_page` from `experiments/results/`; do not edit by hand. "
+    "`python -m experiments.run NAME --scale quick --seeds 3` makes a table anew; `run list` names them all.\n\n"
+    "AP of masks in points, ranked by confidence, mean over categories; ± is the standard deviation over seeds of "
+    "label generation and training. Beside each figure stands the thesis' own: its worlds, its detector and its way of "
+    "reckoning AP are others, so differences and shares of gaps compare, figures do not. Nobody has learnt from test "
+    "scenes, nor from labels of them."
+)
+
+
+@dataclass(frozen=True)
+class PageConfig:
+    """Writes docs/results.md and its pictures anew, from the figures that are there."""
+
+    results: Path = Path("experiments/results")
+    """Folder with the figures."""
+    docs: Path = Path("docs")
+    """Folder for the page."""
+
+
+def run(config: PageConfig) -> None:
+    """Writes the page.
+
+    Raises:
+        SbmError: if there are no figures at all.
+    """
+    for path in write_page(config.results, config.docs):
+        print(path)
+
+
+def write_page(results: Path, docs: Path) -> list[Path]:
+    """Writes the page and its pictures.
+
+    Args:
+        results: folder with the results of some of the tables.
+        docs: folder for the page.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SbmError: if there are no figures at all.
+    """
+    from experiments.results_drawing import draw_categories
+    from labeling.files import atomic_file
+
+    contents = read_tables(results)
+    written = [docs / PAGE]
+    for name, content in contents.items():
+        picture = docs / PICTURES / picture_name(name)
+        with atomic_file(picture) as temporary:
+            draw_categories(content, categories_of(content), temporary)
+        written.append(picture)
+    with atomic_file(docs / PAGE) as temporary:
+        temporary.write_text(page(contents), encoding="utf-8")
+    return written
+
+
+def read_tables(results: Path) -> dict[str, dict[str, Any]]:
+    """The contents of the files that are there, by table.
+
+    Raises:
+        SbmError: if there are none, or one is damaged.
+    """
+    from labeling.episode_json import read_json
+
+    files = {name: results / f"{name}.json" for name in TITLES}
+    found = {name: dict(read_json(file).mapping()) for name, file in files.items() if file.is_file()}
+    if not found:
+        raise SbmError(f"{results}: no figures of any table; python -m experiments.run table_5_3 makes some")
+    return found
+
+
+def picture_name(table: str) -> str:
+    """File name of a table's picture."""
+    return f"results_{table}.png"
+
+
+def page(contents: Mapping[str, Mapping[str, Any]]) -> str:
+    """The text of the page."""
+    parts = [INTRODUCTION]
+    for name, title in TITLES.items():
+        parts.append(f"## {title}")
+        if name in contents:
+            parts += section(name, contents[name])
+        else:
+            parts.append(f"Has not been run yet; `python -m experiments.run {name}` does it.")
+    return "\n\n".join(parts) + "\n"
+
+
+def section(name: str, content: Mapping[str, Any]) -> list[str]:
+    """One table: what it is about, means, the gap that is closed, and categories."""
+    seeds = len(content["seeds"])
+    about = (
+        f"{content['description'].capitalize()}. Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} "
+        f"{'seed' if seeds == 1 else 'seeds'}; {_episodes(content['pools'])}."
+    )
+    parts = [about, _means_table(name, content)]
+    shares = gap_shares(content)
+    if shares is not None:
+        theirs = thesis_gap_share(name, content)
+        parts.append(
+            f"Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50: "
+            f"**{_spread(shares, 2)}**" + ("." if theirs is None else f" (thesis: {theirs:.2f}).")
+        )
+    categories = categories_of(content)
+    parts += [
+        f"![AP50 of each category]({PICTURES}/{picture_name(name)})",
+        "AP50 by category, with how many instances; in brackets the thesis' figure:",
+        _categories_table(name, content, categories),
+    ]
+    return parts
+
+
+def values(row: Mapping[str, Any], figure: str, category: str | None = None) -> list[float]:
+    """A figure of a row in points, one of each seed; without seeds for which it is undefined.
+
+    Args:
+        row: of a result.
+        figure: "ap50" or "ap30".
+        category: None for the mean over all.
+    """
+    found = [
+        run[f"mask_{figure}"] if category is None else run[f"per_class_{figure}"].get(category) for run in row["runs"]
+    ]
+    return [100.0 * value for value in found if value is not None]
+
+
+def categories_of(content: Mapping[str, Any]) -> list[str]:
+    """Categories of which there is at least one instance somewhere, in alphabetical order."""
+    return sorted({name for row in content["rows"] for name in row["runs"][0]["instances"] if _instances(row, name)})
+
+
+def gap_shares(content: Mapping[str, Any], figure: str = "ap50") -> list[float] | None:
+    """Share of the way from before to the ceiling, by seed; None without a gap, or where a ceiling is none."""
+    if content["gap"] is None:
+        return None
+    rows = {row["name"]: values(row, figure) for row in content["rows"]}
+    before, ours, ceiling = (rows[name] for name in content["gap"])
+    if any(high <= low for low, high in zip(before, ceiling, strict=True)):
+        return None
+    return [(our - low) / (high - low) for low, our, high in zip(before, ours, ceiling, strict=True)]
+
+
+def thesis_gap_share(name: str, content: Mapping[str, Any], figure: str = "ap50") -> float | None:
+    """The same of the thesis' figures."""
+    theirs = MEANS.get(name, {})
+    if content["gap"] is None or not all(row in theirs for row in content["gap"]):
+        return None
+    before, ours, ceiling = (theirs[row][figure] for row in content["gap"])
+    return (ours - before) / (ceiling - before)
+
+
+def _instances(row: Mapping[str, Any], category: str) -> int:
+    return int(row["runs"][0]["instances"].get(category) or 0)
+
+
+def _episodes(pools: Mapping[str, Mapping[str, Any]]) -> str:
+    words = {"learn": "to learn from", "choose": "to choose the best network by", "test": "of unseen scenes to test on"}
+    return ", ".join(f"{pool['episodes']} episodes {words[part]}" for part, pool in pools.items())
+
+
+def _means_table(name: str, content: Mapping[str, Any]) -> str:
+    lines = ["| | on | AP50 | thesis | AP30 | thesis |", "|---|---|---|---|---|---|"]
+    for row in content["rows"]:
+        theirs = MEANS.get(name, {}).get(row["name"], {})
+        cells = []
+        for figure in FIGURES:
+            cells += [_spread(values(row, figure)), f"{theirs[figure]:.1f}" if figure in theirs else "-"]
+        lines.append(f"| {row['name']} | {SEEN_ON[row['part']]} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _categories_table(name: str, content: Mapping[str, Any], categories: Sequence[str]) -> str:
+    counted = {category: [_instances(row, category) for row in content["rows"]] for category in categories}
+    headings = [
+        f"{category} ({'/'.join(str(n) for n in dict.fromkeys(counts))})" for category, counts in counted.items()
+    ]
+    lines = [f"| | {' | '.join(headings)} |", "|---" * (len(categories) + 1) + "|"]
+    for row in content["rows"]:
+        cells = []
+        for category in categories:
+            theirs = of_category(name, row["name"], "ap50", category)
+            ours = _spread(values(row, "ap50", category))
+            cells.append(ours if theirs is None else f"{ours} [{theirs:.1f}]")
+        lines.append(f"| {row['name']} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _spread(found: Sequence[float], digits: int = 1) -> str:
+    if not found:
+        return "-"
+    mean = f"{np.mean(found):.{digits}f}"
+    return mean if len(found) == 1 else f"{mean} ± {np.std(found, ddof=1):.{digits}f}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    return run_command(PageConfig, run, "python -m experiments.results_page", arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

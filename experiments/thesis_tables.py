@@ -1,0 +1,185 @@
+"""The thesis' tables in two dimensions, in our worlds: what each row is, and how its figures come about."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments.lessons import NOVEL, Lessons, Part
+from experiments.stages import Workplace
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method: labels, or a detector."""
+
+    name: str
+    part: Part
+    """The episodes it is scored on."""
+    labels: str | None = None
+    """Kind of labels that are scored; None scores a detector."""
+    teacher: str | None = None
+    """What the detector has learnt from that is scored, or whose detections the labels are made from; None is the
+    pre-trained one."""
+    new_categories: tuple[str, ...] = ()
+    """That this detector was taught beside those it knew."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """An experiment."""
+
+    DESCRIPTION: str
+    world: str
+    rows: tuple[Row, ...]
+    categories: tuple[str, ...] | None = None
+    """Those that count; None are all that the detector knows."""
+    gap: tuple[str, str, str] | None = None
+    """Rows: before, after, and the ceiling; the share of the gap that is closed is told."""
+
+    def run(self, workplace: Workplace) -> dict[str, Any]:
+        """Makes what is missing and scores every row with every seed.
+
+        Returns:
+            The episodes, and by row the figures of each seed.
+
+        Raises:
+            SbmError: if a world cannot be built, or a stage fails.
+        """
+        lessons = Lessons(self.world, workplace)
+        rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
+        for seed, row in _in_turn(workplace.seeds, self.rows):
+            rows[row.name].append({"seed": seed, **self._figures(lessons, row, seed)})
+        parts = dict.fromkeys(part for row in self.rows for part in _parts(row))
+        return {
+            "world": self.world,
+            "gap": self.gap,
+            "pools": {part: lessons.about(part) for part in parts},
+            "settings": lessons.settings(),
+            "rows": [
+                {
+                    "name": row.name,
+                    "part": row.part,
+                    "labels": row.labels,
+                    "teacher": row.teacher,
+                    "runs": rows[row.name],
+                }
+                for row in self.rows
+            ],
+        }
+
+    def report(self, results: Path, docs: Path) -> list[Path]:
+        """Writes the page of all results, and its pictures.
+
+        Returns:
+            The files written.
+        """
+        from experiments.results_page import write_page
+
+        return write_page(results, docs)
+
+    def _figures(self, lessons: Lessons, row: Row, seed: int) -> dict[str, Any]:
+        detector = lessons.detector(row.teacher, seed, row.new_categories)
+        if row.labels is None:
+            found = lessons.detector_figures(row.part, detector)
+        else:
+            found = lessons.label_figures(row.part, row.labels, seed, detector if row.teacher else None)
+        return found if self.categories is None else only(self.categories, found)
+
+
+def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
+    """The figures of some categories: AP of masks of each, and its mean over those that there are."""
+    of_each = {
+        name: {category: figures[name][category] for category in categories if category in figures[name]}
+        for name in ("per_class_ap50", "per_class_ap30", "instances")
+    }
+    means = {}
+    for figure in ("ap50", "ap30"):
+        known = [value for value in of_each[f"per_class_{figure}"].values() if value is not None]
+        means[f"mask_{figure}"] = sum(known) / len(known) if known else None
+    return {**means, **of_each}
+
+
+def _parts(row: Row) -> tuple[Part, ...]:
+    return (row.part,) if row.teacher is None else ("learn", "choose", row.part)
+
+
+def _in_turn(seeds: Sequence[int], rows: Sequence[Row]) -> Iterator[tuple[int, Row]]:
+    """Seed by seed, with a progress bar."""
+    import sys
+
+    from tqdm import tqdm
+
+    every = [(seed, row) for seed in seeds for row in rows]
+    with tqdm(every, desc="rows", unit="row", file=sys.stderr) as bar:
+        for seed, row in bar:
+            bar.set_postfix_str(f"seed {seed}: {row.name}")
+            yield seed, row
+
+
+PRE_TRAINED = Row("pre-trained", "test")
+FINE_TUNED, CEILING = Row("SbM fine-tuned", "test", teacher="sbm"), Row("GT fine-tuned", "test", teacher="truth")
+GAP = (PRE_TRAINED.name, FINE_TUNED.name, CEILING.name)
+
+table_5_1 = Table(
+    "streets: pre-trained, SbM labels, and detectors fine-tuned on these and on ground truth, on unseen towns",
+    "streets",
+    (
+        PRE_TRAINED,
+        Row("pre-trained, training towns", "learn"),
+        Row("SbM labels, training towns", "learn", labels="sbm"),
+        Row("SbM labels, test town", "test", labels="sbm"),
+        FINE_TUNED,
+        CEILING,
+    ),
+    gap=GAP,
+)
+table_5_2 = Table(
+    "rooms: pre-trained, SbM labels and weakly supervised SbM labels, on the views of training scenes",
+    "rooms",
+    (
+        Row("pre-trained", "learn"),
+        Row("SbM labels", "learn", labels="sbm"),
+        Row("SbM-ws labels", "learn", labels="weak"),
+    ),
+)
+table_5_3 = Table(
+    "rooms: pre-trained, SbM fine-tuned and GT fine-tuned, on unseen homes",
+    "rooms",
+    (PRE_TRAINED, FINE_TUNED, CEILING),
+    gap=GAP,
+)
+table_5_4 = Table(
+    "rooms: labels made with the pre-trained and with the fine-tuned detector, on the views of training scenes",
+    "rooms",
+    (
+        Row("SbM labels", "learn", labels="sbm"),
+        Row("SbM labels of the fine-tuned detector", "learn", labels="sbm", teacher="sbm"),
+    ),
+)
+table_a_1 = Table(
+    "rooms: fine-tuned on labels with and without the consistency filter, on unseen homes",
+    "rooms",
+    (
+        PRE_TRAINED,
+        Row("SbM without consistency", "test", teacher="sbm"),
+        Row("SbM with consistency", "test", teacher="consistent"),
+    ),
+)
+table_a_2 = Table(
+    "rooms: weakly supervised SbM labels of categories that no photograph has taught",
+    "rooms",
+    (Row("SbM-ws labels", "learn", labels="weak"),),
+    categories=NOVEL,
+)
+table_a_3 = Table(
+    "rooms: detectors of novel categories, taught by weak labels or by the annotated views alone, on unseen homes",
+    "rooms",
+    (
+        Row("SbM-ws labels", "learn", labels="weak"),
+        Row("SbM trained", "test", teacher="weak", new_categories=NOVEL),
+        Row("trained on the annotated views alone", "test", teacher="annotated views", new_categories=NOVEL),
+        Row("GT trained, all views", "test", teacher="truth", new_categories=NOVEL),
+    ),
+    categories=NOVEL,
+)

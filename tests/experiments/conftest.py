@@ -1,0 +1,43 @@
+"""Tiny rooms to run experiments on."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import experiments.episode_pool
+from experiments import fine_tuning
+from experiments.fine_tuning import SIZES, Size
+from labeling.detectors.pictures import read_pictures
+from labeling.detectors.train_config import AugmentConfig, TrainConfig
+from labeling.episodes import write_episode
+
+from ..labeling.synthetic_room import make_episode
+
+
+@pytest.fixture
+def small_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
+    """Tiny rooms in place of recorded ones and of photographs; returns the pools that were asked for."""
+    asked: list = []
+
+    def record(pool, workplace):
+        asked.append(pool)
+        folder = tmp_path / "episodes" / pool.name / "0000"
+        if not folder.exists():
+            room = make_episode(len(pool.name) + pool.seed, 3, (64, 64), num_objects=3, confident_share=2.0)
+            write_episode(folder, replace(room, name=folder.name, metadata={"scene": "room/0"}))
+        return [folder]
+
+    def photographs(counts, workplace):
+        pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, workplace)[0])
+        return pictures, pictures[:1]
+
+    train = TrainConfig(iterations=2, validate_every=1, warmup=1)
+    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
+    monkeypatch.setitem(SIZES, "smoke", size)
+    monkeypatch.setattr(experiments.episode_pool, "record", record)
+    monkeypatch.setattr(fine_tuning, "replayed_photographs", photographs)
+    return asked
+
+
+POOL = experiments.episode_pool.Pool("photographs", "none", "train", 1)

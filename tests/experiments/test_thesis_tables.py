@@ -1,0 +1,102 @@
+"""The thesis' tables run end to end, learn nothing from test scenes, and share what they have in common."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import thesis_tables
+from experiments.lessons import NOVEL, SPLITS, Lessons, annotated_views
+from experiments.run import EXPERIMENTS, TABLES, main
+from experiments.stages import Workplace
+from experiments.thesis_figures import MEANS
+from experiments.thesis_tables import Table, only
+from labeling.detectors import training_run
+from labeling.episodes import read_episode, write_episode
+from labeling.instances import decode_mask
+
+from ..labeling.synthetic_room import make_episode
+
+ALL = {f"table_{number}": getattr(thesis_tables, f"table_{number}") for number in TABLES}
+
+
+def test_every_table_runs_resumes_and_reports(
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(thesis_tables, "table_5_1", dataclasses.replace(ALL["table_5_1"], world="rooms"))
+    places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
+    contents = {}
+    for name, table in ALL.items():
+        assert main([name, "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
+        contents[name] = json.loads((tmp_path / "results" / f"{name}.json").read_text())
+        assert [row["name"] for row in contents[name]["rows"]] == [row.name for row in table.rows]
+    taught = {pool.split for pool in small_rooms if pool.name in ("rooms_learn", "rooms_choose")}
+    assert taught == {"train"}
+    assert {pool.split for pool in small_rooms if pool.name == "rooms_test"} == {"test"}
+    # What two tables have in common is the same in both.
+    rows = {name: {row["name"]: row["runs"] for row in content["rows"]} for name, content in contents.items()}
+    assert rows["table_5_3"]["pre-trained"] == rows["table_a_1"]["pre-trained"]
+    assert rows["table_5_3"]["SbM fine-tuned"] == rows["table_a_1"]["SbM without consistency"]
+    assert rows["table_5_2"]["SbM labels"] == rows["table_5_4"]["SbM labels"]
+    page = (tmp_path / "docs" / "results.md").read_text()
+    assert "Has not been run yet" not in page
+    monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
+    assert main(["table_5_3", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
+    again = json.loads((tmp_path / "results" / "table_5_3.json").read_text())
+    assert again["rows"] == contents["table_5_3"]["rows"]
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_only_training_scenes_teach(name: str) -> None:
+    table: Table = ALL[name]
+    names = [row.name for row in table.rows]
+    assert len(set(names)) == len(names)
+    assert table.gap is None or set(table.gap) <= set(names)
+    assert EXPERIMENTS[name] == f"experiments.thesis_tables:{name}"
+    assert set(MEANS[name]) <= set(names), "the thesis' figures stand beside rows that there are"
+
+
+def test_labels_of_test_scenes_are_refused_as_a_lesson(tmp_path: Path) -> None:
+    lessons = Lessons("rooms", Workplace("smoke", (0,), 1, tmp_path))
+    assert SPLITS["test"] == "test"
+    with pytest.raises(ValueError, match="teach nobody"):
+        lessons.lesson("test", "sbm", 0)
+
+
+def test_annotated_views_show_each_object_once_and_say_nothing_of_the_rest(tmp_path: Path) -> None:
+    room = make_episode(4, 6, (64, 64), num_objects=5)
+    write_episode(tmp_path / "0000", dataclasses.replace(room, name="0000"))
+    truths = read_episode(tmp_path / "0000").ground_truth or ()
+    large = {one.instance_id for one in truths if not one.ignore and one.modal.sum() >= 32}
+    for seed in range(3):
+        pictures = annotated_views([tmp_path / "0000"], seed)
+        known, places = [], set()
+        for picture in pictures:
+            view = int(picture.file.stem)
+            there = [one for one in truths if one.view_index == view]
+            assert len(picture.annotations) == len(there)
+            for one in picture.annotations:
+                (truth,) = [t for t in there if np.array_equal(t.modal, decode_mask(one.rle))]
+                assert one.category == truth.category
+                if not one.ignore:
+                    known.append(truth.instance_id)
+                    places.add(view)
+        assert sorted(known) == sorted(large)
+        assert len(places) == len(pictures)
+
+
+def test_means_are_over_the_categories_that_count() -> None:
+    figures = {
+        "mask_ap50": 0.9,
+        "per_class_ap50": {"cushion": 0.2, "shelf": 0.4, "chair": 1.0, "beanbag": None},
+        "per_class_ap30": {"cushion": 0.3, "shelf": 0.5, "chair": 1.0, "beanbag": None},
+        "instances": {"cushion": 3, "shelf": 4, "chair": 5, "beanbag": 0},
+    }
+    found = only(NOVEL, figures)
+    assert found["mask_ap50"] == pytest.approx(0.3)
+    assert found["mask_ap30"] == pytest.approx(0.4)
+    assert set(found["instances"]) == {"cushion", "shelf", "beanbag"}
+    assert only(("plant",), figures)["mask_ap50"] is None
