@@ -258,10 +258,10 @@ def training(contents: Mapping[str, Mapping[str, Any]], picture: str) -> list[st
         "Return on validation scenes during training, and of the rollouts on training scenes; dashed: hand-written "
         "policies on the same validation episodes, with the same detector.",
         f"![Return against steps]({picture})",
-        "| | steps | validation return before | best, at step | "
+        "| | steps | validation return before | best, at step | shipped, at step | "
         + " | ".join(f"`{name}`" for name in _references(contents))
         + " | episodes | detector |",
-        "|---" * (6 + len(_references(contents))) + "|",
+        "|---" * (7 + len(_references(contents))) + "|",
     ]
     rows = [_training_row(env, content, _references(contents)) for env, content in contents.items()]
     table = "\n".join([*parts[2:], *rows])
@@ -280,6 +280,7 @@ def _training_row(env: str, content: Mapping[str, Any], references: Sequence[str
         f"{content['validations'][-1]['at']:.0f}",
         f"{first['return']:.2f}" if first["at"] == 0 else "-",
         f"{best['return']:.2f}, {best['at']:.0f}",
+        f"{content['checkpoint']['steps']}",
         *("-" if figures is None else f"{figures['return']:.2f}" for figures in known),
         str(settings["eval_episodes"]),
         f"`{settings['detector']}`",

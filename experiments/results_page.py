@@ -121,8 +121,9 @@ def page(contents: Mapping[str, Mapping[str, Any]]) -> str:
 def section(name: str, content: Mapping[str, Any]) -> list[str]:
     """One table: what it is about, means, the gap that is closed, and categories."""
     seeds = len(content["seeds"])
+    description = content["description"][0].upper() + content["description"][1:]
     about = (
-        f"{content['description'].capitalize()}. Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} "
+        f"{description}. Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} "
         f"{'seed' if seeds == 1 else 'seeds'}; {_episodes(content['pools'])}."
     )
     parts = [about, _means_table(name, content)]
@@ -187,7 +188,8 @@ def _instances(row: Mapping[str, Any], category: str) -> int:
 
 def _episodes(pools: Mapping[str, Mapping[str, Any]]) -> str:
     words = {"learn": "to learn from", "choose": "to choose the best network by", "test": "of unseen scenes to test on"}
-    return ", ".join(f"{pool['episodes']} episodes {words[part]}" for part, pool in pools.items())
+    counts = [(pool["episodes"], words[part]) for part, pool in pools.items()]
+    return ", ".join(f"{count} {'episode' if count == 1 else 'episodes'} {purpose}" for count, purpose in counts)
 
 
 def _means_table(name: str, content: Mapping[str, Any]) -> str:

@@ -7,10 +7,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
+from agents.ppo.files import BEST, POLICY_FILE, STATE_FILE
 from labeling.cli import run_command
 from labeling.errors import UsageError
 
@@ -28,7 +29,7 @@ Point = TypeVar("Point")
 
 @dataclass(frozen=True)
 class ShipConfig:
-    """Copies RUN/best to where the policy ``ppo`` is read from, and keeps how it was trained.
+    """Copies a checkpoint of RUN to where the policy ``ppo`` is read from, and keeps how it was trained.
 
     Plays the validation episodes of the run once more with ``ring``, so that the learning curve has something to be
     compared with.
@@ -36,6 +37,9 @@ class ShipConfig:
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
     """Folder of a run of agents.train."""
+    checkpoint: Literal["best", "last"] = "best"
+    """The one that did best on validation scenes, or the latest: where training has not helped, the best is the
+    untrained network."""
     weights: Path = Path("agents/weights")
     """Folder for the policies that come with the project."""
     results: Path = Path("experiments/results")
@@ -48,14 +52,13 @@ def run(config: ShipConfig) -> None:
     Raises:
         SbmError: if there is no checkpoint in the folder, or it is damaged or too large.
     """
-    from agents.ppo.files import BEST
     from experiments.trained_policies import origin_of
     from labeling.files import atomic_folder, write_json
 
-    best = config.run / BEST
-    files = checkpoint_files(config.run)
-    origin = origin_of(best)
-    name = _env_name(origin, best)
+    folder = config.run / config.checkpoint
+    files = checkpoint_files(config.run, config.checkpoint)
+    origin = origin_of(folder)
+    name = _env_name(origin, folder)
     record = training_record(config.run, origin, files)
     with atomic_folder(config.weights / name) as temporary:
         for file in files:
@@ -64,28 +67,29 @@ def run(config: ShipConfig) -> None:
     print(f"{config.weights / name}\n{config.results / RECORD.format(name)}")
 
 
-def checkpoint_files(folder: Path) -> list[Path]:
-    """The files of the best checkpoint of a run.
+def checkpoint_files(run_folder: Path, checkpoint: str = BEST) -> list[Path]:
+    """The files of a checkpoint of a run.
 
     Raises:
         SbmError: if there is none, or it is damaged, or it is too large to ship.
     """
     from agents.ppo.checkpoint import read_policy
-    from agents.ppo.files import BEST, POLICY_FILE
 
-    best = folder / BEST
-    if not (best / POLICY_FILE).is_file():
-        raise UsageError(f"{folder}: has no {BEST}/{POLICY_FILE}; give the folder of a run of agents.train")
-    files = sorted(best.iterdir())
+    folder = run_folder / checkpoint
+    if not (folder / POLICY_FILE).is_file():
+        raise UsageError(f"{run_folder}: has no {checkpoint}/{POLICY_FILE}; give the folder of a run of agents.train")
+    files = sorted(path for path in folder.iterdir() if path.name != STATE_FILE)
     strange = [file.name for file in files if file.suffix not in SUFFIXES or not file.is_file()]
     if strange:
-        raise UsageError(f"{best}: holds {strange[0]}, which is no part of a checkpoint; it holds safetensors and JSON")
+        raise UsageError(
+            f"{folder}: holds {strange[0]}, which is no part of a checkpoint; it holds safetensors and JSON"
+        )
     megabytes = sum(file.stat().st_size for file in files) / 1e6
     if megabytes > MAX_MB:
         raise UsageError(
-            f"{best}: has {megabytes:.1f} MB, and at most {MAX_MB} MB are shipped; train a smaller network"
+            f"{folder}: has {megabytes:.1f} MB, and at most {MAX_MB} MB are shipped; train a smaller network"
         )
-    read_policy(best)
+    read_policy(folder)
     return files
 
 
@@ -94,7 +98,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
 
     Args:
         folder: of the run.
-        origin: of its best checkpoint.
+        origin: of the checkpoint that is shipped.
         files: of this checkpoint.
 
     Raises:

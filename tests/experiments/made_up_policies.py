@@ -109,6 +109,7 @@ def training() -> dict[str, Any]:
         "command": "python -m agents.train --env x",
         "settings": {"eval_episodes": 17, "detector": "simulated"},
         "best": validations[1],
+        "checkpoint": {"steps": 777},
         "validations": validations,
         "rollouts": [{"at": 100.0 * step, "return": 0.1 * step} for step in range(1, 11)],
         "references": {"ring": {"return": 4.44}},

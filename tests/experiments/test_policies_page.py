@@ -82,6 +82,7 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
     assert row["steps"] == "1000"
     assert row["validation return before"] == "1.11"
     assert row["best, at step"] == "3.33, 500"
+    assert row["shipped, at step"] == "777"
     assert row["`ring`"] == "4.44"
     assert row["episodes"] == "17"
     content = made_up.ablation()

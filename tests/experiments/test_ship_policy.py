@@ -48,8 +48,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def ship(run: Path, folder: Path) -> int:
-    return main([str(run), "--weights", str(folder / "weights"), "--results", str(folder / "results")])
+def ship(run: Path, folder: Path, *more: str) -> int:
+    return main([str(run), "--weights", str(folder / "weights"), "--results", str(folder / "results"), *more])
 
 
 def test_the_best_policy_is_shipped_and_acts_like_it(
@@ -83,6 +83,16 @@ def test_the_record_tells_how_the_run_went(trained: Path, tmp_path: Path) -> Non
     assert record["settings"]["seed"] == 3
     assert f"--env {SHORT_ENV_ID} --steps 30 --seed 3" in record["command"]
     assert str(trained) not in json.dumps(record)
+
+
+def test_the_latest_policy_is_shipped_without_what_only_training_needs(trained: Path, tmp_path: Path) -> None:
+    assert ship(trained, tmp_path, "--checkpoint", "last") == 0
+    record = json.loads((tmp_path / "results" / f"policy_training_{NAME}.json").read_text())
+    assert record["checkpoint"]["steps"] == json.loads((trained / "last" / "policy.json").read_text())["steps"]
+    names = {path.name for path in (tmp_path / "weights" / NAME).iterdir()}
+    assert "training.pt" in {path.name for path in (trained / "last").iterdir()} - names
+    weights = [folder / "policy.safetensors" for folder in (trained / "last", tmp_path / "weights" / NAME)]
+    assert weights[0].read_bytes() == weights[1].read_bytes()
 
 
 def test_shipping_again_replaces_what_was_there(trained: Path, tmp_path: Path) -> None:
