@@ -21,6 +21,7 @@ EXPERIMENTS = {
     "policy_evaluation": "experiments.policy_evaluation",
     "policies": "experiments.policies",
     "reward_ablation": "experiments.reward_ablation",
+    "never_ending": "experiments.never_ending",
     **{f"table_{number}": f"experiments.thesis_tables:table_{number}" for number in TABLES},
 }
 """Modules by the name of the experiment, or ``module:object``. Each has a ``DESCRIPTION``, a function

@@ -1,0 +1,206 @@
+"""The never-ending loop: look around with the detector there is, label, learn, and look around again with the new one.
+
+Every round's episodes begin elsewhere. A round learns from its own labels and from those of all rounds before, with
+source photographs mixed in, so that nothing is forgotten. No round knows ground truth: it is for the figures alone.
+The loop stops itself when labels collapse, which it tells from the labels, too.
+"""
+
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments import fine_tuning
+from experiments.lessons import Lessons
+from experiments.stages import Scale, Workplace
+
+if TYPE_CHECKING:
+    from labeling.detectors.pictures import AnnotatedPicture
+
+DESCRIPTION = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
+WORLD = "rooms"
+POLICY = "ppo"
+"""Who moves: the trained policy that comes with the project."""
+FIRST_POOL_SEED = 1000
+"""Seeds of the episodes of rounds count up from here, apart from those of all other experiments."""
+FEWER = 0.5
+"""Labels per view that fall below this share of what earlier rounds had at best are a collapse."""
+LESS_SURE = 0.15
+"""So is a mean confidence of labels that falls by this below the best of earlier rounds."""
+ONE_SIDED = 0.8
+"""So is a category that has at least this share of all labels, and had not in the first round."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of everything a scale has."""
+
+    rounds: int
+    learn: int
+    """Episodes of a round to learn from."""
+    choose: int
+    """And to choose the best network by."""
+    iterations: int
+    """Batches of training in a round."""
+
+
+SIZES: dict[Scale, Size] = {"smoke": Size(2, 1, 1, 2), "quick": Size(5, 10, 3, 60), "full": Size(10, 40, 8, 1000)}
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What a robot itself can tell about its labels."""
+
+    labels_per_view: float
+    confidence: float
+    """Mean over labels."""
+    shares: dict[str, float]
+    """Of each category among the labels."""
+
+
+def run(workplace: Workplace) -> dict[str, Any]:
+    """Goes through the rounds of every seed; what was done before is not done again.
+
+    Returns:
+        By seed: every round's figures, and why the loop stopped, if it did.
+    """
+    size, lessons = SIZES[workplace.scale], Lessons(WORLD, workplace)
+    return {
+        "world": WORLD,
+        "policy": POLICY,
+        "size": asdict(size),
+        "settings": lessons.settings(),
+        "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
+        "test": lessons.about("test"),
+        "before": lessons.detector_figures("test", fine_tuning.DETECTOR),
+        "loops": [_loop(seed, size, lessons, workplace) for seed in workplace.seeds],
+    }
+
+
+def _loop(seed: int, size: Size, lessons: Lessons, workplace: Workplace) -> dict[str, Any]:
+    """All rounds of a seed."""
+    import sys
+
+    from tqdm import tqdm
+
+    detector, learnt, signs = fine_tuning.DETECTOR, [], []
+    rounds: list[dict[str, Any]] = []
+    stopped: str | None = None
+    for number in tqdm(range(1, size.rounds + 1), desc=f"seed {seed}", unit="round", file=sys.stderr):
+        found = _Round(number, seed, detector, size, workplace)
+        record: dict[str, Any] = {"round": number, "labels": found.figures()}
+        signs.append(found.signs())
+        record["signs"] = asdict(signs[-1])
+        rounds.append(record)
+        stopped = collapse(signs)
+        if stopped is not None:
+            break
+        learnt += found.lesson("learn")
+        detector = found.teach(learnt, lessons)
+        record["test"] = lessons.detector_figures("test", detector)
+    return {"seed": seed, "rounds": rounds, "stopped": stopped}
+
+
+class _Round:
+    """One round."""
+
+    def __init__(self, number: int, seed: int, detector: str, size: Size, workplace: Workplace) -> None:
+        """Collects and labels."""
+        from experiments.detector_stages import label
+        from experiments.episode_pool import Pool, record
+
+        self._number, self._seed, self._detector = number, seed, detector
+        self._size, self._workplace = size, workplace
+        self._labels: dict[str, Path] = {}
+        for place, (part, count) in enumerate((("learn", size.learn), ("choose", size.choose))):
+            pool_seed = FIRST_POOL_SEED + 1000 * seed + 2 * number + place
+            env = fine_tuning.WORLDS[WORLD]
+            pool = Pool(f"{WORLD}_round_{part}", env, "train", count, pool_seed, detector, POLICY)
+            self._labels[part] = label(record(pool, workplace), seed, workplace)
+
+    def figures(self) -> dict[str, Any]:
+        """How good the labels are, and the detector they are made with, on the same views."""
+        from experiments.detector_stages import label_scores
+
+        return label_scores(self._labels["learn"])
+
+    def signs(self) -> Signs:
+        """What can be told without ground truth."""
+        return signs_of(self.lesson("learn"))
+
+    def lesson(self, part: str) -> "list[AnnotatedPicture]":
+        """The labels."""
+        from labeling.detectors.pictures import read_pictures
+
+        return read_pictures(self._labels[part])
+
+    def teach(self, learnt: "Sequence[AnnotatedPicture]", lessons: Lessons) -> str:
+        """The detector that this round's becomes."""
+        from experiments.detector_stages import taught
+
+        size = fine_tuning.SIZES[self._workplace.scale]
+        out = taught(
+            self._detector,
+            learnt,
+            self.lesson("choose"),
+            lessons.photographs()[0],
+            replace(size.train, iterations=self._size.iterations),
+            size.augment[WORLD],
+            self._seed,
+            self._workplace,
+            f"the labels of {self._number} rounds",
+        )
+        return str(out)
+
+
+def signs_of(pictures: "Sequence[AnnotatedPicture]") -> Signs:
+    """What labelled pictures say about themselves.
+
+    Args:
+        pictures: at least one.
+    """
+    labels = [one for picture in pictures for one in picture.annotations if not one.ignore]
+    counts = Counter(one.category for one in labels)
+    return Signs(
+        labels_per_view=len(labels) / len(pictures),
+        confidence=statistics.fmean(one.weight for one in labels) if labels else 0.0,
+        shares={name: count / len(labels) for name, count in sorted(counts.items())},
+    )
+
+
+def collapse(signs: Sequence[Signs]) -> str | None:
+    """Whether the labels of the latest round have collapsed, and how.
+
+    Args:
+        signs: of all rounds so far, at least one.
+
+    Returns:
+        A sentence, None if they have not.
+    """
+    *before, now = signs
+    if now.labels_per_view == 0.0:
+        return "there are no labels"
+    if not before:
+        return None
+    most, surest = max(one.labels_per_view for one in before), max(one.confidence for one in before)
+    if now.labels_per_view < FEWER * most:
+        return f"labels per view fell from {most:.2f} to {now.labels_per_view:.2f}"
+    if now.confidence < surest - LESS_SURE:
+        return f"the mean confidence of labels fell from {surest:.2f} to {now.confidence:.2f}"
+    name = max(now.shares, key=lambda one: now.shares[one])
+    if now.shares[name] >= ONE_SIDED > before[0].shares.get(name, 0.0):
+        return f"{now.shares[name]:.0%} of all labels are {name}"
+    return None
+
+
+def report(results: Path, docs: Path) -> list[Path]:
+    """Writes the page of all results, and its pictures.
+
+    Returns:
+        The files written.
+    """
+    from experiments.results_page import write_page
+
+    return write_page(results, docs)
