@@ -10,7 +10,7 @@ from labeling.cli import run_command
 
 @dataclass(frozen=True)
 class DemoConfig:
-    """Collects episodes with the thesis' policy, labels them, and evaluates the labels against the detector.
+    """Collects episodes with a trained policy, labels them, and evaluates the labels against the detector.
 
     Started again, it goes on with what is missing.
     """
@@ -19,6 +19,8 @@ class DemoConfig:
     """Folder for the episodes (OUT/episodes) and the labels (OUT/labels)."""
     episodes: int = 4
     """Episodes of 25 views each."""
+    policy: str = "ppo"
+    """Who moves: "ppo" (trained, ships with the project), "ring" (the thesis'), or any that agents.collect knows."""
     detector: str = "compact"
     """Guides the agent, and is to be improved on: "compact", "simulated", or another that agents.collect knows."""
     seed: int = 0
@@ -37,8 +39,12 @@ def run(config: DemoConfig) -> None:
 
     dataset, labels = config.out / "episodes", config.out / "labels"
     started_s = time.monotonic()
-    _say(f"1/3 moving: {config.episodes} episodes of the ring policy with the detector {config.detector}")
-    collect(CollectConfig(out=dataset, detector=config.detector, episodes=config.episodes, seed=config.seed))
+    _say(f"1/3 moving: {config.episodes} episodes of the policy {config.policy} with the detector {config.detector}")
+    collect(
+        CollectConfig(
+            out=dataset, policy=config.policy, detector=config.detector, episodes=config.episodes, seed=config.seed
+        )
+    )
     _say("2/3 labelling: confident detections to 3-D and back into every view")
     generate.run(generate.GenerateConfig(dataset=dataset, out=labels))
     _say("3/3 checking: detector and pseudo-labels against ground truth, on the same views")

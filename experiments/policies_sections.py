@@ -277,7 +277,7 @@ def _training_row(env: str, content: Mapping[str, Any], references: Sequence[str
     first, best, settings = content["validations"][0], content["best"], content["settings"]
     known = [content["references"].get(name) for name in references]
     cells = [
-        f"{content['validations'][-1]['at']:.0f}",
+        f"{content['rollouts'][-1]['at']:.0f}",
         f"{first['return']:.2f}" if first["at"] == 0 else "-",
         f"{best['return']:.2f}, {best['at']:.0f}",
         f"{content['checkpoint']['steps']}",

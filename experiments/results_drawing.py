@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 
-from experiments.results_page import values
+from experiments.results_page import loop_values, values
 
 matplotlib.use("Agg")
 
@@ -45,5 +45,43 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
     axes.legend(
         fontsize=8, frameon=False, ncols=min(3, len(content["rows"])), loc="upper center", bbox_to_anchor=(0.5, 1.25)
     )
+    figure.savefig(path, format="png")
+    plt.close(figure)
+
+
+CURVES = {
+    "its labels, on their own views": ("labels", "pseudo_labels", "mask_ap50"),
+    "detector after it, unseen homes": ("test", "mask_ap50"),
+    "detector after it, photographs": ("test", "photographs_ap50"),
+}
+
+
+def draw_loop(content: Mapping[str, Any], path: Path) -> None:
+    """AP50 by round: mean over seeds, from the lowest to the highest seed in shade.
+
+    Args:
+        content: of ``never_ending.json``.
+        path: PNG to write.
+    """
+    figure, axes = plt.subplots(figsize=(7.0, 3.6), dpi=110, layout="constrained")
+    before = {
+        "detector after it, unseen homes": 100 * content["before"]["mask_ap50"],
+        "detector after it, photographs": 100 * content["before"]["photographs_ap50"],
+    }
+    for number, (name, place) in enumerate(CURVES.items(), start=1):
+        found = {one: loop_values(content, one, *place) for one in range(1, content["size"]["rounds"] + 1)}
+        if name in before:
+            found = {0: [before[name]], **found}
+        found = {one: points for one, points in found.items() if points}
+        rounds, colour = list(found), COLOURS[number]
+        axes.plot(rounds, [np.mean(one) for one in found.values()], "o-", color=colour, label=name)
+        low, high = ([pick(one) for one in found.values()] for pick in (min, max))
+        axes.fill_between(rounds, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.set_xticks(range(content["size"]["rounds"] + 1))
+    axes.set_xlabel("round")
+    axes.set_ylabel("AP50")
+    axes.set_ylim(0, 100)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(fontsize=8, frameon=False, ncols=3, loc="outside upper center")
     figure.savefig(path, format="png")
     plt.close(figure)

@@ -23,10 +23,18 @@ TITLES = {
     "table_a_2": "Table A.2: labels of novel categories",
     "table_a_3": "Table A.3: detectors of novel categories",
 }
-FEW_INSTANCES = 10
-"""Figures of a category with fewer instances say little. Source: thesis 5.1."""
+LOOP, LOOP_PICTURE = "never_ending", "results_never_ending.png"
+LOOP_FIGURES = (
+    ("labels", "detector", "mask_ap50"),
+    ("labels", "pseudo_labels", "mask_ap50"),
+    ("test", "mask_ap50"),
+    ("test", "mask_ap30"),
+    ("test", "photographs_ap50"),
+)
+"""Where the columns of the loop's table stand in the record of a round."""
 FIGURES = {"ap50": "AP50", "ap30": "AP30"}
 SEEN_ON = {"learn": "training scenes", "choose": "training scenes", "test": "unseen test scenes"}
+NOT_YET = "Has not been run yet; `python -m experiments.run {}` does it."
 INTRODUCTION = (
     "# The thesis' tables, in our worlds\n\n"
     "Written by `python -m experiments.results_page` from `experiments/results/`; do not edit by hand. "
@@ -71,30 +79,33 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     Raises:
         SbmError: if there are no figures at all.
     """
-    from experiments.results_drawing import draw_categories
+    from experiments.results_drawing import draw_categories, draw_loop
     from labeling.files import atomic_file
 
-    contents = read_tables(results)
+    contents = read_results(results)
     written = [docs / PAGE]
     for name, content in contents.items():
         picture = docs / PICTURES / picture_name(name)
         with atomic_file(picture) as temporary:
-            draw_categories(content, categories_of(content), temporary)
+            if name == LOOP:
+                draw_loop(content, temporary)
+            else:
+                draw_categories(content, categories_of(content), temporary)
         written.append(picture)
     with atomic_file(docs / PAGE) as temporary:
         temporary.write_text(page(contents), encoding="utf-8")
     return written
 
 
-def read_tables(results: Path) -> dict[str, dict[str, Any]]:
-    """The contents of the files that are there, by table.
+def read_results(results: Path) -> dict[str, dict[str, Any]]:
+    """The contents of the files that are there, by table; that of the loop too.
 
     Raises:
         SbmError: if there are none, or one is damaged.
     """
     from labeling.episode_json import read_json
 
-    files = {name: results / f"{name}.json" for name in TITLES}
+    files = {name: results / f"{name}.json" for name in (*TITLES, LOOP)}
     found = {name: dict(read_json(file).mapping()) for name, file in files.items() if file.is_file()}
     if not found:
         raise SbmError(f"{results}: no figures of any table; python -m experiments.run table_5_3 makes some")
@@ -114,7 +125,9 @@ def page(contents: Mapping[str, Mapping[str, Any]]) -> str:
         if name in contents:
             parts += section(name, contents[name])
         else:
-            parts.append(f"Has not been run yet; `python -m experiments.run {name}` does it.")
+            parts.append(NOT_YET.format(name))
+    parts.append("## The never-ending loop")
+    parts += loop_section(contents[LOOP]) if LOOP in contents else [NOT_YET.format(LOOP)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -141,6 +154,58 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
         _categories_table(name, content, categories),
     ]
     return parts
+
+
+def loop_section(content: Mapping[str, Any]) -> list[str]:
+    """The never-ending loop, round by round."""
+    size, seeds = content["size"], len(content["loops"])
+    description = content["description"][0].upper() + content["description"][1:]
+    about = (
+        f"{description}. In each round the detector of the round before "
+        f"guides the policy `{content['policy']}` through {size['learn']} episodes of training scenes, and learns from "
+        f"their labels and from those of all rounds before, with photographs mixed in. Scale `{content['scale']}` "
+        f"({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
+        f"{content['test']['episodes']} episodes of unseen homes to test on."
+    )
+    headings = "| round | detector on its views | its labels | detector after it, unseen homes | AP30 | photographs |"
+    lines = [headings, "|---" * 6 + "|"]
+    before = content["before"]
+    cells = [f"{100 * before[name]:.1f}" for name in ("mask_ap50", "mask_ap30", "photographs_ap50")]
+    lines.append(f"| 0 (pre-trained) | - | - | {' | '.join(cells)} |")
+    for number in range(1, size["rounds"] + 1):
+        cells = [_spread(found) for found in (loop_values(content, number, *place) for place in LOOP_FIGURES)]
+        if any(cell != "-" for cell in cells):
+            lines.append(f"| {number} | {' | '.join(cells)} |")
+    stopped = [
+        f"The loop of seed {loop['seed']} stopped itself: {loop['stopped']}."
+        for loop in content["loops"]
+        if loop["stopped"]
+    ]
+    return [
+        about,
+        f"![AP50 by round]({PICTURES}/{LOOP_PICTURE})",
+        "AP50 but for one column:",
+        "\n".join(lines),
+        *stopped,
+    ]
+
+
+def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[float]:
+    """A figure of a round in points, one of each seed whose loop has come so far.
+
+    Args:
+        content: of ``never_ending.json``.
+        number: of the round, from 1.
+        place: where the figure stands in the round's record.
+    """
+    found = []
+    for loop in content["loops"]:
+        record: Any = loop["rounds"][number - 1] if number <= len(loop["rounds"]) else {}
+        for name in place:
+            record = (record or {}).get(name)
+        if record is not None:
+            found.append(100.0 * record)
+    return found
 
 
 def values(row: Mapping[str, Any], figure: str, category: str | None = None) -> list[float]:
