@@ -16,7 +16,7 @@ class Pool:
 
     name: str
     env: str
-    split: Literal["train", "val"]
+    split: Literal["train", "val", "test"]
     """Settings are chosen on "train" and reported on "val"; test scenes are for final tables only."""
     episodes: int
     seed: int = 0

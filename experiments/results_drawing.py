@@ -31,7 +31,7 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
         found = [values(row, "ap50", category) for category in groups]
         axes.bar(
             places,
-            [np.mean(one) if one else 0.0 for one in found],
+            [float(np.mean(one)) if one else 0.0 for one in found],
             width,
             color=COLOURS[number % len(COLOURS)],
             label=row["name"],

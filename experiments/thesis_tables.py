@@ -50,7 +50,7 @@ class Table:
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
         for seed, row in _in_turn(workplace.seeds, self.rows):
             rows[row.name].append({"seed": seed, **self._figures(lessons, row, seed)})
-        parts = dict.fromkeys(part for row in self.rows for part in _parts(row))
+        parts: dict[Part, None] = dict.fromkeys(part for row in self.rows for part in _parts(row))
         return {
             "world": self.world,
             "gap": self.gap,
