@@ -4,15 +4,28 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+from experiments.lessons import STREETS
 from experiments.stages import Scale, Workplace
+from experiments.thesis_tables import PRE_TRAINED, Row, Table
 from labeling.label_config import LabelConfig
 from labeling.presets import PRESETS
 from labeling.published_defects import PublishedDefects
 
-DESCRIPTION = "the presets default, paper and released on validation scenes; at full scale also each defect alone"
+DESCRIPTION = "the presets default, paper and released: labels on validation scenes, and detectors taught by them"
 BASE = "paper"
-STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
-"""The thesis' settings for streets. Source: field notes."""
+TAUGHT = Table(
+    "rooms: detectors fine-tuned on the labels of each preset, on unseen homes",
+    "rooms",
+    (
+        PRE_TRAINED,
+        Row("default labels", "learn", labels="sbm"),
+        Row("paper labels", "learn", labels="paper"),
+        Row("released labels", "learn", labels="released"),
+        Row("fine-tuned on default", "test", teacher="sbm"),
+        Row("fine-tuned on paper", "test", teacher="paper"),
+        Row("fine-tuned on released", "test", teacher="released"),
+    ),
+)
 
 
 def run(workplace: Workplace) -> dict[str, Any]:
@@ -44,6 +57,7 @@ def run(workplace: Workplace) -> dict[str, Any]:
         "streets": STREETS,
         "pools": about,
         "results": results,
+        "taught": TAUGHT.run(workplace),
     }
 
 
@@ -57,11 +71,14 @@ def modes(scale: Scale) -> dict[str, LabelConfig]:
 
 
 def report(results: Path, docs: Path) -> list[Path]:
-    """Writes the page about the label generator's defaults.
+    """Writes the page about the label generator's defaults, and the page of all results.
 
     Returns:
         The files written.
     """
-    from experiments.label_report import write_page
+    from experiments import label_report, results_page
+    from labeling.episode_json import read_json
 
-    return write_page(results, docs)
+    written = label_report.write_page(results, docs)
+    taught = "taught" in read_json(results / "label_modes.json").mapping()
+    return [*written, *results_page.write_page(results, docs)] if taught else written

@@ -22,7 +22,9 @@ TITLES = {
     "table_a_1": "Table A.1: the consistency filter",
     "table_a_2": "Table A.2: labels of novel categories",
     "table_a_3": "Table A.3: detectors of novel categories",
+    "label_modes": "Presets of the label generator, and what they teach",
 }
+MODES, TAUGHT = "label_modes", "rooms: labels of each preset, and detectors fine-tuned on them, on unseen homes"
 LOOP, LOOP_PICTURE = "never_ending", "results_never_ending.png"
 LOOP_FIGURES = (
     ("labels", "detector", "mask_ap50"),
@@ -107,6 +109,10 @@ def read_results(results: Path) -> dict[str, dict[str, Any]]:
 
     files = {name: results / f"{name}.json" for name in (*TITLES, LOOP)}
     found = {name: dict(read_json(file).mapping()) for name, file in files.items() if file.is_file()}
+    if MODES in found:
+        modes = found.pop(MODES)
+        if "taught" in modes:
+            found[MODES] = {**modes, "description": TAUGHT, **modes["taught"]}
     if not found:
         raise SbmError(f"{results}: no figures of any table; python -m experiments.run table_5_3 makes some")
     return found

@@ -114,6 +114,18 @@ def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
         assert path.name == PAGE or f"pictures/{path.name}" in text
 
 
+def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) -> None:
+    modes = {"description": "presets", "scale": "full", "seeds": [0, 1, 2], "pools": {}, "results": {}}
+    (tmp_path / "label_modes.json").write_text(json.dumps(modes))
+    with pytest.raises(SbmError):
+        read_results(tmp_path)
+    taught = {name: part for name, part in table().items() if name in ("gap", "pools", "rows")}
+    (tmp_path / "label_modes.json").write_text(json.dumps({**modes, "taught": taught}))
+    text = page(read_results(tmp_path))
+    assert "Scale `full`" in text
+    assert cells(text, "SbM fine-tuned")[0][:2] == ["unseen test scenes", "30.1 ± 0.1"]
+
+
 @pytest.mark.skipif(not (DOCS / PAGE).is_file(), reason="no table has been run yet")
 def test_the_committed_page_is_that_of_the_committed_figures() -> None:
     assert (DOCS / PAGE).read_text(encoding="utf-8") == page(read_results(RESULTS))

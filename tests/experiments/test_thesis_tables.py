@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import thesis_tables
+from experiments import label_modes, thesis_tables
 from experiments.lessons import NOVEL, SPLITS, Lessons, annotated_views
 from experiments.run import EXPERIMENTS, TABLES, main
 from experiments.stages import Workplace
@@ -40,8 +40,12 @@ def test_every_table_runs_resumes_and_reports(
     assert rows["table_5_3"]["pre-trained"] == rows["table_a_1"]["pre-trained"]
     assert rows["table_5_3"]["SbM fine-tuned"] == rows["table_a_1"]["SbM without consistency"]
     assert rows["table_5_2"]["SbM labels"] == rows["table_5_4"]["SbM labels"]
+    presets = label_modes.TAUGHT.run(Workplace("smoke", (0,), 1, tmp_path / "cache"))
+    assert [row["name"] for row in presets["rows"]] == [row.name for row in label_modes.TAUGHT.rows]
+    found = {row["name"]: row["runs"] for row in presets["rows"]}
+    assert found["fine-tuned on default"] == rows["table_5_3"]["SbM fine-tuned"]
     page = (tmp_path / "docs" / "results.md").read_text()
-    assert "Has not been run yet" not in page
+    assert page.count("Has not been run yet") == 2  # label_modes and never_ending
     monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
     assert main(["table_5_3", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
     again = json.loads((tmp_path / "results" / "table_5_3.json").read_text())
