@@ -96,7 +96,7 @@ def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
             ("ground truth", truth),
         ]
         for row, (name, items) in enumerate(rows):
-            _show(axes[row, column], _named(episode.rgb[view], items, truth))
+            _show(axes[row, column], named(episode.rgb[view], items, truth))
             axes[row, column].set_title(name, fontsize=9, pad=3)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.975, bottom=0.005, wspace=0.02, hspace=0.08)
     _save(figure, path)
@@ -203,7 +203,7 @@ def _seeds(rgb: UInt8[np.ndarray, "h w 3"], detection: Detection) -> UInt8[np.nd
     return _tinted(_tinted(rgb, background, COLOURS[0], 0.45), foreground, COLOURS[1], 0.6)
 
 
-def _named(
+def named(
     rgb: UInt8[np.ndarray, "h w 3"],
     items: Sequence[Detection | PseudoLabel | GroundTruth],
     truths: Sequence[GroundTruth],

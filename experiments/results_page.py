@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments import fine_tuning
 from experiments.label_report import SCALES
 from experiments.thesis_figures import MEANS, of_category
 from labeling.cli import run_command
@@ -85,6 +86,7 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     from labeling.files import atomic_file
 
     contents = read_results(results)
+    pairs = read_pairs(results)
     written = [docs / PAGE]
     for name, content in contents.items():
         picture = docs / PICTURES / picture_name(name)
@@ -95,7 +97,7 @@ def write_page(results: Path, docs: Path) -> list[Path]:
                 draw_categories(content, categories_of(content), temporary)
         written.append(picture)
     with atomic_file(docs / PAGE) as temporary:
-        temporary.write_text(page(contents), encoding="utf-8")
+        temporary.write_text(page(contents, pairs), encoding="utf-8")
     return written
 
 
@@ -123,8 +125,22 @@ def picture_name(table: str) -> str:
     return f"results_{table}.png"
 
 
-def page(contents: Mapping[str, Mapping[str, Any]]) -> str:
-    """The text of the page."""
+def read_pairs(results: Path) -> dict[str, dict[str, Any]]:
+    """The records of pictures of views before and after, by world."""
+    from experiments.before_after import NAME
+    from labeling.episode_json import read_json
+
+    files = {world: results / f"{NAME.format(world)}.json" for world in fine_tuning.WORLDS}
+    return {world: dict(read_json(file).mapping()) for world, file in files.items() if file.is_file()}
+
+
+def page(contents: Mapping[str, Mapping[str, Any]], pairs: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+    """The text of the page.
+
+    Args:
+        contents: of the results, by table.
+        pairs: of the records of pictures, by world.
+    """
     parts = [INTRODUCTION]
     for name, title in TITLES.items():
         parts.append(f"## {title}")
@@ -132,6 +148,8 @@ def page(contents: Mapping[str, Mapping[str, Any]]) -> str:
             parts += section(name, contents[name])
         else:
             parts.append(NOT_YET.format(name))
+    for world, record in (pairs or {}).items():
+        parts += pairs_section(world, record)
     parts.append("## The never-ending loop")
     parts += loop_section(contents[LOOP]) if LOOP in contents else [NOT_YET.format(LOOP)]
     return "\n\n".join(parts) + "\n"
@@ -160,6 +178,23 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
         _categories_table(name, content, categories),
     ]
     return parts
+
+
+def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:
+    """Views before and after."""
+    from experiments.before_after import NAME, OVERLAP, SURE
+
+    counts = record["all_views"]
+    return [
+        f"## Before and after: {world}",
+        f"Detections with a confidence of {SURE} or more, of the pre-trained detector and of the one fine-tuned on SbM "
+        f"labels (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In brackets: objects found "
+        f"rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are the views with the "
+        "greatest gain, one of each episode, and the one with the greatest loss; of all views "
+        f"{counts['gained']} gained, {counts['same']} stayed and {counts['lost']} lost. Colours are those of the objects "
+        "that masks fit; grey ones fit none.",
+        f"![Detections before and after]({PICTURES}/{NAME.format(world)}.png)",
+    ]
 
 
 def loop_section(content: Mapping[str, Any]) -> list[str]:

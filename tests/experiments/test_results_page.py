@@ -7,7 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.results_page import PAGE, gap_shares, main, page, read_results, section, thesis_gap_share, write_page
+from experiments.results_page import (
+    PAGE,
+    gap_shares,
+    main,
+    page,
+    read_pairs,
+    read_results,
+    section,
+    thesis_gap_share,
+    write_page,
+)
 from experiments.thesis_figures import MEANS, PER_CLASS, ROOM_CATEGORIES, of_category
 from labeling.errors import SbmError
 
@@ -114,6 +124,16 @@ def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
         assert path.name == PAGE or f"pictures/{path.name}" in text
 
 
+def test_views_before_and_after_are_named_with_their_picture(tmp_path: Path) -> None:
+    record = {"scale": "quick", "seed": 3, "views": [], "all_views": {"gained": 51, "same": 42, "lost": 7}}
+    (tmp_path / "before_after_streets.json").write_text(json.dumps(record))
+    text = page({"table_5_3": table()}, read_pairs(tmp_path))
+    assert "Before and after: streets" in text
+    assert "51 gained, 42 stayed and 7 lost" in text
+    assert "(pictures/before_after_streets.png)" in text
+    assert "Before and after" not in page({"table_5_3": table()})
+
+
 def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) -> None:
     modes = {"description": "presets", "scale": "full", "seeds": [0, 1, 2], "pools": {}, "results": {}}
     (tmp_path / "label_modes.json").write_text(json.dumps(modes))
@@ -128,4 +148,4 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
 
 @pytest.mark.skipif(not (DOCS / PAGE).is_file(), reason="no table has been run yet")
 def test_the_committed_page_is_that_of_the_committed_figures() -> None:
-    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(read_results(RESULTS))
+    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(read_results(RESULTS), read_pairs(RESULTS))
