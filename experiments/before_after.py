@@ -113,7 +113,7 @@ def pairs_of(episodes: Sequence[Path], before, after) -> list[Pair]:
 
 
 def balance(detections: Sequence[Detection], truths: Sequence[GroundTruth]) -> int:
-    """Objects found rightly, each once, minus detections that are no object's; what is to be ignored counts for neither.
+    """Objects found rightly, each once, minus detections that are no object's; objects to be ignored count for neither.
 
     Args:
         detections: of one view.

@@ -191,8 +191,8 @@ def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:
         f"labels (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In brackets: objects found "
         f"rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are the views with the "
         "greatest gain, one of each episode, and the one with the greatest loss; of all views "
-        f"{counts['gained']} gained, {counts['same']} stayed and {counts['lost']} lost. Colours are those of the objects "
-        "that masks fit; grey ones fit none.",
+        f"{counts['gained']} gained, {counts['same']} stayed and {counts['lost']} lost. Colours are those of the "
+        "objects that masks fit; grey ones fit none.",
         f"![Detections before and after]({PICTURES}/{NAME.format(world)}.png)",
     ]
 
