@@ -25,6 +25,8 @@ TITLES = {
     "table_a_3": "Table A.3: detectors of novel categories",
     "label_modes": "Presets of the label generator, and what they teach",
 }
+FEW_INSTANCES = 10
+"""Figures of a category with fewer instances say little. Source: thesis 5.1."""
 MODES, TAUGHT = "label_modes", "rooms: labels of each preset, and detectors fine-tuned on them, on unseen homes"
 LOOP, LOOP_PICTURE = "never_ending", "results_never_ending.png"
 LOOP_FIGURES = (
@@ -171,6 +173,7 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
             f"Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50: "
             f"**{_spread(shares, 2)}**" + ("." if theirs is None else f" (thesis: {theirs:.2f}).")
         )
+    parts += [above_sentence(content, higher, lower) for higher, lower in content.get("above", ())]
     categories = categories_of(content)
     parts += [
         f"![AP50 of each category]({PICTURES}/{picture_name(name)})",
@@ -286,6 +289,22 @@ def thesis_gap_share(name: str, content: Mapping[str, Any], figure: str = "ap50"
         return None
     before, ours, ceiling = (theirs[row][figure] for row in content["gap"])
     return (ours - before) / (ceiling - before)
+
+
+def above_sentence(content: Mapping[str, Any], higher: str, lower: str) -> str:
+    """On which categories with enough instances one row is above another, by means over seeds."""
+    rows = {row["name"]: row for row in content["rows"]}
+    counted = [name for name in categories_of(content) if _instances(rows[higher], name) >= FEW_INSTANCES]
+    not_above = []
+    for name in counted:
+        ours, theirs = (values(rows[row], "ap50", name) for row in (higher, lower))
+        if not ours or not theirs or np.mean(ours) <= np.mean(theirs):
+            not_above.append(name)
+    sentence = (
+        f"{higher} are above {lower} on {len(counted) - len(not_above)} of {len(counted)} categories with "
+        f"{FEW_INSTANCES} instances or more"
+    )
+    return sentence + (f" (not on {', '.join(not_above)})." if not_above else ".")
 
 
 def _instances(row: Mapping[str, Any], category: str) -> int:

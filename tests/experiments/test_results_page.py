@@ -9,6 +9,7 @@ import pytest
 
 from experiments.results_page import (
     PAGE,
+    above_sentence,
     gap_shares,
     main,
     page,
@@ -85,6 +86,15 @@ def test_shares_of_the_gap_are_of_each_seed_and_none_without_a_ceiling() -> None
     assert "**0.25 ± 0.00** (thesis: 0.13)" in "\n".join(section("table_5_3", table()))
     assert gap_shares(table(ceiling=0.1)) is None
     assert gap_shares({**table(), "gap": None}) is None
+
+
+def test_rows_are_above_others_only_where_their_means_are_and_instances_enough() -> None:
+    content = table()
+    sentence = above_sentence(content, "SbM fine-tuned", "pre-trained")
+    assert sentence == "SbM fine-tuned are above pre-trained on 1 of 1 categories with 10 instances or more."
+    sentence = above_sentence(content, "pre-trained", "pre-trained")
+    assert sentence.endswith("on 0 of 1 categories with 10 instances or more (not on bed).")
+    assert sentence in section("table_5_3", {**content, "above": [["pre-trained", "pre-trained"]]})
 
 
 def test_the_thesis_figures_are_as_the_design_notes_sum_them_up() -> None:

@@ -59,6 +59,7 @@ def test_only_training_scenes_teach(name: str) -> None:
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
     assert table.gap is None or set(table.gap) <= set(names)
+    assert {row for pair in table.above for row in pair} <= set(names)
     assert EXPERIMENTS[name] == f"experiments.thesis_tables:{name}"
     assert set(MEANS[name]) <= set(names), "the thesis' figures stand beside rows that there are"
 
