@@ -23,13 +23,13 @@ INK, GRID = "#1f2328", "#d8dee4"
 LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("right labels an episode", 1)}
 """Title and factor by figure."""
 ABLATION_PANELS = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
-UNTRAINED = "untrained"
+START = "the start"
 ABLATION_COLOURS = {
     "both": "#c2410c",
     "discovery": "#e39a6f",
     "diversity": "#137a3e",
     "neither": "#8a94a0",
-    UNTRAINED: "#ffffff",
+    START: "#ffffff",
 }
 
 
@@ -112,7 +112,7 @@ def draw_ablation(content: Mapping[str, Any], path: Path) -> None:
         content: of ``reward_ablation.json``.
         path: PNG to write.
     """
-    bars = {**content["rewards"], UNTRAINED: content["untrained"]}
+    bars = {**content["rewards"], START: content["start"]}
     columns = 3
     rows = -(-len(ABLATION_PANELS) // columns)
     figure, panels = plt.subplots(rows, columns, figsize=(3.9 * columns, 2.7 * rows), dpi=100, squeeze=False)

@@ -303,7 +303,7 @@ def ablation(content: Mapping[str, Any], picture: str) -> list[str]:
     lines = ["| trained on | " + " | ".join(ABLATED) + " |", "|---" * (len(ABLATED) + 1) + "|"]
     rows = {
         **{f"`{reward}`": figures for reward, figures in content["rewards"].items()},
-        "nothing (untrained; validation episodes)": content["untrained"],
+        "nothing (the start; validation episodes)": content["start"],
         **{
             f"(`{policy}`)": {name: {"mean": value, "std": None} for name, value in figures.items()}
             for policy, figures in content["references"].items()
@@ -315,8 +315,9 @@ def ablation(content: Mapping[str, Any], picture: str) -> list[str]:
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return [
         f"`{content['env']}`, `{content['detector']}` detector, {' or '.join(map(str, steps))} steps, {seeds} training "
-        f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). In training only these "
-        "terms of the reward are paid, and collisions cost; measured is the last policy of each run with the full "
+        f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). Actions are moves, and "
+        f"all runs start from a network that imitates `{content['teacher']}`. In training only these terms of the reward "
+        "are paid, and collisions cost; measured is the last policy of each run with the full "
         f"reward, on {settings['episodes']} {_plural('episode', settings['episodes'])} of "
         f"{SPLITS[settings['split']]} scenes. Mean"
         f"{_spread_words(seeds, 'training seeds')}.",

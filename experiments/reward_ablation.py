@@ -10,14 +10,15 @@ DESCRIPTION = "PPO trained on parts of the reward, measured with the whole of it
 ENV = "sbm_gym/IndoorBuiltin-v0"
 DETECTOR = "simulated"
 SPLIT = "val"
-HYPERPARAMS: Path | None = None
-"""YAML file; None takes the one that comes with the project."""
+HYPERPARAMS = Path(__file__).with_name("reward_ablation.yaml")
+TEACHER = "ring"
+"""All runs start from one network, which imitates it."""
 Reward = Literal["both", "discovery", "diversity", "neither"]
 REWARDS: tuple[Reward, ...] = ("both", "discovery", "diversity", "neither")
 """Which terms are paid in training; see ``agents.train``. Differences are to the first."""
 REFERENCES = ("random", "ring")
 FIGURES = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
-UNTRAINED = {
+START = {
     "return": "return",
     "discovery": "reward/discovery",
     "diversity": "reward/diversity",
@@ -31,15 +32,16 @@ SMOKE_ROLLOUTS = 2
 
 PROTOCOL = {
     "training": (
-        "one run for each reward and training seed; runs of one seed begin with the same network. Measured is the last "
-        "policy of a run: the best one would be chosen by validations, which pay the full reward to all"
+        "actions are moves. One run for each reward and training seed; runs of one seed begin with the same network, "
+        f"which imitates {TEACHER}. Measured is the last policy of a run: the best one would be chosen by validations, "
+        "which pay the full reward to all"
     ),
     "figures": (
         "means over the same validation episodes for all, with the full reward; then mean and sample standard "
         "deviation over training seeds. difference: to the policy trained on the full reward with the same seed, "
         "likewise"
     ),
-    "untrained": "the network before its first update, on the episodes of validations during training",
+    "start": f"the network that imitates {TEACHER}, before its first update, on the episodes of validations",
 }
 
 
@@ -51,19 +53,21 @@ class Size:
     """Of training; None is what the hyperparameters say, 0 two rollouts."""
     episodes: int
     """To measure by."""
+    imitated: int
+    """Episodes of the teacher to begin with."""
     validation_episodes: int = 20
     """Of each validation during training."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(0, 1, 1), "quick": Size(50_000, 20), "full": Size(None, 50)}
+SIZES: dict[Scale, Size] = {"smoke": Size(0, 1, 4, 1), "quick": Size(30_000, 40, 60), "full": Size(None, 100, 200)}
 
 
 def run(workplace: Workplace) -> dict[str, Any]:
     """Trains what has not been trained, plays what has not been played, and sums up.
 
     Returns:
-        Figures by reward over training seeds, those of hand-written policies and of the untrained network, and how
-        every run was trained.
+        Figures by reward over training seeds, those of hand-written policies and of the networks that runs begin
+        with, and how every run was trained.
 
     Raises:
         SbmError: if a run cannot go on.
@@ -94,10 +98,11 @@ def run(workplace: Workplace) -> dict[str, Any]:
     return {
         "env": ENV,
         "detector": DETECTOR,
+        "teacher": TEACHER,
         "settings": content["settings"],
         "rewards": rewards,
         "references": {policy: {name: figures[policy][name]["mean"] for name in FIGURES} for policy in REFERENCES},
-        "untrained": _untrained(runs[REWARDS[0]]),
+        "start": _start(runs[REWARDS[0]]),
         "runs": [{"reward": reward, **_origin(folder)} for reward, folders in runs.items() for folder in folders],
         "protocol": PROTOCOL,
     }
@@ -120,7 +125,8 @@ def _trained(reward: Reward, seed: int, workplace: Workplace) -> Path:
     steps = hyperparameters.n_timesteps if size.steps is None else size.steps
     steps = steps or SMOKE_ROLLOUTS * hyperparameters.n_steps * hyperparameters.n_envs
     # Rates fall over the whole of a run, so a longer one is another one.
-    decisive = [ENV, DETECTOR, asdict(hyperparameters), steps, size.validation_episodes, versions()]
+    decisive = [ENV, DETECTOR, asdict(hyperparameters), steps, size.validation_episodes, TEACHER, size.imitated]
+    decisive.append(versions())
     folder = workplace.cache / "reward_ablation" / digest(decisive, code_digest(*TRAINING_CODE)) / f"{reward}-{seed}"
     if _steps_done(folder) >= steps:
         return folder
@@ -132,6 +138,8 @@ def _trained(reward: Reward, seed: int, workplace: Workplace) -> Path:
         reward=reward,
         detector=DETECTOR,
         hyperparams=HYPERPARAMS,
+        imitate=TEACHER,
+        imitate_episodes=size.imitated,
         eval_episodes=size.validation_episodes,
     )
     train(config, tqdm.write, functools.partial(tqdm, unit="step", file=sys.stderr, dynamic_ncols=True))
@@ -173,15 +181,15 @@ def _policy(folder: Path) -> str:
     return f"ppo:{folder / LAST}"
 
 
-def _untrained(folders: list[Path]) -> dict[str, Any]:
-    """Figures of the networks before their first update, over training seeds."""
+def _start(folders: list[Path]) -> dict[str, Any]:
+    """Figures of the networks that runs begin with, over training seeds."""
     from agents.evaluation.paired import over_seeds
     from agents.ppo.files import HISTORY_FILE
     from labeling.episode_json import read_json
 
     first = [read_json(folder / HISTORY_FILE).mapping()["validations"][0] for folder in folders]
     assert all(one["at"] == 0 for one in first)
-    return {name: over_seeds([one[theirs] for one in first]) for name, theirs in UNTRAINED.items()}
+    return {name: over_seeds([one[theirs] for one in first]) for name, theirs in START.items()}
 
 
 def _origin(folder: Path) -> dict[str, Any]:

@@ -94,9 +94,10 @@ def ablation() -> dict[str, Any]:
         "seeds": [0, 1],
         "env": "sbm_gym/Some-v0",
         "detector": "simulated",
+        "teacher": "ring",
         "settings": {"episodes": 50, "split": "val"},
         "rewards": {reward: row() for reward in rewards},
-        "untrained": row(),
+        "start": row(),
         "references": {policy: {name: next(numbers) / 100 for name in names} for policy in ("random", "ring")},
         "runs": [{"steps": 1234} for _ in rewards],
     }

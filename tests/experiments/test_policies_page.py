@@ -89,7 +89,7 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
     (table,) = tables(text, "What each half of the reward teaches")
     assert len(table) == 4 + 1 + 2
     rows = {**{f"`{reward}`": found for reward, found in content["rewards"].items()}}
-    rows["nothing (untrained; validation episodes)"] = content["untrained"]
+    rows["nothing (the start; validation episodes)"] = content["start"]
     for name, figures in rows.items():
         for heading, figure in figures.items():
             assert table[name][heading] == f"{figure['mean']:.2f} ± {figure['std']:.2f}"

@@ -89,7 +89,7 @@ def test_rewards_are_compared_by_the_last_policies(
         (history,) = (tmp_path / "cache" / "reward_ablation").glob(f"*/both-{seed}/history.json")
         first = json.loads(history.read_text())["validations"][0]
         assert first["at"] == 0
-        assert content["untrained"]["objects"]["per_seed"][seed] == pytest.approx(first["objects_confirmed"], abs=1e-4)
+        assert content["start"]["objects"]["per_seed"][seed] == pytest.approx(first["objects_confirmed"], abs=1e-4)
     monkeypatch.setattr("agents.ppo.training.train", None)  # a second run has nothing left to do
     monkeypatch.setattr(Player, "play", None)
     assert run("reward_ablation", tmp_path, seeds=2) == 0
