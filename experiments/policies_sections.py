@@ -316,8 +316,8 @@ def ablation(content: Mapping[str, Any], picture: str) -> list[str]:
     return [
         f"`{content['env']}`, `{content['detector']}` detector, {' or '.join(map(str, steps))} steps, {seeds} training "
         f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). Actions are moves, and "
-        f"all runs start from a network that imitates `{content['teacher']}`. In training only these terms of the reward "
-        "are paid, and collisions cost; measured is the last policy of each run with the full "
+        f"all runs start from a network that imitates `{content['teacher']}`. In training only these terms of the "
+        "reward are paid, and collisions cost; measured is the last policy of each run with the full "
         f"reward, on {settings['episodes']} {_plural('episode', settings['episodes'])} of "
         f"{SPLITS[settings['split']]} scenes. Mean"
         f"{_spread_words(seeds, 'training seeds')}.",
