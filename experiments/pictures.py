@@ -9,10 +9,10 @@ from labeling.cli import run_command
 
 @dataclass(frozen=True)
 class PicturesConfig:
-    """Draws the pictures that README and docs show. Runs the demo first, if it has not run yet."""
+    """Draws the pictures that README and docs show, of the demo with the thesis' policy; runs it first, if need be."""
 
-    demo: Path = Path("out/demo")
-    """Folder of the demo's results."""
+    demo: Path = Path("out/pictures")
+    """Folder of that demo's results."""
     out: Path = Path("docs/pictures")
     """Folder for the pictures."""
 
@@ -29,7 +29,7 @@ def run(config: PicturesConfig) -> None:
     from labeling.files import atomic_file
     from sbm_gym import preview
 
-    demo.run(demo.DemoConfig(out=config.demo))
+    demo.run(demo.DemoConfig(out=config.demo, policy="ring"))
     episodes = [read_episode(folder) for folder in find_episodes(config.demo / "episodes")]
     pictures = {"episode": draw_episode, "label_steps": draw_label_steps, "labels": draw_labels}
     for name, draw in pictures.items():
