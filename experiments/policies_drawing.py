@@ -45,17 +45,17 @@ def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None
         rollouts, validations = content["rollouts"], content["validations"]
         axes.plot(*_curve(rollouts), color="#e8b394", lw=1, label="rollouts (training scenes, draws actions)")
         axes.plot(*_curve(validations), "o-", color=COLOURS["ppo"], lw=1.6, ms=4, label="validation")
-        best = content["best"]
-        axes.plot(best["at"], best["return"], "o", ms=9, mfc="none", mec=INK, mew=1.1, label="shipped")
+        axes.axvline(content["checkpoint"]["steps"], color=INK, ls=":", lw=1.1, label="shipped")
         for name, figures in content["references"].items():
             axes.axhline(figures["return"], color=COLOURS.get(name, INK), ls="--", lw=1.3, label=f"{name} (validation)")
         axes.set_title(env, fontsize=10)
         axes.set_xlabel("steps", fontsize=9)
         axes.set_xlim(left=0)
-        axes.legend(frameon=False, fontsize=7.5)
         _tidy(axes)
     panels[0][0].set_ylabel("return of an episode", fontsize=9)
-    figure.tight_layout()
+    handles = dict(zip(*reversed(panels[0][0].get_legend_handles_labels()), strict=True))
+    figure.legend(handles.values(), handles.keys(), frameon=False, fontsize=8, ncols=len(handles), loc="upper center")
+    figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
     _save(figure, path)
 
 
