@@ -14,6 +14,7 @@ import numpy as np
 
 from experiments.stages import Scale
 from labeling.cli import run_command
+from labeling.errors import SbmError
 from labeling.instances import Detection, GroundTruth, mask_iou
 
 SURE = 0.5
@@ -62,7 +63,7 @@ def run(config: PictureConfig) -> None:
     """Draws the picture.
 
     Raises:
-        SbmError: if a world cannot be built.
+        SbmError: if a world cannot be built, or no view has changed.
     """
     from experiments.lessons import Lessons
     from experiments.stages import Workplace
@@ -73,6 +74,8 @@ def run(config: PictureConfig) -> None:
     names = (lessons.detector(None, config.seed), lessons.detector("sbm", config.seed))
     pairs = pairs_of(lessons.episodes("test"), *(load_detector(name) for name in names))
     chosen = most_changed(pairs, config.best)
+    if not chosen:
+        raise SbmError(f"in none of {len(pairs)} views has anything changed; there is nothing to draw")
     name = NAME.format(config.world)
     picture, record = config.docs / "pictures" / f"{name}.png", config.results / f"{name}.json"
     with atomic_file(picture) as temporary:

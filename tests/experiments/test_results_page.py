@@ -156,6 +156,10 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
     assert cells(text, "SbM fine-tuned")[0][:2] == ["unseen test scenes", "30.1 ± 0.1"]
 
 
-@pytest.mark.skipif(not (DOCS / PAGE).is_file(), reason="no table has been run yet")
 def test_the_committed_page_is_that_of_the_committed_figures() -> None:
-    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(read_results(RESULTS), read_pairs(RESULTS))
+    try:
+        contents = read_results(RESULTS)
+    except SbmError:
+        assert not (DOCS / PAGE).exists()
+        return
+    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(contents, read_pairs(RESULTS))
