@@ -36,6 +36,8 @@ class CollectConfig:
     size: int | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""
+    workers: int = 1
+    """Processes side by side, one thread each if there are several."""
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from agents.environments import capture_size, inner_env, make_env
 from agents.output_folder import claim_folder
 from agents.policies.registry import make_policy
 from agents.provenance import git_commit, versions
+from agents.side_by_side import in_processes
 from labeling.episodes import Episode, read_episode, write_episode
 from labeling.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.instances import CONFIDENT
@@ -41,24 +43,63 @@ def collect(config: CollectConfig) -> list[Path]:
     from tqdm import tqdm
 
     _check(config)
-    make_policy(config.policy, config.env)
-    env = make_env(config.env, config.split, config.detector)
+    recorder = Recorder(config)
     try:
         settings = dataclasses.asdict(config)
-        for name in ("out", "episodes"):  # neither changes what an episode holds
+        for name in ("out", "episodes", "workers"):  # none changes what an episode holds
             del settings[name]
         defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}
         claim_folder(config.out, SETTINGS_FILE, settings, defaults)
-        folders = [config.out / f"{number:04d}" for number in range(config.episodes)]
+        folders = [recorder.folder(number) for number in range(config.episodes)]
         missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
         if len(missing) < len(folders):
             print(f"{len(folders) - len(missing)} of {len(folders)} episodes are there already", file=sys.stderr)
-        for number in tqdm(missing, desc="recording", unit="episode", file=sys.stderr):
-            write_episode(folders[number], record_episode(env, config, number))
+        with tqdm(total=len(missing), desc="recording", unit="episode", file=sys.stderr) as bar:
+            for _ in _record(recorder, missing):
+                bar.update()
     finally:
-        env.close()
+        recorder.close()
     print(f"{len(folders)} episodes in {config.out}")
     return folders
+
+
+class Recorder:
+    """Records episodes of one configuration, one after the other."""
+
+    def __init__(self, config: CollectConfig) -> None:
+        """Makes the environment.
+
+        Args:
+            config: what to record, and where.
+
+        Raises:
+            UsageError: if env, detector or policy are unknown.
+        """
+        make_policy(config.policy, config.env)
+        self.config = config
+        self.env = make_env(config.env, config.split, config.detector)
+
+    def close(self) -> None:
+        """Frees the environment."""
+        self.env.close()
+
+    def folder(self, number: int) -> Path:
+        """Where an episode lies."""
+        return self.config.out / f"{number:04d}"
+
+    def record(self, number: int) -> None:
+        """Records an episode and writes it, whole or not at all."""
+        write_episode(self.folder(number), record_episode(self.env, self.config, number))
+
+
+def _record(recorder: Recorder, missing: Sequence[int]) -> Iterator[int]:
+    """Records episodes, and yields their numbers as they are done."""
+    if recorder.config.workers > 1 and len(missing) > 1:
+        yield from in_processes(Recorder, recorder.config, Recorder.record, missing, recorder.config.workers)
+        return
+    for number in missing:
+        recorder.record(number)
+        yield number
 
 
 def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
@@ -139,6 +180,8 @@ def _is_source(capture: Capture) -> bool:
 def _check(config: CollectConfig) -> None:
     if config.episodes < 1:
         raise UsageError(f"--episodes must be at least 1, not {config.episodes}")
+    if config.workers < 1:
+        raise UsageError(f"--workers must be at least 1, not {config.workers}")
     if config.size is not None and config.size < 32:
         raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
     if config.seed < 0:

@@ -65,13 +65,13 @@ def run(config: PictureConfig) -> None:
     Raises:
         SbmError: if a world cannot be built, or no view has changed.
     """
-    from experiments.lessons import Lessons
+    from experiments.lessons import Lessons, Pupil
     from experiments.stages import Workplace
     from labeling.detectors.registry import load_detector
     from labeling.files import atomic_file, write_json
 
     lessons = Lessons(config.world, Workplace(config.scale, (config.seed,), 1, config.cache))
-    names = (lessons.detector(None, config.seed), lessons.detector("sbm", config.seed))
+    names = lessons.detectors([Pupil(None, config.seed), Pupil("sbm", config.seed)])
     pairs = pairs_of(lessons.episodes("test"), *(load_detector(name) for name in names))
     chosen = most_changed(pairs, config.best)
     if not chosen:

@@ -1,11 +1,12 @@
 """Stages of experiments that teach detectors: label episodes, fine-tune, score. Each is kept and not done twice."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from experiments.stages import Workplace, code_digest, digest
+from experiments.stages import Workplace, code_digest, digest, run_tasks
 from labeling.detectors.pictures import AnnotatedPicture
 from labeling.detectors.train_config import AugmentConfig, TrainConfig
 from labeling.label_config import LabelConfig
@@ -14,6 +15,7 @@ from labeling.source_config import SourceConfig
 LABEL_CODE = ("labeling.generate",)
 TRAIN_CODE = ("labeling.detectors.training_run", "labeling.detectors.network", "labeling.detectors.pictures")
 SCORE_CODE = ("labeling.detectors.training", "labeling.detectors.network_detector", "labeling.detectors.pictures")
+Task = TypeVar("Task")
 
 
 def label(
@@ -56,76 +58,139 @@ def label_scores(labels: Path) -> dict[str, Any]:
     return {who: {name: metrics[who][name] for name in kept} for who in ("detector", "pseudo_labels")}
 
 
-def taught(
-    detector: str,
-    learn: Sequence[AnnotatedPicture],
-    choose: Sequence[AnnotatedPicture],
-    replay: Sequence[AnnotatedPicture],
-    train_config: TrainConfig,
-    augmentation: AugmentConfig,
-    seed: int,
-    workplace: Workplace,
-    title: str,
-    new_categories: Sequence[str] = (),
-) -> Path:
-    """Fine-tunes a detector, as ``labeling.finetune`` does.
+@dataclass(frozen=True)
+class Course:
+    """What a detector is to learn, and how."""
+
+    detector: str
+    """Where to start."""
+    learn: Sequence[AnnotatedPicture]
+    choose: Sequence[AnnotatedPicture]
+    """The network that does best on these is kept."""
+    replay: Sequence[AnnotatedPicture]
+    """Source pictures to mix in."""
+    train: TrainConfig
+    """Its seed is replaced."""
+    augment: AugmentConfig
+    seed: int
+    """Of training."""
+    title: str
+    """What is learnt from, for the records."""
+    new_categories: tuple[str, ...] = ()
+    """To learn beside those it knows."""
+
+
+def taught(courses: Sequence[Course], workplace: Workplace) -> list[str]:
+    """Fine-tunes detectors, as ``labeling.finetune`` does, side by side.
 
     Args:
-        detector: where to start.
-        learn: annotated pictures.
-        choose: likewise; the network that does best on them is kept.
-        replay: source pictures to mix in.
-        train_config: settings; their seed is replaced.
-        augmentation: settings.
-        seed: of training.
-        workplace: where to keep the run.
-        title: what is learnt from, for the records.
-        new_categories: that it is to learn beside those it knows.
+        courses: one for each detector.
+        workplace: where to keep the runs.
 
     Returns:
-        The folder of the run, which is a detector by that name.
+        Names of the detectors, in order: the folders of their runs.
     """
+    from labeling.detectors.registry import load_named_network
+
+    weights = {name: load_named_network(name)[1] for name in {course.detector for course in courses}}
+    code, outs = code_digest(*TRAIN_CODE), []
+    missing: dict[str, tuple[Course, Workplace, str]] = {}
+    for course in courses:
+        inputs = [weights[course.detector], _content(course.learn), _content(course.choose), len(course.replay)]
+        inputs += [asdict(replace(course.train, seed=course.seed)), asdict(course.augment)]
+        key = digest(*inputs, list(course.new_categories), code)
+        outs.append(str(workplace.cache / "detectors" / key))
+        if not workplace.store.has("taught", key):
+            missing[key] = (course, workplace, key)
+    _side_by_side(_teach, list(missing.values()), workplace, "training detectors")
+    return outs
+
+
+def _teach(task: tuple[Course, Workplace, str]) -> None:
+    """Trains one detector."""
     import torch
 
     from labeling.detectors.network import with_categories
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.training_run import train
 
-    config = replace(train_config, seed=seed)
-    network, weights = load_named_network(detector)
-    if new_categories:
-        torch.manual_seed(seed)
-        network = with_categories(network, (*network.spec.categories, *new_categories))
-    inputs = [weights, _content(learn), _content(choose), len(replay), asdict(config), asdict(augmentation)]
-    out = workplace.cache / "detectors" / digest(*inputs, list(new_categories), code_digest(*TRAIN_CODE))
-    print(f"training on {title}, seed {seed}: {out}", flush=True)
-    about = {"started_from": detector, "started_from_digest": weights, "labels": title}
-    train(network, out, learn, choose, config, augmentation, replay, choose_device(), about)
-    return out
+    course, workplace, key = task
+    network, weights = load_named_network(course.detector)
+    if course.new_categories:
+        torch.manual_seed(course.seed)
+        network = with_categories(network, (*network.spec.categories, *course.new_categories))
+    about = {"started_from": course.detector, "started_from_digest": weights, "labels": course.title}
+    title, out = f"{course.title}, seed {course.seed}", workplace.cache / "detectors" / key
+    train(
+        network,
+        out,
+        course.learn,
+        course.choose,
+        replace(course.train, seed=course.seed),
+        course.augment,
+        course.replay,
+        choose_device(),
+        about,
+        lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True),
+    )
+    workplace.store.write("taught", key, {"title": title, "folder": str(out)})
 
 
 def detector_scores(
-    detector: str, sets: Mapping[str, Sequence[AnnotatedPicture]], workplace: Workplace
-) -> dict[str, Any]:
-    """AP of a detector on sets of annotated pictures, by the set's name.
+    detectors: Sequence[str], sets: Mapping[str, Sequence[AnnotatedPicture]], workplace: Workplace
+) -> list[dict[str, Any]]:
+    """AP of detectors on sets of annotated pictures, by the sets' names.
 
     Args:
-        detector: its name, or the folder of a run.
+        detectors: names, or folders of runs.
         sets: pictures.
         workplace: where figures are kept.
+
+    Returns:
+        Figures for each detector, in order.
     """
+    from labeling.detectors.registry import load_detector
+
+    code, contents = code_digest(*SCORE_CODE), {name: _content(pictures) for name, pictures in sets.items()}
+    digests = {detector: load_detector(detector).digest for detector in detectors}
+    keys = {
+        (detector, name): digest(weights, content, code)
+        for detector, weights in digests.items()
+        for name, content in contents.items()
+    }
+    missing = {
+        key: (detector, sets[name], workplace, key)
+        for (detector, name), key in keys.items()
+        if not workplace.store.has("detector_scores", key)
+    }
+    _side_by_side(_score, list(missing.values()), workplace, "trying detectors")
+    return [
+        {name: workplace.store.read("detector_scores", keys[detector, name]) for name in sets} for detector in detectors
+    ]
+
+
+def _score(task: tuple[str, Sequence[AnnotatedPicture], Workplace, str]) -> None:
+    """Tries one detector on one set."""
     from labeling.detectors.registry import load_detector
     from labeling.detectors.training import evaluate
 
-    loaded = load_detector(detector)
-    found: dict[str, Any] = {}
-    for name, pictures in sets.items():
-        key = digest(loaded.digest, _content(pictures), code_digest(*SCORE_CODE))
-        if not workplace.store.has("detector_scores", key):
-            scores = asdict(evaluate(loaded, pictures))
-            workplace.store.write("detector_scores", key, scores)
-        found[name] = workplace.store.read("detector_scores", key)
-    return found
+    detector, pictures, workplace, key = task
+    workplace.store.write("detector_scores", key, asdict(evaluate(load_detector(detector), pictures)))
+
+
+def _side_by_side(work: Callable[[Task], object], tasks: Sequence[Task], workplace: Workplace, title: str) -> None:
+    """Works through tasks in processes of one thread each, which takes two thirds of the time of one after the other
+    in as many threads; but one after the other, here, with a GPU or a single worker.
+    """
+    from tqdm import tqdm
+
+    from labeling.detectors.registry import choose_device
+
+    if workplace.workers > 1 and choose_device() == "cpu":
+        run_tasks(work, tasks, workplace.workers, title)
+        return
+    for task in tqdm(tasks, desc=title, unit="run", file=sys.stderr):
+        work(task)
 
 
 def _content(pictures: Sequence[AnnotatedPicture]) -> str:

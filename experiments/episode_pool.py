@@ -68,7 +68,8 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
         detector_digest(pool.detector),
     ]
     name = f"{pool.name}-{digest(*depends_on)}"
-    return collect(CollectConfig(out=workplace.cache / "episodes" / name, episodes=pool.episodes, **settings))
+    out = workplace.cache / "episodes" / name
+    return collect(CollectConfig(out=out, episodes=pool.episodes, workers=workplace.workers, **settings))
 
 
 def detector_digest(name: str) -> str:

@@ -40,7 +40,7 @@ SIZES: dict[Scale, Size] = {
     ),
     "quick": Size(
         {"rooms": (20, 5, 8), "streets": (10, 3, 5)},
-        (6000, 600),
+        (1200, 600),
         TrainConfig(
             iterations=120,
             batch_size=8,
@@ -92,7 +92,7 @@ def _one_world(
     held_out: "list[AnnotatedPicture]",
     workplace: Workplace,
 ) -> dict[str, Any]:
-    from experiments.detector_stages import detector_scores, label, label_scores, taught
+    from experiments.detector_stages import Course, detector_scores, label, label_scores, taught
     from experiments.episode_pool import Pool, about, record
     from labeling.detectors.pictures import read_pictures
 
@@ -104,30 +104,22 @@ def _one_world(
     }
     folders = {name: record(pool, workplace) for name, pool in pools.items()}
     sets = {"validation": read_pictures(folders["val"][0].parent), "photographs": held_out}
-    runs, labels = [], []
+    courses, labels = [], []
     for seed in workplace.seeds:
         made = {name: label(folders[name], seed, workplace) for name in ("learn", "choose")}
         labels.append({"seed": seed, **label_scores(made["learn"])})
         for teacher in TEACHERS:
             source = made if teacher == "labels" else {name: folders[name][0].parent for name in made}
-            pictures = {name: read_pictures(place) for name, place in source.items()}
-            out = taught(
-                DETECTOR,
-                pictures["learn"],
-                pictures["choose"],
-                replay,
-                size.train,
-                size.augment[world],
-                seed,
-                workplace,
-                f"{teacher} of {world}",
-            )
-            runs.append({"teacher": teacher, "seed": seed, **detector_scores(str(out), sets, workplace)})
+            learn, choose = (read_pictures(source[name]) for name in ("learn", "choose"))
+            title = f"{teacher} of {world}"
+            courses.append(Course(DETECTOR, learn, choose, replay, size.train, size.augment[world], seed, title))
+    before, *after = detector_scores([DETECTOR, *taught(courses, workplace)], sets, workplace)
+    who = [{"teacher": teacher, "seed": seed} for seed in workplace.seeds for teacher in TEACHERS]
     return {
         "pools": {name: about(pool, folders[name]) for name, pool in pools.items()},
         "labels": labels,
-        "before": detector_scores(DETECTOR, sets, workplace),
-        "runs": runs,
+        "before": before,
+        "runs": [{**one, **scores} for one, scores in zip(who, after, strict=True)],
     }
 
 

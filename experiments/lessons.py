@@ -51,6 +51,18 @@ TEACHERS = (*KINDS, TRUTH, ANNOTATED)
 """What a detector may learn from: labels of a kind; ground truth; or only the masks that weak labels are made from."""
 
 
+@dataclass(frozen=True)
+class Pupil:
+    """A detector, and what it has learnt from."""
+
+    teacher: str | None
+    """One of ``TEACHERS``; None for the one that nothing here has taught."""
+    seed: int
+    """Of labels and training."""
+    new_categories: tuple[str, ...] = ()
+    """Taught beside those it knew."""
+
+
 class Lessons:
     """One world."""
 
@@ -103,31 +115,28 @@ class Lessons:
         sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
         return label(self.episodes(part), seed, self._workplace, settings, sources)
 
-    def detector(self, teacher: str | None, seed: int, new_categories: Sequence[str] = ()) -> str:
-        """The name of a detector.
+    def detectors(self, pupils: Sequence[Pupil]) -> list[str]:
+        """Names of detectors; those that are missing are taught side by side."""
+        from experiments.detector_stages import Course, taught
 
-        Args:
-            teacher: one of ``TEACHERS``; None for the one that nothing here has taught.
-            seed: of labels and training.
-            new_categories: taught beside those it knows.
-        """
-        from experiments.detector_stages import taught
-
-        if teacher is None:
-            return DETECTOR
-        out = taught(
-            DETECTOR,
-            self.lesson("learn", teacher, seed),
-            self.lesson("choose", teacher, seed),
-            self.photographs()[0],
-            self._size.train,
-            self._size.augment[self.world],
-            seed,
-            self._workplace,
-            f"{teacher} of {self.world}",
-            new_categories,
-        )
-        return str(out)
+        taught_here = [pupil for pupil in dict.fromkeys(pupils) if pupil.teacher is not None]
+        courses = [
+            Course(
+                DETECTOR,
+                self.lesson("learn", pupil.teacher, pupil.seed),
+                self.lesson("choose", pupil.teacher, pupil.seed),
+                self.photographs()[0],
+                self._size.train,
+                self._size.augment[self.world],
+                pupil.seed,
+                f"{pupil.teacher} of {self.world}",
+                pupil.new_categories,
+            )
+            for pupil in taught_here
+            if pupil.teacher is not None
+        ]
+        names = dict(zip(taught_here, taught(courses, self._workplace), strict=True))
+        return [names.get(pupil, DETECTOR) for pupil in pupils]
 
     def lesson(self, part: Part, teacher: str, seed: int) -> "list[AnnotatedPicture]":
         """Annotated pictures to learn from, or to choose a network by.
@@ -172,21 +181,23 @@ class Lessons:
             "instances": {name: found["ground_truth_instances"] for name, found in of_each.items()},
         }
 
-    def detector_figures(self, part: Part, detector: str) -> dict[str, Any]:
-        """How good a detector is on the views of episodes, and on the photographs held out."""
+    def detector_figures(self, part: Part, detectors: Sequence[str]) -> list[dict[str, Any]]:
+        """How good each detector is on the views of episodes, and on the photographs held out."""
         from collections import Counter
 
         from experiments.detector_stages import detector_scores
 
         pictures = self.pictures(part)
-        found = detector_scores(detector, {"views": pictures, "photographs": self.photographs()[1]}, self._workplace)
         counts = Counter(one.category for picture in pictures for one in picture.annotations if not one.ignore)
-        views = found["views"]
-        return {
-            **{name: value for name, value in views.items() if name not in ("pictures", "objects")},
-            "instances": {name: counts[name] for name in views["per_class_ap50"]},
-            "photographs_ap50": found["photographs"]["mask_ap50"],
-        }
+        sets = {"views": pictures, "photographs": self.photographs()[1]}
+        return [
+            {
+                **{name: value for name, value in found["views"].items() if name not in ("pictures", "objects")},
+                "instances": {name: counts[name] for name in found["views"]["per_class_ap50"]},
+                "photographs_ap50": found["photographs"]["mask_ap50"],
+            }
+            for found in detector_scores(detectors, sets, self._workplace)
+        ]
 
     def _pool(self, part: Part) -> Any:
         from experiments.episode_pool import Pool

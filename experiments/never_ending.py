@@ -17,6 +17,7 @@ from experiments.lessons import Lessons
 from experiments.stages import Scale, Workplace
 
 if TYPE_CHECKING:
+    from experiments.detector_stages import Course
     from labeling.detectors.pictures import AnnotatedPicture
 
 DESCRIPTION = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
@@ -61,12 +62,25 @@ class Signs:
 
 
 def run(workplace: Workplace) -> dict[str, Any]:
-    """Goes through the rounds of every seed; what was done before is not done again.
+    """Goes through the rounds, of all seeds side by side; what was done before is not done again.
 
     Returns:
         By seed: every round's figures, and why the loop stopped, if it did.
     """
+    import sys
+
+    from tqdm import tqdm
+
+    from experiments.detector_stages import taught
+
     size, lessons = SIZES[workplace.scale], Lessons(WORLD, workplace)
+    loops = [_Loop(seed, size, lessons, workplace) for seed in workplace.seeds]
+    for number in tqdm(range(1, size.rounds + 1), desc="rounds", unit="round", file=sys.stderr):
+        courses = {loop: course for loop in loops for course in [loop.collect(number)] if course is not None}
+        detectors = taught(list(courses.values()), workplace)
+        figures = lessons.detector_figures("test", detectors)
+        for loop, detector, found in zip(courses, detectors, figures, strict=True):
+            loop.redeploy(detector, found)
     return {
         "world": WORLD,
         "policy": POLICY,
@@ -74,33 +88,43 @@ def run(workplace: Workplace) -> dict[str, Any]:
         "settings": lessons.settings(),
         "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
         "test": lessons.about("test"),
-        "before": lessons.detector_figures("test", fine_tuning.DETECTOR),
-        "loops": [_loop(seed, size, lessons, workplace) for seed in workplace.seeds],
+        "before": lessons.detector_figures("test", [fine_tuning.DETECTOR])[0],
+        "loops": [{"seed": loop.seed, "rounds": loop.rounds, "stopped": loop.stopped} for loop in loops],
     }
 
 
-def _loop(seed: int, size: Size, lessons: Lessons, workplace: Workplace) -> dict[str, Any]:
-    """All rounds of a seed."""
-    import sys
+class _Loop:
+    """The rounds of one seed."""
 
-    from tqdm import tqdm
+    def __init__(self, seed: int, size: Size, lessons: Lessons, workplace: Workplace) -> None:
+        """Begins with the pre-trained detector."""
+        self.seed = seed
+        self.rounds: list[dict[str, Any]] = []
+        """Figures so far."""
+        self.stopped: str | None = None
+        """Why the loop stopped, if it did."""
+        self._size, self._lessons, self._workplace = size, lessons, workplace
+        self._detector = fine_tuning.DETECTOR
+        self._learnt: list[AnnotatedPicture] = []
+        self._signs: list[Signs] = []
 
-    detector, learnt, signs = fine_tuning.DETECTOR, [], []
-    rounds: list[dict[str, Any]] = []
-    stopped: str | None = None
-    for number in tqdm(range(1, size.rounds + 1), desc=f"seed {seed}", unit="round", file=sys.stderr):
-        found = _Round(number, seed, detector, size, workplace)
-        record: dict[str, Any] = {"round": number, "labels": found.figures()}
-        signs.append(found.signs())
-        record["signs"] = asdict(signs[-1])
-        rounds.append(record)
-        stopped = collapse(signs)
-        if stopped is not None:
-            break
-        learnt += found.lesson("learn")
-        detector = found.teach(learnt, lessons)
-        record["test"] = lessons.detector_figures("test", detector)
-    return {"seed": seed, "rounds": rounds, "stopped": stopped}
+    def collect(self, number: int) -> "Course | None":
+        """Collects and labels; returns what is to be learnt, None if the loop has stopped."""
+        if self.stopped is not None:
+            return None
+        found = _Round(number, self.seed, self._detector, self._size, self._workplace)
+        self._signs.append(found.signs())
+        self.rounds.append({"round": number, "labels": found.figures(), "signs": asdict(self._signs[-1])})
+        self.stopped = collapse(self._signs)
+        if self.stopped is not None:
+            return None
+        self._learnt += found.lesson("learn")
+        return found.course(self._learnt, self._lessons)
+
+    def redeploy(self, detector: str, figures: dict[str, Any]) -> None:
+        """Goes on with another detector, whose figures are these."""
+        self._detector = detector
+        self.rounds[-1]["test"] = figures
 
 
 class _Round:
@@ -136,23 +160,21 @@ class _Round:
 
         return read_pictures(self._labels[part])
 
-    def teach(self, learnt: "Sequence[AnnotatedPicture]", lessons: Lessons) -> str:
-        """The detector that this round's becomes."""
-        from experiments.detector_stages import taught
+    def course(self, learnt: "Sequence[AnnotatedPicture]", lessons: Lessons) -> "Course":
+        """What the detector is to learn from this round and those before."""
+        from experiments.detector_stages import Course
 
         size = fine_tuning.SIZES[self._workplace.scale]
-        out = taught(
+        return Course(
             self._detector,
-            learnt,
+            list(learnt),
             self.lesson("choose"),
             lessons.photographs()[0],
             replace(size.train, iterations=self._size.iterations),
             size.augment[WORLD],
             self._seed,
-            self._workplace,
             f"the labels of {self._number} rounds",
         )
-        return str(out)
 
 
 def signs_of(pictures: "Sequence[AnnotatedPicture]") -> Signs:

@@ -38,7 +38,7 @@ def run(workplace: Workplace) -> dict[str, Any]:
 
 
 def _one_world(world: str, photographs: "Sequence[Sequence[AnnotatedPicture]]", workplace: Workplace) -> dict[str, Any]:
-    from experiments.detector_stages import detector_scores, label, label_scores, taught
+    from experiments.detector_stages import Course, detector_scores, label, label_scores, taught
     from experiments.episode_pool import Pool, about, record
     from experiments.fine_tuning import DETECTOR, SIZES, WORLDS
     from experiments.policy_evaluation import present, trained
@@ -51,7 +51,7 @@ def _one_world(world: str, photographs: "Sequence[Sequence[AnnotatedPicture]]", 
     val_folders = record(val_pool, workplace)
     replay, held_out = photographs
     sets = {"validation": read_pictures(val_folders[0].parent), "photographs": held_out}
-    pools, labels, runs = {"val": about(val_pool, val_folders)}, [], []
+    pools, labels, courses = {"val": about(val_pool, val_folders)}, [], []
     for policy in policies:
         folders: dict[str, list[Path]] = {}
         for seed, (name, count) in enumerate((("learn", learn), ("choose", choose))):
@@ -61,25 +61,18 @@ def _one_world(world: str, photographs: "Sequence[Sequence[AnnotatedPicture]]", 
         for seed in workplace.seeds:
             made = {name: label(found, seed, workplace) for name, found in folders.items()}
             labels.append({"policy": policy, "seed": seed, **label_scores(made["learn"])})
-            out = taught(
-                DETECTOR,
-                read_pictures(made["learn"]),
-                read_pictures(made["choose"]),
-                replay,
-                size.train,
-                size.augment[world],
-                seed,
-                workplace,
-                f"labels of {policy} in {world}",
-            )
-            runs.append({"policy": policy, "seed": seed, **detector_scores(str(out), sets, workplace)})
+            taken, chosen_by = (read_pictures(made[name]) for name in ("learn", "choose"))
+            title = f"labels of {policy} in {world}"
+            courses.append(Course(DETECTOR, taken, chosen_by, replay, size.train, size.augment[world], seed, title))
+    before, *after = detector_scores([DETECTOR, *taught(courses, workplace)], sets, workplace)
+    who = [{"policy": policy, "seed": seed} for policy in policies for seed in workplace.seeds]
     return {
         "pools": pools,
         "left_out": left_out,
         "trained": trained(policies, env_id),
         "labels": labels,
-        "before": detector_scores(DETECTOR, sets, workplace),
-        "runs": runs,
+        "before": before,
+        "runs": [{**one, **scores} for one, scores in zip(who, after, strict=True)],
     }
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.lessons import NOVEL, Lessons, Part
+from experiments.lessons import NOVEL, Lessons, Part, Pupil
 from experiments.stages import Workplace
 
 
@@ -23,6 +23,10 @@ class Row:
     pre-trained one."""
     new_categories: tuple[str, ...] = ()
     """That this detector was taught beside those it knew."""
+
+    def pupil(self, seed: int) -> Pupil:
+        """The detector of a seed."""
+        return Pupil(self.teacher, seed, self.new_categories)
 
 
 @dataclass(frozen=True)
@@ -49,9 +53,10 @@ class Table:
             SbmError: if a world cannot be built, or a stage fails.
         """
         lessons = Lessons(self.world, workplace)
+        detectors = self._detectors(lessons, workplace.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
         for seed, row in _in_turn(workplace.seeds, self.rows):
-            rows[row.name].append({"seed": seed, **self._figures(lessons, row, seed)})
+            rows[row.name].append({"seed": seed, **self._figures(lessons, row, seed, detectors[row.pupil(seed)])})
         parts: dict[Part, None] = dict.fromkeys(part for row in self.rows for part in _parts(row))
         return {
             "world": self.world,
@@ -81,10 +86,21 @@ class Table:
 
         return write_page(results, docs)
 
-    def _figures(self, lessons: Lessons, row: Row, seed: int) -> dict[str, Any]:
-        detector = lessons.detector(row.teacher, seed, row.new_categories)
+    def _detectors(self, lessons: Lessons, seeds: Sequence[int]) -> dict[Pupil, str]:
+        """Those that rows ask for, taught and tried side by side before they are asked one by one."""
+        pupils = list(dict.fromkeys(row.pupil(seed) for seed in seeds for row in self.rows))
+        names = dict(zip(pupils, lessons.detectors(pupils), strict=True))
+        tried: dict[Part, dict[str, None]] = {}
+        for row in self.rows:
+            if row.labels is None:
+                tried.setdefault(row.part, {}).update({names[row.pupil(seed)]: None for seed in seeds})
+        for part, some in tried.items():
+            lessons.detector_figures(part, list(some))
+        return names
+
+    def _figures(self, lessons: Lessons, row: Row, seed: int, detector: str) -> dict[str, Any]:
         if row.labels is None:
-            found = lessons.detector_figures(row.part, detector)
+            found = lessons.detector_figures(row.part, [detector])[0]
         else:
             found = lessons.label_figures(row.part, row.labels, seed, detector if row.teacher else None)
         return found if self.categories is None else only(self.categories, found)

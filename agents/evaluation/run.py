@@ -1,11 +1,7 @@
 """The whole of an evaluation: play what is missing, sum up, write, draw, print."""
 
-import multiprocessing
-import signal
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +15,9 @@ from agents.evaluation.table import print_tables
 from agents.output_folder import claim_folder
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
-from labeling.errors import SbmError, UsageError
+from agents.side_by_side import in_processes
+from labeling.errors import UsageError
 from labeling.files import write_json
-from labeling.threads import threads_of_children
 
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
@@ -139,7 +135,8 @@ def _play_missing(player: Player, spawns: Sequence[Spawn]) -> None:
         if player.config.workers == 1 or len(waiting) <= 1:
             _play_here(player, waiting, bar.update)
         else:
-            _play_in_processes(player.config, waiting, bar.update)
+            for _, policies in in_processes(Player, player.config, _play_one, waiting, player.config.workers):
+                bar.update(len(policies))
 
 
 def _play_here(player: Player, waiting: Sequence[tuple[Spawn, list[str]]], done: Callable[[int], object]) -> None:
@@ -149,39 +146,8 @@ def _play_here(player: Player, waiting: Sequence[tuple[Spawn, list[str]]], done:
             done(1)
 
 
-def _play_in_processes(
-    config: EvaluateConfig, waiting: Sequence[tuple[Spawn, list[str]]], done: Callable[[int], object]
-) -> None:
-    context = multiprocessing.get_context("spawn")
-    count = min(config.workers, len(waiting))
-    with (
-        threads_of_children(1),
-        ProcessPoolExecutor(count, mp_context=context, initializer=_hire, initargs=(config,)) as pool,
-    ):
-        running = {pool.submit(_work, *task): len(task[1]) for task in waiting}
-        try:
-            for finished in as_completed(running):
-                finished.result()
-                done(running[finished])
-        except BrokenProcessPool:
-            raise SbmError("a worker process was killed; memory may have run out (try fewer --workers)") from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-_hired: list[Player] = []
-"""The player of a worker process."""
-
-
-def _hire(config: EvaluateConfig) -> None:
-    # Ctrl-C reaches all processes of a terminal; the first one decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _hired.append(Player(config))
-
-
-def _work(spawn: Spawn, policies: list[str]) -> None:
-    _play_here(_hired[0], [(spawn, policies)], lambda _: None)
+def _play_one(player: Player, task: tuple[Spawn, list[str]]) -> None:
+    _play_here(player, [task], lambda _: None)
 
 
 # Drawing -------------------------------------------------------------------------------------------------------------

@@ -121,6 +121,7 @@ def test_other_settings_in_the_same_folder_are_refused(recorded, change):
         (["--episodes", "0"], "at least 1"),
         (["--size", "8"], "at least 32"),
         (["--seed", "-1"], "negative"),
+        (["--workers", "0"], "at least 1"),
     ],
 )
 def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, capsys, arguments, says):
@@ -192,3 +193,11 @@ def test_help_names_the_options():
         [sys.executable, "-m", "agents.collect", "--help"], capture_output=True, text=True, cwd=ROOT, check=True
     )
     assert all(option in result.stdout for option in ("--env", "--policy", "--episodes", "--out", "--seed", "--split"))
+
+
+def test_several_workers_record_the_same_bytes(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))  # workers find modules where this process does
+    env = "tests.experiments.box_env:policies_test/BoxesShort-v0"
+    for workers in (1, 2):
+        collect(CollectConfig(out=tmp_path / str(workers), env=env, episodes=3, size=64, workers=workers))
+    assert contents(tmp_path / "1") == contents(tmp_path / "2")
