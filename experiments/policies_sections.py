@@ -315,10 +315,11 @@ def ablation(content: Mapping[str, Any], picture: str) -> list[str]:
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return [
         f"`{content['env']}`, `{content['detector']}` detector, {' or '.join(map(str, steps))} steps, {seeds} training "
-        f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). Actions are moves, and "
-        f"all runs start from a network that imitates `{content['teacher']}`. In training only these terms of the "
-        "reward are paid, and collisions cost; measured is the last policy of each run with the full "
-        f"reward, on {settings['episodes']} {_plural('episode', settings['episodes'])} of "
+        f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). Actions are priorities of "
+        "the view planner, and all runs of a seed start from one network, whose priorities are wrong for both "
+        "halves of the reward: candidates and near views count less, unseen floor more, and it does not look ahead. In "
+        "training only these terms of the reward are paid, and collisions cost; measured is the last policy of each "
+        f"run with the full reward, on {settings['episodes']} {_plural('episode', settings['episodes'])} of "
         f"{SPLITS[settings['split']]} scenes. Mean"
         f"{_spread_words(seeds, 'training seeds')}.",
         f"![Figures by what the policy was trained on]({picture})",

@@ -11,12 +11,10 @@ ENV = "sbm_gym/IndoorBuiltin-v0"
 DETECTOR = "simulated"
 SPLIT = "val"
 HYPERPARAMS = Path(__file__).with_name("reward_ablation.yaml")
-TEACHER = "ring"
-"""All runs start from one network, which imitates it."""
 Reward = Literal["both", "discovery", "diversity", "neither"]
 REWARDS: tuple[Reward, ...] = ("both", "discovery", "diversity", "neither")
 """Which terms are paid in training; see ``agents.train``. Differences are to the first."""
-REFERENCES = ("random", "ring")
+REFERENCES = ("random", "ring", "next_best_view")
 FIGURES = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
 START = {
     "return": "return",
@@ -32,16 +30,17 @@ SMOKE_ROLLOUTS = 2
 
 PROTOCOL = {
     "training": (
-        "actions are moves. One run for each reward and training seed; runs of one seed begin with the same network, "
-        f"which imitates {TEACHER}. Measured is the last policy of a run: the best one would be chosen by validations, "
-        "which pay the full reward to all"
+        "actions are priorities of the view planner. One run for each reward and training seed; runs of one seed begin "
+        "with the same network, whose priorities are wrong for both halves of the reward: candidates and near views "
+        "count less, unseen floor more, and it does not look ahead. Measured is the last policy of a run: the best one "
+        "would be chosen by validations, which pay the full reward to all"
     ),
     "figures": (
         "means over the same validation episodes for all, with the full reward; then mean and sample standard "
         "deviation over training seeds. difference: to the policy trained on the full reward with the same seed, "
         "likewise"
     ),
-    "start": f"the network that imitates {TEACHER}, before its first update, on the episodes of validations",
+    "start": "these networks before their first update, on the episodes of validations",
 }
 
 
@@ -53,13 +52,11 @@ class Size:
     """Of training; None is what the hyperparameters say, 0 two rollouts."""
     episodes: int
     """To measure by."""
-    imitated: int
-    """Episodes of the teacher to begin with."""
     validation_episodes: int = 20
     """Of each validation during training."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(0, 1, 4, 1), "quick": Size(30_000, 40, 60), "full": Size(None, 100, 200)}
+SIZES: dict[Scale, Size] = {"smoke": Size(0, 1, 1), "quick": Size(20_000, 40), "full": Size(None, 100)}
 
 
 def run(workplace: Workplace) -> dict[str, Any]:
@@ -98,7 +95,6 @@ def run(workplace: Workplace) -> dict[str, Any]:
     return {
         "env": ENV,
         "detector": DETECTOR,
-        "teacher": TEACHER,
         "settings": content["settings"],
         "rewards": rewards,
         "references": {policy: {name: figures[policy][name]["mean"] for name in FIGURES} for policy in REFERENCES},
@@ -125,7 +121,7 @@ def _trained(reward: Reward, seed: int, workplace: Workplace) -> Path:
     steps = hyperparameters.n_timesteps if size.steps is None else size.steps
     steps = steps or SMOKE_ROLLOUTS * hyperparameters.n_steps * hyperparameters.n_envs
     # Rates fall over the whole of a run, so a longer one is another one.
-    decisive = [ENV, DETECTOR, asdict(hyperparameters), steps, size.validation_episodes, TEACHER, size.imitated]
+    decisive = [ENV, DETECTOR, asdict(hyperparameters), steps, size.validation_episodes]
     decisive.append(versions())
     folder = workplace.cache / "reward_ablation" / digest(decisive, code_digest(*TRAINING_CODE)) / f"{reward}-{seed}"
     if _steps_done(folder) >= steps:
@@ -138,8 +134,6 @@ def _trained(reward: Reward, seed: int, workplace: Workplace) -> Path:
         reward=reward,
         detector=DETECTOR,
         hyperparams=HYPERPARAMS,
-        imitate=TEACHER,
-        imitate_episodes=size.imitated,
         eval_episodes=size.validation_episodes,
     )
     train(config, tqdm.write, functools.partial(tqdm, unit="step", file=sys.stderr, dynamic_ncols=True))

@@ -94,7 +94,6 @@ def ablation() -> dict[str, Any]:
         "seeds": [0, 1],
         "env": "sbm_gym/Some-v0",
         "detector": "simulated",
-        "teacher": "ring",
         "settings": {"episodes": 50, "split": "val"},
         "rewards": {reward: row() for reward in rewards},
         "start": row(),

@@ -69,7 +69,7 @@ def test_rewards_are_compared_by_the_last_policies(
     ]
     assert {one["steps"] for one in content["runs"]} == {20}
     played = {path.parent.name: read_result(path)["figures"] for path in (tmp_path / "cache").rglob("seed0-0000.json")}
-    assert len(played) == 4 + 2
+    assert len(played) == 4 + len(reward_ablation.REFERENCES)
     from agents.evaluation.store import policy_key
 
     for reward, figures in content["rewards"].items():
