@@ -37,7 +37,8 @@ class CollectConfig:
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""
     workers: int = 1
-    """Processes side by side, one thread each if there are several."""
+    """Processes side by side, one thread each if there are several. What comes out is the same for any number, but for
+    the last digits of a network's confidences, which depend on its threads."""
 
 
 def main(arguments: list[str] | None = None) -> int:
