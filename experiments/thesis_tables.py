@@ -37,7 +37,7 @@ class Table:
     world: str
     rows: tuple[Row, ...]
     categories: tuple[str, ...] | None = None
-    """Those that count; None are all that the detector knows."""
+    """Those that count; None are all that every row has figures of."""
     gap: tuple[str, str, str] | None = None
     """Rows: before, after, and the ceiling; the share of the gap that is closed is told."""
     above: tuple[tuple[str, str], ...] = ()
@@ -57,6 +57,7 @@ class Table:
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
         for seed, row in _in_turn(workplace.seeds, self.rows):
             rows[row.name].append({"seed": seed, **self._figures(lessons, row, seed, detectors[row.pupil(seed)])})
+        rows = compared_alike(rows)
         parts: dict[Part, None] = dict.fromkeys(part for row in self.rows for part in _parts(row))
         return {
             "world": self.world,
@@ -107,7 +108,10 @@ class Table:
 
 
 def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
-    """The figures of some categories: AP of masks of each, and its mean over those that there are."""
+    """The figures of some categories: AP of masks of each, and its mean over those that there are.
+
+    Means over other categories are left out; what is no mean over categories of views stays.
+    """
     of_each = {
         name: {category: figures[name][category] for category in categories if category in figures[name]}
         for name in ("per_class_ap50", "per_class_ap30", "instances")
@@ -116,7 +120,17 @@ def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
     for figure in ("ap50", "ap30"):
         known = [value for value in of_each[f"per_class_{figure}"].values() if value is not None]
         means[f"mask_{figure}"] = sum(known) / len(known) if known else None
-    return {**means, **of_each}
+    rest = {name: value for name, value in figures.items() if name in ("seed", "photographs_ap50")}
+    return {**rest, **means, **of_each}
+
+
+def compared_alike(rows: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
+    """The figures of rows over the categories that all of them have: means over different ones do not compare."""
+    of_rows = [tuple(run["per_class_ap50"]) for runs in rows.values() for run in runs]
+    shared = [name for name in of_rows[0] if all(name in names for names in of_rows)]
+    if all(len(names) == len(shared) for names in of_rows):
+        return rows
+    return {name: [only(shared, run) for run in runs] for name, runs in rows.items()}
 
 
 def _parts(row: Row) -> tuple[Part, ...]:

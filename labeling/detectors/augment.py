@@ -31,6 +31,7 @@ LEAST_PIXELS = 16
 
 def augment(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> Sample:
     """Crops, resizes, mirrors and recolours."""
+    sample = _window(sample, config, rng)
     sample = _crop(sample, config, rng)
     sample = _resize(sample, config, rng)
     if rng.random() < config.flip:
@@ -39,24 +40,42 @@ def augment(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> 
     return replace(sample, rgb=recolour(sample.rgb, config, rng), ignore=sample.ignore | tiny)
 
 
+def _window(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> Sample:
+    """A window of a large picture, around a pixel of an object that teaches something if there is one."""
+    height, width = sample.rgb.shape[:2]
+    tall, wide = min(height, config.window_px or height), min(width, config.window_px or width)
+    if (tall, wide) == (height, width):
+        return sample
+    middle = np.array([rng.integers(height), rng.integers(width)])
+    taught = np.flatnonzero(~sample.ignore & sample.masks.any(axis=(1, 2)))
+    if len(taught):
+        pixels = np.argwhere(sample.masks[rng.choice(taught)])
+        middle = pixels[rng.integers(len(pixels))]
+    top = int(np.clip(middle[0] - rng.integers(tall), 0, height - tall))
+    left = int(np.clip(middle[1] - rng.integers(wide), 0, width - wide))
+    return _cut(sample, (slice(top, top + tall), slice(left, left + wide)))
+
+
 def _crop(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> Sample:
     if rng.random() >= config.crop:
         return sample
     height, width = sample.rgb.shape[:2]
     tall, wide = (max(1, round(side * rng.uniform(config.crop_least, 1.0))) for side in (height, width))
     top, left = rng.integers(0, height - tall + 1), rng.integers(0, width - wide + 1)
-    window = (slice(top, top + tall), slice(left, left + wide))
+    return _cut(sample, (slice(top, top + tall), slice(left, left + wide)))
+
+
+def _cut(sample: Sample, window: tuple[slice, slice]) -> Sample:
+    """What lies in a window; objects that lose nearly all of themselves are ignored."""
     masks = sample.masks[:, *window]
     before, after = sample.masks.sum(axis=(1, 2)), masks.sum(axis=(1, 2))
-    lost = after < LEAST_SHARE_LEFT * before
-    cut = replace(sample, rgb=sample.rgb[window], masks=masks, ignore=sample.ignore | lost)
-    there = after > 0
-    return replace(
-        cut,
-        masks=cut.masks[there],
-        labels=cut.labels[there],
-        weights=cut.weights[there],
-        ignore=cut.ignore[there],
+    lost, there = after < LEAST_SHARE_LEFT * before, after > 0
+    return Sample(
+        rgb=sample.rgb[window],
+        masks=masks[there],
+        labels=sample.labels[there],
+        weights=sample.weights[there],
+        ignore=(sample.ignore | lost)[there],
     )
 
 

@@ -12,7 +12,7 @@ from experiments.lessons import NOVEL, SPLITS, Lessons, annotated_views
 from experiments.run import EXPERIMENTS, TABLES, main
 from experiments.stages import Workplace
 from experiments.thesis_figures import MEANS
-from experiments.thesis_tables import Table, only
+from experiments.thesis_tables import Table, compared_alike, only
 from labeling.detectors import training_run
 from labeling.episodes import read_episode, write_episode
 from labeling.instances import decode_mask
@@ -103,3 +103,25 @@ def test_means_are_over_the_categories_that_count() -> None:
     assert found["mask_ap30"] == pytest.approx(0.4)
     assert set(found["instances"]) == {"cushion", "shelf", "beanbag"}
     assert only(("plant",), figures)["mask_ap50"] is None
+
+
+def test_rows_are_compared_over_the_categories_they_share() -> None:
+    def run(**values: float) -> dict:
+        return {
+            "seed": 0,
+            "mask_ap50": sum(values.values()) / len(values),
+            "box_ap50": 0.5,
+            "photographs_ap50": 0.8,
+            "per_class_ap50": values,
+            "per_class_ap30": values,
+            "instances": dict.fromkeys(values, 20),
+        }
+
+    rows = {"few": [run(bed=0.2, chair=0.4)], "more": [run(bed=0.4, chair=0.6, shelf=1.0)]}
+    found = compared_alike(rows)
+    assert [found[name][0]["mask_ap50"] for name in rows] == pytest.approx([0.3, 0.5])
+    assert set(found["more"][0]["instances"]) == {"bed", "chair"}
+    assert found["more"][0]["photographs_ap50"] == 0.8
+    assert "box_ap50" not in found["more"][0]
+    alike = {name: [run(bed=0.2)] for name in "ab"}
+    assert compared_alike(alike) == alike

@@ -176,6 +176,30 @@ def test_without_augmentation_nothing_changes():
     assert not after.ignore.any()
 
 
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), side=st.integers(8, 80), ignored=st.booleans())
+def test_a_window_is_a_part_of_the_picture_that_shows_something_to_learn(seed, side, ignored):
+    whole = sample_of(seed % 7)
+    rows, columns = np.mgrid[:64, :64].astype(np.uint8)
+    whole = replace(whole, rgb=np.stack([rows, columns, rows], axis=2), ignore=np.array([ignored, False]))
+    config = replace(NO_AUGMENTATION, short_side_px=(1, 999), window_px=side)
+    part = augment(whole, config, np.random.default_rng(seed))
+    assert part.rgb.shape[:2] == (min(side, 64),) * 2
+    top, left = (int(value) for value in part.rgb[0, 0, :2])
+    window = (slice(top, top + side), slice(left, left + side))
+    np.testing.assert_array_equal(part.rgb, whole.rgb[window])
+    np.testing.assert_array_equal(part.masks.any(axis=0), np.logical_or.reduce(whole.masks)[window])
+    assert set(part.labels) & set(whole.labels[~whole.ignore])
+
+
+def test_pictures_without_objects_have_windows_anywhere():
+    empty = replace(sample_of(0), masks=np.zeros((2, 64, 64), bool))
+    config = replace(NO_AUGMENTATION, short_side_px=(1, 999), window_px=16)
+    parts = [augment(empty, config, np.random.default_rng(seed)) for seed in range(5)]
+    assert {part.rgb.shape for part in parts} == {(16, 16, 3)}
+    assert {len(part.masks) for part in parts} == {0}
+
+
 def test_slivers_are_ignored():
     sample = sample_of(3)
     sample.masks[1] = False
@@ -184,7 +208,9 @@ def test_slivers_are_ignored():
     assert after.ignore.tolist() == [False, True]
 
 
-@pytest.mark.parametrize("change", [{"flip": 2.0}, {"scale": (2.0, 1.0)}, {"short_side_px": (0, 5)}, {"noise": -1.0}])
+@pytest.mark.parametrize(
+    "change", [{"flip": 2.0}, {"scale": (2.0, 1.0)}, {"short_side_px": (0, 5)}, {"noise": -1.0}, {"window_px": -1}]
+)
 def test_settings_of_augmentation_that_make_no_sense_are_refused(change):
     with pytest.raises(UsageError, match=f"--{next(iter(change)).replace('_', '-')}"):
         AugmentConfig(**change).check()
