@@ -51,7 +51,9 @@ HEADINGS = 24
 
 @dataclass(frozen=True)
 class Priorities:
-    """What counts more or less than by default; all are exponents, so that 0 changes nothing and 1 is times e."""
+    """What counts more or less than by default; all are exponents, so that 0 changes nothing, 1 is times e, and minus
+    infinity leaves nothing.
+    """
 
     candidates: float = 0.0
     """Views of unconfirmed candidates."""
@@ -65,6 +67,8 @@ class Priorities:
     """The nearest views of objects and candidates; the farthest get so much less."""
     patience: float = 0.0
     """Views that are many steps away: what a step costs is divided."""
+    sides: float = 0.0
+    """Views of confirmed objects."""
 
 
 DEFAULT = Priorities()
@@ -158,7 +162,8 @@ class ViewPlanner:
         found, looked = [], self._env.episode.looked
         detail = NEW_CELL * float(np.exp(priorities.detail))
         for known in self._env.memory.objects:
-            worth = float(np.exp(priorities.focus)) if known is self._env.episode.target else 1.0
+            focus = priorities.focus if known is self._env.episode.target else 0.0
+            worth = float(np.exp(priorities.sides + focus))
             short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
             done = known.cells | looked.tried(known.object_id)
             bins = self._worth_of_bins(worth, detail * worth, known.azimuths, done)

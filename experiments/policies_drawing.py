@@ -22,15 +22,8 @@ COLOURS = {
 INK, GRID = "#1f2328", "#d8dee4"
 LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("right labels an episode", 1)}
 """Title and factor by figure."""
-ABLATION_PANELS = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
-START = "the start"
-ABLATION_COLOURS = {
-    "both": "#c2410c",
-    "discovery": "#e39a6f",
-    "diversity": "#137a3e",
-    "neither": "#8a94a0",
-    START: "#ffffff",
-}
+ABLATION_PANELS = ("return", "discovery", "diversity")
+ABLATION_COLOURS = {"both": "#c2410c", "discovery": "#e39a6f", "diversity": "#137a3e", "neither": "#8a94a0"}
 
 
 def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None:
@@ -106,31 +99,37 @@ def _band(axes: Axes, labels: Mapping[str, Any], name: str, factor: float, polic
 
 
 def draw_ablation(content: Mapping[str, Any], path: Path) -> None:
-    """Draws figures by what was paid in training: bars for means, dots for training seeds, lines for references.
+    """Draws figures by what a planner values, a row for each world: bars for means, dots for seeds; others are dashed.
 
     Args:
         content: of ``reward_ablation.json``.
         path: PNG to write.
     """
-    bars = {**content["rewards"], START: content["start"]}
-    columns = 3
-    rows = -(-len(ABLATION_PANELS) // columns)
-    figure, panels = plt.subplots(rows, columns, figsize=(3.9 * columns, 2.7 * rows), dpi=100, squeeze=False)
-    for axes, name in zip(panels.flat, ABLATION_PANELS, strict=True):
-        for place, (reward, figures) in enumerate(bars.items()):
-            found = figures[name]
-            axes.bar(place, found["mean"], 0.72, color=ABLATION_COLOURS[reward], edgecolor="#57606a", lw=0.7)
-            if len(found["per_seed"]) > 1:
-                seeds = found["per_seed"]
-                axes.plot(np.full(len(seeds), place), seeds, "o", color=INK, ms=3, alpha=0.7)
-        for policy, figures in content["references"].items():
-            axes.axhline(figures[name], color=COLOURS[policy], ls="--", lw=1.2, label=policy)
-        axes.set_xticks(range(len(bars)), list(bars), fontsize=7.5)
-        axes.set_title(name, fontsize=9.5)
-        _tidy(axes)
+    base, worlds = content["compared_with"], content["worlds"]
+    columns = len(ABLATION_PANELS)
+    figure, panels = plt.subplots(
+        len(worlds), columns, figsize=(3.9 * columns, 2.7 * len(worlds)), dpi=100, squeeze=False
+    )
+    for row, (world, found) in zip(panels, worlds.items(), strict=True):
+        for axes, name in zip(row, ABLATION_PANELS, strict=True):
+            ticks = []
+            for policy, figures in ((policy, one["figures"][name]) for policy, one in found["policies"].items()):
+                kind, _, goal = policy.partition(":")
+                if kind != base:
+                    axes.axhline(figures["mean"], color=COLOURS.get(policy, INK), ls="--", lw=1.2, label=policy)
+                    continue
+                goal = goal or "both"
+                axes.bar(len(ticks), figures["mean"], 0.72, color=ABLATION_COLOURS[goal])
+                seeds = figures["per_seed"]
+                if len(seeds) > 1:
+                    axes.plot(np.full(len(seeds), len(ticks)), seeds, "o", color=INK, ms=3, alpha=0.7)
+                ticks.append(goal)
+            axes.set_xticks(range(len(ticks)), ticks, fontsize=8)
+            axes.set_title(f"{world}: {name}", fontsize=9.5)
+            _tidy(axes)
     figure.tight_layout(rect=(0, 0.05, 1, 1))
     handles, names = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="lower center", ncols=len(names), frameon=False, fontsize=8)
+    figure.legend(handles, names, loc="lower center", ncols=max(1, len(names)), frameon=False, fontsize=8)
     _save(figure, path)
 
 

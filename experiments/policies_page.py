@@ -141,7 +141,7 @@ def page(figures: Figures) -> str:
         parts += sections.training(figures.training, f"{PICTURES}/{LEARNING_PICTURE}")
     else:
         parts.append(_missing("No trained policy", "python -m experiments.ship_policy RUN", "has been shipped"))
-    parts.append("## What each half of the reward teaches")
+    parts.append("## What each half of the reward is worth")
     if figures.ablation is None:
         parts.append(_missing("No ablation of the reward", "python -m experiments.run reward_ablation"))
     else:

@@ -28,7 +28,6 @@ LABELLED = {
     "objects": ("objects labelled right", 1),
 }
 EARLY = {"right": ("right labels", 1), "objects": ("objects labelled right", 1), "ap50": ("AP50 an episode", POINTS)}
-ABLATED = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
 
 
 # Comparison ----------------------------------------------------------------------------------------------------------
@@ -292,39 +291,29 @@ def _training_row(env: str, content: Mapping[str, Any], references: Sequence[str
 
 
 def ablation(content: Mapping[str, Any], picture: str) -> list[str]:
-    """What policies trained on parts of the reward earn of the whole.
+    """What a planner earns that values parts of the reward.
 
     Args:
         content: of ``reward_ablation.json``.
         picture: its path, from the page.
     """
-    seeds, settings = len(content["seeds"]), content["settings"]
-    steps = sorted({run["steps"] for run in content["runs"]})
-    lines = ["| trained on | " + " | ".join(ABLATED) + " |", "|---" * (len(ABLATED) + 1) + "|"]
-    rows = {
-        **{f"`{reward}`": figures for reward, figures in content["rewards"].items()},
-        "nothing (the start; validation episodes)": content["start"],
-        **{
-            f"(`{policy}`)": {name: {"mean": value, "std": None} for name, value in figures.items()}
-            for policy, figures in content["references"].items()
-        },
-    }
-    for name, figures in rows.items():
-        # Differences here are over training seeds, without an interval: nothing is bold.
-        cells = [cell({**figures[one], "difference": None}) for one in ABLATED]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return [
-        f"`{content['env']}`, `{content['detector']}` detector, {' or '.join(map(str, steps))} steps, {seeds} training "
-        f"{_plural('seed', seeds)}, scale `{content['scale']}` ({SCALES[content['scale']]}). Actions are priorities of "
-        "the view planner, and all runs of a seed start from one network, whose priorities are wrong for both "
-        "halves of the reward: candidates and near views count less, unseen floor more, and it does not look ahead. In "
-        "training only these terms of the reward are paid, and collisions cost; measured is the last policy of each "
-        f"run with the full reward, on {settings['episodes']} {_plural('episode', settings['episodes'])} of "
-        f"{SPLITS[settings['split']]} scenes. Mean"
-        f"{_spread_words(seeds, 'training seeds')}.",
-        f"![Figures by what the policy was trained on]({picture})",
-        "\n".join(lines),
+    base = content["compared_with"]
+    some = next(iter(content["worlds"].values()))["settings"]
+    seeds = len(some["seeds"])
+    parts = [
+        f"The greedy planner, told what to value: both halves of the reward (`{base}`), the discovery of objects only, "
+        "the diversity of views of known objects only, or neither, which leaves it walking to unseen floor. Measured "
+        f"is the full reward. {SPLITS[some['split']].capitalize()} scenes, `{some['detector']}` detector, "
+        f"{some['episodes']} {_plural('episode', some['episodes'])} x {seeds} {_plural('seed', seeds)} of starts in "
+        f"each world, the same starts for all. Scale `{content['scale']}` ({SCALES[content['scale']]}). Mean"
+        f"{_spread_words(seeds, 'seeds')}. **Bold**: the paired 95 % interval of the difference to `{base}`, over "
+        "episodes, excludes 0.",
+        f"![Return, discovery and diversity by what the planner values]({picture})",
     ]
+    for name, world in content["worlds"].items():
+        rows = {policy: found["figures"] for policy, found in world["policies"].items()}
+        parts += [f"### {name.capitalize()}: parts of the reward", figures_table(EARNED, rows)]
+    return parts
 
 
 def _spread_words(seeds: int, over: str) -> str:

@@ -24,7 +24,7 @@ def policy_key(policy: str, env_id: str) -> str:
     """
     checkpoint = checkpoint_of(policy, env_id)
     if checkpoint is None:
-        return policy
+        return policy.replace(":", "-")
     from agents.ppo.checkpoint import checkpoint_folder
 
     found = hashlib.sha256()

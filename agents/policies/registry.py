@@ -18,10 +18,10 @@ def _frontier() -> Policy:
     return FrontierWalk()
 
 
-def _next_best_view() -> Policy:
+def _next_best_view(goal: str = "both") -> Policy:
     from agents.policies.next_best_view import NextBestView
 
-    return NextBestView()
+    return NextBestView(goal)
 
 
 def _random() -> Policy:
@@ -50,6 +50,8 @@ _MAKERS: dict[str, Callable[[], Policy]] = {
     "spin": _spin,
 }
 BUILTIN = "Builtin"
+GREEDY = "next_best_view"
+"""Goes by this name alone, or with a colon and what it values."""
 POLICIES = tuple(_MAKERS)
 """The hand-written ones."""
 
@@ -58,7 +60,8 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
     """The policy of that name.
 
     Args:
-        name: one of ``POLICIES``, "ppo" (the trained policy that comes with the project), or "ppo:CHECKPOINT".
+        name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), "ppo" (the trained
+            policy that comes with the project), or "ppo:CHECKPOINT".
         env_id: for which environment; "ppo" alone needs it.
 
     Raises:
@@ -66,6 +69,8 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
     """
     if name in _MAKERS:
         return _MAKERS[name]()
+    if name.startswith(f"{GREEDY}:"):
+        return _next_best_view(name.partition(":")[2])
     checkpoint = checkpoint_of(name, env_id)
     if checkpoint is None:
         raise UsageError(f"unknown policy {name!r}; known: {', '.join(POLICIES)}, ppo, ppo:CHECKPOINT")

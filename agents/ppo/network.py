@@ -1,9 +1,7 @@
 """The policy's network, made from plain values: names of classes stand in tables, so that nothing need be pickled."""
 
-from collections.abc import Sequence
 from typing import Any
 
-import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
@@ -13,42 +11,10 @@ from torch import nn
 from agents.features import PICTURES, LookFeatures
 from labeling.errors import UsageError
 
-
-class LookPolicy(MultiInputActorCriticPolicy):
-    """Stable-Baselines3's network for observations with several parts, whose first actions can be chosen."""
-
-    def __init__(self, *arguments: Any, first_action: Sequence[float] | None = None, **more: Any) -> None:
-        """Makes the network.
-
-        Args:
-            arguments: of the class that this one is made of.
-            first_action: what an untrained network does on average; None is zero.
-            more: as ``arguments``.
-
-        Raises:
-            ValueError: if it is of another length than actions.
-        """
-        super().__init__(*arguments, **more)
-        if first_action is not None:
-            bias: torch.Tensor = self.action_net.bias  # type: ignore[assignment]
-            if len(first_action) != len(bias):
-                raise ValueError(f"first_action must have {len(bias)} values, not {len(first_action)}")
-            with torch.no_grad():
-                bias.copy_(torch.tensor(first_action))
-
-
-POLICIES: dict[str, type[ActorCriticPolicy]] = {"MultiInputPolicy": LookPolicy}
+POLICIES: dict[str, type[ActorCriticPolicy]] = {"MultiInputPolicy": MultiInputActorCriticPolicy}
 EXTRACTORS = {"LookFeatures": LookFeatures}
 ACTIVATIONS: dict[str, type[nn.Module]] = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
-PLAIN = (
-    "net_arch",
-    "log_std_init",
-    "ortho_init",
-    "full_std",
-    "share_features_extractor",
-    "features_extractor_kwargs",
-    "first_action",
-)
+PLAIN = ("net_arch", "log_std_init", "ortho_init", "full_std", "share_features_extractor", "features_extractor_kwargs")
 TABLES: dict[str, dict[str, Any]] = {"activation_fn": ACTIVATIONS, "features_extractor_class": EXTRACTORS}
 
 

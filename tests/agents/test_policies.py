@@ -124,6 +124,19 @@ def test_ring_and_next_best_view_see_more_sides_than_random_and_never_bump_into_
         assert bumps[name] <= 0.1 * bumps["random"]
 
 
+def test_a_planner_gets_more_of_what_it_values():
+    def earned(goal: str) -> dict[str, float]:
+        terms = [info["reward_terms"] for seed in range(4) for *_, info in roll_out(f"next_best_view:{goal}", seed)]
+        return {name: sum(one[name] for one in terms) for name in ("discovery", "diversity")}
+
+    both, discovery, diversity, neither = map(earned, ("both", "discovery", "diversity", "neither"))
+    assert discovery["diversity"] < 0.7 * min(both["diversity"], diversity["diversity"])
+    assert neither["diversity"] < 0.7 * both["diversity"]
+    assert neither["discovery"] <= both["discovery"]
+    with pytest.raises(UsageError, match="one of both, discovery, diversity, neither"):
+        make_policy("next_best_view:glory")
+
+
 def test_spin_turns_all_the_way_round_on_the_spot():
     turned = 0
     for seed in range(3):

@@ -114,17 +114,6 @@ def test_policies_whose_noise_depends_on_the_state_come_back_too(tmp_path):
     assert not np.array_equal(drawn, actions(Ppo(tmp_path, deterministic=False), seed=1))
 
 
-def test_an_untrained_network_does_what_it_is_told_to_begin_with(tmp_path):
-    env, first = Echo(), [0.5] * len(Echo().action_space.sample())
-    kwargs = {**KWARGS, "first_action": first}
-    policy = build_policy(env.observation_space, env.action_space, "MultiInputPolicy", kwargs)  # type: ignore[arg-type]
-    found = [policy.predict(env.reset(seed=seed)[0], deterministic=True)[0] for seed in range(20)]
-    assert np.allclose(np.mean(found, axis=0), first, atol=0.05)
-    kwargs["first_action"] = [0.5] * (len(first) + 1)
-    with pytest.raises(UsageError, match="first_action must have"):
-        build_policy(env.observation_space, env.action_space, "MultiInputPolicy", kwargs)  # type: ignore[arg-type]
-
-
 def test_a_run_means_its_best_policy(checkpoint):
     assert checkpoint_folder(checkpoint.parent) == checkpoint
     assert np.array_equal(actions(Ppo(checkpoint.parent)), actions(Ppo(checkpoint)))

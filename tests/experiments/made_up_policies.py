@@ -83,22 +83,22 @@ def teaching() -> dict[str, Any]:
 def ablation() -> dict[str, Any]:
     """As ``reward_ablation.json``."""
     numbers = itertools.count(5001)
-    names = ("return", "discovery", "diversity", "objects", "coverage", "collisions")
-    rewards = ("both", "discovery", "diversity", "neither")
+    planner = "next_best_view"
+    policies = (planner, *(f"{planner}:{goal}" for goal in ("discovery", "diversity", "neither")), "random")
+    settings = {"env": "sbm_gym/Some-v0", "split": "val", "detector": "simulated", "episodes": 50, "seeds": [0, 1]}
 
-    def row() -> dict[str, Any]:
-        return {name: figure(numbers, True, True) for name in names}
+    def world() -> dict[str, Any]:
+        figures = {
+            policy: {"figures": {name: figure(numbers, place == 1, place == 0) for name in NAMES}}
+            for place, policy in enumerate(policies)
+        }
+        return {"settings": settings, "policies": figures}
 
     return {
         "scale": "full",
         "seeds": [0, 1],
-        "env": "sbm_gym/Some-v0",
-        "detector": "simulated",
-        "settings": {"episodes": 50, "split": "val"},
-        "rewards": {reward: row() for reward in rewards},
-        "start": row(),
-        "references": {policy: {name: next(numbers) / 100 for name in names} for policy in ("random", "ring")},
-        "runs": [{"steps": 1234} for _ in rewards],
+        "compared_with": planner,
+        "worlds": {"rooms": world(), "streets": world()},
     }
 
 

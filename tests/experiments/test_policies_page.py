@@ -85,16 +85,14 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
     assert row["shipped, at step"] == "777"
     assert row["`ring`"] == "4.44"
     assert row["episodes"] == "17"
-    content = made_up.ablation()
-    (table,) = tables(text, "What each half of the reward teaches")
-    assert len(table) == 4 + 1 + 2
-    rows = {**{f"`{reward}`": found for reward, found in content["rewards"].items()}}
-    rows["nothing (the start; validation episodes)"] = content["start"]
-    for name, figures in rows.items():
-        for heading, figure in figures.items():
-            assert table[name][heading] == f"{figure['mean']:.2f} ± {figure['std']:.2f}"
-    for policy, figures in content["references"].items():
-        assert {heading: f"{value:.2f}" for heading, value in figures.items()} == table[f"(`{policy}`)"]
+    for name, world in made_up.ablation()["worlds"].items():
+        (table,) = tables(text, f"{name.capitalize()}: parts of the reward")
+        assert len(table) == 5
+        for place, (policy, found) in enumerate(world["policies"].items()):
+            bold = "**" if place == 1 else ""
+            for figure_name, figure in found["figures"].items():
+                heading = {"sectors": "sectors seen", "path_m": "path (m)"}.get(str(figure_name), str(figure_name))
+                assert table[f"`{policy}`"][heading] == f"{bold}{figure['mean']:.2f}{bold} ± {figure['std']:.2f}"
 
 
 def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> None:

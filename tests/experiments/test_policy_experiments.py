@@ -13,7 +13,7 @@ from experiments.run import main
 from experiments.trained_policies import training_command
 from labeling.paired import paired_difference
 
-from .box_env import ENV_ID, SHORT_ENV_ID, write_hyperparams
+from .box_env import ENV_ID, SHORT_ENV_ID
 
 
 def run(name: str, folder: Path, seeds: int = 1) -> int:
@@ -56,51 +56,27 @@ def test_policies_are_compared_and_results_kept(
     capsys.readouterr()
 
 
-def test_rewards_are_compared_by_the_last_policies(
+def test_parts_of_the_reward_are_compared_from_the_same_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(reward_ablation, "ENV", SHORT_ENV_ID)
-    monkeypatch.setattr(reward_ablation, "HYPERPARAMS", write_hyperparams(tmp_path))
-    monkeypatch.setattr(reward_ablation, "REWARDS", ("both", "neither"))
+    monkeypatch.setattr(reward_ablation, "WORLDS", {"boxes": SHORT_ENV_ID})
     assert run("reward_ablation", tmp_path, seeds=2) == 0
     content = json.loads((tmp_path / "results" / "reward_ablation.json").read_text())
-    assert [(one["reward"], one["seed"]) for one in content["runs"]] == [
-        (reward, seed) for reward in ("both", "neither") for seed in (0, 1)
-    ]
-    assert {one["steps"] for one in content["runs"]} == {20}
-    played = {path.parent.name: read_result(path)["figures"] for path in (tmp_path / "cache").rglob("seed0-0000.json")}
-    assert len(played) == 4 + len(reward_ablation.REFERENCES)
-    from agents.evaluation.store import policy_key
-
-    for reward, figures in content["rewards"].items():
-        for name, found in figures.items():
-            for seed, value in enumerate(found["per_seed"]):
-                (folder,) = (tmp_path / "cache" / "reward_ablation").glob(f"*/{reward}-{seed}")
-                key = policy_key(f"ppo:{folder / 'last'}", SHORT_ENV_ID)
-                assert value == pytest.approx(played[key][name], abs=1e-4)
-            assert found["mean"] == pytest.approx(np.mean(found["per_seed"]), abs=1e-4)
-            if reward != "both":
-                gaps = np.subtract(found["per_seed"], content["rewards"]["both"][name]["per_seed"])
-                assert found["difference"]["mean"] == pytest.approx(gaps.mean(), abs=1e-4)
-                assert found["difference"]["std"] == pytest.approx(gaps.std(ddof=1), abs=1e-4)
-    for name, value in content["references"]["ring"].items():
-        assert value == pytest.approx(played["ring"][name], abs=1e-4)
-    for seed in range(2):
-        (history,) = (tmp_path / "cache" / "reward_ablation").glob(f"*/both-{seed}/history.json")
-        first = json.loads(history.read_text())["validations"][0]
-        assert first["at"] == 0
-        assert content["start"]["objects"]["per_seed"][seed] == pytest.approx(first["objects_confirmed"], abs=1e-4)
-    monkeypatch.setattr("agents.ppo.training.train", None)  # a second run has nothing left to do
-    monkeypatch.setattr(Player, "play", None)
+    policies = content["worlds"]["boxes"]["policies"]
+    assert list(policies) == list(reward_ablation.POLICIES)
+    for policy, found in policies.items():
+        files = sorted((tmp_path / "cache" / "reward_ablation").rglob(f"{policy.replace(':', '-')}/*.json"))
+        played = [read_result(file)["figures"] for file in files]
+        for name, figure in found["figures"].items():
+            assert figure["per_seed"] == pytest.approx([one[name] for one in played], abs=1e-4)
+    assert "parts of the reward" in (tmp_path / "docs" / "policies-results.md").read_text()
+    monkeypatch.setattr(Player, "play", None)  # a second run has nothing left to do
     assert run("reward_ablation", tmp_path, seeds=2) == 0
-    again = json.loads((tmp_path / "results" / "reward_ablation.json").read_text())
-    assert again["rewards"] == content["rewards"]
+    assert json.loads((tmp_path / "results" / "reward_ablation.json").read_text())["worlds"] == content["worlds"]
     capsys.readouterr()
 
 
-def test_longer_runs_are_other_runs(tmp_path: Path) -> None:
-    sizes = [reward_ablation.SIZES[scale].steps for scale in ("smoke", "quick", "full")]
-    assert len(set(sizes)) == 3
+def test_no_policy_is_compared_on_test_scenes() -> None:
     assert policy_evaluation.SPLIT == reward_ablation.SPLIT == "val"
 
 
