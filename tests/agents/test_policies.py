@@ -132,7 +132,6 @@ def test_a_planner_gets_more_of_what_it_values():
     both, discovery, diversity, neither = map(earned, ("both", "discovery", "diversity", "neither"))
     assert discovery["diversity"] < 0.7 * min(both["diversity"], diversity["diversity"])
     assert neither["diversity"] < 0.7 * both["diversity"]
-    assert neither["discovery"] <= both["discovery"]
     with pytest.raises(UsageError, match="one of both, discovery, diversity, neither"):
         make_policy("next_best_view:glory")
 
