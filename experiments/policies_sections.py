@@ -161,7 +161,8 @@ def teaching(content: Mapping[str, Any]) -> list[str]:
         "tried on validation scenes and on photographs held out. Scale "
         f"`{content['scale']}` ({SCALES[content['scale']]}). Mean{_spread_words(seeds, 'seeds')} of label generation "
         "and training. **Bold**: better, or worse, than after the labels of "
-        f"`{content['compared_with']}` with every seed, of three or more."
+        f"`{content['compared_with']}` with every seed, of three or more. Labels are of each policy's own views, so "
+        "their AP also tells how hard these are."
     ]
     for name, world in content["worlds"].items():
         learn = {policy: world["pools"][f"{policy}_learn"] for policy in _taught_by(world)}
