@@ -1,5 +1,6 @@
 """The page of the thesis' tables in our worlds: ``python -m experiments.results_page``."""
 
+import statistics
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -167,12 +168,13 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
         f"{'seed' if seeds == 1 else 'seeds'}; {_episodes(content['pools'])}."
     )
     parts = [about, _means_table(name, content)]
-    shares = gap_shares(content)
-    if shares is not None:
+    share = gap_share(content)
+    if share is not None:
         theirs = thesis_gap_share(name, content)
+        by_seed = ["no gap" if one is None else f"{one:.2f}" for one in gap_shares(content)]
         parts.append(
-            f"Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50: "
-            f"**{_spread(shares, 2)}**" + ("." if theirs is None else f" (thesis: {theirs:.2f}).")
+            f"Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50, of means over "
+            f"seeds: **{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {', '.join(by_seed)}."
         )
     parts += [above_sentence(content, higher, lower) for higher, lower in content.get("above", ())]
     categories = categories_of(content)
@@ -272,15 +274,28 @@ def categories_of(content: Mapping[str, Any]) -> list[str]:
     return sorted({name for row in content["rows"] for name in row["runs"][0]["instances"] if _instances(row, name)})
 
 
-def gap_shares(content: Mapping[str, Any], figure: str = "ap50") -> list[float] | None:
-    """Share of the way from before to the ceiling, by seed; None without a gap, or where a ceiling is none."""
+def gap_share(content: Mapping[str, Any], figure: str = "ap50") -> float | None:
+    """Share of the way from before to the ceiling, of the means over seeds: a seed whose ceiling is low would outweigh
+    all others in a mean of shares. None without a gap, or where the ceiling is none.
+    """
     if content["gap"] is None:
         return None
+    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, figure))
+    return _share(before, ours, ceiling)
+
+
+def gap_shares(content: Mapping[str, Any], figure: str = "ap50") -> list[float | None]:
+    """The same of each seed; content with a gap."""
+    return [_share(*one) for one in zip(*_gap_rows(content, figure), strict=True)]
+
+
+def _gap_rows(content: Mapping[str, Any], figure: str) -> list[list[float]]:
     rows = {row["name"]: values(row, figure) for row in content["rows"]}
-    before, ours, ceiling = (rows[name] for name in content["gap"])
-    if any(high <= low for low, high in zip(before, ceiling, strict=True)):
-        return None
-    return [(our - low) / (high - low) for low, our, high in zip(before, ours, ceiling, strict=True)]
+    return [rows[name] for name in content["gap"]]
+
+
+def _share(before: float, ours: float, ceiling: float) -> float | None:
+    return (ours - before) / (ceiling - before) if ceiling > before else None
 
 
 def thesis_gap_share(name: str, content: Mapping[str, Any], figure: str = "ap50") -> float | None:

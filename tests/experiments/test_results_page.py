@@ -10,6 +10,7 @@ import pytest
 from experiments.results_page import (
     PAGE,
     above_sentence,
+    gap_share,
     gap_shares,
     main,
     page,
@@ -81,11 +82,22 @@ def test_every_figure_stands_in_its_cell_beside_the_thesis() -> None:
     assert "lamp" not in text
 
 
-def test_shares_of_the_gap_are_of_each_seed_and_none_without_a_ceiling() -> None:
-    assert gap_shares(table()) == pytest.approx([0.25, 0.25, 0.25])
-    assert "**0.25 ± 0.00** (thesis: 0.13)" in "\n".join(section("table_5_3", table()))
-    assert gap_shares(table(ceiling=0.1)) is None
-    assert gap_shares({**table(), "gap": None}) is None
+def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:
+    assert gap_share(table()) == pytest.approx(0.25)
+    text = "\n".join(section("table_5_3", table()))
+    assert "**0.25** (thesis: 0.13). By seed: 0.25, 0.25, 0.25." in text
+    assert gap_share(table(ceiling=0.1)) is None
+    assert gap_share({**table(), "gap": None}) is None
+
+
+def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
+    content = table()
+    before, ours, ceiling = (row["runs"] for row in content["rows"])
+    for place, (low, our, high) in enumerate(((0.2, 0.3, 0.6), (0.2, 0.3, 0.1), (0.2, 0.3, 0.8))):
+        before[place]["mask_ap50"], ours[place]["mask_ap50"], ceiling[place]["mask_ap50"] = low, our, high
+    assert gap_share(content) == pytest.approx(0.1 / 0.3)
+    assert gap_shares(content) == [pytest.approx(0.25), None, pytest.approx(1 / 6)]
+    assert "By seed: 0.25, no gap, 0.17." in "\n".join(section("table_5_3", content))
 
 
 def test_rows_are_above_others_only_where_their_means_are_and_instances_enough() -> None:
