@@ -171,10 +171,10 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
     share = gap_share(content)
     if share is not None:
         theirs = thesis_gap_share(name, content)
-        by_seed = ["no gap" if one is None else f"{one:.2f}" for one in gap_shares(content)]
+        by_seed = ", ".join("no gap" if one is None else f"{one:.2f}" for one in gap_shares(content))
         parts.append(
             f"Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50, of means over "
-            f"seeds: **{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {', '.join(by_seed)}."
+            f"seeds: **{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {by_seed}."
         )
     parts += [above_sentence(content, higher, lower) for higher, lower in content.get("above", ())]
     categories = categories_of(content)
@@ -360,11 +360,11 @@ def _categories_table(name: str, content: Mapping[str, Any], categories: Sequenc
     return "\n".join(lines)
 
 
-def _spread(found: Sequence[float], digits: int = 1) -> str:
+def _spread(found: Sequence[float]) -> str:
     if not found:
         return "-"
-    mean = f"{np.mean(found):.{digits}f}"
-    return mean if len(found) == 1 else f"{mean} ± {np.std(found, ddof=1):.{digits}f}"
+    mean = f"{np.mean(found):.1f}"
+    return mean if len(found) == 1 else f"{mean} ± {np.std(found, ddof=1):.1f}"
 
 
 def main(arguments: list[str] | None = None) -> int:
