@@ -39,7 +39,7 @@ SIZES: dict[Scale, Size] = {
         dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
     ),
     "quick": Size(
-        {"rooms": (20, 5, 8), "streets": (10, 3, 5)},
+        {"rooms": (40, 8, 16), "streets": (20, 5, 10)},
         (1200, 600),
         TrainConfig(
             iterations=120,
