@@ -54,7 +54,7 @@ SIZES: dict[Scale, Size] = {
             replay_share=0.6,
             frozen_stages=4,
         ),
-        # Pictures of streets are three times as wide as high: windows of them cost less, at the scale they are tried at.
+        # Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tried at.
         {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
             "streets": AugmentConfig(window_px=256, scale=(0.7, 1.1)),

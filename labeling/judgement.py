@@ -4,22 +4,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
 
 from labeling.box_completion import floor_height, stand
+from labeling.doubts import doubtful_regions
 from labeling.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject
 from labeling.instances import Detection, PseudoLabel
 from labeling.label_config import LabelConfig
+from labeling.pointcloud import Cloud
 from labeling.trust import features_of, load_model
-
-EXPLAINED = 0.5
-"""Share of a detection that labels must cover for it to need no region of its own."""
 
 
 def judged(
     labels: EpisodeLabels,
     detections: Sequence[Detection],
-    voxel_m: float,
+    cloud: Cloud,
     config: LabelConfig,
 ) -> EpisodeLabels:
     """The labels with expected IoU as confidence, those of no trust ignored, and with whole boxes.
@@ -27,14 +25,14 @@ def judged(
     Args:
         labels: as segmented; the confidence of a label is its object's, times the mean probability in its mask.
         detections: of all views, confident or not.
-        voxel_m: spacing of the points.
+        cloud: the points of the views.
         config: settings.
     """
     if config.complete_boxes and labels.objects:
-        labels = replace(labels, objects=_with_whole_boxes(labels, voxel_m))
+        labels = replace(labels, objects=_with_whole_boxes(labels, cloud.voxel_m))
     if config.calibrate and not any(detection.exact for detection in detections):
         labels = _calibrated(labels, detections)
-    return _without_the_untrusted(labels, detections, config)
+    return _without_the_untrusted(labels, detections, cloud, config)
 
 
 def _with_whole_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
@@ -65,7 +63,7 @@ def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) ->
 
 
 def _without_the_untrusted(
-    labels: EpisodeLabels, detections: Sequence[Detection], config: LabelConfig
+    labels: EpisodeLabels, detections: Sequence[Detection], cloud: Cloud, config: LabelConfig
 ) -> EpisodeLabels:
     trusted = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
     ignored = [
@@ -74,30 +72,5 @@ def _without_the_untrusted(
         if one.confidence < config.min_confidence and one.modal.any()
     ]
     if config.ignore_unconfirmed < 1:
-        ignored += unexplained(detections, labels.labels, config.ignore_unconfirmed, config.min_mask_px)
+        ignored += doubtful_regions(cloud, detections, labels.labels, config)
     return replace(labels, labels=trusted, ignored=tuple(sorted(ignored, key=lambda region: region.view_index)))
-
-
-def unexplained(
-    detections: Sequence[Detection], labels: Sequence[PseudoLabel], least: float, min_mask_px: int
-) -> list[IgnoredRegion]:
-    """What detections cover that no label does: perhaps an object that could not be confirmed.
-
-    Args:
-        detections: of all views.
-        labels: of all views.
-        least: confidence from which on a detection counts.
-        min_mask_px: smaller regions are dropped.
-    """
-    labelled: dict[int, Bool[np.ndarray, "h w"]] = {}
-    for one in labels:
-        labelled[one.view_index] = labelled[one.view_index] | one.modal if one.view_index in labelled else one.modal
-    regions = []
-    for one in detections:
-        if one.confidence < least:
-            continue
-        rest = one.mask & ~labelled[one.view_index] if one.view_index in labelled else one.mask
-        left = np.count_nonzero(rest)
-        if left >= max(1, min_mask_px) and left > (1 - EXPLAINED) * np.count_nonzero(one.mask):
-            regions.append(IgnoredRegion(one.view_index, one.category, one.confidence, rest))
-    return regions

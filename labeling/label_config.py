@@ -120,8 +120,10 @@ class LabelConfig:
     min_confidence: float = 0.05
     """Labels below are marked as regions to ignore instead."""
     ignore_unconfirmed: float = 0.3
-    """Detections at least this confident that no label explains are marked as regions to ignore, so that nobody learns
-    that there is background; 1 marks none."""
+    """Where the confidences of detections that no label explains add up to this over all views, regions are marked to
+    be ignored in every view, so that nobody learns that there is background; 1 marks none."""
+    doubt_across_views: bool = True
+    """False: a view knows only its own detections when it marks such regions."""
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
     seed: int = 0

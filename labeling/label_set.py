@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from labeling.episodes import Episode
 
 SCHEMA_VERSION = 2
+DETECTIONS_3D_FILE = "detections_3d.json"
+"""What ``labeling.detect3d`` writes beside an episode's frames; labels do not depend on it."""
 _GENERATOR_MODULES = [
     "box_completion",
     "boxes3d",
@@ -35,6 +37,7 @@ _GENERATOR_MODULES = [
     "coco_records",
     "consistency",
     "detector_call",
+    "doubts",
     "evidence",
     "free_space",
     "fusion",
@@ -106,7 +109,7 @@ def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
         digest.update(module.read_bytes())
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         relative = path.relative_to(folder)
-        if not any(part.startswith(".") for part in relative.parts):
+        if not any(part.startswith(".") for part in relative.parts) and relative.name != DETECTIONS_3D_FILE:
             digest.update(str(relative).encode(errors="surrogateescape") + b"\0")
             digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()

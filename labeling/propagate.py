@@ -90,14 +90,14 @@ def propagate(
         find = _find_objects if config.fuse_views else lone_detections
         candidates = find(cloud, usable, config)
         if not candidates:
-            return judged(_nothing(scale), usable, cloud.voxel_m, config)
+            return judged(_nothing(scale), usable, cloud, config)
         if not config.fuse_views:
             views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
             return label_per_detection(views, candidates, scale, config)
         candidates, probability = _segment(cloud, candidates, scale, config)
         objects, kept = _describe(cloud, candidates, probability, config)
         views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
-    labels = judged(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud.voxel_m, config)
+    labels = judged(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud, config)
     return replace(labels, labels=damaged(labels.labels, config.published))
 
 

@@ -5,14 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from labeling.doubts import doubtful_regions
 from labeling.episodes import write_episode
 from labeling.evaluation import evaluate_label_set
 from labeling.generate import main
 from labeling.inspection import inspect_label_set
 from labeling.instances import Detection, PseudoLabel
-from labeling.judgement import unexplained
 from labeling.label_config import LabelConfig
 from labeling.label_reader import read_label_set
+from labeling.pointcloud import Cloud
 from labeling.propagate import propagate
 
 from .synthetic_room import make_episode
@@ -93,6 +94,13 @@ def test_masks_that_a_person_drew_are_not_doubted(room) -> None:
     assert min(one.confidence for one in labels) > 0.5
 
 
+def rows_of_voxels(num_views: int) -> Cloud:
+    """Every view shows the same points at the same pixels, one each."""
+    numbers = np.arange(40 * 60, dtype=np.int32).reshape(40, 60)
+    points = np.zeros((40 * 60, 3), np.float32)
+    return Cloud(points, points, np.ones(40 * 60, np.int32), np.stack([numbers] * num_views), 0.1)
+
+
 def test_detections_that_labels_explain_need_no_region() -> None:
     known = PseudoLabel(0, 1, "chair", 0.9, square(5), square(5), 0, 0.9)
     detections = [
@@ -101,10 +109,46 @@ def test_detections_that_labels_explain_need_no_region() -> None:
         Detection(1, "chair", 0.5, square(5)),  # in another view
         Detection(1, "chair", 0.2, square(30)),  # too unsure
     ]
-    regions = unexplained(detections, [known], 0.3, 32)
+    alone = LabelConfig(doubt_across_views=False, ignore_unconfirmed=0.3)
+    regions = doubtful_regions(rows_of_voxels(2), detections, [known], alone)
     assert [(one.view_index, one.category) for one in regions] == [(0, "bed"), (1, "chair")]
     assert not np.any(regions[0].mask & known.modal)
-    assert unexplained(detections, [known], 0.3, 1000) == []
+    assert doubtful_regions(rows_of_voxels(2), detections, [known], replace(alone, min_mask_px=1000)) == []
+
+
+def test_doubts_add_up_over_views_and_are_told_in_all_of_them() -> None:
+    cloud = rows_of_voxels(4)
+    detections = [
+        Detection(0, "chair", 0.12, square(5)),
+        Detection(1, "chair", 0.12, square(5)),
+        Detection(2, "couch", 0.08, square(5)),
+        Detection(2, "chair", 0.04, square(5)),  # too faint
+        Detection(0, "bed", 0.2, square(40)),  # alone
+    ]
+    config = LabelConfig(ignore_unconfirmed=0.3)
+    regions = doubtful_regions(cloud, detections, [], config)
+    assert [(one.view_index, one.category) for one in regions] == [(view, "chair") for view in range(4)]
+    assert all(np.array_equal(one.mask, square(5)) for one in regions)
+    assert all(one.confidence == pytest.approx(0.32) for one in regions)
+    assert doubtful_regions(cloud, detections, [], replace(config, ignore_unconfirmed=0.33)) == []
+    assert doubtful_regions(cloud, detections, [], replace(config, doubt_across_views=False)) == []
+
+
+def test_one_view_counts_once_however_often_it_looks() -> None:
+    twice = [Detection(0, name, 0.2, square(5)) for name in ("chair", "couch", "chair")]
+    assert doubtful_regions(rows_of_voxels(2), twice, [], LabelConfig(ignore_unconfirmed=0.3)) == []
+
+
+def test_doubt_keeps_off_what_is_labelled_and_comes_in_connected_pieces() -> None:
+    known = PseudoLabel(1, 1, "table", 0.9, square(8, 4), square(8, 4), 0, 0.9)
+    wide = np.zeros((40, 60), bool)
+    wide[10:14, 4:20] = True  # the label cuts it in two in the second view
+    wide[30:36, 50:58] = True
+    config = LabelConfig(ignore_unconfirmed=0.3, min_mask_px=10)
+    regions = doubtful_regions(rows_of_voxels(2), [Detection(0, "couch", 0.4, wide)], [known], config)
+    assert [one.view_index for one in regions] == [0, 0, 1, 1, 1]
+    assert not any(np.any(one.mask & known.modal) for one in regions if one.view_index == 1)
+    assert np.array_equal(np.any([one.mask for one in regions if one.view_index == 0], axis=0), wide)
 
 
 def test_ignored_regions_reach_the_files_and_count_neither_for_nor_against(room, tmp_path: Path) -> None:
