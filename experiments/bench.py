@@ -16,6 +16,7 @@ BENCHES = {
     "labels": "experiments.bench_labels",
     "detect": "experiments.bench_detect",
     "env": "experiments.bench_env",
+    "boxes": "experiments.bench_boxes",
 }
 """Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench. One
 with a function ``draw(rows, folder)`` also makes pictures of them."""

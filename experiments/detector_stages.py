@@ -102,7 +102,7 @@ def taught(courses: Sequence[Course], workplace: Workplace) -> list[str]:
         outs.append(str(workplace.cache / "detectors" / key))
         if not workplace.store.has("taught", key):
             missing[key] = (course, workplace, key)
-    _side_by_side(_teach, list(missing.values()), workplace, "training detectors")
+    side_by_side(_teach, list(missing.values()), workplace, "training detectors")
     return outs
 
 
@@ -163,7 +163,7 @@ def detector_scores(
         for (detector, name), key in keys.items()
         if not workplace.store.has("detector_scores", key)
     }
-    _side_by_side(_score, list(missing.values()), workplace, "trying detectors")
+    side_by_side(_score, list(missing.values()), workplace, "trying detectors")
     return [
         {name: workplace.store.read("detector_scores", keys[detector, name]) for name in sets} for detector in detectors
     ]
@@ -178,9 +178,15 @@ def _score(task: tuple[str, Sequence[AnnotatedPicture], Workplace, str]) -> None
     workplace.store.write("detector_scores", key, asdict(evaluate(load_detector(detector), pictures)))
 
 
-def _side_by_side(work: Callable[[Task], object], tasks: Sequence[Task], workplace: Workplace, title: str) -> None:
+def side_by_side(work: Callable[[Task], object], tasks: Sequence[Task], workplace: Workplace, title: str) -> None:
     """Works through tasks in processes of one thread each, which takes two thirds of the time of one after the other
     in as many threads; but one after the other, here, with a GPU or a single worker.
+
+    Args:
+        work: a function of a module, which keeps its outcome itself.
+        tasks: what to give it; picklable.
+        workplace: says how many processes.
+        title: of the progress bar.
     """
     from tqdm import tqdm
 

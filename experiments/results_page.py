@@ -86,12 +86,17 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     Raises:
         SbmError: if there are no figures at all.
     """
+    from experiments import boxes_section
     from experiments.results_drawing import draw_categories, draw_loop
     from labeling.files import atomic_file
 
     contents = read_results(results)
-    pairs = read_pairs(results)
+    pairs, boxes = read_pairs(results), read_boxes(results)
     written = [docs / PAGE]
+    if boxes is not None:
+        with atomic_file(docs / PICTURES / boxes_section.PICTURE) as temporary:
+            boxes_section.draw(boxes.content, temporary)
+        written.append(docs / PICTURES / boxes_section.PICTURE)
     for name, content in contents.items():
         picture = docs / PICTURES / picture_name(name)
         with atomic_file(picture) as temporary:
@@ -101,7 +106,7 @@ def write_page(results: Path, docs: Path) -> list[Path]:
                 draw_categories(content, categories_of(content), temporary)
         written.append(picture)
     with atomic_file(docs / PAGE) as temporary:
-        temporary.write_text(page(contents, pairs), encoding="utf-8")
+        temporary.write_text(page(contents, pairs, boxes), encoding="utf-8")
     return written
 
 
@@ -119,7 +124,7 @@ def read_results(results: Path) -> dict[str, dict[str, Any]]:
         modes = found.pop(MODES)
         if "taught" in modes:
             found[MODES] = {**modes, "description": TAUGHT, **modes["taught"]}
-    if not found:
+    if not found and not (results / "table_5_5.json").is_file():
         raise SbmError(f"{results}: no figures of any table; python -m experiments.run table_5_3 makes some")
     return found
 
@@ -138,13 +143,43 @@ def read_pairs(results: Path) -> dict[str, dict[str, Any]]:
     return {world: dict(read_json(file).mapping()) for world, file in files.items() if file.is_file()}
 
 
-def page(contents: Mapping[str, Mapping[str, Any]], pairs: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+@dataclass(frozen=True)
+class Boxes:
+    """What there is to tell of 3-D boxes."""
+
+    content: Mapping[str, Any]
+    """Of ``table_5_5.json``."""
+    views: tuple[str, ...]
+    """Worlds of which there are pictures of boxes in views."""
+
+
+def read_boxes(results: Path) -> Boxes | None:
+    """Table 5.5, and of which worlds there are pictures; None if it has not been run."""
+    from experiments.box_pictures import RECORD
+    from experiments.boxes_section import NAME
+    from labeling.episode_json import read_json
+
+    file = results / f"{NAME}.json"
+    if not file.is_file():
+        return None
+    views = tuple(world for world in fine_tuning.WORLDS if (results / f"{RECORD.format(world)}.json").is_file())
+    return Boxes(dict(read_json(file).mapping()), views)
+
+
+def page(
+    contents: Mapping[str, Mapping[str, Any]],
+    pairs: Mapping[str, Mapping[str, Any]] | None = None,
+    boxes: Boxes | None = None,
+) -> str:
     """The text of the page.
 
     Args:
         contents: of the results, by table.
         pairs: of the records of pictures, by world.
+        boxes: of 3-D boxes.
     """
+    from experiments import boxes_section
+
     parts = [INTRODUCTION]
     for name, title in TITLES.items():
         parts.append(f"## {title}")
@@ -152,6 +187,11 @@ def page(contents: Mapping[str, Mapping[str, Any]], pairs: Mapping[str, Mapping[
             parts += section(name, contents[name])
         else:
             parts.append(NOT_YET.format(name))
+    parts.append(f"## {boxes_section.TITLE}")
+    if boxes is None:
+        parts.append(NOT_YET.format(boxes_section.NAME))
+    else:
+        parts += boxes_section.boxes_section(boxes.content, boxes.views)
     for world, record in (pairs or {}).items():
         parts += pairs_section(world, record)
     parts.append("## The never-ending loop")

@@ -22,6 +22,7 @@ EXPERIMENTS = {
     "policies": "experiments.policies",
     "reward_ablation": "experiments.reward_ablation",
     "never_ending": "experiments.never_ending",
+    "table_5_5": "experiments.table_5_5",
     **{f"table_{number}": f"experiments.thesis_tables:table_{number}" for number in TABLES},
 }
 """Modules by the name of the experiment, or ``module:object``. Each has a ``DESCRIPTION``, a function

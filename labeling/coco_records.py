@@ -9,6 +9,7 @@ from jaxtyping import Bool
 
 from labeling.episode_json import Json
 from labeling.errors import EpisodeFormatError
+from labeling.geometry import is_rotation
 from labeling.instances import Box3d, Detection, GroundTruth, decode_mask, fill_polygons
 
 if TYPE_CHECKING:
@@ -132,8 +133,17 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
 
 
 def read_box_3d(record: Json) -> Box3d:
-    """Reads centre, extent and rotation of a 3-D box."""
-    return Box3d(record.array("centre", (3,)), record.array("extent", (3,)), record.array("rotation", (3, 3)))
+    """Reads centre, extent and rotation of a 3-D box.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if it is none.
+    """
+    box = Box3d(record.array("centre", (3,)), record.array("extent", (3,)), record.array("rotation", (3, 3)))
+    if not np.all(box.extent_m > 0):
+        raise record.error(f"the extent of a 3-D box must be above 0, not {box.extent_m.tolist()}", "extent")
+    if not is_rotation(box.rotation):
+        raise record.error("must be a rotation: orthonormal columns, determinant 1", "rotation")
+    return box
 
 
 def _view_of_image(images: Json | None, episode: "Episode") -> dict[int, int | None]:

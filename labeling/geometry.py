@@ -45,14 +45,15 @@ def is_rigid(transform: Float[np.ndarray, "4 4"], tolerance: float = 1e-3) -> bo
     """Whether a 4x4 matrix is a rotation plus a translation: finite, orthonormal, right-handed, last row 0 0 0 1."""
     if not np.all(np.isfinite(transform)):
         return False
-    rotation = transform[:3, :3]
-    if np.abs(rotation).max() > 2.0:  # keeps the products below finite
+    last_row = np.allclose(transform[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
+    return bool(last_row) and is_rotation(transform[:3, :3], tolerance)
+
+
+def is_rotation(matrix: Float[np.ndarray, "3 3"], tolerance: float = 1e-3) -> bool:
+    """Whether a 3x3 matrix is a rotation: finite, orthonormal, right-handed."""
+    if not np.all(np.isfinite(matrix)) or np.abs(matrix).max() > 2.0:  # keeps the products below finite
         return False
-    return bool(
-        np.allclose(rotation @ rotation.T, np.eye(3), atol=tolerance)
-        and np.linalg.det(rotation) > 0
-        and np.allclose(transform[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
-    )
+    return bool(np.allclose(matrix @ matrix.T, np.eye(3), atol=tolerance) and np.linalg.det(matrix) > 0)
 
 
 def invert_rigid(transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:

@@ -2,9 +2,8 @@
 
 import copy
 import json
-import pickle
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +12,14 @@ import torch
 from labeling.detectors.network import Network, channels_last
 from labeling.detectors.network_detector import NetworkDetector
 from labeling.detectors.pictures import AnnotatedPicture
-from labeling.detectors.run_files import CHECKPOINT_FILE, CONFIG_FILE, HISTORY_FILE, WEIGHTS_FILE
+from labeling.detectors.run_files import CONFIG_FILE, WEIGHTS_FILE
+from labeling.detectors.run_folder import Progress, load_checkpoint, save_checkpoint, tensorboard
 from labeling.detectors.samples import Mixture, batches
 from labeling.detectors.spec import NetworkSpec
 from labeling.detectors.train_config import AugmentConfig, TrainConfig
 from labeling.detectors.training import evaluate, learning_rate, make_optimizer, train_one_epoch
 from labeling.detectors.weights import load_network, save_network
-from labeling.errors import SbmError, UsageError
-from labeling.files import atomic_file, write_json
-
-
-@dataclass
-class Progress:
-    """How far training has come; what a checkpoint holds beside tensors."""
-
-    iteration: int = 0
-    best: float = -1.0
-    best_iteration: int = 0
-    history: list[dict[str, Any]] = field(default_factory=list)
+from labeling.files import write_json
 
 
 def train(
@@ -76,13 +65,22 @@ def train(
     averaged = _copy(network) if config.average else None
     scaler = torch.amp.GradScaler("cuda") if device.type == "cuda" else None
     identity = _identity(network.spec, config, augmentation, mixture, validation)
-    state = _resume(out, identity, network, averaged, optimizer, device)
+
+    def restore(content: dict[str, Any]) -> None:
+        network.load_state_dict(content["network"])
+        if averaged is not None:
+            averaged.load_state_dict(content["averaged"])
+        optimizer.load_state_dict(content["optimizer"])
+
+    state = load_checkpoint(out, identity, device, restore)
     if state.iteration:
         say(f"going on from step {state.iteration}")
     write_json(out / CONFIG_FILE, {**json.loads(identity), "about": about or {}})
-    board = _board(out, state.iteration, say)
+    board = tensorboard(out, state.iteration, say)
     kept = averaged or network
-    while state.iteration < config.iterations and not _is_over(state, config, validation):
+    while state.iteration < config.iterations and not (
+        validation and state.is_flat(config.patience, config.validate_every)
+    ):
         count = min(config.validate_every, config.iterations - state.iteration)
         stream = batches(mixture, config.batch_size, state.iteration, count, config.workers)
         if bar is not None:
@@ -112,16 +110,16 @@ def train(
         if score > state.best:
             state.best, state.best_iteration = score, state.iteration
             save_network(out / WEIGHTS_FILE, kept, _described(kept.spec, about, state, config))
-        _save(out, identity, network, averaged, optimizer, state)
+        content = {
+            "network": network.state_dict(),
+            "averaged": averaged.state_dict() if averaged is not None else None,
+            "optimizer": optimizer.state_dict(),
+        }
+        save_checkpoint(out, identity, state, content)
         say(_line(record, state))
     if board is not None:
         board.close()
     return state
-
-
-def _is_over(state: Progress, config: TrainConfig, validation: Sequence[AnnotatedPicture]) -> bool:
-    waited = state.iteration - state.best_iteration
-    return bool(validation) and config.patience > 0 and waited >= config.patience * config.validate_every
 
 
 def _described(spec: NetworkSpec, about: dict[str, Any] | None, state: Progress, config: TrainConfig) -> NetworkSpec:
@@ -157,67 +155,9 @@ def _identity(
     )
 
 
-def _save(
-    out: Path,
-    identity: str,
-    network: Network,
-    averaged: Network | None,
-    optimizer: torch.optim.Optimizer,
-    state: Progress,
-) -> None:
-    content = {
-        "identity": identity,
-        "network": network.state_dict(),
-        "averaged": averaged.state_dict() if averaged is not None else None,
-        "optimizer": optimizer.state_dict(),
-        "progress": json.dumps(asdict(state)),
-    }
-    with atomic_file(out / CHECKPOINT_FILE) as temporary:
-        torch.save(content, temporary)
-    write_json(out / HISTORY_FILE, state.history)
-
-
-def _resume(
-    out: Path,
-    identity: str,
-    network: Network,
-    averaged: Network | None,
-    optimizer: torch.optim.Optimizer,
-    device: torch.device,
-) -> Progress:
-    path = out / CHECKPOINT_FILE
-    if not path.is_file():
-        return Progress()
-    try:
-        content = torch.load(path, map_location=device, weights_only=True)
-        if content["identity"] != identity:
-            raise UsageError(
-                f"{out}: holds a run with other data or settings; give another --out, or remove {CHECKPOINT_FILE} there"
-            )
-        network.load_state_dict(content["network"])
-        if averaged is not None:
-            averaged.load_state_dict(content["averaged"])
-        optimizer.load_state_dict(content["optimizer"])
-        return Progress(**json.loads(content["progress"]))
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
-        if isinstance(error, UsageError):
-            raise
-        raise SbmError(f"{path}: is damaged ({type(error).__name__}); remove it to start anew") from None
-
-
 def best_of(out: Path) -> Network:
     """The best network of a run."""
     return load_network(out / WEIGHTS_FILE)
-
-
-def _board(out: Path, iteration: int, say: Callable[[str], None]) -> Any:
-    """Writes curves for TensorBoard, where it is installed."""
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
-        return None
-    return SummaryWriter(str(out / "tensorboard"), purge_step=iteration + 1)
 
 
 def _draw(board: Any, group: str, values: dict[str, float], step: int) -> None:

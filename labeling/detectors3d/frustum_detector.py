@@ -1,0 +1,80 @@
+"""A frustum PointNet as a 3-D detector."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from labeling.detectors3d.base import Detection3d
+from labeling.detectors3d.frustums import make_frustum
+from labeling.detectors3d.network import FrustumNet
+from labeling.detectors3d.samples import choose
+from labeling.detectors3d.upright import to_box
+from labeling.episodes import Episode
+from labeling.instances import Detection, box_xywh
+
+LEAST_POINTS = 8
+"""A frustum of fewer points gets no box."""
+
+
+class FrustumDetector:
+    """Estimates a box for every detection of a category that the network knows."""
+
+    def __init__(self, network: FrustumNet, name: str, digest: str = "", device: str = "cpu", batch_size: int = 32):
+        """Takes a network.
+
+        Args:
+            network: trained.
+            name: for people.
+            digest: of its weights.
+            device: where to run.
+            batch_size: frustums at a time.
+        """
+        self.name, self.digest, self.categories = name, digest, network.spec.categories
+        self._network, self._device, self._batch_size = network.to(device).eval(), device, batch_size
+
+    def lift(self, episode: Episode, detections: Sequence[Detection]) -> list[Detection3d]:
+        """See ``labeling.detectors3d.base.Detector3d``.
+
+        The confidence is the 2-D detection's times the mean probability of the points that were taken for the object's.
+        """
+        spec = self._network.spec
+        frustums, kept = [], []
+        for one in detections:
+            if one.category not in spec.categories or not one.mask.any():
+                continue
+            x, y, width, height = box_xywh(one.mask)
+            frustum = make_frustum(
+                episode.depth_m[one.view_index],
+                episode.intrinsics[one.view_index],
+                episode.camera_to_world[one.view_index],
+                (x, y, x + width, y + height),
+                spec.num_points,
+                np.random.default_rng(0),
+            )
+            if len(frustum.points) >= LEAST_POINTS:
+                frustums.append(frustum)
+                kept.append(one)
+        found: list[Detection3d] = []
+        for start in range(0, len(kept), self._batch_size):
+            some = range(start, min(start + self._batch_size, len(kept)))
+            chosen = [choose(len(frustums[i].points), spec.num_points, np.random.default_rng(0)) for i in some]
+            points = np.stack([frustums[i].points[order] for i, order in zip(some, chosen, strict=True)])
+            numbers = torch.tensor([spec.categories.index(kept[i].category) for i in some])
+            with torch.inference_mode():
+                output = self._network(torch.from_numpy(points).to(self._device), numbers.to(self._device))
+                boxes = self._network.boxes(output).cpu().numpy()
+                trust = _mean_probability(output.logits).cpu().numpy()
+            for i, box, share in zip(some, boxes, trust, strict=True):
+                world = frustums[i].to_world(to_box(box))
+                one = kept[i]
+                found.append(Detection3d(one.view_index, one.category, one.confidence * float(share), world))
+        return found
+
+
+def _mean_probability(logits: torch.Tensor) -> torch.Tensor:
+    """Over the points taken for the object's; the highest where there are none."""
+    probability = logits.sigmoid()
+    own = (logits > 0).to(probability.dtype)
+    count = own.sum(dim=1)
+    return torch.where(count > 0, (probability * own).sum(dim=1) / count.clamp(min=1), probability.amax(dim=1))

@@ -1,0 +1,190 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labeling import detect3d, train3d
+from labeling.detectors3d.lessons import read_lessons
+from labeling.detectors3d.overlap import box_iou_3d
+from labeling.episodes import write_episode
+from labeling.errors import SbmError, UsageError
+from labeling.generate import main as generate
+
+from .boxed_rooms import SIDES, boxed_room
+
+QUICK = (
+    "--iterations", "4", "--batch-size", "4", "--num-points", "64", "--width", "0.1", "--validate-every", "2",
+    "--device", "cpu",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded")
+    for seed in (1, 2):
+        write_episode(folder / f"boxed_{seed}", boxed_room(seed))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def labels(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("labels") / "set"
+    assert generate([str(recorded), "--out", str(out), "--workers", "1"]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def trained(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("trained") / "run"
+    assert train3d.main([str(recorded), "--out", str(out), *QUICK]) == 0
+    return out
+
+
+@pytest.fixture
+def episodes(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "episodes"))
+
+
+def test_training_on_labels_says_what_it_learnt_and_where_it_is(labels, recorded, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert train3d.main([str(labels), "--out", str(out), "--val", str(recorded), *QUICK]) == 0
+    said = capsys.readouterr().out
+    assert "crate, locker" in said or "crate" in said
+    assert f"detector: {out}" in said
+    results = json.loads((out / "results.json").read_text())
+    assert results["iterations"] == 4
+    assert 0 <= results["validation"]["mean_iou"] <= 1
+    assert train3d.main([str(labels), "--out", str(out), "--val", str(recorded), *QUICK]) == 0
+    assert "going on from step 4" in capsys.readouterr().out
+
+
+def test_labels_teach_masks_and_boxes_that_fit_the_objects(labels, recorded):
+    ours, truths = read_lessons(labels), read_lessons(recorded)
+    assert len(ours) > 10
+    for one in ours:
+        best = max(box_iou_3d(one.box, true.box) for true in truths if true.category == one.category)
+        assert best > 0.3
+        assert 0 < one.weight <= 1
+
+
+def test_objects_that_choose_are_not_learnt_from(recorded):
+    kept, held = train3d.held_out(read_lessons(recorded) * 3)
+    assert held == [] or not {one.box.centre_m.tobytes() for one in kept} & {one.box.centre_m.tobytes() for one in held}
+    assert len(kept) + len(held) == 3 * len(read_lessons(recorded))
+
+
+@pytest.mark.parametrize("detector", ["ldls", "trained"])
+def test_detecting_writes_boxes_once(episodes, trained, detector, capsys):
+    name = str(trained) if detector == "trained" else detector
+    assert detect3d.main([str(episodes), "--detector", name]) == 0
+    found = detect3d.read_detections_3d(episodes / "boxed_1" / "detections_3d.json", 6)
+    assert len(found) > 5
+    assert {one.category for one in found} <= set(SIDES)
+    assert all(np.all(one.box.extent_m > 0) and 0 <= one.confidence <= 1 for one in found)
+    capsys.readouterr()
+    assert detect3d.main([str(episodes), "--detector", name]) == 0
+    assert "0 boxes in 0 episodes; 2 were done already" in capsys.readouterr().out
+
+
+def test_boxes_of_another_detector_replace_those_there(episodes, trained):
+    path = episodes / "boxed_1" / "detections_3d.json"
+    assert detect3d.main([str(episodes), "--detector", "ldls"]) == 0
+    first = path.read_text()
+    assert detect3d.main([str(episodes), "--detector", str(trained)]) == 0
+    assert path.read_text() != first
+
+
+def test_found_boxes_do_not_change_the_labels_of_an_episode(episodes, tmp_path, capsys):
+    out = tmp_path / "labels"
+    assert generate([str(episodes), "--out", str(out)]) == 0
+    marks = [one["fingerprint"] for one in json.loads((out / "label_set.json").read_text())["episodes"]]
+    assert detect3d.main([str(episodes), "--detector", "ldls"]) == 0
+    assert generate([str(episodes), "--out", str(out)]) == 0
+    assert [one["fingerprint"] for one in json.loads((out / "label_set.json").read_text())["episodes"]] == marks
+
+
+def refused(capsys, main, *arguments: str) -> str:
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("error: ")
+    assert "Traceback" not in error
+    return error.splitlines()[-1]
+
+
+def test_unknown_detectors_are_refused(episodes, capsys):
+    assert "there is no 3-D detector" in refused(capsys, detect3d.main, str(episodes), "--detector", "nowhere")
+
+
+def test_episodes_without_detections_need_a_2d_detector(episodes, capsys):
+    (episodes / "boxed_1" / "detections.json").unlink()
+    assert detect3d.main([str(episodes), "--detector", "ldls"]) == 2
+    said = capsys.readouterr()
+    assert "boxed_1: has no detections.json; give a 2-D detector with --boxes" in said.err
+    assert (episodes / "boxed_2" / "detections_3d.json").is_file()
+    assert not (episodes / "boxed_1" / "detections_3d.json").exists()
+
+
+def test_no_boxes_nothing_to_learn(episodes, tmp_path, capsys):
+    for folder in episodes.iterdir():
+        path = folder / "ground_truth.json"
+        content = json.loads(path.read_text())
+        for one in content["annotations"]:
+            del one["box_3d"]
+        path.write_text(json.dumps(content))
+    error = refused(capsys, train3d.main, str(episodes), "--out", str(tmp_path / "run"), *QUICK)
+    assert "holds no object with a 3-D box" in error
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"extent": [1.0, 0.0, 1.0]}, "extent of a 3-D box must be above 0"),
+        ({"extent": [1.0, 1.0]}, "extent"),
+        ({"rotation": [[2.0, 0, 0], [0, 1, 0], [0, 0, 1]]}, "must be a rotation"),
+        ({"centre": ["a", 0, 0]}, "centre"),
+    ],
+)
+def test_malformed_boxes_are_refused_by_name(labels, tmp_path, capsys, change, why):
+    copy = tmp_path / "labels"
+    shutil.copytree(labels, copy)
+    about = json.loads((copy / "label_set.json").read_text())
+    about["dataset"] = str((labels / about["dataset"]).resolve())
+    (copy / "label_set.json").write_text(json.dumps(about))
+    content = json.loads((copy / "boxes_3d.json").read_text())
+    content["boxes"][0] |= change
+    (copy / "boxes_3d.json").write_text(json.dumps(content))
+    error = refused(capsys, train3d.main, str(copy), "--out", str(tmp_path / "run"), *QUICK)
+    assert "boxes_3d.json" in error
+    assert why in error
+
+
+@pytest.mark.parametrize(
+    ("flags", "why"),
+    [
+        (("--iterations", "0"), "--iterations must be above 0"),
+        (("--batch-size", "1"), "--batch-size must be 2 or more"),
+        (("--flip", "2"), "--flip must lie in [0, 1]"),
+        (("--noise-m", "-1"), "--noise-m must be 0 or more"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(recorded, tmp_path, capsys, flags, why):
+    arguments = [str(recorded), "--out", str(tmp_path / "run"), *flags]
+    assert why in refused(capsys, train3d.main, *arguments)
+
+
+def test_a_damaged_file_of_boxes_is_refused(tmp_path):
+    path = tmp_path / "detections_3d.json"
+    record = {"view": 9, "category": "crate", "score": 0.5}
+    path.write_text(json.dumps({"detections": [record]}))
+    with pytest.raises(SbmError, match="no view 9"):
+        detect3d.read_detections_3d(path, 6)
+
+
+def test_a_label_set_without_its_recordings_is_refused(labels, recorded, tmp_path):
+    (tmp_path / "other").mkdir()
+    shutil.copytree(recorded / "boxed_1", tmp_path / "other" / "boxed_1")
+    with pytest.raises(UsageError, match="lacks episode 'boxed_2'"):
+        read_lessons(labels, dataset=tmp_path / "other")

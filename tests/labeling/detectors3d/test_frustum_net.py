@@ -1,0 +1,235 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labeling.detectors.base import DetectorError
+from labeling.detectors3d.frustum_detector import FrustumDetector
+from labeling.detectors3d.frustums import turn_about_z
+from labeling.detectors3d.lessons import sizes_of
+from labeling.detectors3d.losses import FrustumBatch, corners, frustum_losses
+from labeling.detectors3d.network import (
+    HEADINGS,
+    OBJECT_POINTS,
+    FrustumNet,
+    FrustumSpec,
+    bin_of,
+    heading_of,
+    object_points,
+)
+from labeling.detectors3d.overlap import box_iou_3d
+from labeling.detectors3d.samples import collate, plain_sample
+from labeling.detectors3d.train_config import NO_AUGMENTATION_3D, Train3dConfig
+from labeling.detectors3d.training import evaluate, train
+from labeling.detectors3d.upright import to_box
+from labeling.detectors3d.weights import load_network, save_network
+from labeling.errors import SbmError
+from labeling.instances import Box3d
+
+from .boxed_rooms import SIDES, boxed_room, found_in, lessons_of
+
+SMALL = FrustumSpec(("crate", "locker"), tuple(SIDES.values()), width=0.25, num_points=256)
+
+
+def fresh(spec: FrustumSpec = SMALL, seed: int = 0) -> FrustumNet:
+    torch.manual_seed(seed)
+    return FrustumNet(spec).eval()
+
+
+@settings(max_examples=50, deadline=None)
+@given(heading=st.floats(0, 3.14159))
+def test_headings_go_into_bins_and_back(heading):
+    number, residual = bin_of(torch.tensor([heading]))
+    assert 0 <= int(number) < HEADINGS
+    assert abs(float(residual)) <= 1 + 1e-5
+    assert np.sin(float(heading_of(number, residual)) - heading) == pytest.approx(0, abs=1e-5)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_corners_are_those_of_the_box(seed):
+    rng = np.random.default_rng(seed)
+    numbers = np.array([*rng.uniform(-3, 3, 3), *rng.uniform(0.2, 3, 3), rng.uniform(0, np.pi)])
+    row = torch.from_numpy(numbers)[None]
+    np.testing.assert_allclose(corners(row[:, :3], row[:, 3:6], row[:, 6])[0], to_box(numbers).corners(), atol=1e-9)
+
+
+def test_object_points_are_the_objects():
+    points = torch.rand(3, 100, 3)
+    logits = torch.full((3, 100), -5.0)
+    logits[0, 10:30] = 2.0  # fewer than wanted: every one of them, repeated
+    logits[2] = 1.0  # all
+    chosen = object_points(points, logits)
+    assert chosen.shape == (3, OBJECT_POINTS, 3)
+    assert {tuple(p) for p in chosen[0].tolist()} == {tuple(p) for p in points[0, 10:30].tolist()}
+    assert len({tuple(p) for p in chosen[1].tolist()}) >= 1  # none: the likeliest
+    assert {tuple(p) for p in chosen[2].tolist()} == {tuple(p) for p in points[2].tolist()}
+
+
+def perfect_output(network: FrustumNet, batch: FrustumBatch):
+    with torch.no_grad():
+        output = network(batch.points, batch.category)
+    rows = torch.arange(len(batch.boxes))
+    number, residual = bin_of(batch.boxes[:, 6])
+    headings, residuals = torch.full_like(output.heading_scores, -50.0), torch.zeros_like(output.heading_residuals)
+    headings[rows, number], residuals[rows, number] = 50.0, residual
+    sizes, size_residuals = torch.full_like(output.size_scores, -50.0), torch.zeros_like(output.size_residuals)
+    sizes[rows, batch.category] = 50.0
+    size_residuals[rows, batch.category] = batch.boxes[:, 3:6] / network.sizes_m[batch.category] - 1
+    return replace(
+        output,
+        logits=100 * (batch.own - 0.5),
+        first_centre=batch.boxes[:, :3],
+        centre=batch.boxes[:, :3],
+        heading_scores=headings,
+        heading_residuals=residuals,
+        size_scores=sizes,
+        size_residuals=size_residuals,
+    )
+
+
+def test_the_truth_costs_nothing_and_is_what_the_boxes_say():
+    network = fresh()
+    batch = collate([plain_sample(one, SMALL.categories, 256) for one in lessons_of(1, 2)])
+    output = perfect_output(network, batch)
+    assert float(sum(frustum_losses(network, output, batch).values())) == pytest.approx(0.0, abs=1e-3)
+    for found, true in zip(network.boxes(output).numpy(), batch.boxes.numpy(), strict=True):
+        assert box_iou_3d(to_box(found), to_box(true)) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_heading_turned_by_half_costs_no_corners():
+    network = fresh()
+    batch = collate([plain_sample(one, SMALL.categories, 256) for one in lessons_of(1)])
+    output = perfect_output(network, batch)
+    turned = replace(batch, boxes=batch.boxes + torch.tensor([0.0] * 6 + [torch.pi]))
+    again = frustum_losses(network, perfect_output(network, turned), batch)
+    assert float(again["corners"]) == pytest.approx(0.0, abs=1e-3)
+    assert float(frustum_losses(network, output, batch)["corners"]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_weightless_lessons_teach_nothing():
+    network = fresh()
+    batch = collate([plain_sample(one, SMALL.categories, 256) for one in lessons_of(1, 2)])
+    wrong = replace(
+        batch,
+        boxes=torch.cat([batch.boxes[:1] * 3, batch.boxes[1:]]),
+        weights=torch.tensor([0.0] + [1.0] * (len(batch.boxes) - 1)),
+    )
+    with torch.no_grad():
+        output = network(batch.points, batch.category)
+    ours = frustum_losses(network, output, wrong)
+    rest = FrustumBatch(**{name: value[1:] for name, value in vars(batch).items()})
+    others = replace(output, **{name: value[1:] for name, value in vars(output).items()})
+    for name, value in frustum_losses(network, others, rest).items():
+        assert float(ours[name]) == pytest.approx(float(value), rel=1e-4, abs=1e-5)
+
+
+def test_segmentation_is_that_of_the_paper_written_out():
+    """The first layer of the head in two parts is one layer on features of point and whole, put together."""
+    part = fresh().segmentation
+    points, category = torch.rand(2, 3, 40), torch.eye(2)
+    local = part.local(points)
+    whole = torch.cat([part.whole(local).amax(dim=2), category], dim=1)
+    both = torch.cat([local, whole[:, :, None].expand(-1, -1, 40)], dim=1)
+    weight = torch.cat([part.from_local.weight[:, :, 0], part.from_whole.weight], dim=1)
+    expected = part.head(part.together(torch.einsum("oc,bcn->bon", weight, both)))[:, 0]
+    torch.testing.assert_close(part(points, category), expected)
+
+
+def test_the_paper_s_size():
+    spec = FrustumSpec(("a", "b", "c"), ((1.0, 1.0, 1.0),) * 3)
+    network = FrustumNet(spec)
+    shapes = [tuple(one.weight.shape[:2]) for one in network.segmentation.modules() if isinstance(one, torch.nn.Conv1d)]
+    assert shapes == [
+        (64, 3), (64, 64), (64, 64), (128, 64), (1024, 128), (512, 64), (256, 512), (128, 256), (128, 128), (1, 128)
+    ]  # fmt: skip
+    assert network.box_net.last.out_features == 3 + 2 * HEADINGS + 4 * 3
+
+
+def test_it_learns_a_few_objects_by_heart(tmp_path):
+    some = lessons_of(1, 2, 4)
+    config = Train3dConfig(
+        iterations=160, batch_size=len(some), learning_rate=5e-3, num_points=128, width=0.25, validate_every=160
+    )
+    train(some, [], tmp_path / "run", config, NO_AUGMENTATION_3D, say=lambda line: None)
+    found = evaluate(load_network(tmp_path / "run" / "detector.safetensors"), some)
+    assert found.right_at_50 > 0.85
+    assert found.mean_iou > 0.65
+    assert found.points_iou > 0.8
+
+
+def test_turning_the_scene_turns_the_boxes():
+    network = fresh()
+    episode = boxed_room(5)
+    turn = np.eye(4)
+    turn[:3, :3], turn[:3, 3] = turn_about_z(1.1), [4.0, -2.0, 0.3]
+    moved = replace(episode, camera_to_world=turn @ episode.camera_to_world)
+    detector = FrustumDetector(network, "fresh")
+    here, there = detector.lift(episode, found_in(episode)), detector.lift(moved, found_in(episode))
+    assert len(here) == len(there) == len(found_in(episode))
+    for one, other in zip(here, there, strict=True):
+        expected = Box3d(
+            turn[:3, :3] @ one.box.centre_m + turn[:3, 3], one.box.extent_m, turn[:3, :3] @ one.box.rotation
+        )
+        assert box_iou_3d(expected, other.box) > 0.999
+        assert one.confidence == pytest.approx(other.confidence, abs=1e-4)
+
+
+def test_detections_that_cannot_be_lifted_are_passed_over():
+    episode = boxed_room(5)
+    detector = FrustumDetector(fresh(), "fresh")
+    unknown = replace(found_in(episode)[0], category="cloud")
+    empty = replace(found_in(episode)[0], mask=np.zeros_like(found_in(episode)[0].mask))
+    dark = replace(episode, depth_m=np.zeros_like(episode.depth_m))
+    assert detector.lift(episode, [unknown, empty]) == []
+    assert detector.lift(dark, found_in(episode)) == []
+
+
+def test_a_killed_run_goes_on_and_ends_the_same(tmp_path):
+    some = lessons_of(1, 2)
+    config = Train3dConfig(iterations=6, batch_size=4, num_points=64, width=0.25, validate_every=2)
+    train(some, some, tmp_path / "whole", config, NO_AUGMENTATION_3D, say=lambda line: None)
+
+    def killed(line: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(some, some, tmp_path / "cut", config, NO_AUGMENTATION_3D, say=killed)
+    said: list[str] = []
+    train(some, some, tmp_path / "cut", config, NO_AUGMENTATION_3D, say=said.append)
+    assert said[0] == "going on from step 2"
+    whole, cut = (load_network(tmp_path / name / "detector.safetensors").state_dict() for name in ("whole", "cut"))
+    for name, value in whole.items():
+        torch.testing.assert_close(cut[name], value, rtol=0, atol=0)
+    with pytest.raises(SbmError, match="other data or settings"):
+        train(some, some, tmp_path / "cut", replace(config, seed=1), NO_AUGMENTATION_3D, say=said.append)
+
+
+def test_weights_come_back_and_damaged_ones_are_refused(tmp_path):
+    network, path = fresh(), tmp_path / "detector.safetensors"
+    save_network(path, network, {})
+    again = load_network(path)
+    assert again.spec == network.spec
+    points, category = torch.rand(2, 256, 3), torch.tensor([0, 1])
+    with torch.inference_mode():
+        torch.testing.assert_close(again(points, category).centre, network(points, category).centre)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DetectorError, match="damaged"):
+        load_network(path)
+    with pytest.raises(DetectorError, match="no such file"):
+        load_network(tmp_path / "nowhere.safetensors")
+    with torch.no_grad():
+        network.centre_net.last.bias[0] = float("nan")
+    save_network(path, network, {})
+    with pytest.raises(DetectorError, match="NaN"):
+        load_network(path)
+
+
+def test_templates_are_the_median_sizes():
+    some = lessons_of(1, 2, 3, 4)
+    for found, name in zip(sizes_of(some, ("crate", "locker")), ("crate", "locker"), strict=True):
+        np.testing.assert_allclose(found, SIDES[name], atol=1e-6)
