@@ -7,8 +7,9 @@ from jaxtyping import Bool, Float32
 
 from labeling.instances import Box3d
 
-MAX_GAP = 0.5
-"""Of an object's height: further above the ground it does not stand on it; it lies or hangs."""
+MAX_GAP, MAX_GAP_OF_FLAT = 0.5, 1.0
+"""Of an object's height, and of its shorter horizontal side: if it is further above the ground than either, it does not
+stand on it; it lies or hangs. What is flat stands on legs, which are lost first: a table top."""
 COVERED = 0.3
 """Share of the footprint that points at one height must cover to be a surface that an object stands on."""
 COMMON = 0.2
@@ -37,7 +38,8 @@ def stand(
     """Lets a box reach down to what its object stands on.
 
     Legs and the lower edge are what masks and depth lose first. The box grows to the highest surface below it, or
-    failing that to the floor, if that is nearer than half of the object's height: a picture on a wall stays there.
+    failing that to the floor, if that is nearer than half of the object's height or than the object is deep: a picture
+    on a wall stays there.
 
     Args:
         box: upright; its third axis points up.
@@ -47,7 +49,7 @@ def stand(
         floor_m: height of the floor.
     """
     bottom, top = box.centre_m[2] - 0.5 * box.extent_m[2], box.centre_m[2] + 0.5 * box.extent_m[2]
-    reach_m = MAX_GAP * (top - bottom)
+    reach_m = max(MAX_GAP * (top - bottom), MAX_GAP_OF_FLAT * float(np.min(box.extent_m[:2])))
     near = ~own & (points[:, 2] < bottom + 0.5 * voxel_m) & (points[:, 2] > bottom - reach_m - voxel_m)
     local = (points[near].astype(float) - box.centre_m) @ box.rotation
     under = np.all(np.abs(local[:, :2]) <= 0.5 * box.extent_m[:2], axis=1)

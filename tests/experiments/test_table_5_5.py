@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -65,7 +66,8 @@ def test_the_table_runs_resumes_and_reports(
     monkeypatch.setattr(training, "_epoch", None)  # a second run has nothing left to do
     assert run.main(arguments) == 0
     assert json.loads((tmp_path / "results" / "table_5_5.json").read_text())["worlds"] == content["worlds"]
-    for world in WORLDS:
+    worlds: tuple[Literal["rooms", "streets"], ...] = ("rooms", "streets")
+    for world in worlds:
         config = box_pictures.PictureConfig(world, "smoke", 0, 1, *(tmp_path / n for n in ("cache", "results", "docs")))
         box_pictures.run(config)
         assert (tmp_path / "docs" / "pictures" / f"boxes_{world}.png").stat().st_size > 1000

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.box_completion import MAX_GAP, floor_height, stand
+from labeling.box_completion import MAX_GAP, MAX_GAP_OF_FLAT, floor_height, stand
 from labeling.boxes3d import fit_box
 from labeling.instances import Box3d
 
@@ -52,6 +52,12 @@ def test_a_chair_without_legs_reaches_the_floor() -> None:
     assert top(box) == pytest.approx(0.92, abs=VOXEL_M)
 
 
+def test_a_table_top_stands_on_the_floor_and_a_shelf_on_a_wall_does_not() -> None:
+    assert bottom(standing(slab((-0.6, -0.4, 0.7), (0.6, 0.4, 0.75)), FLOOR)) == pytest.approx(0, abs=0.5 * VOXEL_M)
+    shelf = slab((-0.6, 1.7, 1.3), (0.6, 2.0, 1.35))
+    assert bottom(standing(shelf, FLOOR)) == pytest.approx(1.3, abs=VOXEL_M)
+
+
 def test_a_vase_on_a_table_stands_on_the_table() -> None:
     table = slab((-0.6, -0.4, 0.7), (0.6, 0.4, 0.75))
     vase = slab((-0.1, -0.1, 0.87), (0.1, 0.1, 1.4))
@@ -80,5 +86,6 @@ def test_boxes_only_grow_downwards_and_not_without_bounds(gap_m: float, height_m
     assert top(box) == pytest.approx(top(fitted))
     assert np.array_equal(box.rotation, fitted.rotation)
     assert np.array_equal(box.extent_m[:2], fitted.extent_m[:2])
-    assert 0 < box.extent_m[2] <= (1 + MAX_GAP) * fitted.extent_m[2] + 1e-9
+    most = max(MAX_GAP * fitted.extent_m[2], MAX_GAP_OF_FLAT * fitted.extent_m[:2].min())
+    assert 0 < box.extent_m[2] <= fitted.extent_m[2] + most + 1e-9
     assert bottom(box) < bottom(fitted) + VOXEL_M
