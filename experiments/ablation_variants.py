@@ -138,7 +138,7 @@ FACTORS = (
     ),
     Factor(
         "Trust in a label",
-        ("calibrate", "min_confidence", "ignore_unconfirmed"),
+        ("calibrate", "min_confidence", "ignore_unconfirmed", "doubt_across_views"),
         "A label's confidence is its expected IoU, learnt on training scenes; labels of no trust, and detections that "
         "no label explains, are regions to ignore.",
         (
