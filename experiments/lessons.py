@@ -46,9 +46,10 @@ KINDS: dict[str, Kind] = {
     "paper": Kind(PRESETS["paper"]),
     "released": Kind(PRESETS["released"]),
 }
-TRUTH, ANNOTATED = "truth", "annotated views"
-TEACHERS = (*KINDS, TRUTH, ANNOTATED)
-"""What a detector may learn from: labels of a kind; ground truth; or only the masks that weak labels are made from."""
+TRUTH, ANNOTATED, AGAIN = "truth", "annotated views", "sbm again"
+TEACHERS = (*KINDS, TRUTH, ANNOTATED, AGAIN)
+"""What a detector may learn from: labels of a kind; ground truth; only the masks that weak labels are made from; or
+labels of the same episodes, made anew with a detector that the first ones have taught."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,9 @@ class Lessons:
         from experiments.detector_stages import Course, taught
 
         taught_here = [pupil for pupil in dict.fromkeys(pupils) if pupil.teacher is not None]
+        first = {Pupil("sbm", pupil.seed): None for pupil in taught_here if pupil.teacher == AGAIN}
+        if first:
+            self.detectors([*first, *(pupil for pupil in taught_here if pupil.teacher != AGAIN)])
         courses = [
             Course(
                 DETECTOR,
@@ -152,6 +156,8 @@ class Lessons:
             return self.pictures(part)
         if teacher == ANNOTATED:
             return annotated_views(self.episodes(part), seed)
+        if teacher == AGAIN:
+            return read_pictures(self.labels(part, "sbm", seed, self.detectors([Pupil("sbm", seed)])[0]))
         return read_pictures(self.labels(part, teacher, seed))
 
     def pictures(self, part: Part) -> "list[AnnotatedPicture]":

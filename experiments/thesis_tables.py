@@ -152,6 +152,8 @@ def _in_turn(seeds: Sequence[int], rows: Sequence[Row]) -> Iterator[tuple[int, R
 
 PRE_TRAINED = Row("pre-trained", "test")
 FINE_TUNED, CEILING = Row("SbM fine-tuned", "test", teacher="sbm"), Row("GT fine-tuned", "test", teacher="truth")
+AGAIN = Row("SbM fine-tuned, labels made again", "test", teacher="sbm again")
+"""From where the pre-trained detector stands, as the row above, on labels that the fine-tuned one has made."""
 GAP = (PRE_TRAINED.name, FINE_TUNED.name, CEILING.name)
 
 table_5_1 = Table(
@@ -163,6 +165,7 @@ table_5_1 = Table(
         Row("SbM labels, training towns", "learn", labels="sbm"),
         Row("SbM labels, test town", "test", labels="sbm"),
         FINE_TUNED,
+        AGAIN,
         CEILING,
     ),
     gap=GAP,
@@ -181,7 +184,7 @@ table_5_2 = Table(
 table_5_3 = Table(
     "rooms: pre-trained, SbM fine-tuned and GT fine-tuned, on unseen homes",
     "rooms",
-    (PRE_TRAINED, FINE_TUNED, CEILING),
+    (PRE_TRAINED, FINE_TUNED, AGAIN, CEILING),
     gap=GAP,
 )
 table_5_4 = Table(
