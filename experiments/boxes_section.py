@@ -1,6 +1,7 @@
 """Table 5.5 on the page of results: 3-D boxes, in streets as in the thesis, and in rooms."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,29 @@ NAME, TITLE = "table_5_5", "Table 5.5: boxes in three dimensions"
 PICTURE, VIEWS = "results_table_5_5.png", "boxes_{}.png"
 WORDS = {"recorded": "of the pre-trained detector", "told": "true ones"}
 COLOURS = ("#8a94a0", "#b9c0c8", "#137a3e", "#2f5fb3")
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """What there is to tell of 3-D boxes."""
+
+    content: Mapping[str, Any]
+    """Of ``table_5_5.json``."""
+    views: tuple[str, ...]
+    """Worlds of which there are pictures of boxes in views."""
+
+
+def read_boxes(results: Path) -> Boxes | None:
+    """Table 5.5, and of which worlds there are pictures; None if it has not been run."""
+    from experiments.box_pictures import RECORD
+    from experiments.fine_tuning import WORLDS
+    from labeling.episode_json import read_json
+
+    file = results / f"{NAME}.json"
+    if not file.is_file():
+        return None
+    views = tuple(world for world in WORLDS if (results / f"{RECORD.format(world)}.json").is_file())
+    return Boxes(dict(read_json(file).mapping()), views)
 
 
 def boxes_section(content: Mapping[str, Any], views: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 
-from experiments.results_page import loop_values, values
+from experiments.results_figures import loop_values, values
 
 matplotlib.use("Agg")
 

@@ -1,6 +1,5 @@
 """The page of the thesis' tables in our worlds: ``python -m experiments.results_page``."""
 
-import statistics
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments import fine_tuning
+from experiments import boxes_section, fine_tuning
 from experiments.label_report import SCALES
+from experiments.results_figures import gap_share, gap_shares, loop_values, thesis_gap_share, values
 from experiments.thesis_figures import MEANS, of_category
 from labeling.cli import run_command
 from labeling.errors import SbmError
@@ -86,12 +86,11 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     Raises:
         SbmError: if there are no figures at all.
     """
-    from experiments import boxes_section
     from experiments.results_drawing import draw_categories, draw_loop
     from labeling.files import atomic_file
 
     contents = read_results(results)
-    pairs, boxes = read_pairs(results), read_boxes(results)
+    pairs, boxes = read_pairs(results), boxes_section.read_boxes(results)
     written = [docs / PAGE]
     if boxes is not None:
         with atomic_file(docs / PICTURES / boxes_section.PICTURE) as temporary:
@@ -143,33 +142,10 @@ def read_pairs(results: Path) -> dict[str, dict[str, Any]]:
     return {world: dict(read_json(file).mapping()) for world, file in files.items() if file.is_file()}
 
 
-@dataclass(frozen=True)
-class Boxes:
-    """What there is to tell of 3-D boxes."""
-
-    content: Mapping[str, Any]
-    """Of ``table_5_5.json``."""
-    views: tuple[str, ...]
-    """Worlds of which there are pictures of boxes in views."""
-
-
-def read_boxes(results: Path) -> Boxes | None:
-    """Table 5.5, and of which worlds there are pictures; None if it has not been run."""
-    from experiments.box_pictures import RECORD
-    from experiments.boxes_section import NAME
-    from labeling.episode_json import read_json
-
-    file = results / f"{NAME}.json"
-    if not file.is_file():
-        return None
-    views = tuple(world for world in fine_tuning.WORLDS if (results / f"{RECORD.format(world)}.json").is_file())
-    return Boxes(dict(read_json(file).mapping()), views)
-
-
 def page(
     contents: Mapping[str, Mapping[str, Any]],
     pairs: Mapping[str, Mapping[str, Any]] | None = None,
-    boxes: Boxes | None = None,
+    boxes: boxes_section.Boxes | None = None,
 ) -> str:
     """The text of the page.
 
@@ -178,8 +154,6 @@ def page(
         pairs: of the records of pictures, by world.
         boxes: of 3-D boxes.
     """
-    from experiments import boxes_section
-
     parts = [INTRODUCTION]
     for name, title in TITLES.items():
         parts.append(f"## {title}")
@@ -208,14 +182,7 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
         f"{'seed' if seeds == 1 else 'seeds'}; {_episodes(content['pools'])}."
     )
     parts = [about, _means_table(name, content)]
-    share = gap_share(content)
-    if share is not None:
-        theirs = thesis_gap_share(name, content)
-        by_seed = ", ".join("no gap" if one is None else f"{one:.2f}" for one in gap_shares(content))
-        parts.append(
-            f"Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50, of means over "
-            f"seeds: **{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {by_seed}."
-        )
+    parts += gap_sentences(name, content)
     parts += [above_sentence(content, higher, lower) for higher, lower in content.get("above", ())]
     categories = categories_of(content)
     parts += [
@@ -224,6 +191,26 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
         _categories_table(name, content, categories),
     ]
     return parts
+
+
+def gap_sentences(name: str, content: Mapping[str, Any]) -> list[str]:
+    """What self-supervision closes of the gap to ground truth: the row that the thesis has, and those beyond it."""
+    share = gap_share(content)
+    if share is None:
+        return []
+    theirs, (_, told, _) = thesis_gap_share(name, content), content["gap"]
+    sentence = (
+        "Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50, of means over "
+        f"seeds: **{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {_by_seed(content)}."
+    )
+    beyond = [row["name"] for row in content["rows"] if row["name"].startswith(f"{told}, ")]
+    return [sentence] + [
+        f"{row}: **{gap_share(content, row=row):.2f}**. By seed: {_by_seed(content, row)}." for row in beyond
+    ]
+
+
+def _by_seed(content: Mapping[str, Any], row: str | None = None) -> str:
+    return ", ".join("no gap" if one is None else f"{one:.2f}" for one in gap_shares(content, row=row))
 
 
 def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:
@@ -277,74 +264,9 @@ def loop_section(content: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[float]:
-    """A figure of a round in points, one of each seed whose loop has come so far.
-
-    Args:
-        content: of ``never_ending.json``.
-        number: of the round, from 1.
-        place: where the figure stands in the round's record.
-    """
-    found = []
-    for loop in content["loops"]:
-        record: Any = loop["rounds"][number - 1] if number <= len(loop["rounds"]) else {}
-        for name in place:
-            record = (record or {}).get(name)
-        if record is not None:
-            found.append(100.0 * record)
-    return found
-
-
-def values(row: Mapping[str, Any], figure: str, category: str | None = None) -> list[float]:
-    """A figure of a row in points, one of each seed; without seeds for which it is undefined.
-
-    Args:
-        row: of a result.
-        figure: "ap50" or "ap30".
-        category: None for the mean over all.
-    """
-    found = [
-        run[f"mask_{figure}"] if category is None else run[f"per_class_{figure}"].get(category) for run in row["runs"]
-    ]
-    return [100.0 * value for value in found if value is not None]
-
-
 def categories_of(content: Mapping[str, Any]) -> list[str]:
     """Categories of which there is at least one instance somewhere, in alphabetical order."""
     return sorted({name for row in content["rows"] for name in row["runs"][0]["instances"] if _instances(row, name)})
-
-
-def gap_share(content: Mapping[str, Any], figure: str = "ap50") -> float | None:
-    """Share of the way from before to the ceiling, of the means over seeds: a seed whose ceiling is low would outweigh
-    all others in a mean of shares. None without a gap, or where the ceiling is none.
-    """
-    if content["gap"] is None:
-        return None
-    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, figure))
-    return _share(before, ours, ceiling)
-
-
-def gap_shares(content: Mapping[str, Any], figure: str = "ap50") -> list[float | None]:
-    """The same of each seed; content with a gap."""
-    return [_share(*one) for one in zip(*_gap_rows(content, figure), strict=True)]
-
-
-def _gap_rows(content: Mapping[str, Any], figure: str) -> list[list[float]]:
-    rows = {row["name"]: values(row, figure) for row in content["rows"]}
-    return [rows[name] for name in content["gap"]]
-
-
-def _share(before: float, ours: float, ceiling: float) -> float | None:
-    return (ours - before) / (ceiling - before) if ceiling > before else None
-
-
-def thesis_gap_share(name: str, content: Mapping[str, Any], figure: str = "ap50") -> float | None:
-    """The same of the thesis' figures."""
-    theirs = MEANS.get(name, {})
-    if content["gap"] is None or not all(row in theirs for row in content["gap"]):
-        return None
-    before, ours, ceiling = (theirs[row][figure] for row in content["gap"])
-    return (ours - before) / (ceiling - before)
 
 
 def above_sentence(content: Mapping[str, Any], higher: str, lower: str) -> str:

@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.results_figures import gap_share, gap_shares, thesis_gap_share
 from experiments.results_page import (
     PAGE,
     above_sentence,
-    gap_share,
-    gap_shares,
+    gap_sentences,
     main,
     page,
     read_pairs,
     read_results,
     section,
-    thesis_gap_share,
     write_page,
 )
 from experiments.thesis_figures import MEANS, PER_CLASS, ROOM_CATEGORIES, of_category
@@ -98,6 +97,17 @@ def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
     assert gap_share(content) == pytest.approx(0.1 / 0.3)
     assert gap_shares(content) == [pytest.approx(0.25), None, pytest.approx(1 / 6)]
     assert "By seed: 0.25, no gap, 0.17." in "\n".join(section("table_5_3", content))
+
+
+def test_rows_beyond_the_thesis_tell_their_own_share() -> None:
+    content = table()
+    again = {"name": "SbM fine-tuned, again", "part": "test", "runs": [run(seed, 0.4) for seed in range(3)]}
+    content["rows"].insert(2, again)
+    assert gap_share(content, row="SbM fine-tuned, again") == pytest.approx(0.5)
+    text = "\n".join(gap_sentences("table_5_3", content))
+    assert "self-supervision closes, AP50, of means over seeds: **0.25** (thesis: 0.13). By seed: 0.25" in text
+    assert "SbM fine-tuned, again: **0.50**. By seed: 0.50, 0.50, 0.50." in text
+    assert gap_sentences("table_5_3", {**table(), "gap": None}) == []
 
 
 def test_rows_are_above_others_only_where_their_means_are_and_instances_enough() -> None:

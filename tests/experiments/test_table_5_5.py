@@ -13,7 +13,7 @@ from experiments import box_pictures, boxes_section, run, table_5_5
 from experiments.box_pictures import boxes_on_view, edges_in_view
 from experiments.box_targets import box_targets, heading_apart_deg
 from experiments.fine_tuning import SIZES, WORLDS, Size
-from experiments.results_page import Boxes, page
+from experiments.results_page import page
 from labeling.detectors.train_config import TrainConfig
 from labeling.detectors3d import training
 from labeling.episodes import write_episode
@@ -101,7 +101,7 @@ def test_the_section_tells_shares_and_leads() -> None:
         "settings": {"train": train},
         "worlds": {"streets": {"pools": pools, "rows": rows}},
     }
-    text = page({}, None, Boxes(content, ("streets",)))
+    text = page({}, None, boxes_section.Boxes(content, ("streets",)))
     assert "reaches **0.90** of supervised at .25 (thesis: 0.76)" in text
     assert "lies **+23.0** points from the better LDLS (thesis: +20.4)" in text
     assert "| SbM F-PointNet | true ones | 63.0 ± 0.0 | - |" in text
