@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from labeling.cli import run_command
+from labeling.episode_json import DETECTIONS_3D_FILE
 from labeling.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.files import write_json
-from labeling.label_set import DETECTIONS_3D_FILE
 from labeling.recordings.config import RecordingConfig
 
 if TYPE_CHECKING:

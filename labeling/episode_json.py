@@ -11,6 +11,9 @@ from labeling.errors import EpisodeFormatError
 
 _REQUIRED = object()
 
+DETECTIONS_3D_FILE = "detections_3d.json"
+"""What ``labeling.detect3d`` writes beside an episode's frames; labels do not depend on it."""
+
 
 @dataclass(frozen=True)
 class Json:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from labeling.episode_json import DETECTIONS_3D_FILE
 from labeling.files import write_json
 from labeling.label_config import LabelConfig
 from labeling.rle_codec import encode_text
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from labeling.episodes import Episode
 
 SCHEMA_VERSION = 2
-DETECTIONS_3D_FILE = "detections_3d.json"
-"""What ``labeling.detect3d`` writes beside an episode's frames; labels do not depend on it."""
 _GENERATOR_MODULES = [
     "box_completion",
     "boxes3d",
