@@ -133,12 +133,17 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
 
 
 def read_box_3d(record: Json) -> Box3d:
-    """Reads centre, extent and rotation of a 3-D box.
+    """Reads centre, extent and rotation of a 3-D box."""
+    return Box3d(record.array("centre", (3,)), record.array("extent", (3,)), record.array("rotation", (3, 3)))
+
+
+def read_sound_box_3d(record: Json) -> Box3d:
+    """The same.
 
     Raises:
-        EpisodeFormatError: naming file and field, if it is none.
+        EpisodeFormatError: naming file and field, if the box has no volume, or its axes are no rotation.
     """
-    box = Box3d(record.array("centre", (3,)), record.array("extent", (3,)), record.array("rotation", (3, 3)))
+    box = read_box_3d(record)
     if not np.all(box.extent_m > 0):
         raise record.error(f"the extent of a 3-D box must be above 0, not {box.extent_m.tolist()}", "extent")
     if not is_rotation(box.rotation):

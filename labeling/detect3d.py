@@ -133,7 +133,7 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
     Raises:
         EpisodeFormatError: naming file and field, if it is malformed.
     """
-    from labeling.coco_records import read_box_3d
+    from labeling.coco_records import read_sound_box_3d
     from labeling.detectors3d.base import Detection3d
     from labeling.episode_json import read_json
 
@@ -144,7 +144,7 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
             raise record.error(f"there is no view {view}; there are {num_views}", "view")
         if not 0.0 <= score <= 1.0:
             raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
-        found.append(Detection3d(view, record.text("category"), score, read_box_3d(record.get("box_3d"))))
+        found.append(Detection3d(view, record.text("category"), score, read_sound_box_3d(record.get("box_3d"))))
     return found
 
 

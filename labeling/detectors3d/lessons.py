@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from labeling.coco_records import CategoryTable, read_box_3d
+from labeling.coco_records import CategoryTable, read_sound_box_3d
 from labeling.detectors3d.frustums import (
     Frustum,
     azimuth_of,
@@ -118,7 +118,7 @@ def _of_label_set(path: Path, seed: int, dataset: Path | None) -> Iterator[Lesso
     if dataset is None:
         raise UsageError(f"{path}: label_set.json does not say which dataset it was made from; give --dataset")
     boxes_file = read_json(path / BOXES_FILE)
-    boxes = {record.integer("instance_id"): read_box_3d(record) for record in boxes_file.list_of("boxes")}
+    boxes = {record.integer("instance_id"): read_sound_box_3d(record) for record in boxes_file.list_of("boxes")}
     modal = read_json(path / MODAL_FILE)
     table = CategoryTable.from_files([modal])
     views = {image.integer("id"): (image.text("episode"), image.integer("view")) for image in modal.list_of("images")}
