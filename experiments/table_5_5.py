@@ -18,7 +18,8 @@ LDLS, TUNED, OURS, CEILING = "LDLS", "LDLS, tuned", "SbM F-PointNet", "supervise
 ROWS = (LDLS, TUNED, OURS, CEILING)
 FINDERS: tuple[Finder, ...] = ("recorded", "told")
 SCALES_M = {"rooms": 0.1, "streets": 0.3}
-"""Over which neighbours of LDLS are weighed in its tuned row; chosen on validation scenes. As published: 1 m."""
+"""Over which neighbours of LDLS are weighed in its tuned row; first guesses, which validation scenes have yet to
+decide. As published: 1 m."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from labeling.coco_records import read_box_3d
+from labeling.detectors3d.overlap import box_iou_3d
 from labeling.episode_json import Json, read_json
 from labeling.errors import EpisodeFormatError, LabelFormatError
 from labeling.instances import Box3d, box_xywh, decode_mask, fill_polygons
@@ -106,7 +107,7 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
             if other_episode != episode:
                 continue
             same = category == names.get(category_id)
-            overlap = box_overlap(box, other_box)
+            overlap = box_iou_3d(box, other_box)
             if overlap >= (SAME_CATEGORY_OVERLAP if same else ANY_CATEGORY_OVERLAP):
                 yield (
                     f"{record.where()}: object {number} ({names.get(category_id)}) and object "
@@ -114,25 +115,6 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
                     "are they one?"
                 )
         found.append((record, episode, names.get(category_id, ""), box))
-
-
-def box_overlap(a: Box3d, b: Box3d, steps: int = 24) -> float:
-    """Intersection over union of two boxes in any orientation, to within a few percent.
-
-    Counts the points of a grid of ``steps``^3 in each box that lie in the other one, and averages both counts.
-    """
-    reach = 0.5 * (np.linalg.norm(a.extent_m) + np.linalg.norm(b.extent_m))
-    if np.linalg.norm(a.centre_m - b.centre_m) >= reach:
-        return 0.0
-    ticks = (np.arange(steps) + 0.5) / steps - 0.5
-    grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-    shared = []
-    for one, other in ((a, b), (b, a)):
-        points = one.centre_m + (grid * one.extent_m) @ one.rotation.T
-        local = (points - other.centre_m) @ other.rotation
-        shared.append(np.mean(np.all(np.abs(local) <= 0.5 * other.extent_m, axis=1)) * np.prod(one.extent_m))
-    both = float(np.mean(shared))
-    return both / (float(np.prod(a.extent_m)) + float(np.prod(b.extent_m)) - both)
 
 
 def _check_instances(file: Json, names: dict[int, str], known: _Known, masks: dict[int, np.ndarray]) -> Iterator[str]:

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labeling.detectors3d.overlap import box_iou_3d
 from labeling.episodes import write_episode
 from labeling.errors import LabelFormatError
 from labeling.generate import main as generate
 from labeling.inspect import main
-from labeling.inspection import box_overlap, inspect_label_set
+from labeling.inspection import inspect_label_set
 from labeling.inspection_pictures import SIZE
 from labeling.inspection_scene import read_scenes
 from labeling.instances import Box3d, encode_mask
@@ -208,13 +209,13 @@ def test_overlap_of_boxes_is_that_of_their_footprints(x, y, a, b, yaw):
     one, other = upright(0, 0, (1.0, 0.8, 1.0)), upright(x, y, (a, b, 1.0), yaw)
     _, corners = cv2.rotatedRectangleIntersection(((0, 0), (1.0, 0.8), 0.0), ((x, y), (a, b), float(np.rad2deg(yaw))))
     shared = 0.0 if corners is None else cv2.contourArea(cv2.convexHull(corners))
-    assert box_overlap(one, other) == pytest.approx(shared / (0.8 + a * b - shared), abs=0.04)
+    assert box_iou_3d(one, other) == pytest.approx(shared / (0.8 + a * b - shared), abs=1e-6)
 
 
 def test_a_box_overlaps_itself_wholly_and_a_far_one_not_at_all():
     box = upright(0, 0, (1.0, 2.0, 3.0), 0.3)
-    assert box_overlap(box, box) == pytest.approx(1.0)
-    assert box_overlap(box, upright(10, 0, (1.0, 2.0, 3.0))) == 0.0
+    assert box_iou_3d(box, box) == pytest.approx(1.0)
+    assert box_iou_3d(box, upright(10, 0, (1.0, 2.0, 3.0))) == 0.0
 
 
 # Pictures and viewer -------------------------------------------------------------------------------------------------
