@@ -1,7 +1,6 @@
 """Work spread over processes, each of which makes what it works with once: an environment, policies, a detector."""
 
 import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -9,6 +8,7 @@ from typing import Any, TypeVar
 
 from labeling.errors import SbmError
 from labeling.threads import threads_of_children
+from labeling.worker_process import serve_parent
 
 Config = TypeVar("Config")
 Tool = TypeVar("Tool")
@@ -60,8 +60,7 @@ _hired: list[Any] = []
 
 
 def _hire(make: Callable[[Any], Any], config: Any) -> None:
-    # Ctrl-C reaches all processes of a terminal; the first one decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    serve_parent()
     _hired.append(make(config))
 
 

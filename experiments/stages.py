@@ -19,6 +19,7 @@ from typing import Any, Literal, TypeVar
 from labeling.errors import SbmError
 from labeling.files import write_json
 from labeling.threads import threads_of_children
+from labeling.worker_process import serve_parent
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("labeling", "sbm_gym", "agents", "experiments")
@@ -152,8 +153,8 @@ def run_tasks(
     with tqdm(total=sum(map(weight, tasks)), desc=title, unit="run", smoothing=0.05, file=sys.stderr) as bar:
         if not tasks:
             return
-        context = multiprocessing.get_context("spawn")
-        with threads_of_children(1), ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+        context, count = multiprocessing.get_context("spawn"), min(workers, len(tasks))
+        with threads_of_children(1), ProcessPoolExecutor(count, context, serve_parent) as pool:
             running: dict[Future[object], Task] = {pool.submit(work, task): task for task in tasks}
             try:
                 for done in as_completed(running):

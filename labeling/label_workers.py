@@ -2,9 +2,7 @@
 
 import contextlib
 import multiprocessing
-import os
 import signal
-import threading
 import traceback
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +15,7 @@ from labeling.label_config import LabelConfig
 from labeling.recordings.config import RecordingConfig
 from labeling.source_config import SourceConfig
 from labeling.threads import num_threads, threads_of_children
+from labeling.worker_process import serve_parent
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
@@ -182,10 +181,8 @@ class _Crew:
 
 def _serve(job: Job, pipe: connection.Connection) -> None:
     """Labels the episodes that come through the pipe, until it closes."""
-    # Ctrl-C reaches all processes of a terminal; the first one decides, and ends the others in its own time.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    serve_parent()
     import cv2
 
     cv2.setNumThreads(num_threads())
@@ -201,11 +198,3 @@ def _serve(job: Job, pipe: connection.Connection) -> None:
 
 def _leave(*_) -> None:
     raise SystemExit(_STOPPED)  # unwinds, so that temporary files are removed
-
-
-def _leave_with_parent() -> None:
-    """Ends this process when the one that started it is gone, however it went."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)

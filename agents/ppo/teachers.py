@@ -1,7 +1,6 @@
 """Teachers side by side: each in a process of its own, with its share of the scenes."""
 
 import multiprocessing
-import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -18,6 +17,7 @@ from agents.ppo.imitation import Demonstration, demonstrate
 from agents.ppo.workers import EnvSettings, make_shared_env
 from labeling.errors import SbmError
 from labeling.threads import threads_of_children
+from labeling.worker_process import serve_parent
 
 
 class Teacher:
@@ -100,8 +100,7 @@ _hired: list[Teacher] = []
 
 
 def _hire(settings: EnvSettings, policy: str, index: int, count: int) -> None:
-    # Ctrl-C reaches all processes of a terminal; the first one decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    serve_parent()
     _hired.append(Teacher(settings, policy, index, count))
 
 

@@ -16,6 +16,7 @@ from labeling.errors import SbmError, UsageError
 from labeling.files import atomic_folder, write_json
 from labeling.instances import box_xywh, encode_mask
 from labeling.threads import threads_of_children
+from labeling.worker_process import serve_parent
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
 from sbm_gym.photographs.take import Photograph
 
@@ -208,7 +209,7 @@ def _sets(folder: Path, settings: AlbumSettings, workers: int) -> Iterator[list[
             yield make_set(folder, settings, number)
             number += 1
     context = multiprocessing.get_context("spawn")
-    with threads_of_children(1), ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with threads_of_children(1), ProcessPoolExecutor(workers, context, serve_parent) as pool:
         waiting = []
         try:
             while True:
