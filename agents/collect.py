@@ -31,7 +31,7 @@ class CollectConfig:
     """How many episodes the folder holds at the end."""
     seed: int = 0
     """Decides scenes, starting places and all noise."""
-    split: Literal["train", "val", "test"] = "train"
+    split: Literal["train", "val", "test", "wide"] = "train"
     """Scenes to record in."""
     size: int | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in

@@ -22,7 +22,7 @@ class EvaluateConfig:
     with the project), "ppo:CHECKPOINT". Differences are to the first one."""
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of the world."""
-    split: Literal["train", "val", "test"] = "val"
+    split: Literal["train", "val", "test", "wide"] = "val"
     """Scenes. Test scenes are for final figures only."""
     episodes: int = 50
     """Episodes of each policy and seed."""

@@ -16,8 +16,8 @@ class Pool:
 
     name: str
     env: str
-    split: Literal["train", "val", "test"]
-    """Settings are chosen on "train" and reported on "val"; test scenes are for final tables only."""
+    split: Literal["train", "val", "test", "wide"]
+    """Settings are chosen on "train" and reported on "val"; "test" and "wide" are for final tables only."""
     episodes: int
     seed: int = 0
     detector: str = "simulated"

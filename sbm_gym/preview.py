@@ -45,7 +45,7 @@ class PreviewConfig:
     worlds: tuple[str, ...] = ()
     """Kinds of worlds, such as indoor; all of them if not given."""
     split: str | None = None
-    """Only scenes of this split: train, val or test."""
+    """Only scenes of this split: train, val, test or wide."""
     size: int = 240
     """Height of a picture of a scene, pixels."""
 

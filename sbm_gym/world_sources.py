@@ -62,7 +62,7 @@ class IndoorWorlds:
         """Names of the scenes of a split, of all named scenes for None."""
         from sbm_gym.worlds.splits import SPLITS, scene_names
 
-        return tuple(name for known in SPLITS if split in (None, known) for name in scene_names(known))
+        return tuple(name for known in (SPLITS if split is None else (split,)) for name in scene_names(known))
 
     def canonical(self, scene: str | int) -> str:
         """The name of a scene: a named one, or ``seed/N``."""
@@ -103,7 +103,7 @@ class OutdoorWorlds:
         """Names of the towns of a split, of all named towns for None."""
         from sbm_gym.worlds.splits import TOWN_SPLITS, town_names
 
-        return tuple(name for known in TOWN_SPLITS if split in (None, known) for name in town_names(known))
+        return tuple(name for known in (TOWN_SPLITS if split is None else (split,)) for name in town_names(known))
 
     def canonical(self, scene: str | int) -> str:
         """The name of a town: a named one, or ``town/seed/N``."""

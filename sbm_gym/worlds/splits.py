@@ -32,16 +32,22 @@ SPLITS: dict[str, dict[str, SceneSeed]] = {
     "test": {"test/00": SceneSeed((0, 3000), "apartment"), "test/01": SceneSeed((0, 3001), "living_room")},
 }
 """The named scenes of each split. Changing a seed changes the data set: it is done in a new version only."""
+WIDE = "wide"
+"""A further split to test on, beyond the thesis': two homes and one town tell chance from gain poorly."""
+WIDE_SCENES = tuple(f"seed/{100_000 + i}" for i in range(40))
+"""Its interiors: free seeds that nothing is trained, chosen or tuned on."""
 
 
 def scene_names(split: str) -> tuple[str, ...]:
-    """Names of the scenes of a split.
+    """Names of the scenes of a split: train, val, test or wide.
 
     Raises:
         UsageError: if there is no such split.
     """
+    if split == WIDE:
+        return WIDE_SCENES
     if split not in SPLITS:
-        raise UsageError(f"there is no split {split!r}; splits are {', '.join(SPLITS)}")
+        raise UsageError(f"there is no split {split!r}; splits are {', '.join((*SPLITS, WIDE))}")
     return tuple(SPLITS[split])
 
 
@@ -73,16 +79,20 @@ TOWN_SPLITS: dict[str, dict[str, tuple[int, ...]]] = {
     "test": {"town/test/00": (2, 3000)},
 }
 """The named towns of each split, with the entropy of their generators. Source: thesis 5.1.1 (five towns, 3/1/1)."""
+WIDE_TOWNS = tuple(f"town/seed/{100_000 + i}" for i in range(12))
+"""Those of the wide split."""
 
 
 def town_names(split: str) -> tuple[str, ...]:
-    """Names of the towns of a split.
+    """Names of the towns of a split: train, val, test or wide.
 
     Raises:
         UsageError: if there is no such split.
     """
+    if split == WIDE:
+        return WIDE_TOWNS
     if split not in TOWN_SPLITS:
-        raise UsageError(f"there is no split {split!r}; splits are {', '.join(TOWN_SPLITS)}")
+        raise UsageError(f"there is no split {split!r}; splits are {', '.join((*TOWN_SPLITS, WIDE))}")
     return tuple(TOWN_SPLITS[split])
 
 

@@ -1,6 +1,7 @@
 import pytest
 
 from labeling.errors import UsageError
+from sbm_gym.world_sources import IndoorWorlds, OutdoorWorlds
 from sbm_gym.worlds.floor_plan import PROGRAMMES
 from sbm_gym.worlds.splits import SPLITS, scene_names, scene_seed
 
@@ -14,6 +15,15 @@ def test_splits_have_the_thesis_sizes_and_share_neither_names_nor_seeds():
 def test_free_seeds_never_meet_named_scenes():
     named = {source.seed for split in SPLITS.values() for source in split.values()}
     assert not named & {scene_seed(seed)[1].seed for seed in (*range(100), 1000, 1001, 2000, 3000, 3001)}
+
+
+def test_the_wide_split_is_apart_from_the_thesis_and_known_to_environments():
+    for source, size in ((IndoorWorlds(), 40), (OutdoorWorlds(), 12)):
+        wide = source.scenes("wide")
+        assert len(set(wide)) == size
+        assert not set(wide) & set(source.scenes(None))
+        assert [source.canonical(name) for name in wide] == list(wide)
+        assert source.scenes(None) == tuple(n for split in ("train", "val", "test") for n in source.scenes(split))
 
 
 def test_numbers_and_names_mean_the_same():
@@ -31,5 +41,5 @@ def test_unknown_scenes_are_refused(name):
 
 
 def test_unknown_splits_are_refused():
-    with pytest.raises(UsageError, match="splits are train, val, test"):
+    with pytest.raises(UsageError, match="splits are train, val, test, wide"):
         scene_names("dev")
