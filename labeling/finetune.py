@@ -74,8 +74,9 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
     device = choose_device(config.device)
     network, digest = load_named_network(config.detector)
     pictures, validation, replay, source = _read(config)
-    names = _categories(config, network.spec.categories, pictures, validation)
-    if names != network.spec.categories:
+    known = network.spec.categories
+    names = _categories(config, known, pictures, validation)
+    if names != known:
         from labeling.detectors.network import with_categories
 
         network = with_categories(network, names)
@@ -104,6 +105,7 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
         about,
         functools.partial(print, flush=True),
         functools.partial(bar, unit="batch"),
+        tuple(name for name in names if name not in known),
     )
     after = scores(best_of(config.out))
     results = {

@@ -19,6 +19,8 @@ class Sample:
     """Output of the classifier, from 1; whatever is ignored has 0."""
     weights: Float32[np.ndarray, "n"]
     ignore: Bool[np.ndarray, "n"]
+    unnamed: tuple[int, ...] = ()
+    """Outputs of categories that whoever annotated the picture had no name for."""
 
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
@@ -70,7 +72,8 @@ def _cut(sample: Sample, window: tuple[slice, slice]) -> Sample:
     masks = sample.masks[:, *window]
     before, after = sample.masks.sum(axis=(1, 2)), masks.sum(axis=(1, 2))
     lost, there = after < LEAST_SHARE_LEFT * before, after > 0
-    return Sample(
+    return replace(
+        sample,
         rgb=sample.rgb[window],
         masks=masks[there],
         labels=sample.labels[there],

@@ -1,9 +1,13 @@
 """Mask R-CNN's two training stages, taught two things that torchvision's lack: regions to ignore, and doubtful labels.
 
 A target is torchvision's (``boxes`` xyxy, ``labels``, ``masks``) plus ``weights`` (n,) in [0, 1], the confidence of
-each label, and ``ignored`` (k, 4), boxes of regions of which nothing is known. Anchors and proposals that lie mostly in
-such a region and match no object are neither positive nor negative; the losses of positives count by the weight of the
-object they match. With weights of 1 and nothing ignored, all losses are torchvision's.
+each label, ``ignored`` (k, 4), boxes of regions of which nothing is known, and ``unnamed`` (c,), labels of categories
+that nobody would have annotated in the picture. Anchors and proposals that lie mostly in an ignored region and match no
+object are neither positive nor negative; the losses of positives count by the weight of the object they match. What
+matches no object in a picture with unnamed categories is background or one of these: no anchor there is negative, and
+the probabilities of all of them together are what background should have (Cermelli et al. 2020, "Modeling the
+Background for Incremental Learning in Semantic Segmentation", equation 5). With weights of 1, nothing ignored and
+nothing unnamed, all losses are torchvision's.
 """
 
 from typing import Any
@@ -62,7 +66,8 @@ class WeightedProposals(torchvision.models.detection.rpn.RegionProposalNetwork):
         labels, matched = super().assign_targets_to_anchors(anchors, targets)
         self._weights = []
         for boxes, label, box, target in zip(anchors, labels, matched, targets, strict=True):
-            label[(label == 0) & ignored(boxes, target["ignored"])] = -1
+            unknown = ignored(boxes, target["ignored"]) | (len(target["unnamed"]) > 0)
+            label[(label == 0) & unknown] = -1
             weight = torch.ones_like(label)
             positive = label > 0
             if positive.any():
@@ -133,7 +138,15 @@ class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
         ]
         regression_targets = torch.cat(self.box_coder.encode(goals, boxes))
         label, weight = torch.cat(labels), torch.cat(weights)
-        losses = box_losses(class_logits, box_regression, label, regression_targets, weight)
+        unnamed = torch.cat(
+            [
+                torch.zeros(len(box), class_logits.shape[1], dtype=torch.bool, device=label.device).index_fill_(
+                    1, target["unnamed"].to(label.device), True
+                )
+                for box, target in zip(boxes, targets, strict=True)
+            ]
+        )
+        losses = box_losses(class_logits, box_regression, label, regression_targets, weight, unnamed)
         positive = [torch.where(label > 0)[0] for label in labels]
         mask_boxes = [box[index] for box, index in zip(boxes, positive, strict=True)]
         mask_features = self.mask_head(self.mask_roi_pool(features, mask_boxes, image_shapes))
@@ -171,7 +184,12 @@ class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
 
 
 def box_losses(
-    class_logits: Tensor, box_regression: Tensor, label: Tensor, regression_targets: Tensor, weight: Tensor
+    class_logits: Tensor,
+    box_regression: Tensor,
+    label: Tensor,
+    regression_targets: Tensor,
+    weight: Tensor,
+    unnamed: Tensor,
 ) -> dict[str, Tensor]:
     """Losses of class and box over n sampled boxes.
 
@@ -181,9 +199,15 @@ def box_losses(
         label: (n,), 0 for background.
         regression_targets: (n, 4).
         weight: (n,).
+        unnamed: (n, classes): what background may be besides.
     """
     number = max(1, len(label))
     classifier = functional.cross_entropy(class_logits, label, reduction="none")
+    if unnamed.any():
+        allowed = unnamed.clone()
+        allowed[:, 0] = True
+        background = -class_logits.log_softmax(dim=1).masked_fill(~allowed, -torch.inf).logsumexp(dim=1)
+        classifier = torch.where(label == 0, background, classifier)
     positive = torch.where(label > 0)[0]
     regression = box_regression.reshape(len(label), box_regression.shape[1] // 4, 4)[positive, label[positive]]
     box = functional.smooth_l1_loss(regression, regression_targets[positive], beta=_BETA, reduction="none")

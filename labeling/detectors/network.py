@@ -2,6 +2,7 @@
 
 import copy
 import itertools
+import math
 from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
@@ -122,6 +123,10 @@ def build_from_imagenet(spec: NetworkSpec) -> Network:
 def with_categories(network: Network, categories: tuple[str, ...]) -> Network:
     """A copy of the network with other outputs; those that it has already keep their weights.
 
+    What it had no name for was background: new categories share the probability of background evenly with it (Cermelli
+    et al. 2020, "Modeling the Background for Incremental Learning in Semantic Segmentation", equation 10), and their
+    boxes and masks are at first the mean of those of all known categories.
+
     Args:
         network: as it is.
         categories: the new list.
@@ -130,6 +135,7 @@ def with_categories(network: Network, categories: tuple[str, ...]) -> Network:
     made = build_network(replace(network.spec, categories=categories))
     kept = [0, *(1 + old.index(name) for name in categories if name in old)]
     place = [0, *(1 + row for row, name in enumerate(categories) if name in old)]
+    new = [1 + row for row, name in enumerate(categories) if name not in old]
     theirs, ours = network.state_dict(), made.state_dict()
     for name, value in ours.items():
         if value.shape == theirs[name].shape:
@@ -137,8 +143,14 @@ def with_categories(network: Network, categories: tuple[str, ...]) -> Network:
             continue
         # Outputs of one class lie together: 1 row, or the 4 of its box.
         group = value.shape[0] // (1 + len(categories))
-        new_rows = value.view(-1, group, *value.shape[1:])
-        new_rows[place] = theirs[name].view(-1, group, *value.shape[1:])[kept]
+        ours_by_class, theirs_by_class = (one.view(-1, group, *value.shape[1:]) for one in (value, theirs[name]))
+        ours_by_class[place] = theirs_by_class[kept]
+        if "cls_score" in name:
+            ours_by_class[new] = theirs_by_class[0]
+            if name.endswith("bias"):
+                ours_by_class[[0, *new]] -= math.log(1 + len(new))
+        else:
+            ours_by_class[new] = theirs_by_class[1:].mean(dim=0)
     made.load_state_dict(ours)
     return made
 

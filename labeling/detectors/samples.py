@@ -1,7 +1,8 @@
 """From annotated pictures on disk to batches on a device."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -10,7 +11,7 @@ from torch.utils.data import DataLoader, Dataset
 from labeling.detectors.augment import AugmentConfig, Sample, augment
 from labeling.detectors.losses import Target
 from labeling.detectors.network import STRIDE
-from labeling.detectors.pictures import AnnotatedPicture
+from labeling.detectors.pictures import AnnotatedPicture, category_names
 from labeling.errors import UsageError
 from labeling.instances import decode_mask
 
@@ -43,6 +44,7 @@ def to_target(sample: Sample) -> Target:
         "masks": torch.from_numpy(np.ascontiguousarray(sample.masks)).to(torch.uint8)[learn],
         "weights": torch.from_numpy(sample.weights)[learn],
         "ignored": boxes[~learn],
+        "unnamed": torch.tensor(sample.unnamed, dtype=torch.int64),
     }
 
 
@@ -92,6 +94,8 @@ class Mixture(Dataset):
     seed: int
     replay: Sequence[AnnotatedPicture] = field(default_factory=tuple)
     replay_share: float = 0.0
+    new_categories: tuple[str, ...] = ()
+    """Of ``categories``: where no replayed picture names one, background there may be one."""
 
     def __post_init__(self) -> None:
         if not self.pictures:
@@ -113,7 +117,16 @@ class Mixture(Dataset):
         is_replay, index = self.source(number)
         picture = (self.replay if is_replay else self.pictures)[index]
         rng = np.random.default_rng([self.seed, 2, number])
-        return augment(load_sample(picture, self.categories), self.config, rng)
+        sample = load_sample(picture, self.categories)
+        if is_replay:
+            sample = replace(sample, unnamed=self._unnamed)
+        return augment(sample, self.config, rng)
+
+    @cached_property
+    def _unnamed(self) -> tuple[int, ...]:
+        """Outputs of the categories that replayed pictures never name."""
+        named = category_names(self.replay)
+        return tuple(1 + self.categories.index(name) for name in self.new_categories if name not in named)
 
 
 def batches(mixture: Mixture, size: int, first: int, count: int, workers: int = 0) -> Iterator[Batch]:

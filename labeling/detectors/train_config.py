@@ -16,6 +16,9 @@ class TrainConfig:
     """Pictures a batch. Source: thesis 5.1.3."""
     learning_rate: float = 1e-3
     """Source: thesis 5.1.3."""
+    new_rate: float = 10.0
+    """Learning rate of the last layers of the heads, relative to that of all others, while they learn categories that
+    they had no output for."""
     optimizer: Literal["sgd", "adamw"] = "sgd"
     """SGD with momentum .9, as Mask R-CNN is trained; AdamW suits training from the start."""
     weight_decay: float = 1e-4
@@ -48,7 +51,7 @@ class TrainConfig:
         Raises:
             UsageError: naming the setting.
         """
-        for name in ("iterations", "batch_size", "learning_rate", "clip", "validate_every"):
+        for name in ("iterations", "batch_size", "learning_rate", "new_rate", "clip", "validate_every"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise UsageError(f"--{name.replace('_', '-')} must be above 0, not {getattr(self, name)}")
         for name in ("weight_decay", "warmup", "patience", "workers", "frozen_stages", "seed"):

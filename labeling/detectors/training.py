@@ -54,7 +54,7 @@ def train_one_epoch(
 
     Args:
         network: on its device; left in training mode.
-        optimizer: of its parameters.
+        optimizer: of its parameters; a group with a ``share`` learns at that share of the rate.
         stream: batches.
         rate: learning rate at a step.
         first: number of the first step. Each step seeds torch's generator with it, so that a run that goes on from a
@@ -77,7 +77,7 @@ def train_one_epoch(
     for step, batch in enumerate(stream, start=first):
         torch.manual_seed(config.seed * 1_000_003 + step)
         for group in optimizer.param_groups:
-            group["lr"] = rate(step)
+            group["lr"] = rate(step) * group.get("share", 1.0)
         pictures, sizes, targets = to_device(batch, device)
         with torch.autocast(device.type, torch.float16, enabled=scaler is not None):
             losses = network(pictures, sizes, targets)
@@ -188,13 +188,24 @@ def _groups(pictures: Sequence[AnnotatedPicture], size: int) -> Iterable[list[in
             yield indices[start : start + size]
 
 
-def make_optimizer(network: Network, config: TrainConfig) -> torch.optim.Optimizer:
-    """The optimizer; vectors (biases, normalisation) do not decay."""
-    trained = [value for value in network.parameters() if value.requires_grad]
-    groups = [
-        {"params": [value for value in trained if value.ndim > 1], "weight_decay": config.weight_decay},
-        {"params": [value for value in trained if value.ndim <= 1], "weight_decay": 0.0},
-    ]
+def make_optimizer(network: Network, config: TrainConfig, new_categories: bool = False) -> torch.optim.Optimizer:
+    """The optimizer; vectors (biases, normalisation) do not decay.
+
+    Args:
+        network: to train.
+        config: settings.
+        new_categories: whether the last layers of the heads learn categories from the start, at a rate of their own.
+    """
+    groups = []
+    for last in (False, True):
+        found = [
+            value for name, value in network.named_parameters() if value.requires_grad and ("predictor" in name) == last
+        ]
+        share = config.new_rate if last and new_categories else 1.0
+        groups += [
+            {"params": [one for one in found if one.ndim > 1], "weight_decay": config.weight_decay, "share": share},
+            {"params": [one for one in found if one.ndim <= 1], "weight_decay": 0.0, "share": share},
+        ]
     if config.optimizer == "adamw":
         return torch.optim.AdamW(groups, lr=config.learning_rate)
     return torch.optim.SGD(groups, lr=config.learning_rate, momentum=0.9)

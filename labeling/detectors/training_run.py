@@ -34,6 +34,7 @@ def train(
     about: dict[str, Any] | None = None,
     say: Callable[[str], None] = print,
     bar: Callable[..., Any] | None = None,
+    new_categories: Sequence[str] = (),
 ) -> Progress:
     """Trains a network and keeps the best of it in ``out/detector.safetensors``; goes on where a killed run stopped.
 
@@ -49,6 +50,8 @@ def train(
         about: written into the weights: where they come from.
         say: where progress is told.
         bar: makes a progress bar (``tqdm``), if there is to be one.
+        new_categories: those of the network's that it had no name for when the source pictures taught it. Where these
+            never name one, what is not annotated there is background or one of them.
 
     Raises:
         SbmError: if settings make no sense, the folder holds another run, or training breaks down.
@@ -57,11 +60,12 @@ def train(
     augmentation.check()
     out.mkdir(parents=True, exist_ok=True)
     device = torch.device(device)
-    mixture = Mixture(pictures, network.spec.categories, augmentation, config.seed, replay, config.replay_share)
+    names, new = network.spec.categories, tuple(new_categories)
+    mixture = Mixture(pictures, names, augmentation, config.seed, replay, config.replay_share, new)
     network.frozen_statistics = config.frozen_statistics
     network.freeze(config.frozen_stages)
     channels_last(network.to(device))
-    optimizer = make_optimizer(network, config)
+    optimizer = make_optimizer(network, config, bool(new))
     averaged = _copy(network) if config.average else None
     scaler = torch.amp.GradScaler("cuda") if device.type == "cuda" else None
     identity = _identity(network.spec, config, augmentation, mixture, validation)

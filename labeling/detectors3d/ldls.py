@@ -136,7 +136,7 @@ def diffuse(
     graph: sparse.csr_matrix, told: Float[np.ndarray, "n c"], total: Float[np.ndarray, "n"], tolerance: float
 ) -> Float[np.ndarray, "n c"]:
     """The labels that no further step of diffusion changes: each point's are the weighted mean of those of its
-    neighbours and of what its pixels tell.
+    neighbours and of what its pixels tell. A point's labels sum to 1, so that the first follows from the others.
 
     Args:
         graph: weights of neighbours.
@@ -149,10 +149,10 @@ def diffuse(
     scale = 1 / np.sqrt(total)
     system = sparse.diags(scale) @ system @ sparse.diags(scale)
     columns = []
-    for told_of_one in told.T:
+    for told_of_one in told.T[1:]:
         found, _ = bicgstab(system, scale * told_of_one, rtol=tolerance, maxiter=2000)
-        columns.append(scale * found)
-    return np.clip(np.stack(columns, axis=1), 0.0, None)
+        columns.append(np.clip(scale * found, 0.0, 1.0))
+    return np.stack([np.clip(1.0 - sum(columns, np.zeros(len(total))), 0.0, None), *columns], axis=1)
 
 
 def _pixel_sums(

@@ -167,11 +167,22 @@ def test_new_categories_leave_the_old_outputs_as_they_were(network, pictures):
     assert wider.spec.categories == ("vase", "box", "ball")
     x = torch.randn(4, network.roi_heads.box_predictor.cls_score.in_features)
     old, new = network.roi_heads.box_predictor(x), wider.roi_heads.box_predictor(x)
-    torch.testing.assert_close(new[0][:, [0, 3, 2]], old[0])
+    torch.testing.assert_close(new[0].softmax(dim=1)[:, [3, 2]], old[0].softmax(dim=1)[:, [1, 2]])
     torch.testing.assert_close(new[1].view(4, -1, 4)[:, [0, 3, 2]], old[1].view(4, -1, 4))
     y = torch.randn(2, 64, 14, 14)
-    torch.testing.assert_close(wider.roi_heads.mask_predictor(y)[:, [0, 3, 2]], network.roi_heads.mask_predictor(y))
+    before, after = network.roi_heads.mask_predictor(y), wider.roi_heads.mask_predictor(y)
+    torch.testing.assert_close(after[:, [0, 3, 2]], before)
     torch.testing.assert_close(wider.backbone.state_dict(), network.backbone.state_dict())
+    # What had no name was background.
+    torch.testing.assert_close(new[0].softmax(dim=1)[:, [0, 1]], old[0].softmax(dim=1)[:, [0, 0]] / 2)
+    torch.testing.assert_close(new[1].view(4, -1, 4)[:, 1], old[1].view(4, -1, 4)[:, 1:].mean(dim=1))
+    torch.testing.assert_close(after[:, 1], before[:, 1:].mean(dim=1))
+
+
+def test_fewer_outputs_are_those_that_there_were(network):
+    less = with_categories(network, ("box",)).eval()
+    x = torch.randn(4, network.roi_heads.box_predictor.cls_score.in_features)
+    torch.testing.assert_close(less.roi_heads.box_predictor(x)[0], network.roi_heads.box_predictor(x)[0][:, [0, 2]])
 
 
 # As a detector -------------------------------------------------------------------------------------------------------

@@ -274,6 +274,21 @@ def test_batches_do_not_depend_on_where_the_stream_is_taken_up(tmp_path):
         assert all(torch.equal(x["masks"], y["masks"]) for x, y in zip(targets_a, targets_b, strict=True))
 
 
+def test_only_replayed_pictures_lack_names_for_new_categories(tmp_path):
+    """And only where no replayed picture has the name: one that names some says where there are none."""
+    photos = read_pictures(write_coco_folder(tmp_path / "photos", 3))
+    taught = photos[0].annotations[0].category
+    names = (*CATEGORIES, "beanbag")
+    mixture = Mixture(photos, names, AugmentConfig(crop=1.0), 4, photos, 0.5, ("beanbag", taught))
+    for number in range(12):
+        is_replay, _ = mixture.source(number)
+        expected = [len(names)] if is_replay else []
+        assert to_target(mixture[number])["unnamed"].tolist() == expected
+    assert all(
+        not one.unnamed for one in map(Mixture(photos, names, AugmentConfig(), 4, photos, 0.5).__getitem__, range(6))
+    )
+
+
 def test_nothing_to_train_on_is_refused():
     with pytest.raises(UsageError, match="no picture to train on"):
         Mixture([], CATEGORIES, NO_AUGMENTATION, 0)
