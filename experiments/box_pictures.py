@@ -64,9 +64,10 @@ def run(config: PictureConfig) -> None:
     workplace = Workplace(config.scale, (config.seed,), 1, config.cache)
     lessons = Lessons(config.world, workplace)
     network, categories = table_5_5.sbm_network(config.world, config.seed, workplace)
-    detectors = {table_5_5.TUNED: loaded(f"ldls:{table_5_5.SCALES_M[config.world]}"), table_5_5.OURS: loaded(network)}
+    tried = table_5_5.tried_scales(config.world, lessons.episodes("choose"), categories, workplace)
+    detectors = {table_5_5.TUNED: loaded(table_5_5.tuned(tried)), table_5_5.OURS: loaded(network)}
     panels, drawn = [], []
-    for folder in lessons.episodes("test")[: config.views]:
+    for folder in lessons.episodes(table_5_5.TRIED_ON)[: config.views]:
         episode = read_episode(folder)
         view = busiest_view(episode, categories)
         seen = [one for one in detections(episode, "recorded", categories) if one.view_index == view]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from labeling.instances import Detection
 
 TRAIN_CODE = ("labeling.detectors3d.training", "labeling.detectors3d.lessons")
+TARGET_CODE = ("experiments.box_targets", "labeling.detectors3d.lessons", "labeling.boxes3d")
 SCORE_CODE = (
     "labeling.detectors3d.registry",
     "labeling.detectors3d.metrics",
@@ -100,6 +101,26 @@ def _teach(task: tuple[Course3d, Workplace, str]) -> None:
     )
     about = {"title": title, "folder": str(out), "objects": [len(learn), len(choose)], "history": state.history}
     workplace.store.write("taught_3d", key, about)
+
+
+def target_scores(labels: Sequence[Path], episodes: Sequence[Path], workplace: Workplace) -> list[dict[str, Any]]:
+    """How good the boxes are that label sets teach, by category: ``experiments.box_targets`` of each."""
+    code = code_digest(*TARGET_CODE)
+    keys = [digest(_content(one), [folder.name for folder in episodes], code) for one in labels]
+    missing = {
+        key: (one, tuple(episodes), workplace, key)
+        for one, key in zip(labels, keys, strict=True)
+        if not workplace.store.has("box_targets", key)
+    }
+    side_by_side(_compare, list(missing.values()), workplace, "comparing box targets")
+    return [workplace.store.read("box_targets", key) for key in keys]
+
+
+def _compare(task: tuple[Path, tuple[Path, ...], Workplace, str]) -> None:
+    from experiments.box_targets import box_targets
+
+    labels, episodes, workplace, key = task
+    workplace.store.write("box_targets", key, box_targets(labels, episodes))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ NEAR_M = 1.5
 """An object whose centre is further from that of a label's box is not what the label means."""
 
 
-def box_targets(labels: Path, episodes: Sequence[Path]) -> dict[str, dict[str, float | int]]:
+def box_targets(labels: Path, episodes: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """Compares boxes with those of the true objects.
 
     An object of a label set is compared with the nearest true object of its category in its episode; if there is none
@@ -30,7 +30,7 @@ def box_targets(labels: Path, episodes: Sequence[Path]) -> dict[str, dict[str, f
     Returns:
         By category: how many objects, the mean overlap of their boxes, the share that reach .5, the mean difference in
         heading of those that have an overlap of .25 (degrees, 0 to 45; for objects at least a quarter longer than
-        wide 0 to 90), and the mean overlap of boxes from single views.
+        wide 0 to 90; None if none has), and the mean overlap of boxes from single views.
     """
     from labeling.boxes3d import fit_box
     from labeling.detectors3d.lessons import read_lessons
@@ -87,12 +87,12 @@ def _mean(values: Sequence[float]) -> float:
     return statistics.fmean(values) if values else 0.0
 
 
-def _summary(some: Sequence[dict[str, float]]) -> dict[str, float | int]:
+def _summary(some: Sequence[dict[str, float]]) -> dict[str, Any]:
     headings = [one["heading"] for one in some if "heading" in one]
     return {
         "objects": len(some),
         "iou": _mean([one["iou"] for one in some]),
         "reach_half": _mean([float(one["iou"] >= 0.5) for one in some]),
-        "heading_apart_deg": _mean(headings),
+        "heading_apart_deg": _mean(headings) if headings else None,
         "single_view_iou": _mean([one["single"] for one in some]),
     }

@@ -132,6 +132,7 @@ def _teach(task: tuple[Course, Workplace, str]) -> None:
         choose_device(),
         about,
         lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True),
+        new_categories=course.new_categories,
     )
     workplace.store.write("taught", key, {"title": title, "folder": str(out)})
 

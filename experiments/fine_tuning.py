@@ -1,6 +1,6 @@
 """``compact`` before and after it learned from labels that an agent made itself, beside ground truth as the ceiling."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,15 @@ class Size:
     train: TrainConfig
     augment: dict[str, AugmentConfig] = field(default_factory=lambda: dict.fromkeys(WORLDS, AugmentConfig()))
     """By world."""
+    wide: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WORLDS, 1))
+    """By world: episodes of many scenes beyond the thesis' to report on."""
+    new: dict[str, Any] = field(default_factory=dict)
+    """Settings of training that differ where categories are learnt that no photograph has taught: that takes more than
+    getting better at those that one knows."""
+
+    def train_new(self) -> TrainConfig:
+        """Settings of training with such categories."""
+        return replace(self.train, **self.new)
 
 
 SIZES: dict[Scale, Size] = {
@@ -42,16 +51,16 @@ SIZES: dict[Scale, Size] = {
         {"rooms": (40, 8, 16), "streets": (20, 5, 10)},
         (1200, 600),
         TrainConfig(
-            iterations=120,
+            iterations=240,
             batch_size=8,
             optimizer="adamw",
-            learning_rate=1.5e-4,
+            learning_rate=3e-4,
             weight_decay=0.01,
             schedule="cosine",
             warmup=20,
-            validate_every=60,
+            validate_every=120,
             average=0.97,
-            replay_share=0.6,
+            replay_share=0.5,
             frozen_stages=4,
         ),
         # Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tried at.
@@ -59,8 +68,12 @@ SIZES: dict[Scale, Size] = {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
             "streets": AugmentConfig(window_px=256, scale=(0.7, 1.1)),
         },
+        {"rooms": 40, "streets": 16},
+        {"learning_rate": 6e-4, "replay_share": 0.3},
     ),
-    "full": Size({"rooms": (60, 12, 20), "streets": (40, 8, 16)}, (6000, 600), TrainConfig()),
+    "full": Size(
+        {"rooms": (60, 12, 20), "streets": (40, 8, 16)}, (6000, 600), TrainConfig(), wide={"rooms": 80, "streets": 36}
+    ),
 }
 
 

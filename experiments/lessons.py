@@ -20,10 +20,16 @@ from labeling.source_config import SourceConfig
 if TYPE_CHECKING:
     from labeling.detectors.pictures import AnnotatedPicture
 
-Part = Literal["learn", "choose", "test"]
-SPLITS: dict[Part, Literal["train", "test"]] = {"learn": "train", "choose": "train", "test": "test"}
-"""To learn from, to choose the best network by, to report on. Labels of test scenes teach nobody."""
-POOL_SEEDS: dict[Part, int] = {"learn": 0, "choose": 1, "test": 0}
+Part = Literal["learn", "choose", "test", "wide"]
+SPLITS: dict[Part, Literal["train", "test", "wide"]] = {
+    "learn": "train",
+    "choose": "train",
+    "test": "test",
+    "wide": "wide",
+}
+"""To learn from, to choose the best network by, to report on: the thesis' few test scenes, and many more. Labels of
+these teach nobody."""
+POOL_SEEDS: dict[Part, int] = {"learn": 0, "choose": 1, "test": 0, "wide": 0}
 NOVEL = ("cushion", "nightstand", "shelf", "beanbag")
 """Categories that no photograph has taught. Source: thesis A.6."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
@@ -46,10 +52,9 @@ KINDS: dict[str, Kind] = {
     "paper": Kind(PRESETS["paper"]),
     "released": Kind(PRESETS["released"]),
 }
-TRUTH, ANNOTATED, AGAIN = "truth", "annotated views", "sbm again"
-TEACHERS = (*KINDS, TRUTH, ANNOTATED, AGAIN)
-"""What a detector may learn from: labels of a kind; ground truth; only the masks that weak labels are made from; or
-labels of the same episodes, made anew with a detector that the first ones have taught."""
+TRUTH, ANNOTATED = "truth", "annotated views"
+TEACHERS = (*KINDS, TRUTH, ANNOTATED)
+"""What a detector may learn from: labels of a kind; ground truth; or only the masks that weak labels are made from."""
 
 
 @dataclass(frozen=True)
@@ -90,12 +95,12 @@ class Lessons:
 
         return about(self._pool(part), self.episodes(part))
 
-    def settings(self) -> dict[str, Any]:
-        """Of training."""
+    def settings(self, new_categories: bool = False) -> dict[str, Any]:
+        """Of training, with or without categories that no photograph has taught."""
         size = self._size
         return {
             "detector": DETECTOR,
-            "train": asdict(size.train),
+            "train": asdict(size.train_new() if new_categories else size.train),
             "augment": asdict(size.augment[self.world]),
             "photographs": size.photographs,
         }
@@ -121,16 +126,13 @@ class Lessons:
         from experiments.detector_stages import Course, taught
 
         taught_here = [pupil for pupil in dict.fromkeys(pupils) if pupil.teacher is not None]
-        first = {Pupil("sbm", pupil.seed): None for pupil in taught_here if pupil.teacher == AGAIN}
-        if first:
-            self.detectors([*first, *(pupil for pupil in taught_here if pupil.teacher != AGAIN)])
         courses = [
             Course(
                 DETECTOR,
                 self.lesson("learn", pupil.teacher, pupil.seed),
                 self.lesson("choose", pupil.teacher, pupil.seed),
                 self.photographs()[0],
-                self._size.train,
+                self._size.train_new() if pupil.new_categories else self._size.train,
                 self._size.augment[self.world],
                 pupil.seed,
                 f"{pupil.teacher} of {self.world}",
@@ -156,8 +158,6 @@ class Lessons:
             return self.pictures(part)
         if teacher == ANNOTATED:
             return annotated_views(self.episodes(part), seed)
-        if teacher == AGAIN:
-            return read_pictures(self.labels(part, "sbm", seed, self.detectors([Pupil("sbm", seed)])[0]))
         return read_pictures(self.labels(part, teacher, seed))
 
     def pictures(self, part: Part) -> "list[AnnotatedPicture]":
@@ -208,7 +208,8 @@ class Lessons:
     def _pool(self, part: Part) -> Any:
         from experiments.episode_pool import Pool
 
-        count = self._size.episodes[self.world][("learn", "choose", "test").index(part)]
+        counts = (*self._size.episodes[self.world], self._size.wide[self.world])
+        count = counts[("learn", "choose", "test", "wide").index(part)]
         name = f"{self.world}_{part}"
         return Pool(name, WORLDS[self.world], SPLITS[part], count, POOL_SEEDS[part], DETECTOR)
 

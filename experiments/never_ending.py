@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import fine_tuning
-from experiments.lessons import Lessons
+from experiments.lessons import Lessons, Part
 from experiments.stages import Scale, Workplace
 
 if TYPE_CHECKING:
     from experiments.detector_stages import Course
     from labeling.detectors.pictures import AnnotatedPicture
 
-DESCRIPTION = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
-WORLD = "rooms"
 POLICY = "ppo"
 """Who moves: the trained policy that comes with the project."""
+TRIED_ON: Part = "wide"
+"""Gains of a round are small: many unseen scenes tell them from chance."""
 FIRST_POOL_SEED = 1000
 """Seeds of the episodes of rounds count up from here, apart from those of all other experiments."""
 FEWER = 0.5
@@ -39,15 +39,17 @@ class Size:
     """How much of everything a scale has."""
 
     rounds: int
-    learn: int
-    """Episodes of a round to learn from."""
-    choose: int
-    """And to choose the best network by."""
+    episodes: dict[str, tuple[int, int]]
+    """By world: episodes of a round to learn from, and to choose the best network by."""
     iterations: int
     """Batches of training in a round."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(2, 1, 1, 2), "quick": Size(5, 10, 3, 60), "full": Size(10, 40, 8, 1000)}
+SIZES: dict[Scale, Size] = {
+    "smoke": Size(2, {"rooms": (1, 1), "streets": (1, 1)}, 2),
+    "quick": Size(5, {"rooms": (12, 2), "streets": (8, 1)}, 100),
+    "full": Size(10, {"rooms": (40, 8), "streets": (30, 5)}, 1000),
+}
 
 
 @dataclass(frozen=True)
@@ -61,39 +63,57 @@ class Signs:
     """Of each category among the labels."""
 
 
-def run(workplace: Workplace) -> dict[str, Any]:
-    """Goes through the rounds, of all seeds side by side; what was done before is not done again.
+@dataclass(frozen=True)
+class Loop:
+    """An experiment: rounds in one world."""
 
-    Returns:
-        By seed: every round's figures, and why the loop stopped, if it did.
-    """
-    import sys
+    DESCRIPTION: str
+    world: str
 
-    from tqdm import tqdm
+    def run(self, workplace: Workplace) -> dict[str, Any]:
+        """Goes through the rounds, of all seeds side by side; what was done before is not done again.
 
-    from experiments.detector_stages import taught
+        Returns:
+            By seed: every round's figures, and why the loop stopped, if it did.
+        """
+        import sys
 
-    size, lessons = SIZES[workplace.scale], Lessons(WORLD, workplace)
-    loops = [_Loop(seed, size, lessons, workplace) for seed in workplace.seeds]
-    for number in tqdm(range(1, size.rounds + 1), desc="rounds", unit="round", file=sys.stderr):
-        courses = {loop: course for loop in loops for course in [loop.collect(number)] if course is not None}
-        detectors = taught(list(courses.values()), workplace)
-        figures = lessons.detector_figures("test", detectors)
-        for loop, detector, found in zip(courses, detectors, figures, strict=True):
-            loop.redeploy(detector, found)
-    return {
-        "world": WORLD,
-        "policy": POLICY,
-        "size": asdict(size),
-        "settings": lessons.settings(),
-        "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
-        "test": lessons.about("test"),
-        "before": lessons.detector_figures("test", [fine_tuning.DETECTOR])[0],
-        "loops": [{"seed": loop.seed, "rounds": loop.rounds, "stopped": loop.stopped} for loop in loops],
-    }
+        from tqdm import tqdm
+
+        from experiments.detector_stages import taught
+
+        size, lessons = SIZES[workplace.scale], Lessons(self.world, workplace)
+        runs = [_Run(seed, size, lessons, workplace) for seed in workplace.seeds]
+        for number in tqdm(range(1, size.rounds + 1), desc="rounds", unit="round", file=sys.stderr):
+            courses = {one: course for one in runs for course in [one.collect(number)] if course is not None}
+            detectors = taught(list(courses.values()), workplace)
+            figures = lessons.detector_figures(TRIED_ON, detectors)
+            for one, detector, found in zip(courses, detectors, figures, strict=True):
+                one.redeploy(detector, found)
+        learn, choose = size.episodes[self.world]
+        return {
+            "world": self.world,
+            "policy": POLICY,
+            "size": {"rounds": size.rounds, "learn": learn, "choose": choose, "iterations": size.iterations},
+            "settings": lessons.settings(),
+            "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
+            "test": lessons.about(TRIED_ON),
+            "before": lessons.detector_figures(TRIED_ON, [fine_tuning.DETECTOR])[0],
+            "loops": [{"seed": one.seed, "rounds": one.rounds, "stopped": one.stopped} for one in runs],
+        }
+
+    def report(self, results: Path, docs: Path) -> list[Path]:
+        """Writes the page of all results, and its pictures.
+
+        Returns:
+            The files written.
+        """
+        from experiments.results_page import write_page
+
+        return write_page(results, docs)
 
 
-class _Loop:
+class _Run:
     """The rounds of one seed."""
 
     def __init__(self, seed: int, size: Size, lessons: Lessons, workplace: Workplace) -> None:
@@ -106,20 +126,22 @@ class _Loop:
         self._size, self._lessons, self._workplace = size, lessons, workplace
         self._detector = fine_tuning.DETECTOR
         self._learnt: list[AnnotatedPicture] = []
+        self._chosen_by: list[AnnotatedPicture] = []
         self._signs: list[Signs] = []
 
     def collect(self, number: int) -> "Course | None":
         """Collects and labels; returns what is to be learnt, None if the loop has stopped."""
         if self.stopped is not None:
             return None
-        found = _Round(number, self.seed, self._detector, self._size, self._workplace)
+        found = _Round(number, self.seed, self._detector, self._size, self._lessons.world, self._workplace)
         self._signs.append(found.signs())
         self.rounds.append({"round": number, "labels": found.figures(), "signs": asdict(self._signs[-1])})
         self.stopped = collapse(self._signs)
         if self.stopped is not None:
             return None
         self._learnt += found.lesson("learn")
-        return found.course(self._learnt, self._lessons)
+        self._chosen_by += found.lesson("choose")
+        return found.course(self._learnt, self._chosen_by, self._lessons)
 
     def redeploy(self, detector: str, figures: dict[str, Any]) -> None:
         """Goes on with another detector, whose figures are these."""
@@ -130,18 +152,18 @@ class _Loop:
 class _Round:
     """One round."""
 
-    def __init__(self, number: int, seed: int, detector: str, size: Size, workplace: Workplace) -> None:
+    def __init__(self, number: int, seed: int, detector: str, size: Size, world: str, workplace: Workplace) -> None:
         """Collects and labels."""
         from experiments.detector_stages import label
         from experiments.episode_pool import Pool, record
 
         self._number, self._seed, self._detector = number, seed, detector
-        self._size, self._workplace = size, workplace
+        self._size, self._world, self._workplace = size, world, workplace
         self._labels: dict[str, Path] = {}
-        for place, (part, count) in enumerate((("learn", size.learn), ("choose", size.choose))):
+        for place, (part, count) in enumerate(zip(("learn", "choose"), size.episodes[world], strict=True)):
             pool_seed = FIRST_POOL_SEED + 1000 * seed + 2 * number + place
-            env = fine_tuning.WORLDS[WORLD]
-            pool = Pool(f"{WORLD}_round_{part}", env, "train", count, pool_seed, detector, POLICY)
+            env = fine_tuning.WORLDS[world]
+            pool = Pool(f"{world}_round_{part}", env, "train", count, pool_seed, detector, POLICY)
             self._labels[part] = label(record(pool, workplace), seed, workplace)
 
     def figures(self) -> dict[str, Any]:
@@ -160,7 +182,9 @@ class _Round:
 
         return read_pictures(self._labels[part])
 
-    def course(self, learnt: "Sequence[AnnotatedPicture]", lessons: Lessons) -> "Course":
+    def course(
+        self, learnt: "Sequence[AnnotatedPicture]", chosen_by: "Sequence[AnnotatedPicture]", lessons: Lessons
+    ) -> "Course":
         """What the detector is to learn from this round and those before."""
         from experiments.detector_stages import Course
 
@@ -168,10 +192,10 @@ class _Round:
         return Course(
             self._detector,
             list(learnt),
-            self.lesson("choose"),
+            list(chosen_by),
             lessons.photographs()[0],
             replace(size.train, iterations=self._size.iterations),
-            size.augment[WORLD],
+            size.augment[self._world],
             self._seed,
             f"the labels of {self._number} rounds",
         )
@@ -217,12 +241,6 @@ def collapse(signs: Sequence[Signs]) -> str | None:
     return None
 
 
-def report(results: Path, docs: Path) -> list[Path]:
-    """Writes the page of all results, and its pictures.
-
-    Returns:
-        The files written.
-    """
-    from experiments.results_page import write_page
-
-    return write_page(results, docs)
+_WHAT = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
+streets = Loop(f"streets: {_WHAT}", "streets")
+rooms = Loop(f"rooms: {_WHAT}", "rooms")

@@ -210,16 +210,6 @@ class _Clock:
                 return
 
 
-class SharedRate(torch.optim.AdamW):
-    """AdamW whose groups learn at a ``share`` of the rate that is set before every step."""
-
-    def step(self, closure: Any = None) -> Any:
-        """Takes a step."""
-        for group in self.param_groups:
-            group["lr"] *= group["share"]
-        return super().step(closure)
-
-
 def make_optimizer(network: Network, config: PretrainConfig) -> torch.optim.Optimizer:
     """AdamW; the trunk learns more slowly, vectors (biases, normalisation) do not decay."""
     network.freeze(config.frozen_stages)
@@ -228,7 +218,7 @@ def make_optimizer(network: Network, config: PretrainConfig) -> torch.optim.Opti
     for value in network.parameters():
         if value.requires_grad:
             groups.setdefault((id(value) in trunk, value.ndim > 1), []).append(value)
-    return SharedRate(
+    return torch.optim.AdamW(
         [
             {"params": values, "weight_decay": config.weight_decay if decays else 0.0, "share": 1 / 3 if known else 1.0}
             for (known, decays), values in groups.items()

@@ -12,7 +12,7 @@ from experiments.results_figures import loop_values, values
 
 matplotlib.use("Agg")
 
-COLOURS = ("#8a94a0", "#137a3e", "#2f5fb3", "#c26a12", "#7a3e9d", "#b3372f")
+COLOURS = ("#8a94a0", "#137a3e", "#2f5fb3", "#c26a12", "#7a3e9d", "#b3372f", "#2a9d9d", "#c9a227")
 
 
 def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path: Path) -> None:
@@ -51,7 +51,7 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
 
 CURVES = {
     "its labels, on their own views": ("labels", "pseudo_labels", "mask_ap50"),
-    "detector after it, unseen homes": ("test", "mask_ap50"),
+    "detector after it, unseen scenes": ("test", "mask_ap50"),
     "detector after it, photographs": ("test", "photographs_ap50"),
 }
 
@@ -60,12 +60,12 @@ def draw_loop(content: Mapping[str, Any], path: Path) -> None:
     """AP50 by round: mean over seeds, from the lowest to the highest seed in shade.
 
     Args:
-        content: of ``never_ending.json``.
+        content: of a loop's result.
         path: PNG to write.
     """
     figure, axes = plt.subplots(figsize=(7.0, 3.6), dpi=110, layout="constrained")
     before = {
-        "detector after it, unseen homes": 100 * content["before"]["mask_ap50"],
+        "detector after it, unseen scenes": 100 * content["before"]["mask_ap50"],
         "detector after it, photographs": 100 * content["before"]["photographs_ap50"],
     }
     for number, (name, place) in enumerate(CURVES.items(), start=1):
@@ -80,7 +80,6 @@ def draw_loop(content: Mapping[str, Any], path: Path) -> None:
     axes.set_xticks(range(content["size"]["rounds"] + 1))
     axes.set_xlabel("round")
     axes.set_ylabel("AP50")
-    axes.set_ylim(0, 100)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(fontsize=8, frameon=False, ncols=3, loc="outside upper center")
     figure.savefig(path, format="png")

@@ -25,7 +25,7 @@ def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[fl
     """A figure of a round in points, one of each seed whose loop has come so far.
 
     Args:
-        content: of ``never_ending.json``.
+        content: of a loop's result.
         number: of the round, from 1.
         place: where the figure stands in the round's record.
     """
@@ -39,30 +39,28 @@ def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[fl
     return found
 
 
-def gap_share(content: Mapping[str, Any], figure: str = "ap50", row: str | None = None) -> float | None:
+def gap_share(content: Mapping[str, Any], figure: str = "ap50") -> float | None:
     """Share of the way from before to the ceiling, of the means over seeds: a seed whose ceiling is low would outweigh
     all others in a mean of shares. None without a gap, or where the ceiling is none.
 
     Args:
         content: of a table's result.
         figure: "ap50" or "ap30".
-        row: how far this one has come; by default the one that the table names.
     """
     if content["gap"] is None:
         return None
-    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, figure, row))
+    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, figure))
     return _share(before, ours, ceiling)
 
 
-def gap_shares(content: Mapping[str, Any], figure: str = "ap50", row: str | None = None) -> list[float | None]:
+def gap_shares(content: Mapping[str, Any], figure: str = "ap50") -> list[float | None]:
     """The same of each seed; content with a gap."""
-    return [_share(*one) for one in zip(*_gap_rows(content, figure, row), strict=True)]
+    return [_share(*one) for one in zip(*_gap_rows(content, figure), strict=True)]
 
 
-def _gap_rows(content: Mapping[str, Any], figure: str, row: str | None) -> list[list[float]]:
+def _gap_rows(content: Mapping[str, Any], figure: str) -> list[list[float]]:
     rows = {one["name"]: values(one, figure) for one in content["rows"]}
-    before, told, ceiling = content["gap"]
-    return [rows[name] for name in (before, row or told, ceiling)]
+    return [rows[name] for name in content["gap"]]
 
 
 def _share(before: float, ours: float, ceiling: float) -> float | None:

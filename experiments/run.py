@@ -13,7 +13,7 @@ from experiments.stages import Scale, Workplace
 from labeling.cli import run_command
 from labeling.errors import UsageError
 
-TABLES = ("5_1", "5_2", "5_3", "5_4", "a_1", "a_2", "a_3")
+TABLES = ("5_1", "5_1_wide", "5_2", "5_3", "5_3_wide", "5_4", "a_1", "a_2", "a_3")
 EXPERIMENTS = {
     "label_ablation": "experiments.label_ablation",
     "label_modes": "experiments.label_modes",
@@ -21,7 +21,8 @@ EXPERIMENTS = {
     "policy_evaluation": "experiments.policy_evaluation",
     "policies": "experiments.policies",
     "reward_ablation": "experiments.reward_ablation",
-    "never_ending": "experiments.never_ending",
+    "never_ending": "experiments.never_ending:streets",
+    "never_ending_rooms": "experiments.never_ending:rooms",
     "table_5_5": "experiments.table_5_5",
     **{f"table_{number}": f"experiments.thesis_tables:table_{number}" for number in TABLES},
 }
@@ -64,7 +65,7 @@ def run(config: RunConfig) -> None:
     """
     if config.name == "list":
         for name, module in EXPERIMENTS.items():
-            print(f"{name:18} {_find(module).DESCRIPTION}")
+            print(f"{name:20} {_find(module).DESCRIPTION}")
         return
     if config.name not in EXPERIMENTS:
         raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(EXPERIMENTS)}")
