@@ -242,5 +242,5 @@ def collapse(signs: Sequence[Signs]) -> str | None:
 
 
 _WHAT = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
-streets = Loop(f"streets: {_WHAT}", "streets")
 rooms = Loop(f"rooms: {_WHAT}", "rooms")
+streets = Loop(f"streets: {_WHAT}", "streets")

@@ -33,8 +33,8 @@ FEW_INSTANCES = 10
 """Figures of a category with fewer instances say little. Source: thesis 5.1."""
 MODES, TAUGHT = "label_modes", "rooms: labels of each preset, and detectors fine-tuned on them, in 40 unseen interiors"
 LOOPS = {
-    "never_ending": "The never-ending loop: streets",
-    "never_ending_rooms": "The never-ending loop: rooms",
+    "never_ending": "The never-ending loop: rooms",
+    "never_ending_streets": "The never-ending loop: streets",
 }
 LOOP_FIGURES = (
     ("labels", "detector", "mask_ap50"),

@@ -21,8 +21,8 @@ EXPERIMENTS = {
     "policy_evaluation": "experiments.policy_evaluation",
     "policies": "experiments.policies",
     "reward_ablation": "experiments.reward_ablation",
-    "never_ending": "experiments.never_ending:streets",
-    "never_ending_rooms": "experiments.never_ending:rooms",
+    "never_ending": "experiments.never_ending:rooms",
+    "never_ending_streets": "experiments.never_ending:streets",
     "table_5_5": "experiments.table_5_5",
     **{f"table_{number}": f"experiments.thesis_tables:table_{number}" for number in TABLES},
 }

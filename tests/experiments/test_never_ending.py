@@ -24,8 +24,8 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     monkeypatch.setattr(never_ending, "FEWER", 0.0)
     monkeypatch.setattr(never_ending, "ONE_SIDED", 2.0)
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
-    assert main(["never_ending_rooms", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
-    content = json.loads((tmp_path / "results" / "never_ending_rooms.json").read_text())
+    assert main(["never_ending", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
+    content = json.loads((tmp_path / "results" / "never_ending.json").read_text())
     for seed, loop in enumerate(content["loops"]):
         assert (loop["seed"], loop["stopped"]) == (seed, None)
         assert [one["round"] for one in loop["rounds"]] == [1, 2]
@@ -39,8 +39,8 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     page = (tmp_path / "docs" / "results.md").read_text()
     assert "| 2 |" in page
     monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
-    assert main(["never_ending_rooms", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
-    assert json.loads((tmp_path / "results" / "never_ending_rooms.json").read_text())["loops"] == content["loops"]
+    assert main(["never_ending", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
+    assert json.loads((tmp_path / "results" / "never_ending.json").read_text())["loops"] == content["loops"]
     capsys.readouterr()
 
 
@@ -50,8 +50,8 @@ def test_a_collapse_ends_the_loop_before_anything_is_learnt_from_it(
     monkeypatch.setattr(never_ending, "signs_of", lambda pictures: Signs(0.0, 0.0, {}))
     monkeypatch.setattr(training_run, "train_one_epoch", None)
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
-    assert main(["never_ending_rooms", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
-    (loop,) = json.loads((tmp_path / "results" / "never_ending_rooms.json").read_text())["loops"]
+    assert main(["never_ending", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
+    (loop,) = json.loads((tmp_path / "results" / "never_ending.json").read_text())["loops"]
     assert loop["stopped"] == "there are no labels"
     assert [set(one) for one in loop["rounds"]] == [{"round", "labels", "signs"}]
     assert "there are no labels" in (tmp_path / "docs" / "results.md").read_text()
