@@ -24,6 +24,7 @@ def label(
     workplace: Workplace,
     settings: LabelConfig | None = None,
     sources: SourceConfig | None = None,
+    share_scenes: bool = False,
 ) -> Path:
     """Labels episodes.
 
@@ -33,6 +34,7 @@ def label(
         workplace: where to keep the label set.
         settings: of label generation; None takes the defaults. Their seed is replaced.
         sources: where the masks come from that labels are made of; by default the detections of the episodes.
+        share_scenes: label what one episode has found in the others of its scene, too.
 
     Returns:
         The folder of the label set.
@@ -43,9 +45,11 @@ def label(
     config = replace(settings or LabelConfig(), seed=seed)
     sources = sources or SourceConfig()
     dataset = episodes[0].parent
-    inputs = [dataset.name, len(episodes), asdict(config), identity(sources)]
+    inputs = [dataset.name, len(episodes), asdict(config), identity(sources), share_scenes]
     out = workplace.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
-    generate.run(generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources))
+    generate.run(
+        generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes)
+    )
     return out
 
 

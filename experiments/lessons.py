@@ -43,10 +43,13 @@ class Kind:
     settings: LabelConfig = field(default_factory=LabelConfig)
     weak: bool = False
     """From one true mask per object, instead of confident detections."""
+    shared: bool = False
+    """What one episode has found is labelled in the others of its scene, too."""
 
 
 KINDS: dict[str, Kind] = {
     "sbm": Kind(),
+    "shared": Kind(shared=True),
     "weak": Kind(weak=True),
     "consistent": Kind(LabelConfig(consistency=True)),
     "paper": Kind(PRESETS["paper"]),
@@ -119,7 +122,7 @@ class Lessons:
         made = KINDS[kind]
         settings = replace(made.settings, **STREETS) if self._is_thesis_in_streets(made) else made.settings
         sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
-        return label(self.episodes(part), seed, self._workplace, settings, sources)
+        return label(self.episodes(part), seed, self._workplace, settings, sources, made.shared)
 
     def detectors(self, pupils: Sequence[Pupil]) -> list[str]:
         """Names of detectors; those that are missing are taught side by side."""

@@ -1,7 +1,7 @@
 """Figures out of the results of tables: by row, by round, and how much of a gap is closed."""
 
 import statistics
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from experiments.thesis_figures import MEANS
@@ -39,38 +39,41 @@ def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[fl
     return found
 
 
-def gap_share(content: Mapping[str, Any], figure: str = "ap50") -> float | None:
+Gap = Sequence[str]
+"""Names of rows: before, after, and the ceiling."""
+
+
+def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> float | None:
     """Share of the way from before to the ceiling, of the means over seeds: a seed whose ceiling is low would outweigh
-    all others in a mean of shares. None without a gap, or where the ceiling is none.
+    all others in a mean of shares. None where the ceiling is none.
 
     Args:
         content: of a table's result.
+        gap: one of its ``gaps``.
         figure: "ap50" or "ap30".
     """
-    if content["gap"] is None:
-        return None
-    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, figure))
+    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, gap, figure))
     return _share(before, ours, ceiling)
 
 
-def gap_shares(content: Mapping[str, Any], figure: str = "ap50") -> list[float | None]:
-    """The same of each seed; content with a gap."""
-    return [_share(*one) for one in zip(*_gap_rows(content, figure), strict=True)]
+def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:
+    """The same of each seed."""
+    return [_share(*one) for one in zip(*_gap_rows(content, gap, figure), strict=True)]
 
 
-def _gap_rows(content: Mapping[str, Any], figure: str) -> list[list[float]]:
+def _gap_rows(content: Mapping[str, Any], gap: Gap, figure: str) -> list[list[float]]:
     rows = {one["name"]: values(one, figure) for one in content["rows"]}
-    return [rows[name] for name in content["gap"]]
+    return [rows[name] for name in gap]
 
 
 def _share(before: float, ours: float, ceiling: float) -> float | None:
     return (ours - before) / (ceiling - before) if ceiling > before else None
 
 
-def thesis_gap_share(name: str, content: Mapping[str, Any], figure: str = "ap50") -> float | None:
-    """The same of the thesis' figures."""
+def thesis_gap_share(name: str, gap: Gap, figure: str = "ap50") -> float | None:
+    """The same of the thesis' figures; None if it has none of these rows."""
     theirs = MEANS.get(name, {})
-    if content["gap"] is None or not all(row in theirs for row in content["gap"]):
+    if not all(row in theirs for row in gap):
         return None
-    before, ours, ceiling = (theirs[row][figure] for row in content["gap"])
+    before, ours, ceiling = (theirs[row][figure] for row in gap)
     return (ours - before) / (ceiling - before)

@@ -213,15 +213,18 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
 
 def gap_sentences(name: str, content: Mapping[str, Any]) -> list[str]:
     """What self-supervision closes of the gap to ground truth."""
-    share = gap_share(content)
-    if share is None:
-        return []
-    theirs = thesis_gap_share(name, content)
-    by_seed = ", ".join("no gap" if one is None else f"{one:.2f}" for one in gap_shares(content))
-    return [
-        "Share of the gap between pre-trained and GT fine-tuned that self-supervision closes, AP50, of means over "
-        f"seeds: **{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {by_seed}."
-    ]
+    parts = []
+    for gap in content["gaps"]:
+        share, theirs = gap_share(content, gap), thesis_gap_share(name, gap)
+        if share is None:
+            continue
+        before, ours, ceiling = gap
+        by_seed = ", ".join("no gap" if one is None else f"{one:.2f}" for one in gap_shares(content, gap))
+        parts.append(
+            f"Share of the gap between {before} and {ceiling} that {ours} closes, AP50, of means over seeds: "
+            f"**{share:.2f}**{'' if theirs is None else f' (thesis: {theirs:.2f})'}. By seed: {by_seed}."
+        )
+    return parts
 
 
 def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:

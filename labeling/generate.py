@@ -35,6 +35,9 @@ class GenerateConfig:
     """Folder of the label set; made if it does not exist."""
     workers: int = 1
     """Episodes labelled side by side, in processes of their own; the threads are shared out among them."""
+    share_scenes: bool = False
+    """Label what one episode has found in the other episodes of its scene, too: those whose episode.json names the same
+    ``scene`` and whose poses are given in one world frame. What is small and far in one view is near in another."""
     recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
     sources: tyro.conf.OmitArgPrefixes[SourceConfig] = field(default_factory=SourceConfig)
     label: Annotated[LabelConfig, tyro.conf.arg(name="")] = field(default_factory=LabelConfig)
@@ -82,8 +85,14 @@ def run(config: GenerateConfig) -> None:
             bar.update()
             states.append(state)
             _tell(state)
+    if config.share_scenes:
+        from labeling.sharing import share_scenes
+
+        shared = tqdm(states, desc="sharing", unit="episode", delay=2.0, leave=False, file=sys.stderr)
+        states = share_scenes(job, states, lambda some: shared)
     about = {
         **describe(config.label),
+        "share_scenes": config.share_scenes,
         "recording": asdict(config.recording),
         "sources": {name: value and str(value) for name, value in asdict(config.sources).items()},
     }

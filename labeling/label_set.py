@@ -146,8 +146,8 @@ def episode_record(
                 "instance_id": label.instance_id,
                 "category": label.category,
                 "score": round(label.confidence, 6),
-                "modal": _mask_record(label.modal),
-                "amodal": _mask_record(label.amodal),
+                "modal": mask_record(label.modal),
+                "amodal": mask_record(label.amodal),
                 "source_view": label.source_view_index,
                 "source_score": label.source_confidence,
             }
@@ -159,7 +159,7 @@ def episode_record(
                 "instance_id": region.instance_id,
                 "category": region.category,
                 "score": round(region.confidence, 6),
-                "modal": _mask_record(region.mask),
+                "modal": mask_record(region.mask),
             }
             for region in labels.ignored
         ],
@@ -179,8 +179,8 @@ def _object_record(one) -> dict[str, Any]:
     }
 
 
-def _mask_record(mask: np.ndarray) -> dict[str, Any] | None:
-    """A mask as COCO wants it; None for an empty one."""
+def mask_record(mask: np.ndarray) -> dict[str, Any] | None:
+    """A mask as a record has it and COCO wants it; None for an empty one."""
     text, area, box = encode_text(mask)
     if area == 0:
         return None
@@ -219,9 +219,11 @@ def write_label_set(
     done = [state for state in states if state.record is not None]
     names = list(dict.fromkeys(name for state in done for name in (state.record or {})["categories"]))
     category_id = {name: number for number, name in enumerate(names, start=1)}
+    counts = [len((state.record or {})["file_names"]) for state in done]
+    first_images = {state.name: 1 + sum(counts[:place]) for place, state in enumerate(done)}
     instances, label_id = 0, 0
     for state in done:
-        record, first_image = state.record or {}, len(images) + 1
+        record, first_image = state.record or {}, first_images[state.name]
         images.extend(_images(state, record, first_image))
         for label in record["labels"]:
             label_id += 1
@@ -232,7 +234,7 @@ def write_label_set(
                 "iscrowd": 0,
                 "score": label["score"],
                 "instance_id": instances + label["instance_id"],
-                "source_image_id": first_image + label["source_view"],
+                "source_image_id": first_images[label.get("source_episode", state.name)] + label["source_view"],
                 "source_score": label["source_score"],
             }
             for kind, kept in annotations.items():

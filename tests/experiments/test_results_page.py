@@ -13,6 +13,7 @@ from experiments.results_figures import gap_share, gap_shares, thesis_gap_share,
 from experiments.results_page import (
     PAGE,
     above_sentence,
+    gap_sentences,
     loop_sentences,
     main,
     page,
@@ -41,6 +42,9 @@ def run(seed: int, ap50: float) -> dict[str, Any]:
     }
 
 
+GAP = ["pre-trained", "SbM fine-tuned", "GT fine-tuned"]
+
+
 def table(ceiling: float = 0.6) -> dict[str, Any]:
     """As ``table_5_3.json``."""
     rows = {"pre-trained": 0.2, "SbM fine-tuned": 0.3, "GT fine-tuned": ceiling}
@@ -48,7 +52,7 @@ def table(ceiling: float = 0.6) -> dict[str, Any]:
         "description": "rooms: pre-trained and SbM",
         "scale": "quick",
         "seeds": [0, 1, 2],
-        "gap": ["pre-trained", "SbM fine-tuned", "GT fine-tuned"],
+        "gaps": [GAP],
         "pools": {"learn": {"episodes": 20}, "test": {"episodes": 1}},
         "settings": {"train": {"iterations": 90, "batch_size": 8, "learning_rate": 3e-4}},
         "rows": [
@@ -90,11 +94,11 @@ def test_every_figure_stands_in_its_cell_beside_the_thesis() -> None:
 
 
 def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:
-    assert gap_share(table()) == pytest.approx(0.25)
+    assert gap_share(table(), GAP) == pytest.approx(0.25)
     text = "\n".join(section("table_5_3", table()))
     assert "**0.25** (thesis: 0.13). By seed: 0.25, 0.25, 0.25." in text
-    assert gap_share(table(ceiling=0.1)) is None
-    assert gap_share({**table(), "gap": None}) is None
+    assert gap_share(table(ceiling=0.1), GAP) is None
+    assert gap_sentences("table_5_3", {**table(), "gaps": []}) == []
 
 
 def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
@@ -102,8 +106,8 @@ def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
     before, ours, ceiling = (row["runs"] for row in content["rows"])
     for place, (low, our, high) in enumerate(((0.2, 0.3, 0.6), (0.2, 0.3, 0.1), (0.2, 0.3, 0.8))):
         before[place]["mask_ap50"], ours[place]["mask_ap50"], ceiling[place]["mask_ap50"] = low, our, high
-    assert gap_share(content) == pytest.approx(0.1 / 0.3)
-    assert gap_shares(content) == [pytest.approx(0.25), None, pytest.approx(1 / 6)]
+    assert gap_share(content, GAP) == pytest.approx(0.1 / 0.3)
+    assert gap_shares(content, GAP) == [pytest.approx(0.25), None, pytest.approx(1 / 6)]
     assert "By seed: 0.25, no gap, 0.17." in "\n".join(section("table_5_3", content))
 
 
@@ -117,9 +121,8 @@ def test_rows_are_above_others_only_where_their_means_are_and_instances_enough()
 
 
 def test_the_thesis_figures_are_as_the_design_notes_sum_them_up() -> None:
-    gap = {"gap": ["pre-trained", "SbM fine-tuned", "GT fine-tuned"]}
-    assert thesis_gap_share("table_5_1", gap) == pytest.approx(0.41, abs=0.005)
-    assert thesis_gap_share("table_5_3", gap) == pytest.approx(0.13, abs=0.005)
+    assert thesis_gap_share("table_5_1", GAP) == pytest.approx(0.41, abs=0.005)
+    assert thesis_gap_share("table_5_3", GAP) == pytest.approx(0.13, abs=0.005)
     for name, rows in PER_CLASS.items():
         for row, figures in rows.items():
             for figure, found in figures.items():
@@ -185,7 +188,7 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
     (tmp_path / "label_modes.json").write_text(json.dumps(modes))
     with pytest.raises(SbmError):
         read_results(tmp_path)
-    taught = {name: part for name, part in table().items() if name in ("gap", "pools", "settings", "rows")}
+    taught = {name: part for name, part in table().items() if name in ("gaps", "pools", "settings", "rows")}
     (tmp_path / "label_modes.json").write_text(json.dumps({**modes, "taught": taught}))
     text = page(read_results(tmp_path))
     assert "Scale `full`" in text

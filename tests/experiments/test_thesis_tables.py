@@ -56,7 +56,7 @@ def test_only_training_scenes_teach(name: str) -> None:
     table: Table = ALL[name]
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
-    assert table.gap is None or set(table.gap) <= set(names)
+    assert {row for gap in table.gaps for row in gap} <= set(names)
     assert {row for pair in table.above for row in pair} <= set(names)
     assert EXPERIMENTS[name] == f"experiments.thesis_tables:{name}"
     assert set(MEANS.get(name, {})) <= set(names), "the thesis' figures stand beside rows that there are"

@@ -1,0 +1,158 @@
+"""Labels of the objects of a scene in those of its episodes that have not found them themselves."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+from labeling.episode_json import read_json
+from labeling.episodes import read_episode
+from labeling.instances import Box3d, decode_mask
+from labeling.label_set import EpisodeState, mask_record
+from labeling.label_workers import Job
+from labeling.ply import read_ply
+from labeling.scene_objects import Glimpse, SceneObject, Visit, glimpses, same_objects
+
+LEAST_SURE = 0.6
+"""Objects less sure than this stay with the episode that found them."""
+EXPLAINED = 0.3
+"""Share of an object's pixels in a view from which on the labels that are there already explain it."""
+
+
+def share_scenes(
+    job: Job, states: Sequence[EpisodeState], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
+) -> list[EpisodeState]:
+    """Labels what one episode of a scene has found in the others, too.
+
+    Args:
+        job: what the episodes were labelled with; their clouds are there.
+        states: how it went with each.
+        progress: wraps the sequence of states, to draw a progress bar.
+
+    Returns:
+        The states, with records that have more objects and labels. Episodes whose ``episode.json`` names no scene, and
+        those alone in theirs, are as before.
+
+    Raises:
+        EpisodeFormatError: if an ``episode.json`` is malformed.
+    """
+    folders = {state.name: job.dataset / state.folder for state in states}
+    scene_of = {state.name: _scene(folders[state.name]) for state in states if state.record is not None}
+    visits: dict[tuple[str, ...], list[Visit]] = defaultdict(list)
+    for state in states:
+        scene = scene_of.get(state.name)
+        if scene is not None:
+            visits[scene].extend(_visits(job, state))
+    objects = {scene: same_objects(found) for scene, found in visits.items()}
+    return [_with_shared(job, state, folders[state.name], objects, scene_of) for state in progress(states)]
+
+
+def _scene(folder: Path) -> tuple[str, ...] | None:
+    """World and scene of an episode, None if it does not say."""
+    file = folder / "episode.json"
+    if not file.is_file():
+        return None
+    about = read_json(file)
+    if not about.has("scene"):
+        return None
+    return (about.text("world") if about.has("world") else "", about.text("scene"))
+
+
+def _visits(job: Job, state: EpisodeState) -> Iterator[Visit]:
+    """The objects of an episode that are sure enough to be told to others."""
+    cloud = read_ply(job.out / "clouds" / f"{state.name}.ply")
+    points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
+    for one in (state.record or {})["objects"]:
+        if one["score"] >= LEAST_SURE:
+            box = Box3d(*(np.asarray(one[name], float) for name in ("centre", "extent", "rotation")))
+            own = points[cloud["label"] == one["instance_id"]]
+            source = one["sources"][0]
+            yield Visit(
+                state.name,
+                one["instance_id"],
+                one["category"],
+                one["score"],
+                box,
+                own,
+                source["view_index"],
+                source["confidence"],
+            )
+
+
+def _with_shared(
+    job: Job,
+    state: EpisodeState,
+    folder: Path,
+    objects: dict[tuple[str, ...], list[SceneObject]],
+    scene_of: dict[str, tuple[str, ...] | None],
+) -> EpisodeState:
+    scene = scene_of.get(state.name)
+    missing = [] if scene is None else [one for one in objects[scene] if not one.is_known_to(state.name)]
+    if state.record is None or not missing:
+        return state
+    episode = read_episode(folder, job.recording, ground_truth=False)
+    record = {name: state.record[name] for name in state.record}
+    own = _labelled(record, episode.num_views, episode.size)
+    next_id = 1 + max((one["instance_id"] for one in record["objects"]), default=0)
+    labels: dict[int, list[dict[str, Any]]] = defaultdict(list)
+    for view in range(episode.num_views):
+        known = own[view]
+        seen = glimpses(missing, episode.depth_m[view], episode.intrinsics[view], episode.camera_to_world[view])
+        for number, (one, found) in enumerate(zip(missing, seen, strict=True)):
+            large = found is not None and np.count_nonzero(found.modal) >= job.label.min_mask_px
+            if found is not None and large and not _is_explained(found, known):
+                labels[number].append(_label(one, view, found))
+                known = known | found.modal
+    shared_objects, shared_labels = [], []
+    for instance_id, number in enumerate(sorted(labels), start=next_id):
+        shared_objects.append(_object(missing[number], instance_id))
+        shared_labels += [{**label, "instance_id": instance_id} for label in labels[number]]
+    record["objects"] = [*record["objects"], *shared_objects]
+    record["labels"] = sorted([*record["labels"], *shared_labels], key=lambda label: label["view"])
+    record["categories"] = list(dict.fromkeys([*record["categories"], *(one["category"] for one in shared_objects)]))
+    return replace(state, record=record)
+
+
+def _labelled(record: dict[str, Any], views: int, size: tuple[int, int]) -> Bool[np.ndarray, "views h w"]:
+    """What an episode's own labels cover."""
+    found = np.zeros((views, *size), bool)
+    for label in record["labels"]:
+        if label["modal"] is not None:
+            found[label["view"]] |= decode_mask(label["modal"]["segmentation"])
+    return found
+
+
+def _is_explained(found: Glimpse, known: Bool[np.ndarray, "h w"]) -> bool:
+    return np.count_nonzero(found.modal & known) > EXPLAINED * np.count_nonzero(found.modal)
+
+
+def _object(one: SceneObject, instance_id: int) -> dict[str, Any]:
+    best = one.best
+    return {
+        "instance_id": instance_id,
+        "category": best.category,
+        "score": round(best.confidence, 6),
+        "centre": best.box_3d.centre_m.tolist(),
+        "extent": best.box_3d.extent_m.tolist(),
+        "rotation": best.box_3d.rotation.tolist(),
+        "sources": [],
+        "shared_from": {"episode": best.episode, "instance_id": best.instance_id},
+    }
+
+
+def _label(one: SceneObject, view: int, found: Glimpse) -> dict[str, Any]:
+    best = one.best
+    return {
+        "view": view,
+        "category": best.category,
+        "score": round(best.confidence, 6),
+        "modal": mask_record(found.modal),
+        "amodal": mask_record(found.amodal),
+        "source_episode": best.episode,
+        "source_view": best.source_view_index,
+        "source_score": best.source_confidence,
+    }
