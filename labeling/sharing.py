@@ -127,7 +127,7 @@ def _labelled(record: dict[str, Any], views: int, size: tuple[int, int]) -> Bool
 
 
 def _is_explained(found: Glimpse, known: Bool[np.ndarray, "h w"]) -> bool:
-    return np.count_nonzero(found.modal & known) > EXPLAINED * np.count_nonzero(found.modal)
+    return bool(np.count_nonzero(found.modal & known) > EXPLAINED * np.count_nonzero(found.modal))
 
 
 def _object(one: SceneObject, instance_id: int) -> dict[str, Any]:

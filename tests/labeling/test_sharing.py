@@ -109,7 +109,7 @@ def test_turning_the_world_with_its_cameras_changes_no_mask(angle: float, x: flo
 def test_segments_that_fill_the_same_space_are_one_object_and_others_are_not() -> None:
     first, again = visited(), visited(episode="later", confidence=0.95)
     half = replace(again, points=again.points[again.points[:, 0] < 1.0])
-    beside = replace(again, points=again.points + np.float32([1.0, 0, 0]), instance_id=2)
+    beside = replace(again, points=again.points + np.array([1.0, 0.0, 0.0], np.float32), instance_id=2)
     objects = same_objects([first, half, beside])
     assert sorted(len(one.visits) for one in objects) == [1, 2]
     (both,) = (one for one in objects if len(one.visits) == 2)
