@@ -3,6 +3,7 @@
 import sys
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -88,8 +89,8 @@ def run(config: GenerateConfig) -> None:
     if config.share_scenes:
         from labeling.sharing import share_scenes
 
-        shared = tqdm(states, desc="sharing", unit="episode", delay=2.0, leave=False, file=sys.stderr)
-        states = share_scenes(job, states, lambda some: shared)
+        progress = partial(tqdm, desc="sharing", unit="episode", delay=2.0, leave=False, file=sys.stderr)
+        states = share_scenes(job, states, progress)
     about = {
         **describe(config.label),
         "share_scenes": config.share_scenes,

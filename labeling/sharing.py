@@ -11,6 +11,7 @@ from jaxtyping import Bool
 
 from labeling.episode_json import read_json
 from labeling.episodes import read_episode
+from labeling.errors import EpisodeFormatError
 from labeling.instances import Box3d, decode_mask
 from labeling.label_set import EpisodeState, mask_record
 from labeling.label_workers import Job
@@ -38,7 +39,7 @@ def share_scenes(
         those alone in theirs, are as before.
 
     Raises:
-        EpisodeFormatError: if an ``episode.json`` is malformed.
+        EpisodeFormatError: if an ``episode.json`` or a cloud is malformed.
     """
     folders = {state.name: job.dataset / state.folder for state in states}
     scene_of = {state.name: _scene(folders[state.name]) for state in states if state.record is not None}
@@ -64,7 +65,11 @@ def _scene(folder: Path) -> tuple[str, ...] | None:
 
 def _visits(job: Job, state: EpisodeState) -> Iterator[Visit]:
     """The objects of an episode that are sure enough to be told to others."""
-    cloud = read_ply(job.out / "clouds" / f"{state.name}.ply")
+    file = job.out / "clouds" / f"{state.name}.ply"
+    try:
+        cloud = read_ply(file)
+    except (OSError, ValueError) as error:
+        raise EpisodeFormatError(f"{error}; delete {file} and label again") from None
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
     for one in (state.record or {})["objects"]:
         if one["score"] >= LEAST_SURE:

@@ -221,3 +221,11 @@ def test_a_scene_that_is_no_text_is_refused(dataset: Path, tmp_path: Path, capsy
     (broken / "found" / "episode.json").write_text(json.dumps({**content, "scene": 7}))
     assert main([str(broken), "--out", str(tmp_path / "labels"), "--share-scenes"]) == 2
     assert "episode.json: scene" in capsys.readouterr().err
+
+
+def test_a_damaged_cloud_is_refused(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(dataset), "--out", str(tmp_path)]) == 0
+    cloud = tmp_path / "clouds" / "found.ply"
+    cloud.write_bytes(cloud.read_bytes()[:-5])
+    assert main([str(dataset), "--out", str(tmp_path), "--share-scenes"]) == 2
+    assert "found.ply: the PLY is truncated; delete" in capsys.readouterr().err
