@@ -22,8 +22,9 @@ from labeling.rle_codec import encode_text
 from labeling.trust import MODEL_FILE
 
 if TYPE_CHECKING:
-    from labeling.episode_labels import EpisodeLabels
+    from labeling.episode_labels import EpisodeLabels, LabelledObject
     from labeling.episodes import Episode
+    from labeling.instances import PseudoLabel
 
 SCHEMA_VERSION = 2
 _GENERATOR_MODULES = [
@@ -139,35 +140,39 @@ def episode_record(
         "height": height_px,
         "file_names": list(episode.file_names),
         "categories": list(dict.fromkeys([*episode.categories, *(one.category for one in named)])),
-        "objects": [_object_record(one) for one in labels.objects],
-        "labels": [
-            {
-                "view": label.view_index,
-                "instance_id": label.instance_id,
-                "category": label.category,
-                "score": round(label.confidence, 6),
-                "modal": mask_record(label.modal),
-                "amodal": mask_record(label.amodal),
-                "source_view": label.source_view_index,
-                "source_score": label.source_confidence,
-            }
-            for label in labels.labels
-        ],
+        "objects": [object_record(one) for one in labels.objects],
+        "labels": [label_record(one) for one in labels.labels],
         "ignored": [
             {
                 "view": region.view_index,
                 "instance_id": region.instance_id,
                 "category": region.category,
                 "score": round(region.confidence, 6),
-                "modal": mask_record(region.mask),
+                "modal": _mask_record(region.mask),
             }
             for region in labels.ignored
         ],
     }
 
 
-def _object_record(one) -> dict[str, Any]:
+def label_record(label: "PseudoLabel") -> dict[str, Any]:
+    """A label as a record has it."""
+    return {
+        "view": label.view_index,
+        "instance_id": label.instance_id,
+        "category": label.category,
+        "score": round(label.confidence, 6),
+        "modal": _mask_record(label.modal),
+        "amodal": _mask_record(label.amodal),
+        "source_view": label.source_view_index,
+        "source_score": label.source_confidence,
+    }
+
+
+def object_record(one: "LabelledObject") -> dict[str, Any]:
+    """An object with a box as a record has it."""
     box = one.box_3d
+    assert box is not None
     return {
         "instance_id": one.instance_id,
         "category": one.category,
@@ -179,8 +184,8 @@ def _object_record(one) -> dict[str, Any]:
     }
 
 
-def mask_record(mask: np.ndarray) -> dict[str, Any] | None:
-    """A mask as a record has it and COCO wants it; None for an empty one."""
+def _mask_record(mask: np.ndarray) -> dict[str, Any] | None:
+    """A mask as COCO wants it; None for an empty one."""
     text, area, box = encode_text(mask)
     if area == 0:
         return None

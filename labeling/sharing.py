@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Bool
 
 from labeling.episode_json import read_json
+from labeling.episode_labels import LabelledObject
 from labeling.episodes import read_episode
 from labeling.errors import EpisodeFormatError
-from labeling.instances import Box3d, decode_mask
-from labeling.label_set import EpisodeState, mask_record
+from labeling.instances import Box3d, PseudoLabel, decode_mask
+from labeling.label_set import EpisodeState, label_record, object_record
 from labeling.label_workers import Job
 from labeling.ply import read_ply
 from labeling.scene_objects import Glimpse, SceneObject, Visit, glimpses, same_objects
@@ -100,26 +101,27 @@ def _with_shared(
     if state.record is None or not missing:
         return state
     episode = read_episode(folder, job.recording, ground_truth=False)
-    record = {name: state.record[name] for name in state.record}
+    record = state.record
     own = _labelled(record, episode.num_views, episode.size)
     next_id = 1 + max((one["instance_id"] for one in record["objects"]), default=0)
-    labels: dict[int, list[dict[str, Any]]] = defaultdict(list)
-    for view in range(episode.num_views):
-        known = own[view]
+    found: dict[int, list[tuple[int, Glimpse]]] = defaultdict(list)
+    for view, known in enumerate(own):
         seen = glimpses(missing, episode.depth_m[view], episode.intrinsics[view], episode.camera_to_world[view])
-        for number, (one, found) in enumerate(zip(missing, seen, strict=True)):
-            large = found is not None and np.count_nonzero(found.modal) >= job.label.min_mask_px
-            if found is not None and large and not _is_explained(found, known):
-                labels[number].append(_label(one, view, found))
-                known = known | found.modal
-    shared_objects, shared_labels = [], []
-    for instance_id, number in enumerate(sorted(labels), start=next_id):
-        shared_objects.append(_object(missing[number], instance_id))
-        shared_labels += [{**label, "instance_id": instance_id} for label in labels[number]]
-    record["objects"] = [*record["objects"], *shared_objects]
-    record["labels"] = sorted([*record["labels"], *shared_labels], key=lambda label: label["view"])
-    record["categories"] = list(dict.fromkeys([*record["categories"], *(one["category"] for one in shared_objects)]))
-    return replace(state, record=record)
+        for number, one in enumerate(seen):
+            if one is None or np.count_nonzero(one.modal) < job.label.min_mask_px or _is_explained(one, known):
+                continue
+            found[number].append((view, one))
+            known |= one.modal
+    objects_here, labels_here = [], []
+    for instance_id, number in enumerate(sorted(found), start=next_id):
+        objects_here.append(_object(missing[number], instance_id))
+        labels_here += [_label(missing[number], view, instance_id, one) for view, one in found[number]]
+    shared = {
+        "objects": [*record["objects"], *objects_here],
+        "labels": sorted([*record["labels"], *labels_here], key=lambda label: label["view"]),
+        "categories": list(dict.fromkeys([*record["categories"], *(one["category"] for one in objects_here)])),
+    }
+    return replace(state, record={**record, **shared})
 
 
 def _labelled(record: dict[str, Any], views: int, size: tuple[int, int]) -> Bool[np.ndarray, "views h w"]:
@@ -137,27 +139,20 @@ def _is_explained(found: Glimpse, known: Bool[np.ndarray, "h w"]) -> bool:
 
 def _object(one: SceneObject, instance_id: int) -> dict[str, Any]:
     best = one.best
-    return {
-        "instance_id": instance_id,
-        "category": best.category,
-        "score": round(best.confidence, 6),
-        "centre": best.box_3d.centre_m.tolist(),
-        "extent": best.box_3d.extent_m.tolist(),
-        "rotation": best.box_3d.rotation.tolist(),
-        "sources": [],
-        "shared_from": {"episode": best.episode, "instance_id": best.instance_id},
-    }
+    here = LabelledObject(instance_id, best.category, best.confidence, best.box_3d, sources=())
+    return {**object_record(here), "shared_from": {"episode": best.episode, "instance_id": best.instance_id}}
 
 
-def _label(one: SceneObject, view: int, found: Glimpse) -> dict[str, Any]:
+def _label(one: SceneObject, view: int, instance_id: int, found: Glimpse) -> dict[str, Any]:
     best = one.best
-    return {
-        "view": view,
-        "category": best.category,
-        "score": round(best.confidence, 6),
-        "modal": mask_record(found.modal),
-        "amodal": mask_record(found.amodal),
-        "source_episode": best.episode,
-        "source_view": best.source_view_index,
-        "source_score": best.source_confidence,
-    }
+    here = PseudoLabel(
+        view,
+        instance_id,
+        best.category,
+        best.confidence,
+        found.modal,
+        found.amodal,
+        best.source_view_index,
+        best.source_confidence,
+    )
+    return {**label_record(here), "source_episode": best.episode}

@@ -242,3 +242,21 @@ def make_episode(
         categories=tuple(_MAKERS),
         metadata={"synthetic_seed": seed},
     )
+
+
+def pick(episode: Episode, views: list[int]) -> Episode:
+    """The episode with some of its views only, and the masks in them."""
+
+    def kept(items):
+        return tuple(replace(one, view_index=views.index(one.view_index)) for one in items if one.view_index in views)
+
+    return replace(
+        episode,
+        rgb=episode.rgb[views],
+        depth_m=episode.depth_m[views],
+        intrinsics=episode.intrinsics[views],
+        camera_to_world=episode.camera_to_world[views],
+        file_names=tuple(f"rgb/{view:03d}.png" for view in range(len(views))),
+        detections=kept(episode.detections),
+        ground_truth=kept(episode.ground_truth),
+    )

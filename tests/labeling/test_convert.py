@@ -3,19 +3,18 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from labeling.convert import main
-from labeling.episodes import Episode, read_episode, write_episode
+from labeling.episodes import read_episode, write_episode
 from labeling.evaluate import main as evaluate
 from labeling.generate import main as generate
 
 from .recording_writers import WRITERS
-from .synthetic_room import make_episode
+from .synthetic_room import make_episode, pick
 from .test_label_sources import shared_file
 
 
@@ -88,24 +87,6 @@ def test_a_thinned_recording_is_labelled_and_evaluated_on_the_views_taken(tmp_pa
     assert found["detector"] == expected["detector"]
     assert found["pseudo_labels"]["mean_iou"] == pytest.approx(expected["pseudo_labels"]["mean_iou"], abs=0.02)
     assert found["pseudo_labels"]["mean_iou"] > 0.4
-
-
-def pick(episode: Episode, views: list[int]) -> Episode:
-    """The episode with some of its views only, and the masks in them."""
-
-    def kept(items):
-        return tuple(replace(one, view_index=views.index(one.view_index)) for one in items if one.view_index in views)
-
-    return replace(
-        episode,
-        rgb=episode.rgb[views],
-        depth_m=episode.depth_m[views],
-        intrinsics=episode.intrinsics[views],
-        camera_to_world=episode.camera_to_world[views],
-        file_names=tuple(f"rgb/{view:03d}.png" for view in range(len(views))),
-        detections=kept(episode.detections),
-        ground_truth=kept(episode.ground_truth),
-    )
 
 
 @pytest.mark.parametrize("command", ["labeling.convert", "labeling.inspect"])

@@ -17,7 +17,7 @@ from labeling.inspection import inspect_label_set
 from labeling.instances import Box3d, decode_mask, mask_iou
 from labeling.scene_objects import SceneObject, Visit, glimpses, same_objects
 
-from .synthetic_room import Part, make_episode, render
+from .synthetic_room import Part, make_episode, pick, render
 
 K = intrinsics_from_fov(160, 120, np.deg2rad(80))
 FRIDGE = Part((1.0, 0.2, 0.85), (0.3, 0.35, 0.85), (0.8, 0.8, 0.8), 0.4, instance=1)
@@ -124,29 +124,14 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("visits")
     whole = make_episode(3, num_views=12, size=(90, 120), num_objects=4, confident_share=2.0, wrong_class=0.0)
 
-    def part(views: range, scene: str, detector: bool) -> Episode:
-        def kept(items):
-            return tuple(
-                replace(one, view_index=views.index(one.view_index)) for one in items if one.view_index in views
-            )
-
-        rows = list(views)
-        return replace(
-            whole,
-            rgb=whole.rgb[rows],
-            depth_m=whole.depth_m[rows],
-            intrinsics=whole.intrinsics[rows],
-            camera_to_world=whole.camera_to_world[rows],
-            file_names=tuple(f"rgb/{place:03d}.png" for place in range(len(rows))),
-            detections=kept(whole.detections) if detector else (),
-            ground_truth=kept(whole.ground_truth),
-            metadata={"world": "rooms", "scene": scene},
-        )
+    def part(first: int, scene: str, **changes) -> Episode:
+        every_other = pick(whole, list(range(first, 12, 2)))
+        return replace(every_other, metadata={"world": "rooms", "scene": scene}, **changes)
 
     for name, episode in {
-        "found": part(range(0, 12, 2), "room_3", True),
-        "missed": part(range(1, 12, 2), "room_3", False),
-        "other": part(range(1, 12, 2), "room_4", False),
+        "found": part(0, "room_3"),
+        "missed": part(1, "room_3", detections=()),
+        "other": part(1, "room_4", detections=()),
     }.items():
         write_episode(folder / name, episode)
     return folder
