@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from labeling.detectors3d.metrics import BoxInstance, average_precision_3d, average_precision_by_range
+from labeling.detectors3d.overlap import box_iou_3d
 from labeling.instances import Box3d, encode_mask
 from labeling.matching import MaskInstance
 from labeling.metrics import average_precision
@@ -32,10 +33,18 @@ def scene(seed: int) -> tuple[list[BoxInstance], list[BoxInstance], list[MaskIns
     return boxes[True], boxes[False], masks[True], masks[False]
 
 
+def overlaps_tie(one: BoxInstance, truths: list[BoxInstance]) -> bool:
+    """Whether two objects overlap a prediction alike: which of them it finds is then a matter of rounding."""
+    rivals = [truth for truth in truths if (truth.image, truth.category) == (one.image, one.category)]
+    overlaps = np.sort([box_iou_3d(one.box, truth.box) for truth in rivals])
+    return bool(np.any((np.diff(overlaps) < 1e-6) & (overlaps[1:] > 0.2)))
+
+
 @settings(max_examples=120, deadline=None)
 @given(seed=st.integers(0, 100_000))
 def test_flat_boxes_score_as_the_coco_protocol_scores_their_masks(seed):
     predictions, truths, mask_predictions, mask_truths = scene(seed)
+    assume(not any(overlaps_tie(one, truths) for one in predictions))
     ours = average_precision_3d(predictions, truths, (0.25, 0.5))
     theirs = average_precision(mask_predictions, mask_truths, (0.25, 0.5))
     assert ours.per_class.keys() == theirs.per_class.keys()
