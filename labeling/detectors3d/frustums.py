@@ -79,19 +79,24 @@ def make_frustum(
     return Frustum(local.astype(np.float32), pixels.astype(np.float32), eye, azimuth)
 
 
-def recut(frustum: Frustum, box_xyxy: tuple[float, float, float, float], azimuth_rad: float) -> Frustum:
+def recut(
+    frustum: Frustum, box_xyxy: tuple[float, float, float, float], azimuth_rad: float
+) -> tuple[Frustum, Bool[np.ndarray, "n"]]:
     """What another 2-D box leaves of a frustum, in the axes of that box.
 
     Args:
         frustum: of a box that contains the other one.
         box_xyxy: in pixels.
         azimuth_rad: of its middle (``azimuth_of``).
+
+    Returns:
+        The new frustum, and which points of the old one it keeps.
     """
     left, top, right, bottom = check_box(box_xyxy)
     x, y = frustum.pixels.T
-    kept: Bool[np.ndarray, "n"] = (x >= left) & (x < right) & (y >= top) & (y < bottom)
+    kept = (x >= left) & (x < right) & (y >= top) & (y < bottom)
     turned = frustum.points[kept] @ turn_about_z(azimuth_rad - frustum.azimuth_rad).astype(np.float32)
-    return Frustum(turned, frustum.pixels[kept], frustum.eye_m, azimuth_rad)
+    return Frustum(turned, frustum.pixels[kept], frustum.eye_m, azimuth_rad), kept
 
 
 def middle_of(box_xyxy: tuple[float, float, float, float]) -> tuple[float, float]:

@@ -57,10 +57,8 @@ class Lesson:
 
     def cut(self, box_xyxy: tuple[float, float, float, float]) -> tuple[Frustum, Bool[np.ndarray, "m"]]:
         """The frustum of another 2-D box within the margin, and which of its points are the object's."""
-        left, top, right, bottom = box_xyxy
-        u, v = self.frustum.pixels.T
-        inside = (u >= left) & (u < right) & (v >= top) & (v < bottom)
-        return recut(self.frustum, box_xyxy, azimuth_of(middle_of(box_xyxy), self.rays)), self.own[inside]
+        frustum, kept = recut(self.frustum, box_xyxy, azimuth_of(middle_of(box_xyxy), self.rays))
+        return frustum, self.own[kept]
 
 
 def read_lessons(path: Path, seed: int = 0, dataset: Path | None = None) -> list[Lesson]:

@@ -130,6 +130,14 @@ def test_the_points_of_an_object_lie_in_its_box_and_others_do_not():
         assert 0.3 < own.mean() < 1.0
 
 
+def test_an_edge_on_a_column_of_pixels_takes_the_same_points_in_every_precision():
+    for lesson in lessons_of(3):
+        left, top, right, bottom = lesson.box_xyxy
+        just_after_a_column = np.float64(round(right - 2) + 1e-9)
+        frustum, own = lesson.cut((left, top, just_after_a_column, bottom))
+        assert len(own) == len(frustum.points) > 0
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_augmentation_moves_points_and_box_together(seed):
     config = Augment3dConfig(flip=0.5, box_shift=0.1, box_scale=0.1, range_shift=0.2)
