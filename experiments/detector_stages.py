@@ -25,6 +25,7 @@ def label(
     settings: LabelConfig | None = None,
     sources: SourceConfig | None = None,
     share_scenes: bool = False,
+    growing: bool = False,
 ) -> Path:
     """Labels episodes.
 
@@ -35,6 +36,7 @@ def label(
         settings: of label generation; None takes the defaults. Their seed is replaced.
         sources: where the masks come from that labels are made of; by default the detections of the episodes.
         share_scenes: label what one episode has found in the others of its scene, too.
+        growing: the dataset will have more episodes next time: its label set is brought up to date in place.
 
     Returns:
         The folder of the label set.
@@ -45,7 +47,7 @@ def label(
     config = replace(settings or LabelConfig(), seed=seed)
     sources = sources or SourceConfig()
     dataset = episodes[0].parent
-    inputs = [dataset.name, len(episodes), asdict(config), identity(sources), share_scenes]
+    inputs = [dataset.name, "growing" if growing else len(episodes), asdict(config), identity(sources), share_scenes]
     out = workplace.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
     generate.run(
         generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes)

@@ -1,5 +1,8 @@
 """Recorded episodes that experiments share: rooms to choose settings on, others to report them on, and streets."""
 
+import os
+import shutil
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -70,6 +73,37 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
     name = f"{pool.name}-{digest(*depends_on)}"
     out = workplace.cache / "episodes" / name
     return collect(CollectConfig(out=out, episodes=pool.episodes, workers=workplace.workers, **settings))
+
+
+def gather(name: str, episodes: Mapping[str, Path], workplace: Workplace) -> list[Path]:
+    """One dataset of the episodes of several pools.
+
+    Args:
+        name: of the dataset. Episodes that it holds from before and that are not asked for any more are removed.
+        episodes: folders, by the names that they are to have; another episode needs another name.
+        workplace: where datasets are kept. Files are hard links where the file system has them.
+
+    Returns:
+        The folders, by name.
+    """
+    out = workplace.cache / "episodes" / name
+    out.mkdir(parents=True, exist_ok=True)
+    for folder in out.iterdir():
+        if folder.name not in episodes:
+            shutil.rmtree(folder)
+    for wanted in sorted(episodes):
+        if not (out / wanted).is_dir():
+            half = out / f".{wanted}"  # episodes whose names start with a dot are passed over
+            shutil.copytree(episodes[wanted], half, copy_function=_link)
+            half.rename(out / wanted)
+    return [out / wanted for wanted in sorted(episodes)]
+
+
+def _link(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def detector_digest(name: str) -> str:

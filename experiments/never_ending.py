@@ -1,20 +1,22 @@
 """The never-ending loop: look around with the detector there is, label, learn, and look around again with the new one.
 
-Every round's episodes begin elsewhere. A round learns from its own labels and from those of all rounds before, with
-source photographs mixed in, so that nothing is forgotten. No round knows ground truth: it is for the figures alone.
-The loop stops itself when labels collapse, which it tells from the labels, too.
+Every round's episodes begin elsewhere. A round learns from the views of all rounds so far, with source photographs
+mixed in, so that nothing is forgotten. Their labels are made anew in every round: what one episode has found is
+labelled in all others of its scene, those of earlier rounds included, so that old views teach more as the robot gets to
+know its places. No round knows ground truth: it is for the figures alone. The loop stops itself when labels collapse,
+which it tells from the labels, too.
 """
 
 import statistics
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import fine_tuning
 from experiments.lessons import Lessons, Part
-from experiments.stages import Scale, Workplace
+from experiments.stages import Scale, Workplace, digest
 
 if TYPE_CHECKING:
     from experiments.detector_stages import Course
@@ -24,6 +26,8 @@ POLICY = "ppo"
 """Who moves: the trained policy that comes with the project."""
 TRIED_ON: Part = "wide"
 """Gains of a round are small: many unseen scenes tell them from chance."""
+PARTS = ("learn", "choose")
+"""What the episodes of a round are there for: to learn from, and to choose the best network by."""
 FIRST_POOL_SEED = 1000
 """Seeds of the episodes of rounds count up from here, apart from those of all other experiments."""
 FEWER = 0.5
@@ -125,80 +129,82 @@ class _Run:
         """Why the loop stopped, if it did."""
         self._size, self._lessons, self._workplace = size, lessons, workplace
         self._detector = fine_tuning.DETECTOR
-        self._learnt: list[AnnotatedPicture] = []
-        self._chosen_by: list[AnnotatedPicture] = []
+        self._episodes: dict[str, Path] = {}
         self._signs: list[Signs] = []
 
     def collect(self, number: int) -> "Course | None":
         """Collects and labels; returns what is to be learnt, None if the loop has stopped."""
+        from experiments.detector_stages import label, label_scores
+        from experiments.episode_pool import gather
+
         if self.stopped is not None:
             return None
-        found = _Round(number, self.seed, self._detector, self._size, self._lessons.world, self._workplace)
-        self._signs.append(found.signs())
-        self.rounds.append({"round": number, "labels": found.figures(), "signs": asdict(self._signs[-1])})
+        new = self._record(number)
+        first = next(iter({**self._episodes, **new}.values())).parent.name
+        self._episodes.update(new)
+        dataset = gather(f"{self._lessons.world}_loop-{self.seed}-{digest(first)}", self._episodes, self._workplace)
+        labels = label(dataset, self.seed, self._workplace, share_scenes=True, growing=True)
+        pictures = pictures_by_episode(labels)
+        self._signs.append(signs_of(_of_part(pictures, new, "learn")))
+        self.rounds.append({"round": number, "labels": label_scores(labels), "signs": asdict(self._signs[-1])})
         self.stopped = collapse(self._signs)
         if self.stopped is not None:
             return None
-        self._learnt += found.lesson("learn")
-        self._chosen_by += found.lesson("choose")
-        return found.course(self._learnt, self._chosen_by, self._lessons)
+        return self._course(*(_of_part(pictures, self._episodes, part) for part in PARTS))
 
     def redeploy(self, detector: str, figures: dict[str, Any]) -> None:
         """Goes on with another detector, whose figures are these."""
         self._detector = detector
         self.rounds[-1]["test"] = figures
 
-
-class _Round:
-    """One round."""
-
-    def __init__(self, number: int, seed: int, detector: str, size: Size, world: str, workplace: Workplace) -> None:
-        """Collects and labels."""
-        from experiments.detector_stages import label
+    def _record(self, number: int) -> dict[str, Path]:
+        """The episodes of a round, by names that tell them from those of all others."""
         from experiments.episode_pool import Pool, record
 
-        self._number, self._seed, self._detector = number, seed, detector
-        self._size, self._world, self._workplace = size, world, workplace
-        self._labels: dict[str, Path] = {}
-        for place, (part, count) in enumerate(zip(("learn", "choose"), size.episodes[world], strict=True)):
-            pool_seed = FIRST_POOL_SEED + 1000 * seed + 2 * number + place
+        world, found = self._lessons.world, {}
+        for place, (part, count) in enumerate(zip(PARTS, self._size.episodes[world], strict=True)):
+            pool_seed = FIRST_POOL_SEED + 1000 * self.seed + 2 * number + place
             env = fine_tuning.WORLDS[world]
-            pool = Pool(f"{world}_round_{part}", env, "train", count, pool_seed, detector, POLICY)
-            self._labels[part] = label(record(pool, workplace), seed, workplace)
+            pool = Pool(f"{world}_round_{part}", env, "train", count, pool_seed, self._detector, POLICY)
+            for folder in record(pool, self._workplace):
+                found[f"{number:02d}-{part}-{digest(folder.parent.name)[:8]}-{folder.name}"] = folder
+        return found
 
-    def figures(self) -> dict[str, Any]:
-        """How good the labels are, and the detector they are made with, on the same views."""
-        from experiments.detector_stages import label_scores
-
-        return label_scores(self._labels["learn"])
-
-    def signs(self) -> Signs:
-        """What can be told without ground truth."""
-        return signs_of(self.lesson("learn"))
-
-    def lesson(self, part: str) -> "list[AnnotatedPicture]":
-        """The labels."""
-        from labeling.detectors.pictures import read_pictures
-
-        return read_pictures(self._labels[part])
-
-    def course(
-        self, learnt: "Sequence[AnnotatedPicture]", chosen_by: "Sequence[AnnotatedPicture]", lessons: Lessons
-    ) -> "Course":
-        """What the detector is to learn from this round and those before."""
+    def _course(self, learn: "Sequence[AnnotatedPicture]", choose: "Sequence[AnnotatedPicture]") -> "Course":
         from experiments.detector_stages import Course
 
         size = fine_tuning.SIZES[self._workplace.scale]
         return Course(
             self._detector,
-            list(learnt),
-            list(chosen_by),
-            lessons.photographs()[0],
+            learn,
+            choose,
+            self._lessons.photographs()[0],
             replace(size.train, iterations=self._size.iterations),
-            size.augment[self._world],
-            self._seed,
-            f"the labels of {self._number} rounds",
+            size.augment[self._lessons.world],
+            self.seed,
+            f"the labels of {len(self.rounds)} rounds",
         )
+
+
+def pictures_by_episode(labels: Path) -> "dict[str, list[AnnotatedPicture]]":
+    """Labelled pictures of a label set, by the names of their episodes."""
+    from labeling.detectors.pictures import read_pictures
+    from labeling.label_reader import read_label_set
+
+    dataset = read_label_set(labels).dataset
+    if dataset is None:
+        raise ValueError(f"{labels} does not say which dataset it was made from")
+    found: dict[str, list[AnnotatedPicture]] = defaultdict(list)
+    for picture in read_pictures(labels):
+        found[picture.file.relative_to(dataset).parts[0]].append(picture)
+    return dict(found)
+
+
+def _of_part(
+    pictures: "Mapping[str, Sequence[AnnotatedPicture]]", episodes: Iterable[str], part: str
+) -> "list[AnnotatedPicture]":
+    """Of the episodes that are there to learn from, or to choose the best network by."""
+    return [one for name in episodes if f"-{part}-" in name for one in pictures[name]]
 
 
 def signs_of(pictures: "Sequence[AnnotatedPicture]") -> Signs:

@@ -36,6 +36,9 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     detectors = [pool.detector for pool in pools if pool.name.endswith("learn")]
     assert detectors[:2] == ["compact", "compact"]  # rounds of all seeds go side by side
     assert len({*detectors[2:], "compact"}) == 3
+    gathered = [path for path in (tmp_path / "cache" / "episodes").iterdir() if "_loop-" in path.name]
+    kinds = [sorted(folder.name[:8] for folder in path.iterdir()) for path in gathered]
+    assert kinds == [["01-choos", "01-learn", "02-choos", "02-learn"]] * 2  # a second round labels the first's, too
     page = (tmp_path / "docs" / "results.md").read_text()
     assert "| 2 |" in page
     monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
