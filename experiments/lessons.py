@@ -45,11 +45,15 @@ class Kind:
     """From one true mask per object, instead of confident detections."""
     shared: bool = False
     """What one episode has found is labelled in the others of its scene, too."""
+    found_by: str | None = None
+    """The kind of labels that taught, with the same seed, the detector whose detections these are made from; None takes
+    those recorded with the episodes, of the pre-trained detector."""
 
 
 KINDS: dict[str, Kind] = {
     "sbm": Kind(),
     "shared": Kind(shared=True),
+    "second round": Kind(shared=True, found_by="shared"),
     "weak": Kind(weak=True),
     "consistent": Kind(LabelConfig(consistency=True)),
     "paper": Kind(PRESETS["paper"]),
@@ -115,11 +119,13 @@ class Lessons:
             part: of which episodes.
             kind: one of ``KINDS``.
             seed: of the label generator.
-            detector: whose detections it is made from; None takes those recorded with the episodes.
+            detector: whose detections it is made from; None takes what the kind says.
         """
         from experiments.detector_stages import label
 
         made = KINDS[kind]
+        if made.found_by is not None and detector is None:
+            (detector,) = self.detectors([Pupil(made.found_by, seed)])
         settings = replace(made.settings, **STREETS) if self._is_thesis_in_streets(made) else made.settings
         sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
         return label(self.episodes(part), seed, self._workplace, settings, sources, made.shared)
@@ -128,6 +134,10 @@ class Lessons:
         """Names of detectors; those that are missing are taught side by side."""
         from experiments.detector_stages import Course, taught
 
+        teachers = {pupil: KINDS[pupil.teacher].found_by for pupil in pupils if pupil.teacher in KINDS}
+        earlier = [Pupil(teacher, pupil.seed) for pupil, teacher in teachers.items() if teacher is not None]
+        if earlier:  # all that later labels ask for, side by side
+            self.detectors(earlier)
         taught_here = [pupil for pupil in dict.fromkeys(pupils) if pupil.teacher is not None]
         courses = [
             Course(

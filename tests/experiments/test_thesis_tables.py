@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from experiments import label_modes, thesis_tables
-from experiments.lessons import NOVEL, SPLITS, Lessons, annotated_views
+from experiments.lessons import NOVEL, SPLITS, Lessons, Pupil, annotated_views
 from experiments.run import EXPERIMENTS, TABLES, main
 from experiments.stages import Workplace
 from experiments.thesis_figures import MEANS
 from experiments.thesis_tables import Table, compared_alike, only
 from labeling.detectors import training_run
+from labeling.detectors.run_files import CONFIG_FILE
 from labeling.episodes import read_episode, write_episode
 from labeling.instances import decode_mask
+from labeling.label_reader import read_label_set
 
 from ..labeling.synthetic_room import make_episode
 
@@ -60,6 +62,20 @@ def test_only_training_scenes_teach(name: str) -> None:
     assert {row for pair in table.above for row in pair} <= set(names)
     assert EXPERIMENTS[name] == f"experiments.thesis_tables:{name}"
     assert set(MEANS.get(name, {})) <= set(names), "the thesis' figures stand beside rows that there are"
+
+
+def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taught(
+    small_rooms: list, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lessons = Lessons("rooms", Workplace("smoke", (0, 1), 1, tmp_path))
+    first = lessons.detectors([Pupil("shared", seed) for seed in (0, 1)])
+    made = [read_label_set(lessons.labels("learn", "second round", seed)) for seed in (0, 1)]
+    assert [labels.provenance["sources"]["detector"] for labels in made] == first
+    second = lessons.detectors([Pupil("second round", seed) for seed in (0, 1)])
+    assert len({*first, *second}) == 4
+    started_from = [json.loads((Path(folder) / CONFIG_FILE).read_text())["about"]["started_from"] for folder in second]
+    assert started_from == ["compact", "compact"]
+    capsys.readouterr()
 
 
 def test_labels_of_test_scenes_are_refused_as_a_lesson(tmp_path: Path) -> None:
