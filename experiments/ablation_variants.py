@@ -149,12 +149,14 @@ FACTORS = (
     ),
     Factor(
         "Outliers of finished segments",
-        ("segment_outliers", "min_piece"),
-        "Small pieces that lie apart from a finished segment are noise and are taken out.",
+        ("segment_outliers", "min_piece", "piece_reach"),
+        "Small pieces that lie apart from a finished segment are noise, and pieces far from its body are the ground or "
+        "other objects: both are taken out.",
         (
             Variant("kept", {"segment_outliers": "off"}),
             Variant("from the mean (published code)", {"segment_outliers": "mean"}, quick=False),
             *_steps("min_piece", (), (0.02, 0.15)),
+            *_steps("piece_reach", (1e6,), (0.3,)),
         ),
     ),
     Factor(

@@ -99,6 +99,9 @@ class LabelConfig:
     deviations from its mean (published code), or nothing."""
     min_piece: float = 0.05
     """Pieces of a segment that hold less than this share of it and lie apart are strays."""
+    piece_reach: float = 0.15
+    """So are pieces, however large, that lie further from the body of the object than this share of its diagonal: the
+    ground, or another object. The body is the piece that detections speak for most."""
     visibility: Literal["own", "z-buffer"] = "own"
     """What a pixel with depth shows: its own point, or the nearest point that any view puts there."""
     fill_px: float | None = None
@@ -157,6 +160,7 @@ class LabelConfig:
             "max_sources",
             "min_mask_px",
             "min_piece",
+            "piece_reach",
             "erode",
             "dilate",
             "erode_doubt",

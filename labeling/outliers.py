@@ -28,6 +28,7 @@ def segment_outliers(
     num_objects: int,
     voxel_m: float,
     config: LabelConfig,
+    support: Float32[np.ndarray, "n"] | None = None,
 ) -> Bool[np.ndarray, "n"]:
     """Points of segments that are taken out again.
 
@@ -37,9 +38,12 @@ def segment_outliers(
         num_objects: how many objects there are.
         voxel_m: edge of a voxel.
         config: settings; ``segment_outliers`` says by which rule.
+        support: how far detections say of each point that it is its object's, if that is known.
     """
     if config.segment_outliers == "pieces" and not config.published.first_two_outliers:
-        return stray_points(points, object_of_point, num_objects, STRAY_GAP_VOXELS * voxel_m, config.min_piece)
+        gap_m = STRAY_GAP_VOXELS * voxel_m
+        shares = config.min_piece, config.piece_reach
+        return stray_points(points, object_of_point, num_objects, gap_m, *shares, support)
     removed = np.zeros(len(points), bool)
     if config.segment_outliers == "off":
         return removed

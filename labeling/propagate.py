@@ -178,7 +178,8 @@ def _describe(
 ) -> tuple[list[LabelledObject], list[int]]:
     """Objects that kept any point, numbered from 1, and their columns; clears strays out of ``probability``."""
     owner = _owner(probability, config.exclusive)
-    strays = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config)
+    support = _support(owner, candidates)
+    strays = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config, support)
     probability[strays] = 0
     owner[strays] = -1
     objects, kept = [], []
@@ -201,6 +202,16 @@ def _describe(
         )
         kept.append(k)
     return objects, kept
+
+
+def _support(owner: Int32[np.ndarray, "n"], candidates: Sequence[Candidate]) -> Float32[np.ndarray, "n"]:
+    """Sum of the confidences of the detections of its own object that a point lies in."""
+    support = np.zeros(len(owner), np.float32)
+    for k, candidate in enumerate(candidates):
+        for evidence in (*candidate.sources, *candidate.weak):
+            own = evidence.foreground[owner[evidence.foreground] == k]
+            support[own] += np.float32(evidence.detection.confidence)
+    return support
 
 
 def _owner(probability: Float32[np.ndarray, "n k"], exclusive: bool) -> Int32[np.ndarray, "n"]:

@@ -1,4 +1,4 @@
-"""Points of a segment that lie apart from it: noise of depth and pose, not parts of the object."""
+"""Points of a segment that lie apart from it: noise of depth and pose, the ground, other objects."""
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
@@ -12,8 +12,10 @@ def stray_points(
     num_objects: int,
     gap_m: float,
     min_share: float,
+    reach: float = np.inf,
+    support: Float32[np.ndarray, "n"] | None = None,
 ) -> Bool[np.ndarray, "n"]:
-    """Points in pieces of their object that hold less than a share of it.
+    """Points in pieces of their object that lie too far away to be a part of it, or hold too little of it.
 
     Args:
         points: world points, metres.
@@ -22,30 +24,59 @@ def stray_points(
         gap_m: pieces nearer to each other than about this are one piece.
         min_share: pieces with less than this share of the object's points are strays. An object that another one
             hides in part falls into a few large pieces: these stay.
+        reach: so are pieces, whatever their size, that are further from the body, and from all that is part of it, than
+            this share of the body's diagonal.
+        support: how far detections say of each point that it is its object's. The piece with the most is the body; by
+            default the one with the most points.
 
     Returns:
         Whether each point is a stray.
     """
-    from scipy import ndimage
-
     strays = np.zeros(len(points), bool)
     for k in range(num_objects):
         members = np.flatnonzero(object_of_point == k)
         if len(members) == 0:
             continue
         own = points[members]
-        low, edge = own.min(axis=0), gap_m
-        # A cloud with points far apart would need a huge grid: coarser cells only join more pieces.
-        while np.prod(np.ceil((own.max(axis=0) - low) / edge) + 1) > MAX_CELLS:
-            edge *= 2
-        cell = np.floor((own - low) / edge).astype(int)
-        grid = np.zeros(cell.max(axis=0) + 1, bool)
-        grid[tuple(cell.T)] = True
-        pieces = np.zeros(grid.shape, np.int32)
-        ndimage.label(grid, structure=np.ones((3, 3, 3)), output=pieces)
-        piece = pieces[tuple(cell.T)]
+        piece = _pieces(own, gap_m)
         size = np.bincount(piece)
-        small = size < min_share * len(members)
-        small[size.argmax()] = False
-        strays[members[small[piece]]] = True
+        known = size if support is None else np.bincount(piece, weights=support[members].astype(float))
+        body = int(known.argmax() if known.any() else size.argmax())
+        kept = np.ones(len(size), bool)
+        if np.isfinite(reach):
+            kept = _within_reach(own, piece, size >= min_share * size[body], body, reach)
+        kept &= size >= min_share * size[kept].sum()
+        kept[body] = True
+        strays[members[~kept[piece]]] = True
     return strays
+
+
+def _pieces(points, gap_m: float) -> Int32[np.ndarray, "n"]:
+    """Numbers of the connected pieces that points lie in, from 0."""
+    from scipy import ndimage
+
+    low, edge = points.min(axis=0), gap_m
+    # A cloud with points far apart would need a huge grid: coarser cells only join more pieces.
+    while np.prod(np.ceil((points.max(axis=0) - low) / edge) + 1) > MAX_CELLS:
+        edge *= 2
+    cell = np.floor((points - low) / edge).astype(int)
+    grid = np.zeros(cell.max(axis=0) + 1, bool)
+    grid[tuple(cell.T)] = True
+    pieces = np.zeros(grid.shape, np.int32)
+    ndimage.label(grid, structure=np.ones((3, 3, 3)), output=pieces)
+    return pieces[tuple(cell.T)] - 1
+
+
+def _within_reach(points, piece, candidates, body: int, reach: float) -> Bool[np.ndarray, "k"]:
+    """Pieces that a chain of short gaps leads to from the body."""
+    from scipy.spatial import cKDTree
+
+    limit_m = reach * float(np.linalg.norm(np.ptp(points[piece == body], axis=0)))
+    found, new = np.zeros(len(candidates), bool), [body]
+    left = [int(k) for k in np.flatnonzero(candidates) if k != body]
+    while new:
+        found[new] = True
+        tree = cKDTree(points[np.isin(piece, new)])
+        new = [k for k in left if tree.query(points[piece == k])[0].min() <= limit_m]
+        left = [k for k in left if k not in new]
+    return found

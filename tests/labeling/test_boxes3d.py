@@ -61,6 +61,29 @@ def test_small_pieces_far_from_the_object_are_strays() -> None:
     np.testing.assert_array_equal(np.flatnonzero(strays), np.arange(1000, 1010))
 
 
+def lump(low, high, number: int) -> np.ndarray:
+    return np.random.default_rng(number).uniform(low, high, (number, 3)).astype(np.float32)
+
+
+def test_pieces_out_of_reach_of_the_body_are_strays_whatever_their_size() -> None:
+    body, behind_a_pole = lump([0, 0, 0], [2, 1, 1], 2000), lump([2.3, 0, 0], [3, 1, 1], 900)
+    beyond = lump([4, 0, 0], [5, 1, 1], 800)  # 1 m from the piece that is part of the body: .15 * 2.45 m is .37 m
+    points, owner = np.concatenate([body, behind_a_pole, beyond]), np.zeros(3700, np.int32)
+    for reach, gone in ((np.inf, 0), (0.15, 800), (0.1, 1700), (0.42, 0)):
+        strays = stray_points(points, owner, 1, gap_m=0.2, min_share=0.05, reach=reach)
+        np.testing.assert_array_equal(np.flatnonzero(strays), np.arange(3700 - gone, 3700))
+
+
+def test_the_body_is_what_detections_speak_for_not_what_is_largest() -> None:
+    lawn, car = lump([10, 10, 0], [20, 20, 0.1], 20_000), lump([0, 0, 0], [4, 2, 1.5], 700)
+    points, owner = np.concatenate([lawn, car]), np.zeros(20_700, np.int32)
+    support = np.where(np.arange(20_700) < 20_000, 0.001, 0.9).astype(np.float32)
+    strays = stray_points(points, owner, 1, gap_m=0.6, min_share=0.05, reach=0.15, support=support)
+    np.testing.assert_array_equal(strays, np.arange(20_700) < 20_000)
+    by_size = stray_points(points, owner, 1, gap_m=0.6, min_share=0.05, reach=0.15)
+    np.testing.assert_array_equal(by_size, ~strays)
+
+
 def test_points_of_no_object_and_of_others_are_not_judged_together() -> None:
     points = np.array([[0, 0, 0], [0.1, 0, 0], [9, 9, 9], [5, 5, 5]], np.float32)
     strays = stray_points(points, np.array([0, 0, 1, -1], np.int32), 2, gap_m=0.2, min_share=0.9)
