@@ -18,7 +18,7 @@ from labeling.instances import Box3d
 RECORD = "boxes_{}"
 """Of the picture and of the record, by world."""
 SURE = 0.3
-"""Boxes from this confidence on are drawn."""
+"""Detections in the picture from this confidence on are lifted: the same for all."""
 EDGES = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
 """Of a box, between its corners."""
 FOOTPRINT = [0, 2, 6, 4, 0]
@@ -71,7 +71,8 @@ def run(config: PictureConfig) -> None:
         episode = read_episode(folder)
         view = busiest_view(episode, categories)
         seen = [one for one in detections(episode, "recorded", categories) if one.view_index == view]
-        found = {name: sure(detector.lift(episode, seen)) for name, detector in detectors.items()}
+        sure = [one for one in seen if one.confidence >= SURE]
+        found = {name: detector.lift(episode, sure) for name, detector in detectors.items()}
         panels.append((episode, view, found, true_boxes(episode, view, categories)))
         drawn.append(
             {"episode": episode.name, "view": view, "boxes": {name: len(some) for name, some in found.items()}}
@@ -82,11 +83,6 @@ def run(config: PictureConfig) -> None:
     settings = {name: value for name, value in asdict(config).items() if not isinstance(value, Path)}
     write_json(record, {**settings, "views": drawn})
     print(f"{picture}\n{record}")
-
-
-def sure(boxes: Sequence[Detection3d]) -> list[Detection3d]:
-    """Those that are drawn."""
-    return [one for one in boxes if one.confidence >= SURE]
 
 
 def busiest_view(episode: Episode, categories: Sequence[str]) -> int:
