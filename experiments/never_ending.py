@@ -26,6 +26,8 @@ POLICY = "ppo"
 """Who moves: the trained policy that comes with the project."""
 TRIED_ON: Part = "wide"
 """Gains of a round are small: many unseen scenes tell them from chance."""
+LEARNS_FROM = "the views of all rounds so far, whose labels are made anew in each and shared by the episodes of a scene"
+"""For the page about it."""
 PARTS = ("learn", "choose")
 """What the episodes of a round are there for: to learn from, and to choose the best network by."""
 FIRST_POOL_SEED = 1000
@@ -100,6 +102,7 @@ class Loop:
             "policy": POLICY,
             "size": {"rounds": size.rounds, "learn": learn, "choose": choose, "iterations": size.iterations},
             "settings": lessons.settings(),
+            "learns_from": LEARNS_FROM,
             "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
             "test": lessons.about(TRIED_ON),
             "before": lessons.detector_figures(TRIED_ON, [fine_tuning.DETECTOR])[0],
@@ -140,8 +143,8 @@ class _Run:
         if self.stopped is not None:
             return None
         new = self._record(number)
-        first = next(iter({**self._episodes, **new}.values())).parent.name
         self._episodes.update(new)
+        first = next(iter(self._episodes.values())).parent.name
         dataset = gather(f"{self._lessons.world}_loop-{self.seed}-{digest(first)}", self._episodes, self._workplace)
         labels = label(dataset, self.seed, self._workplace, share_scenes=True, growing=True)
         pictures = pictures_by_episode(labels)

@@ -44,6 +44,8 @@ LOOP_FIGURES = (
     ("test", "photographs_ap50"),
 )
 """Where the columns of the loop's table stand in the record of a round."""
+LEARNT_FROM = "their labels and from those of all rounds before"
+"""What a loop learnt from whose result does not say it."""
 FIGURES = {"ap50": "AP50", "ap30": "AP30"}
 SEEN_ON = {
     "learn": "training scenes",
@@ -251,7 +253,7 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     about = (
         f"{description}. In each round the detector of the round before "
         f"guides the policy `{content['policy']}` through {size['learn']} episodes of training scenes, and learns from "
-        f"their labels and from those of all rounds before, with photographs mixed in. Scale `{content['scale']}` "
+        f"{content.get('learns_from', LEARNT_FROM)}, with photographs mixed in. Scale `{content['scale']}` "
         f"({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )

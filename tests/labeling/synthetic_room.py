@@ -248,7 +248,11 @@ def pick(episode: Episode, views: list[int]) -> Episode:
     """The episode with some of its views only, and the masks in them."""
 
     def kept(items):
-        return tuple(replace(one, view_index=views.index(one.view_index)) for one in items if one.view_index in views)
+        return (
+            None
+            if items is None
+            else tuple(replace(one, view_index=views.index(one.view_index)) for one in items if one.view_index in views)
+        )
 
     return replace(
         episode,

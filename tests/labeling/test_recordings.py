@@ -19,7 +19,7 @@ from labeling.recordings.pictures import enlarge_depth, register_depth, same_vie
 from labeling.recordings.tum import associate, pose_at, quaternion_to_rotation
 
 from .recording_writers import WRITERS, write_colour, write_polycam, write_scannet, write_tum
-from .synthetic_room import make_episode
+from .synthetic_room import make_episode, pick
 
 UP = {"record3d": RecordingConfig(up="y")}
 
@@ -51,16 +51,6 @@ def picture(file: Path) -> np.ndarray:
     image = cv2.imread(str(file))
     assert image is not None
     return image
-
-
-def pick(episode: Episode, views: list[int]) -> Episode:
-    return replace(
-        episode,
-        rgb=episode.rgb[views],
-        depth_m=episode.depth_m[views],
-        intrinsics=episode.intrinsics[views],
-        camera_to_world=episode.camera_to_world[views],
-    )
 
 
 # All layouts ---------------------------------------------------------------------------------------------------------
