@@ -89,6 +89,7 @@ class Lessons:
         self.world, self._workplace = world, workplace
         self._size = SIZES[workplace.scale]
         self._photographs: tuple[list[AnnotatedPicture], list[AnnotatedPicture]] | None = None
+        self._label_sets: dict[tuple[Part, str, int, str | None], Path] = {}
 
     def episodes(self, part: Part) -> list[Path]:
         """Folders of recorded episodes."""
@@ -113,7 +114,7 @@ class Lessons:
         }
 
     def labels(self, part: Part, kind: str, seed: int, detector: str | None = None) -> Path:
-        """A label set.
+        """A label set, made or brought up to date when it is first asked for.
 
         Args:
             part: of which episodes.
@@ -121,14 +122,10 @@ class Lessons:
             seed: of the label generator.
             detector: whose detections it is made from; None takes what the kind says.
         """
-        from experiments.detector_stages import label
-
-        made = KINDS[kind]
-        if made.found_by is not None and detector is None:
-            (detector,) = self.detectors([Pupil(made.found_by, seed)])
-        settings = replace(made.settings, **STREETS) if self._is_thesis_in_streets(made) else made.settings
-        sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
-        return label(self.episodes(part), seed, self._workplace, settings, sources, made.shared)
+        which = (part, kind, seed, detector)
+        if which not in self._label_sets:
+            self._label_sets[which] = self._label(*which)
+        return self._label_sets[which]
 
     def detectors(self, pupils: Sequence[Pupil]) -> list[str]:
         """Names of detectors; those that are missing are taught side by side."""
@@ -217,6 +214,16 @@ class Lessons:
             }
             for found in detector_scores(detectors, sets, self._workplace)
         ]
+
+    def _label(self, part: Part, kind: str, seed: int, detector: str | None) -> Path:
+        from experiments.detector_stages import label
+
+        made = KINDS[kind]
+        if made.found_by is not None and detector is None:
+            (detector,) = self.detectors([Pupil(made.found_by, seed)])
+        settings = replace(made.settings, **STREETS) if self._is_thesis_in_streets(made) else made.settings
+        sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
+        return label(self.episodes(part), seed, self._workplace, settings, sources, made.shared)
 
     def _pool(self, part: Part) -> Any:
         from experiments.episode_pool import Pool
