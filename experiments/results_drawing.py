@@ -12,7 +12,23 @@ from experiments.results_figures import loop_values, values
 
 matplotlib.use("Agg")
 
-COLOURS = ("#8a94a0", "#137a3e", "#2f5fb3", "#c26a12", "#7a3e9d", "#b3372f", "#2a9d9d", "#c9a227")
+COLOURS = (
+    "#8a94a0",
+    "#137a3e",
+    "#2f5fb3",
+    "#c26a12",
+    "#7a3e9d",
+    "#b3372f",
+    "#2a9d9d",
+    "#c9a227",
+    "#e58fb0",
+    "#5b4a3f",
+    "#9acd58",
+    "#1f2d3d",
+)
+"""Of rows; as many as the table with most of them has, and some more."""
+LEGEND_IN = 3.4
+"""Room beside the bars for the names of rows, inches."""
 
 
 def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path: Path) -> None:
@@ -24,7 +40,8 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
         path: PNG to write.
     """
     groups = [None, *categories]
-    figure, axes = plt.subplots(figsize=(max(7.0, 1.2 * len(groups)), 3.4), dpi=110, layout="constrained")
+    bars_in = max(6.0, len(groups) * (0.4 + 0.11 * len(content["rows"])))
+    figure, axes = plt.subplots(figsize=(bars_in + LEGEND_IN, 3.4), dpi=110, layout="constrained")
     width = 0.8 / len(content["rows"])
     for number, row in enumerate(content["rows"]):
         places = np.arange(len(groups)) + (number - (len(content["rows"]) - 1) / 2) * width
@@ -42,9 +59,7 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
     axes.set_ylabel("AP50")
     axes.set_ylim(0, 100)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(
-        fontsize=8, frameon=False, ncols=min(3, len(content["rows"])), loc="upper center", bbox_to_anchor=(0.5, 1.25)
-    )
+    figure.legend(fontsize=8, frameon=False, loc="outside right upper")
     figure.savefig(path, format="png")
     plt.close(figure)
 
