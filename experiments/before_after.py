@@ -35,6 +35,8 @@ class PictureConfig:
     """Which world."""
     scale: Scale = "quick"
     """Of the tables."""
+    labels: Literal["sbm", "shared"] = "shared"
+    """What the fine-tuned one has learnt from: SbM labels of each episode alone, or shared by those of a scene."""
     seed: int = 0
     """Of labels and training."""
     best: int = 4
@@ -71,7 +73,7 @@ def run(config: PictureConfig) -> None:
     from labeling.files import atomic_file, write_json
 
     lessons = Lessons(config.world, Workplace(config.scale, (config.seed,), 1, config.cache))
-    names = lessons.detectors([Pupil(None, config.seed), Pupil("sbm", config.seed)])
+    names = lessons.detectors([Pupil(None, config.seed), Pupil(config.labels, config.seed)])
     pairs = pairs_of(lessons.episodes("test"), *(load_detector(name) for name in names))
     chosen = most_changed(pairs, config.best)
     if not chosen:

@@ -233,11 +233,11 @@ def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:
     """Views before and after."""
     from experiments.before_after import NAME, OVERLAP, SURE
 
-    counts = record["all_views"]
+    counts, labels = record["all_views"], {"sbm": "SbM labels", "shared": "shared SbM labels"}[record["labels"]]
     return [
         f"## Before and after: {world}",
-        f"Detections with a confidence of {SURE} or more, of the pre-trained detector and of the one fine-tuned on SbM "
-        f"labels (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In brackets: objects found "
+        f"Detections with a confidence of {SURE} or more, of the pre-trained detector and of the one fine-tuned on "
+        f"{labels} (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In brackets: objects found "
         f"rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are the views with the "
         "greatest gain, one of each episode, and the one with the greatest loss; of all views "
         f"{counts['gained']} gained, {counts['same']} stayed and {counts['lost']} lost. Colours are those of the "

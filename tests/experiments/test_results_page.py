@@ -174,10 +174,17 @@ def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
 
 
 def test_views_before_and_after_are_named_with_their_picture(tmp_path: Path) -> None:
-    record = {"scale": "quick", "seed": 3, "views": [], "all_views": {"gained": 51, "same": 42, "lost": 7}}
+    record = {
+        "scale": "quick",
+        "labels": "shared",
+        "seed": 3,
+        "views": [],
+        "all_views": {"gained": 51, "same": 42, "lost": 7},
+    }
     (tmp_path / "before_after_streets.json").write_text(json.dumps(record))
     text = page({"table_5_3": table()}, read_pairs(tmp_path))
     assert "Before and after: streets" in text
+    assert "fine-tuned on shared SbM labels (seed 3" in text
     assert "51 gained, 42 stayed and 7 lost" in text
     assert "(pictures/before_after_streets.png)" in text
     assert "Before and after" not in page({"table_5_3": table()})
