@@ -46,6 +46,8 @@ LOOP_FIGURES = (
 """Where the columns of the loop's table stand in the record of a round."""
 LEARNT_FROM = "their labels and from those of all rounds before"
 """What a loop learnt from whose result does not say it."""
+PAIR_LABELS = {"sbm": "SbM labels", "shared": "shared SbM labels"}
+"""What taught the detector of pictures before and after."""
 FIGURES = {"ap50": "AP50", "ap30": "AP30"}
 SEEN_ON = {
     "learn": "training scenes",
@@ -233,12 +235,12 @@ def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:
     """Views before and after."""
     from experiments.before_after import NAME, OVERLAP, SURE
 
-    counts, labels = record["all_views"], {"sbm": "SbM labels", "shared": "shared SbM labels"}[record["labels"]]
+    counts = record["all_views"]
     return [
         f"## Before and after: {world}",
         f"Detections with a confidence of {SURE} or more, of the pre-trained detector and of the one fine-tuned on "
-        f"{labels} (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In brackets: objects found "
-        f"rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are the views with the "
+        f"{PAIR_LABELS[record['labels']]} (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In "
+        f"brackets: objects found rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are the views with the "
         "greatest gain, one of each episode, and the one with the greatest loss; of all views "
         f"{counts['gained']} gained, {counts['same']} stayed and {counts['lost']} lost. Colours are those of the "
         "objects that masks fit; grey ones fit none.",
