@@ -240,8 +240,8 @@ def pairs_section(world: str, record: Mapping[str, Any]) -> list[str]:
         f"## Before and after: {world}",
         f"Detections with a confidence of {SURE} or more, of the pre-trained detector and of the one fine-tuned on "
         f"{PAIR_LABELS[record['labels']]} (seed {record['seed']}, scale `{record['scale']}`), in unseen scenes. In "
-        f"brackets: objects found rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are the views with the "
-        "greatest gain, one of each episode, and the one with the greatest loss; of all views "
+        f"brackets: objects found rightly (IoU of {OVERLAP} or more) minus false finds, after minus before. Shown are "
+        "the views with the greatest gain, one of each episode, and the one with the greatest loss; of all views "
         f"{counts['gained']} gained, {counts['same']} stayed and {counts['lost']} lost. Colours are those of the "
         "objects that masks fit; grey ones fit none.",
         f"![Detections before and after]({PICTURES}/{NAME.format(world)}.png)",
