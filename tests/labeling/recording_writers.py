@@ -145,3 +145,23 @@ WRITERS: dict[str, Callable[[Path, Episode], None]] = {
     "tum": write_tum,
     "scannet": write_scannet,
 }
+
+
+def written(tmp_path: Path, layout: str, episode: Episode) -> Path:
+    folder = tmp_path / layout
+    folder.mkdir()
+    WRITERS[layout](folder, episode)
+    return folder
+
+
+def assert_same_views(found: Episode, expected: Episode) -> None:
+    np.testing.assert_array_equal(found.rgb, expected.rgb)
+    np.testing.assert_allclose(found.depth_m, expected.depth_m, atol=1e-6)
+    np.testing.assert_allclose(found.intrinsics, expected.intrinsics, atol=1e-9)
+    np.testing.assert_allclose(found.camera_to_world, expected.camera_to_world, atol=1e-7)
+
+
+def picture(file: Path) -> np.ndarray:
+    image = cv2.imread(str(file))
+    assert image is not None
+    return image

@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 
 from labeling.episodes import Episode, find_episodes, read_episode
 from labeling.errors import EpisodeFormatError, SbmError, UsageError
-from labeling.geometry import OPENGL_TO_OPENCV, intrinsics_from_fov, is_rigid, look_at, project
+from labeling.geometry import OPENGL_TO_OPENCV, intrinsics_from_fov, is_rigid, look_at
 from labeling.recordings.config import RecordingConfig
-from labeling.recordings.pictures import enlarge_depth, register_depth, same_view
-from labeling.recordings.tum import associate, pose_at, quaternion_to_rotation
+from labeling.recordings.pictures import enlarge_depth, same_view
 
-from .recording_writers import WRITERS, write_colour, write_polycam, write_scannet, write_tum
+from .recording_writers import WRITERS, assert_same_views, picture, write_polycam, write_scannet, write_tum, written
 from .synthetic_room import make_episode, pick
 
 UP = {"record3d": RecordingConfig(up="y")}
@@ -31,26 +30,6 @@ def room() -> Episode:
 
 def config_of(layout: str, **changes: Any) -> RecordingConfig:
     return replace(UP.get(layout, RecordingConfig()), **changes)
-
-
-def written(tmp_path: Path, layout: str, episode: Episode) -> Path:
-    folder = tmp_path / layout
-    folder.mkdir()
-    WRITERS[layout](folder, episode)
-    return folder
-
-
-def assert_same_views(found: Episode, expected: Episode) -> None:
-    np.testing.assert_array_equal(found.rgb, expected.rgb)
-    np.testing.assert_allclose(found.depth_m, expected.depth_m, atol=1e-6)
-    np.testing.assert_allclose(found.intrinsics, expected.intrinsics, atol=1e-9)
-    np.testing.assert_allclose(found.camera_to_world, expected.camera_to_world, atol=1e-7)
-
-
-def picture(file: Path) -> np.ndarray:
-    image = cv2.imread(str(file))
-    assert image is not None
-    return image
 
 
 # All layouts ---------------------------------------------------------------------------------------------------------
@@ -280,164 +259,6 @@ def test_undistorted_pictures_and_masks_are_where_a_pinhole_sees_them(tmp_path):
         assert episode.depth_m[0, y, x] == 3.0 + number
         assert episode.detections[0].mask[y, x]
     assert any("lens distortion was removed from 1 views" in note for note in episode.notes)
-
-
-# TUM RGB-D -----------------------------------------------------------------------------------------------------------
-
-
-def test_the_camera_of_a_tum_folder_is_given_or_asked_for(tmp_path, room):
-    folder = written(tmp_path, "tum", room)
-    (folder / "intrinsics.txt").unlink()
-    with pytest.raises(EpisodeFormatError, match=r"--camera FX FY CX CY"):
-        read_episode(folder)
-    k = room.intrinsics[0]
-    given_ = read_episode(folder, RecordingConfig(camera=(k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
-    assert_same_views(given_, room)
-    np.savetxt(folder / "intrinsics.txt", k)
-    np.testing.assert_allclose(read_episode(folder).intrinsics, room.intrinsics)
-
-
-def test_tum_pictures_without_depth_or_pose_in_time_are_left_out(tmp_path, room):
-    folder = written(tmp_path, "tum", room)
-    depth = (folder / "depth.txt").read_text().splitlines()
-    (folder / "depth.txt").write_text("\n".join(depth[:3] + depth[4:]))
-    poses = (folder / "groundtruth.txt").read_text().splitlines()
-    (folder / "groundtruth.txt").write_text("\n".join(poses[:-2]))
-    episode = read_episode(folder)
-    assert_same_views(episode, pick(room, [0, 2, 3]))
-    assert ["without depth" in episode.notes[0], "without a pose" in episode.notes[1]] == [True, True]
-    with pytest.raises(EpisodeFormatError, match=r"none of its 5 pictures .* \(5 without depth, 0 without pose\)"):
-        read_episode(folder, RecordingConfig(max_gap_s=0.005))
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "message"),
-    [
-        ("rgb.txt", "rgb/", "../", r"rgb\.txt: line 3: .*leads out"),
-        ("rgb.txt", "rgb/", "nowhere/", r"rgb\.txt: line 3: .*does not exist"),
-        ("rgb.txt", " rgb/", " a rgb/", r"rgb\.txt: line 3: expected 'timestamp file', not 3 words"),
-        ("depth.txt", " depth/", "x depth/", r"depth\.txt: line 3: expected numbers"),
-        ("groundtruth.txt", "1305031102", "nan", r"groundtruth\.txt: line 3: "),
-        ("groundtruth.txt", " ", " 1 ", r"groundtruth\.txt: line 1?\d: expected 'timestamp tx ty tz"),
-        ("intrinsics.txt", " ", " 1 ", r"intrinsics\.txt: expected fx fy cx cy"),
-        ("intrinsics.txt", "\n", "\n-", r"intrinsics\.txt: "),
-    ],
-)
-def test_malformed_tum_files_are_named_by_line(tmp_path, room, file, old, new, message):
-    folder = written(tmp_path, "tum", room)
-    lines = (folder / file).read_text()
-    head = "" if file == "intrinsics.txt" else "\n".join(lines.splitlines()[:2]) + "\n"
-    (folder / file).write_text(head + lines[len(head) :].replace(old, new))
-    with pytest.raises(EpisodeFormatError, match=message):
-        read_episode(folder)
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    st.lists(st.floats(0, 2), max_size=7),
-    st.lists(st.floats(0, 2), max_size=7),
-    st.floats(0.01, 0.5),
-)
-def test_association_in_time_is_greedy_and_one_to_one(first, second, gap):
-    """The same pairs as the plain algorithm: over and over the closest free pair within the gap."""
-    free_a, free_b, expected = set(range(len(first))), set(range(len(second))), {}
-    while True:
-        pairs = sorted((abs(first[i] - second[j]), i, j) for i in free_a for j in free_b)
-        if not pairs or pairs[0][0] > gap:
-            break
-        _, i, j = pairs[0]
-        expected[i] = j
-        free_a.remove(i)
-        free_b.remove(j)
-    partner = associate(np.array(first), np.array(second), gap)
-    assert {i: int(j) for i, j in enumerate(partner) if j >= 0} == expected
-
-
-def test_poses_between_samples_are_interpolated():
-    from scipy.spatial.transform import Rotation, Slerp
-
-    turns = Rotation.from_euler("xyz", [[0, 0, 0], [3, -2, 4]], degrees=True)
-    quaternions = turns.as_quat()
-    table = np.concatenate([[[0, 0, 0], [1, 2, 3]], [quaternions[0], -quaternions[1]]], axis=1).astype(float)
-    pose = pose_at(0.25, np.array([0.0, 1.0]), table, max_gap_s=1.0)
-    assert pose is not None
-    np.testing.assert_allclose(pose[:3, 3], [0.25, 0.5, 0.75])
-    np.testing.assert_allclose(pose[:3, :3], Slerp([0, 1], turns)(0.25).as_matrix(), atol=1e-4)
-    assert pose_at(5.0, np.array([0.0, 1.0]), table, max_gap_s=1.0) is None
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1))
-def test_quaternions_are_read_as_scipy_reads_them(q):
-    from scipy.spatial.transform import Rotation
-
-    unit = np.array(q) / np.linalg.norm(q)
-    np.testing.assert_allclose(quaternion_to_rotation(unit), Rotation.from_quat(unit).as_matrix(), atol=1e-9)
-
-
-# ScanNet -------------------------------------------------------------------------------------------------------------
-
-
-def test_frames_whose_tracking_was_lost_are_left_out(tmp_path, room):
-    folder = written(tmp_path, "scannet", room)
-    (folder / "pose" / "7.txt").write_text("\n".join(["-inf -inf -inf -inf"] * 4))
-    (folder / "pose" / "21.txt").unlink()
-    episode = read_episode(folder)
-    assert_same_views(episode, pick(room, [0, 2, 4]))
-    assert episode.notes == ("left out 2 frames without a pose (tracking lost): color/7.png, color/21.png",)
-    for file in (folder / "pose").iterdir():
-        file.write_text("\n".join(["-inf -inf -inf -inf"] * 4))
-    with pytest.raises(EpisodeFormatError, match="none of the 5 pictures in color/ has both depth and a pose"):
-        read_episode(folder)
-
-
-def test_frames_are_taken_in_the_order_of_their_numbers(tmp_path, room):
-    names = read_episode(written(tmp_path, "scannet", room)).file_names
-    assert names == ("color/0.png", "color/7.png", "color/14.png", "color/21.png", "color/28.png")
-
-
-def test_depth_of_a_camera_of_its_own_is_brought_into_the_colour_picture(tmp_path):
-    """Seen by a wider camera of a third of the resolution from the same place, each point keeps its depth."""
-    colour_k = np.array([[60.0, 0, 47.5], [0, 62.0, 35.0], [0, 0, 1]])
-    depth_k = np.array([[18.0, 0, 17.0], [0, 17.5, 13.0], [0, 0, 1]])
-    y, x = np.mgrid[0:28, 0:36]
-    depth_m = (1 + 0.01 * x + 0.02 * y).astype(np.float32)
-    aligned = register_depth(depth_m, depth_k, colour_k, (72, 96))
-    for v, u in [(0, 0), (35, 47), (71, 95), (10, 80)]:
-        ray = np.array([(u - colour_k[0, 2]) / colour_k[0, 0], (v - colour_k[1, 2]) / colour_k[1, 1], 1.0])
-        pixel, _ = project(ray[None], depth_k, np.eye(4))
-        near = np.rint(pixel[0]).astype(int)
-        assert aligned[v, u] == depth_m[near[1], near[0]]
-    narrow = register_depth(depth_m, depth_k * np.array([[4], [4], [1]]), colour_k, (72, 96))
-    assert (narrow == 0).any()
-
-
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda f: (f / "pose" / "0.txt").write_text("1 2 3"), r"0\.txt: a pose is 4x4 numbers, not \(1, 3\)"),
-        (lambda f: (f / "pose" / "0.txt").write_text("1 2\n3"), r"0\.txt: expected a matrix"),
-        (lambda f: np.savetxt(f / "pose" / "0.txt", 2 * np.eye(4)), r"0\.txt: is not a rigid transform"),
-        (lambda f: np.savetxt(f / "intrinsic" / "intrinsic_color.txt", -np.eye(4)), "expected a camera matrix"),
-        (lambda f: (f / "intrinsic" / "intrinsic_color.txt").unlink(), r"intrinsic_color\.txt: file is missing"),
-        (lambda f: np.savetxt(f / "intrinsic" / "extrinsic_depth.txt", np.ones((4, 4))), "align depth to colour"),
-        (lambda f: [p.unlink() for p in (f / "color").iterdir()], "color: holds no PNG or JPEG"),
-        (lambda f: [p.unlink() for p in (f / "depth").iterdir()], "5 without depth"),
-    ],
-)
-def test_malformed_scannet_files_are_named(tmp_path, room, spoil, message):
-    folder = written(tmp_path, "scannet", room)
-    spoil(folder)
-    with pytest.raises(EpisodeFormatError, match=message):
-        read_episode(folder)
-
-
-def test_pictures_resized_after_calibration_are_refused(tmp_path, room):
-    folder = written(tmp_path, "scannet", room)
-    for file in (folder / "color").iterdir():
-        write_colour(file, picture(file)[::2, ::2])
-    with pytest.raises(EpisodeFormatError, match=r"intrinsic_color\.txt: its principal point .* they were resized"):
-        read_episode(folder)
 
 
 # Depth at another size -----------------------------------------------------------------------------------------------
