@@ -31,8 +31,9 @@ class CollectConfig:
     """How many episodes the folder holds at the end."""
     seed: int = 0
     """Decides scenes, starting places and all noise."""
-    split: Literal["train", "val", "test", "wide"] = "train"
-    """Scenes to record in."""
+    split: Literal["train", "val", "test", "wide", "endless"] = "train"
+    """Scenes to record in: named ones to learn from, to choose settings by and to test on; "wide", many more to test
+    on; or "endless", to learn from: every episode in another scene."""
     size: int | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""

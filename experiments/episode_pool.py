@@ -19,8 +19,9 @@ class Pool:
 
     name: str
     env: str
-    split: Literal["train", "val", "test", "wide"]
-    """Settings are chosen on "train" and reported on "val"; "test" and "wide" are for final tables only."""
+    split: Literal["train", "val", "test", "wide", "endless"]
+    """Settings are chosen on "train" and reported on "val"; "endless" is to learn from, too; "test" and "wide" are for
+    final tables only."""
     episodes: int
     seed: int = 0
     detector: str = "simulated"

@@ -1,9 +1,10 @@
 """The never-ending loop: look around with the detector there is, label, learn, and look around again with the new one.
 
-Every round's episodes begin elsewhere. A round learns from the views of all rounds so far, with source photographs
-mixed in, so that nothing is forgotten. Their labels are made anew in every round: what one episode has found is
-labelled in all others of its scene, those of earlier rounds included, so that old views teach more as the robot gets to
-know its places. No round knows ground truth: it is for the figures alone. The loop stops itself when labels collapse,
+In rooms every episode is in a home that the robot has not been in: the more homes it has seen, the more it knows of
+those it has not. Towns are large, and few: there it comes back and begins elsewhere, and what one episode has found is
+labelled in all others of its town, those of earlier rounds included, so that old views teach more as the robot gets to
+know its places. A round learns from the views of all rounds so far, with source photographs mixed in, so that nothing
+is forgotten. No round knows ground truth: it is for the figures alone. The loop stops itself when labels collapse,
 which it tells from the labels, too.
 """
 
@@ -12,7 +13,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from experiments import fine_tuning
 from experiments.lessons import Lessons, Part
@@ -22,12 +23,11 @@ if TYPE_CHECKING:
     from experiments.detector_stages import Course
     from labeling.detectors.pictures import AnnotatedPicture
 
+Split = Literal["train", "endless"]
 POLICY = "ppo"
 """Who moves: the trained policy that comes with the project."""
 TRIED_ON: Part = "wide"
 """Gains of a round are small: many unseen scenes tell them from chance."""
-LEARNS_FROM = "the views of all rounds so far, whose labels are made anew in each and shared by the episodes of a scene"
-"""For the page about it."""
 PARTS = ("learn", "choose")
 """What the episodes of a round are there for: to learn from, and to choose the best network by."""
 FIRST_POOL_SEED = 1000
@@ -75,6 +75,8 @@ class Loop:
 
     DESCRIPTION: str
     world: str
+    split: Split
+    """Where its episodes are: in the few named scenes, or each in another."""
 
     def run(self, workplace: Workplace) -> dict[str, Any]:
         """Goes through the rounds, of all seeds side by side; what was done before is not done again.
@@ -89,7 +91,7 @@ class Loop:
         from experiments.detector_stages import taught
 
         size, lessons = SIZES[workplace.scale], Lessons(self.world, workplace)
-        runs = [_Run(seed, size, lessons, workplace) for seed in workplace.seeds]
+        runs = [_Run(seed, size, self.split, lessons, workplace) for seed in workplace.seeds]
         for number in tqdm(range(1, size.rounds + 1), desc="rounds", unit="round", file=sys.stderr):
             courses = {one: course for one in runs for course in [one.collect(number)] if course is not None}
             detectors = taught(list(courses.values()), workplace)
@@ -102,7 +104,7 @@ class Loop:
             "policy": POLICY,
             "size": {"rounds": size.rounds, "learn": learn, "choose": choose, "iterations": size.iterations},
             "settings": lessons.settings(),
-            "learns_from": LEARNS_FROM,
+            "split": self.split,
             "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
             "test": lessons.about(TRIED_ON),
             "before": lessons.detector_figures(TRIED_ON, [fine_tuning.DETECTOR])[0],
@@ -123,14 +125,14 @@ class Loop:
 class _Run:
     """The rounds of one seed."""
 
-    def __init__(self, seed: int, size: Size, lessons: Lessons, workplace: Workplace) -> None:
+    def __init__(self, seed: int, size: Size, split: Split, lessons: Lessons, workplace: Workplace) -> None:
         """Begins with the pre-trained detector."""
         self.seed = seed
         self.rounds: list[dict[str, Any]] = []
         """Figures so far."""
         self.stopped: str | None = None
         """Why the loop stopped, if it did."""
-        self._size, self._lessons, self._workplace = size, lessons, workplace
+        self._size, self._split, self._lessons, self._workplace = size, split, lessons, workplace
         self._detector = fine_tuning.DETECTOR
         self._episodes: dict[str, Path] = {}
         self._signs: list[Signs] = []
@@ -168,7 +170,7 @@ class _Run:
         for place, (part, count) in enumerate(zip(PARTS, self._size.episodes[world], strict=True)):
             pool_seed = FIRST_POOL_SEED + 1000 * self.seed + 2 * number + place
             env = fine_tuning.WORLDS[world]
-            pool = Pool(f"{world}_round_{part}", env, "train", count, pool_seed, self._detector, POLICY)
+            pool = Pool(f"{world}_round_{part}", env, self._split, count, pool_seed, self._detector, POLICY)
             for folder in record(pool, self._workplace):
                 found[f"{number:02d}-{part}-{digest(folder.parent.name)[:8]}-{folder.name}"] = folder
         return found
@@ -251,5 +253,5 @@ def collapse(signs: Sequence[Signs]) -> str | None:
 
 
 _WHAT = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
-rooms = Loop(f"rooms: {_WHAT}", "rooms")
-streets = Loop(f"streets: {_WHAT}", "streets")
+rooms = Loop(f"rooms: {_WHAT}", "rooms", "endless")
+streets = Loop(f"streets: {_WHAT}", "streets", "train")

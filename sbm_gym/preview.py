@@ -45,7 +45,9 @@ class PreviewConfig:
     worlds: tuple[str, ...] = ()
     """Kinds of worlds, such as indoor; all of them if not given."""
     split: str | None = None
-    """Only scenes of this split: train, val, test or wide."""
+    """Only scenes of this split: train, val, test, wide or endless."""
+    scenes: int | None = None
+    """At most so many scenes of each kind of world."""
     size: int = 240
     """Height of a picture of a scene, pixels."""
 
@@ -67,6 +69,8 @@ def run(config: PreviewConfig) -> list[Path]:
         unknown = [entry for entry in given if entry not in known]
         if unknown:
             raise UsageError(f"there is no {name} {unknown[0]!r}; known: {', '.join(known)}")
+    if config.scenes is not None and config.scenes < 1:
+        raise UsageError(f"--scenes must be at least 1, not {config.scenes}")
     if config.size < 32:
         raise UsageError(f"pictures of {config.size} pixels show nothing; take 32 or more")
     sources = {kind: world_source(kind) for kind in config.worlds or WORLD_KINDS}
@@ -86,7 +90,7 @@ def run(config: PreviewConfig) -> list[Path]:
 
 
 def _scene_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: Any) -> Iterator[Path]:
-    names = source.scenes(config.split)
+    names = source.scenes(config.split)[: config.scenes]
     height = config.size
     shape = source.profile.capture_size
     width = round(height * min(shape[1] / shape[0], 2.0))

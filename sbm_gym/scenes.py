@@ -15,7 +15,7 @@ from sbm_gym.visibility import ObjectSurfaces
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, World
 
 RENDERERS = ("auto", "rays", "gl")
-SPLITS = ("train", "val", "test", "wide")
+SPLITS = ("train", "val", "test", "wide", "endless")
 
 
 class WorldSource(Protocol):

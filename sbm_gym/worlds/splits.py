@@ -1,10 +1,12 @@
-"""Names of interior scenes: 15 for training, 1 for validation, 2 for testing, and any seed besides.
+"""Names of scenes: 15 interiors for training, 1 for validation, 2 for testing, 3, 1 and 1 towns, and any seed besides.
 
 Source: thesis section 5 (the splits of the 18 Replica scenes).
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 from labeling.errors import UsageError
 
@@ -34,21 +36,19 @@ SPLITS: dict[str, dict[str, SceneSeed]] = {
 """The named scenes of each split. Changing a seed changes the data set: it is done in a new version only."""
 WIDE = "wide"
 """A further split to test on, beyond the thesis': two homes and one town tell chance from gain poorly."""
-WIDE_SCENES = tuple(f"seed/{100_000 + i}" for i in range(40))
-"""Its interiors: free seeds that nothing is trained, chosen or tuned on."""
+ENDLESS = "endless"
+"""A further split to learn from: so many scenes that a robot never has to come back to one."""
+FREE_SPLITS = {WIDE: range(100_000, 100_040), ENDLESS: range(100_000)}
+"""Numbers of their interiors, which are free seeds. Nothing is trained, chosen or tuned on those of the wide split."""
 
 
 def scene_names(split: str) -> tuple[str, ...]:
-    """Names of the scenes of a split: train, val, test or wide.
+    """Names of the scenes of a split: train, val, test, wide or endless.
 
     Raises:
         UsageError: if there is no such split.
     """
-    if split == WIDE:
-        return WIDE_SCENES
-    if split not in SPLITS:
-        raise UsageError(f"there is no split {split!r}; splits are {', '.join((*SPLITS, WIDE))}")
-    return tuple(SPLITS[split])
+    return _names_of(split, "seed/", SPLITS, FREE_SPLITS)
 
 
 def scene_seed(name: str | int) -> tuple[str, SceneSeed]:
@@ -79,21 +79,17 @@ TOWN_SPLITS: dict[str, dict[str, tuple[int, ...]]] = {
     "test": {"town/test/00": (2, 3000)},
 }
 """The named towns of each split, with the entropy of their generators. Source: thesis 5.1.1 (five towns, 3/1/1)."""
-WIDE_TOWNS = tuple(f"town/seed/{100_000 + i}" for i in range(12))
-"""Those of the wide split."""
+FREE_TOWN_SPLITS = {WIDE: range(100_000, 100_012), ENDLESS: range(100_000)}
+"""Numbers of the towns of further splits."""
 
 
 def town_names(split: str) -> tuple[str, ...]:
-    """Names of the towns of a split: train, val, test or wide.
+    """Names of the towns of a split: train, val, test, wide or endless.
 
     Raises:
         UsageError: if there is no such split.
     """
-    if split == WIDE:
-        return WIDE_TOWNS
-    if split not in TOWN_SPLITS:
-        raise UsageError(f"there is no split {split!r}; splits are {', '.join((*TOWN_SPLITS, WIDE))}")
-    return tuple(TOWN_SPLITS[split])
+    return _names_of(split, "town/seed/", TOWN_SPLITS, FREE_TOWN_SPLITS)
 
 
 def town_seed(name: str | int) -> tuple[str, tuple[int, ...]]:
@@ -116,3 +112,18 @@ def town_seed(name: str | int) -> tuple[str, tuple[int, ...]]:
         known = ", ".join(town for towns in TOWN_SPLITS.values() for town in towns)
         raise UsageError(f"there is no town {name!r}; towns are {known}, and town/seed/N for any whole number N >= 0")
     return f"town/seed/{int(match.group(1))}", (3, int(match.group(1)))
+
+
+def _names_of(
+    split: str, prefix: str, named: Mapping[str, Mapping[str, object]], free: Mapping[str, range]
+) -> tuple[str, ...]:
+    if split in free:
+        return _numbered(prefix, free[split])
+    if split not in named:
+        raise UsageError(f"there is no split {split!r}; splits are {', '.join((*named, *free))}")
+    return tuple(named[split])
+
+
+@cache
+def _numbered(prefix: str, numbers: range) -> tuple[str, ...]:
+    return tuple(f"{prefix}{number}" for number in numbers)

@@ -31,7 +31,7 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
         assert [one["round"] for one in loop["rounds"]] == [1, 2]
         assert all(0 <= one["test"]["mask_ap50"] <= 1 for one in loop["rounds"])
     pools = [pool for pool in small_rooms if "round" in pool.name]
-    assert {pool.split for pool in pools} == {"train"}
+    assert {pool.split for pool in pools} == {"endless"}
     assert len({(pool.name, pool.seed) for pool in pools}) == len(pools) == 2 * 2 * 2
     detectors = [pool.detector for pool in pools if pool.name.endswith("learn")]
     assert detectors[:2] == ["compact", "compact"]  # rounds of all seeds go side by side

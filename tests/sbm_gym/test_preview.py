@@ -50,8 +50,9 @@ def test_sheets_of_scenes_and_renderers_show_every_scene(box_worlds, tmp_path, c
     assert rays.std() > 10
 
 
-def test_one_split_only(box_worlds, tmp_path):
-    (path,) = preview.run(PreviewConfig(out=tmp_path, what=("scenes",), split="val", size=40))
+@pytest.mark.parametrize(("split", "scenes"), [("val", None), ("train", 1)])
+def test_one_split_only_or_some_scenes_of_it(box_worlds, tmp_path, split, scenes):
+    (path,) = preview.run(PreviewConfig(out=tmp_path, what=("scenes",), split=split, size=40, scenes=scenes))
     assert read(path).shape[0] == 4 + 40 + 16 + 4
 
 
@@ -113,6 +114,7 @@ def test_contact_sheets_place_pictures_row_by_row():
         (["--what", "dreams"], "known: scenes, renderers, assets"),
         (["--worlds", "moon"], "indoor"),
         (["--size", "2"], "32 or more"),
+        (["--scenes", "0"], "--scenes must be at least 1"),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_two(arguments, says, tmp_path, capsys):

@@ -26,6 +26,14 @@ def test_the_wide_split_is_apart_from_the_thesis_and_known_to_environments():
         assert source.scenes(None) == tuple(n for split in ("train", "val", "test") for n in source.scenes(split))
 
 
+def test_the_endless_split_never_leads_to_a_scene_to_test_on():
+    for source in (IndoorWorlds(), OutdoorWorlds()):
+        endless = source.scenes("endless")
+        assert len(set(endless)) == 100_000
+        assert not set(endless) & {*source.scenes(None), *source.scenes("wide")}
+        assert [source.canonical(name) for name in endless[::999]] == list(endless[::999])
+
+
 def test_numbers_and_names_mean_the_same():
     assert scene_seed(7) == scene_seed("seed/7") == scene_seed("seed/007")
 
@@ -41,5 +49,5 @@ def test_unknown_scenes_are_refused(name):
 
 
 def test_unknown_splits_are_refused():
-    with pytest.raises(UsageError, match="splits are train, val, test, wide"):
+    with pytest.raises(UsageError, match="splits are train, val, test, wide, endless"):
         scene_names("dev")
