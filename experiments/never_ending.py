@@ -132,7 +132,8 @@ class _Run:
         """Figures so far."""
         self.stopped: str | None = None
         """Why the loop stopped, if it did."""
-        self._size, self._split, self._lessons, self._workplace = size, split, lessons, workplace
+        self._size, self._lessons, self._workplace = size, lessons, workplace
+        self._split: Split = split
         self._detector = fine_tuning.DETECTOR
         self._episodes: dict[str, Path] = {}
         self._signs: list[Signs] = []
