@@ -4,8 +4,9 @@ In rooms every episode is in a home that the robot has not been in: the more hom
 those it has not. Towns are large, and few: there it comes back and begins elsewhere, and what one episode has found is
 labelled in all others of its town, those of earlier rounds included, so that old views teach more as the robot gets to
 know its places. A round learns from the views of all rounds so far, with source photographs mixed in, so that nothing
-is forgotten. No round knows ground truth: it is for the figures alone. The loop stops itself when labels collapse,
-which it tells from the labels, too.
+is forgotten; and it begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. No
+round knows ground truth: it is for the figures alone. The loop stops itself when labels collapse, which it tells from
+the labels, too.
 """
 
 import statistics
@@ -181,7 +182,7 @@ class _Run:
 
         size = fine_tuning.SIZES[self._workplace.scale]
         return Course(
-            self._detector,
+            fine_tuning.DETECTOR,
             learn,
             choose,
             self._lessons.photographs()[0],
