@@ -44,8 +44,8 @@ LOOP_FIGURES = (
     ("test", "photographs_ap50"),
 )
 """Where the columns of the loop's table stand in the record of a round."""
-LEARNT_FROM = "their labels and from those of all rounds before"
-"""What a loop learnt from whose result does not say it."""
+LOOP_PLACES = {"train": "training scenes", "endless": "homes it has not been in"}
+"""Where the never-ending loop goes, by split."""
 PAIR_LABELS = {"sbm": "SbM labels", "shared": "shared SbM labels"}
 """What taught the detector of pictures before and after."""
 FIGURES = {"ap50": "AP50", "ap30": "AP30"}
@@ -252,11 +252,12 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     """The never-ending loop, round by round."""
     size, seeds = content["size"], len(content["loops"])
     description = content["description"][0].upper() + content["description"][1:]
+    again = ", labelled anew and shared by the episodes of a town" if content["split"] == "train" else ""
     about = (
         f"{description}. In each round the detector of the round before "
-        f"guides the policy `{content['policy']}` through {size['learn']} episodes of training scenes, and learns from "
-        f"{content.get('learns_from', LEARNT_FROM)}, with photographs mixed in. Scale `{content['scale']}` "
-        f"({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
+        f"guides the policy `{content['policy']}` through {size['learn']} episodes in {LOOP_PLACES[content['split']]}; "
+        f"the pre-trained detector then learns from the views of all rounds so far{again}, with photographs mixed in. "
+        f"Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )
     headings = "| round | detector on its views | its labels | detector after it, unseen scenes | AP30 | photographs |"
