@@ -44,8 +44,6 @@ LOOP_FIGURES = (
     ("test", "photographs_ap50"),
 )
 """Where the columns of the loop's table stand in the record of a round."""
-LOOP_PLACES = {"train": "training scenes", "endless": "homes it has not been in"}
-"""Where the never-ending loop goes, by split."""
 PAIR_LABELS = {"sbm": "SbM labels", "shared": "shared SbM labels"}
 """What taught the detector of pictures before and after."""
 FIGURES = {"ap50": "AP50", "ap30": "AP30"}
@@ -252,11 +250,9 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     """The never-ending loop, round by round."""
     size, seeds = content["size"], len(content["loops"])
     description = content["description"][0].upper() + content["description"][1:]
-    again = ", labelled anew and shared by the episodes of a town" if content["split"] == "train" else ""
     about = (
-        f"{description}. In each round the detector of the round before "
-        f"guides the policy `{content['policy']}` through {size['learn']} episodes in {LOOP_PLACES[content['split']]}; "
-        f"the pre-trained detector then learns from the views of all rounds so far{again}, with photographs mixed in. "
+        f"{description}. In each round the detector of the round before guides the policy `{content['policy']}` "
+        f"through {size['learn']} episodes {_loop_lesson(content.get('split'))}, with photographs mixed in. "
         f"Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )
@@ -282,6 +278,16 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
         *loop_sentences(content),
         *stopped,
     ]
+
+
+def _loop_lesson(split: str | None) -> str:
+    """Where the rounds of a loop are, and what is learnt there; results of the first loop did not name a split."""
+    if split is None:
+        return "of training scenes, and learns from their labels and from those of all rounds before"
+    of_all_rounds = "the pre-trained detector then learns from the views of all rounds so far"
+    if split == "endless":
+        return f"in homes it has not been in; {of_all_rounds}"
+    return f"of training scenes; {of_all_rounds}, labelled anew and shared by the episodes of a scene"
 
 
 def loop_sentences(content: Mapping[str, Any]) -> list[str]:
