@@ -3,22 +3,24 @@
 In rooms every episode is in a home that the robot has not been in: the more homes it has seen, the more it knows of
 those it has not. Towns are large, and few: there it comes back and begins elsewhere, and what one episode has found is
 labelled in all others of its town, those of earlier rounds included, so that old views teach more as the robot gets to
-know its places. A round learns from the views of all rounds so far, with source photographs mixed in, so that nothing
-is forgotten; and it begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. No
-round knows ground truth: it is for the figures alone. The loop stops itself when labels collapse, which it tells from
-the labels, too.
+know its places. Labels are made of what the detector of the round before has found and of what the pre-trained one
+does: each finds objects that the other misses, and the pre-trained one has learnt from no label that was wrong. A round
+learns from the views of all rounds so far, with source photographs mixed in, so that nothing is forgotten; and it
+begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. No round knows ground
+truth: it is for the figures alone. The loop stops itself when labels collapse, which it tells from the labels, too.
 """
 
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from experiments import fine_tuning
 from experiments.lessons import Lessons, Part
 from experiments.stages import Scale, Workplace, digest
+from labeling.source_config import SourceConfig
 
 if TYPE_CHECKING:
     from experiments.detector_stages import Course
@@ -48,14 +50,12 @@ class Size:
     rounds: int
     episodes: dict[str, tuple[int, int]]
     """By world: episodes of a round to learn from, and to choose the best network by."""
-    iterations: int
-    """Batches of training in a round."""
 
 
 SIZES: dict[Scale, Size] = {
-    "smoke": Size(2, {"rooms": (1, 1), "streets": (1, 1)}, 2),
-    "quick": Size(5, {"rooms": (12, 2), "streets": (8, 1)}, 100),
-    "full": Size(10, {"rooms": (40, 8), "streets": (30, 5)}, 1000),
+    "smoke": Size(2, {"rooms": (1, 1), "streets": (1, 1)}),
+    "quick": Size(5, {"rooms": (12, 2), "streets": (8, 1)}),
+    "full": Size(10, {"rooms": (40, 8), "streets": (30, 5)}),
 }
 
 
@@ -103,7 +103,7 @@ class Loop:
         return {
             "world": self.world,
             "policy": POLICY,
-            "size": {"rounds": size.rounds, "learn": learn, "choose": choose, "iterations": size.iterations},
+            "size": {"rounds": size.rounds, "learn": learn, "choose": choose},
             "settings": lessons.settings(),
             "split": self.split,
             "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
@@ -150,7 +150,8 @@ class _Run:
         self._episodes.update(new)
         first = next(iter(self._episodes.values())).parent.name
         dataset = gather(f"{self._lessons.world}_loop-{self.seed}-{digest(first)}", self._episodes, self._workplace)
-        labels = label(dataset, self.seed, self._workplace, share_scenes=True, growing=True)
+        both = SourceConfig(detector=fine_tuning.DETECTOR, with_recorded=True)
+        labels = label(dataset, self.seed, self._workplace, sources=both, share_scenes=True, growing=True)
         pictures = pictures_by_episode(labels)
         self._signs.append(signs_of(_of_part(pictures, new, "learn")))
         self.rounds.append({"round": number, "labels": label_scores(labels), "signs": asdict(self._signs[-1])})
@@ -186,7 +187,7 @@ class _Run:
             learn,
             choose,
             self._lessons.photographs()[0],
-            replace(size.train, iterations=self._size.iterations),
+            size.train,
             size.augment[self._lessons.world],
             self.seed,
             f"the labels of {len(self.rounds)} rounds",

@@ -256,7 +256,7 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
         f"Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )
-    headings = "| round | detector on its views | its labels | detector after it, unseen scenes | AP30 | photographs |"
+    headings = "| round | found in its views | its labels | detector after it, unseen scenes | AP30 | photographs |"
     lines = [headings, "|---" * 6 + "|"]
     before = content["before"]
     cells = [f"{100 * before[name]:.1f}" for name in ("mask_ap50", "mask_ap30", "photographs_ap50")]
@@ -284,10 +284,11 @@ def _loop_lesson(split: str | None) -> str:
     """Where the rounds of a loop are, and what is learnt there; results of the first loop did not name a split."""
     if split is None:
         return "of training scenes, and learns from their labels and from those of all rounds before"
+    both = "labels are made of what it and the pre-trained detector find"
     of_all_rounds = "the pre-trained detector then learns from the views of all rounds so far"
     if split == "endless":
-        return f"in homes it has not been in; {of_all_rounds}"
-    return f"of training scenes; {of_all_rounds}, labelled anew and shared by the episodes of a scene"
+        return f"in homes it has not been in; {both}; {of_all_rounds}"
+    return f"of training scenes; {both}, and shared by the episodes of a scene; {of_all_rounds}"
 
 
 def loop_sentences(content: Mapping[str, Any]) -> list[str]:

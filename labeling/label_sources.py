@@ -13,6 +13,7 @@ from labeling.errors import EpisodeFormatError, UsageError
 from labeling.files import write_json
 from labeling.instances import Detection, box_xywh, encode_mask
 from labeling.label_config import LabelConfig
+from labeling.pooling import pooled
 from labeling.source_config import SourceConfig
 from labeling.weak import one_view_per_object
 
@@ -57,7 +58,8 @@ def find_sources(
         chosen = one_view_per_object(episode.ground_truth, episode.depth_m, label.min_mask_px, label.seed, episode.name)
         return Sources(chosen, f"weak: one random view per object of ground_truth.json, seed {label.seed}")
     if config.detector is not None:
-        return _detect(episode, config.detector, cache)
+        found = _detect(episode, config.detector, cache)
+        return _with_recorded(found, episode) if config.with_recorded else found
     if config.detections is not None:
         found, notes = _read_detections(config.detections, folder, episode, place)
         write_json(cache, detections_record(episode, found, {"origin": str(config.detections)}))
@@ -72,7 +74,7 @@ def find_sources(
 
 def identity(config: SourceConfig) -> list[Any]:
     """Changes whenever the sources might: the settings, and the files and the code they name."""
-    known: list[Any] = [config.weak, config.detector]
+    known: list[Any] = [config.weak, config.detector, config.with_recorded]
     for path in (config.detections, config.annotations):
         known.append(path and hashlib.sha256(path.read_bytes()).hexdigest())
     if config.detector is not None:
@@ -126,6 +128,10 @@ def with_detections_used(episode: Episode, labels: Path, provenance: dict[str, A
     info = file.get("info").mapping() if file.has("info") else {}
     metadata = {key: value for key, value in episode.metadata.items() if key != "detector_categories"}
     known = info.get("detector_categories")
+    if sources.get("with_recorded"):
+        used = replace(used, detections=pooled(used.detections or (), episode.detections or ()))
+        recorded = episode.metadata.get("detector_categories")
+        known = None if known is None or recorded is None else [*dict.fromkeys([*known, *recorded])]
     return replace(used, metadata=metadata if known is None else {**metadata, "detector_categories": known})
 
 
@@ -148,6 +154,14 @@ def _detect(episode: Episode, name: str, cache: Path) -> Sources:
         detections_record(episode, found, {"origin": name, "fingerprint": mark, "detector_categories": known}),
     )
     return Sources(found, f"detector {name}")
+
+
+def _with_recorded(found: Sources, episode: Episode) -> Sources:
+    if episode.detections is None:
+        raise EpisodeFormatError(
+            f"{episode.name}: has no detections.json to take beside what the detector finds; leave out --with-recorded"
+        )
+    return Sources(pooled(found.detections, episode.detections), f"{found.origin} and detections.json")
 
 
 def _read_detections(

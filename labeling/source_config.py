@@ -19,6 +19,10 @@ class SourceConfig:
     """Run this detector: ``compact``, ``maskrcnn_resnet50_fpn``, the folder of a labeling.finetune run, ``onnx:FILE``,
     or a Python callable ``package.module:function`` that takes a picture (h, w, 3; uint8; RGB) and returns a list of
     (category, confidence, mask). What it finds is kept in the label set, so that it runs once."""
+    with_recorded: bool = False
+    """Take the detections that were recorded with the episodes as well as what --detector finds; where both have found
+    an object in a view, the surer one. A fine-tuned detector finds what the one before it missed, and the other way
+    round."""
     weak: Literal["off", "one-view"] = "off"
     """Weak supervision: label from one true mask per object, drawn by a person or, for experiments, taken from
     ``ground_truth.json`` (one view per object, chosen at random by --seed). Source: thesis A.6."""
@@ -52,6 +56,10 @@ class SourceConfig:
         ]
         if len(given) > 1:
             raise UsageError(f"{' and '.join(given)} contradict each other; labels have one kind of source")
+        if self.with_recorded and self.detector is None:
+            raise UsageError(
+                "--with-recorded says what to take beside the findings of a detector; give one with --detector"
+            )
         for name in ("detections", "annotations"):
             path = getattr(self, name)
             if path is not None and not path.is_file():

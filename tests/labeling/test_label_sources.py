@@ -20,7 +20,8 @@ from labeling.episodes import Episode, read_episode, write_episode
 from labeling.errors import EpisodeFormatError, UsageError
 from labeling.generate import main
 from labeling.instances import fill_polygons
-from labeling.label_sources import detections_record
+from labeling.label_sources import detections_record, with_detections_used
+from labeling.pooling import pooled
 
 from .synthetic_room import make_episode
 
@@ -98,6 +99,7 @@ def test_evaluation_scores_the_detections_that_were_used(dataset, rooms, tmp_pat
         (("--annotations", "nowhere.json"), "--annotations nowhere.json: no such file"),
         (("--detector", "module"), "unknown detector 'module'; known: compact, "),
         (("--detector", "no_such_module_here:f"), "cannot be imported (ModuleNotFoundError"),
+        (("--with-recorded",), "give one with --detector"),
         (("--detector", "json:dumps", "--weak", "one-view"), "--detector and --weak one-view contradict"),
     ],
 )
@@ -217,6 +219,21 @@ def test_a_detector_runs_once_and_its_findings_are_a_detections_file(detector, d
     episode = json.loads((tmp_path / "again" / "label_set.json").read_text())["episodes"][0]
     assert episode["sources"] == str(kept)
     assert episode["objects"] > 0
+
+
+def test_recorded_detections_speak_beside_those_of_a_detector(detector, dataset, rooms, tmp_path):
+    out, name = tmp_path / "out", f"{detector}:find"
+    assert main([str(dataset), "--out", str(out), "--detector", name, "--with-recorded"]) == 0
+    about = json.loads((out / "label_set.json").read_text())
+    assert about["episodes"][0]["sources"] == f"detector {name} and detections.json"
+    found = run_detector(load_detector(name), rooms[0])
+    folder = dataset / rooms[0].name
+    used = with_detections_used(read_episode(folder), out, about).detections
+    assert used is not None
+    assert len(used) == len(pooled(found, read_episode(folder).detections or ()))
+    assert len(used) > max(len(found), len(rooms[0].detections or ()))
+    (folder / "detections.json").unlink()
+    assert main([str(folder), "--out", str(tmp_path / "one"), "--detector", name, "--with-recorded"]) == 2
 
 
 def test_a_failing_detector_is_one_line_and_leaves_no_labels(detector, dataset, tmp_path, capsys):
