@@ -4,7 +4,8 @@ In rooms every episode is in a home that the robot has not been in: the more hom
 those it has not. Towns are large, and few: there it comes back and begins elsewhere, and what one episode has found is
 labelled in all others of its town, those of earlier rounds included, so that old views teach more as the robot gets to
 know its places. Labels are made of what the detector of the round before has found and of what the pre-trained one
-does: each finds objects that the other misses, and the pre-trained one has learnt from no label that was wrong. A round
+does: each finds objects that the other misses, and the pre-trained one has learnt from no label that was wrong. Of
+labels that are likely to be wrong nothing is learnt, neither that there is an object nor that there is none. A round
 learns from the views of all rounds so far, with source photographs mixed in, so that nothing is forgotten; and it
 begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. No round knows ground
 truth: it is for the figures alone. The loop stops itself when labels collapse, which it tells from the labels, too.
@@ -13,7 +14,7 @@ truth: it is for the figures alone. The loop stops itself when labels collapse, 
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -35,6 +36,8 @@ PARTS = ("learn", "choose")
 """What the episodes of a round are there for: to learn from, and to choose the best network by."""
 FIRST_POOL_SEED = 1000
 """Seeds of the episodes of rounds count up from here, apart from those of all other experiments."""
+LEAST_SURE = 0.5
+"""Labels whose expected IoU is less become regions to ignore."""
 FEWER = 0.5
 """Labels per view that fall below this share of what earlier rounds had at best are a collapse."""
 LESS_SURE = 0.15
@@ -106,6 +109,7 @@ class Loop:
             "size": {"rounds": size.rounds, "learn": learn, "choose": choose},
             "settings": lessons.settings(),
             "split": self.split,
+            "least_sure": LEAST_SURE,
             "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
             "test": lessons.about(TRIED_ON),
             "before": lessons.detector_figures(TRIED_ON, [fine_tuning.DETECTOR])[0],
@@ -158,7 +162,7 @@ class _Run:
         self.stopped = collapse(self._signs)
         if self.stopped is not None:
             return None
-        return self._course(*(_of_part(pictures, self._episodes, part) for part in PARTS))
+        return self._course(*(sure_of(_of_part(pictures, self._episodes, part)) for part in PARTS))
 
     def redeploy(self, detector: str, figures: dict[str, Any]) -> None:
         """Goes on with another detector, whose figures are these."""
@@ -213,6 +217,19 @@ def _of_part(
 ) -> "list[AnnotatedPicture]":
     """Of the episodes that are there to learn from, or to choose the best network by."""
     return [one for name in episodes if f"-{part}-" in name for one in pictures[name]]
+
+
+def sure_of(pictures: "Sequence[AnnotatedPicture]") -> "list[AnnotatedPicture]":
+    """Pictures whose unsure labels have become regions to ignore."""
+    return [
+        replace(
+            picture,
+            annotations=tuple(
+                replace(one, ignore=True) if one.weight < LEAST_SURE else one for one in picture.annotations
+            ),
+        )
+        for picture in pictures
+    ]
 
 
 def signs_of(pictures: "Sequence[AnnotatedPicture]") -> Signs:

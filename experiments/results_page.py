@@ -285,7 +285,7 @@ def _loop_lesson(split: str | None) -> str:
     if split is None:
         return "of training scenes, and learns from their labels and from those of all rounds before"
     both = "labels are made of what it and the pre-trained detector find"
-    of_all_rounds = "the pre-trained detector then learns from the views of all rounds so far"
+    of_all_rounds = "the pre-trained detector then learns from those of all rounds so far that are likely to be right"
     if split == "endless":
         return f"in homes it has not been in; {both}; {of_all_rounds}"
     return f"of training scenes; {both}, and shared by the episodes of a scene; {of_all_rounds}"

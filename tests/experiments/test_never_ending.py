@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments import never_ending
-from experiments.never_ending import SIZES, Signs, collapse, signs_of
+from experiments.never_ending import SIZES, Signs, collapse, signs_of, sure_of
 from experiments.run import main
 from labeling.detectors import training_run
 from labeling.detectors.pictures import AnnotatedPicture, Annotation
@@ -90,16 +90,28 @@ def test_rounds_that_only_get_better_never_collapse(counts: list[float], confide
     assert collapse(rounds) is None
 
 
-def test_signs_count_labels_and_leave_out_regions_to_ignore(tmp_path: Path) -> None:
-    def picture(*labels: tuple[str, float, bool]) -> AnnotatedPicture:
-        return AnnotatedPicture(
-            tmp_path, (4, 4), tuple(Annotation(name, {}, weight, ignore) for name, weight, ignore in labels)
-        )
+def picture(*labels: tuple[str, float, bool]) -> AnnotatedPicture:
+    """Labels by category, weight, and whether they are regions to ignore."""
+    annotations = tuple(Annotation(name, {}, weight, ignore) for name, weight, ignore in labels)
+    return AnnotatedPicture(Path("view.png"), (4, 4), annotations)
 
+
+def test_signs_count_labels_and_leave_out_regions_to_ignore() -> None:
     found = signs_of([picture(("chair", 0.8, False), ("table", 0.4, False), ("couch", 0.9, True)), picture()])
     assert found.labels_per_view == pytest.approx(1.0)
     assert found.confidence == pytest.approx(0.6)
     assert found.shares == {"chair": pytest.approx(0.5), "table": pytest.approx(0.5)}
+
+
+def test_unsure_labels_are_neither_objects_nor_background() -> None:
+    labels = ("chair", 0.8, False), ("table", 0.49, False), ("couch", 0.9, True), ("bed", 0.5, False)
+    (found,) = sure_of([picture(*labels)])
+    assert [(one.category, one.weight, one.ignore) for one in found.annotations] == [
+        ("chair", 0.8, False),
+        ("table", 0.49, True),
+        ("couch", 0.9, True),
+        ("bed", 0.5, False),
+    ]
 
 
 def test_the_loop_goes_round_at_least_five_times() -> None:
