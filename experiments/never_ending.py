@@ -220,16 +220,10 @@ def _of_part(
 
 
 def sure_of(pictures: "Sequence[AnnotatedPicture]") -> "list[AnnotatedPicture]":
-    """Pictures whose unsure labels have become regions to ignore."""
-    return [
-        replace(
-            picture,
-            annotations=tuple(
-                replace(one, ignore=True) if one.weight < LEAST_SURE else one for one in picture.annotations
-            ),
-        )
-        for picture in pictures
-    ]
+    """Pictures whose unsure labels have become regions to ignore, as ``labeling.finetune --least-confidence`` does."""
+    from labeling.detectors.pictures import with_annotations
+
+    return with_annotations(pictures, lambda one: replace(one, ignore=one.ignore or one.weight < LEAST_SURE))
 
 
 def signs_of(pictures: "Sequence[AnnotatedPicture]") -> Signs:
