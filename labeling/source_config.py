@@ -21,8 +21,7 @@ class SourceConfig:
     (category, confidence, mask). What it finds is kept in the label set, so that it runs once."""
     with_recorded: bool = False
     """Take the detections that were recorded with the episodes as well as what --detector finds; where both have found
-    an object in a view, the surer one. A fine-tuned detector finds what the one before it missed, and the other way
-    round."""
+    an object in a view, the surer one."""
     weak: Literal["off", "one-view"] = "off"
     """Weak supervision: label from one true mask per object, drawn by a person or, for experiments, taken from
     ``ground_truth.json`` (one view per object, chosen at random by --seed). Source: thesis A.6."""
