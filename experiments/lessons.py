@@ -48,12 +48,19 @@ class Kind:
     found_by: str | None = None
     """The kind of labels that taught, with the same seed, the detector whose detections these are made from; None takes
     those recorded with the episodes, of the pre-trained detector."""
+    with_recorded: bool = False
+    """Made from the recorded detections as well."""
+    least_sure: float = 0.0
+    """Labels whose expected IoU is less teach neither that there is an object nor that there is none."""
 
 
+LEAST_SURE = 0.5
+"""Of labels in rooms whose expected IoU is less, about half are wrong."""
 KINDS: dict[str, Kind] = {
     "sbm": Kind(),
     "shared": Kind(shared=True),
     "second round": Kind(shared=True, found_by="shared"),
+    "both detectors": Kind(shared=True, found_by="shared", with_recorded=True, least_sure=LEAST_SURE),
     "weak": Kind(weak=True),
     "consistent": Kind(LabelConfig(consistency=True)),
     "paper": Kind(PRESETS["paper"]),
@@ -168,7 +175,9 @@ class Lessons:
             return self.pictures(part)
         if teacher == ANNOTATED:
             return annotated_views(self.episodes(part), seed)
-        return read_pictures(self.labels(part, teacher, seed))
+        pictures = read_pictures(self.labels(part, teacher, seed))
+        least_sure = KINDS[teacher].least_sure
+        return sure_of(pictures, least_sure) if least_sure else pictures
 
     def pictures(self, part: Part) -> "list[AnnotatedPicture]":
         """The views of episodes with their ground truth."""
@@ -222,7 +231,11 @@ class Lessons:
         if made.found_by is not None and detector is None:
             (detector,) = self.detectors([Pupil(made.found_by, seed)])
         settings = replace(made.settings, **STREETS) if self._is_thesis_in_streets(made) else made.settings
-        sources = SourceConfig(weak="one-view") if made.weak else SourceConfig(detector=detector)
+        sources = (
+            SourceConfig(weak="one-view")
+            if made.weak
+            else SourceConfig(detector=detector, with_recorded=made.with_recorded)
+        )
         return label(self.episodes(part), seed, self._workplace, settings, sources, made.shared)
 
     def _pool(self, part: Part) -> Any:
@@ -235,6 +248,13 @@ class Lessons:
 
     def _is_thesis_in_streets(self, kind: Kind) -> bool:
         return self.world == "streets" and not kind.settings.fuse_views
+
+
+def sure_of(pictures: "Sequence[AnnotatedPicture]", least_sure: float = LEAST_SURE) -> "list[AnnotatedPicture]":
+    """Pictures whose unsure labels have become regions to ignore, as ``labeling.finetune --least-confidence`` does."""
+    from labeling.detectors.pictures import with_annotations
+
+    return with_annotations(pictures, lambda one: replace(one, ignore=one.ignore or one.weight < least_sure))
 
 
 def annotated_views(episodes: Sequence[Path], seed: int) -> "list[AnnotatedPicture]":

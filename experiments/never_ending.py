@@ -14,12 +14,12 @@ truth: it is for the figures alone. The loop stops itself when labels collapse, 
 import statistics
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from experiments import fine_tuning
-from experiments.lessons import Lessons, Part
+from experiments.lessons import LEAST_SURE, Lessons, Part, sure_of
 from experiments.stages import Scale, Workplace, digest
 from labeling.source_config import SourceConfig
 
@@ -36,8 +36,6 @@ PARTS = ("learn", "choose")
 """What the episodes of a round are there for: to learn from, and to choose the best network by."""
 FIRST_POOL_SEED = 1000
 """Seeds of the episodes of rounds count up from here, apart from those of all other experiments."""
-LEAST_SURE = 0.5
-"""Labels whose expected IoU is less become regions to ignore."""
 FEWER = 0.5
 """Labels per view that fall below this share of what earlier rounds had at best are a collapse."""
 LESS_SURE = 0.15
@@ -217,13 +215,6 @@ def _of_part(
 ) -> "list[AnnotatedPicture]":
     """Of the episodes that are there to learn from, or to choose the best network by."""
     return [one for name in episodes if f"-{part}-" in name for one in pictures[name]]
-
-
-def sure_of(pictures: "Sequence[AnnotatedPicture]") -> "list[AnnotatedPicture]":
-    """Pictures whose unsure labels have become regions to ignore, as ``labeling.finetune --least-confidence`` does."""
-    from labeling.detectors.pictures import with_annotations
-
-    return with_annotations(pictures, lambda one: replace(one, ignore=one.ignore or one.weight < LEAST_SURE))
 
 
 def signs_of(pictures: "Sequence[AnnotatedPicture]") -> Signs:

@@ -95,7 +95,9 @@ def run(config: GenerateConfig) -> None:
         **describe(config.label),
         "share_scenes": config.share_scenes,
         "recording": asdict(config.recording),
-        "sources": {name: value and str(value) for name, value in asdict(config.sources).items()},
+        "sources": {
+            name: str(value) if isinstance(value, Path) else value for name, value in asdict(config.sources).items()
+        },
     }
     write_label_set(config.out, config.dataset, config.label, states, about)
     _report(config, states)

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments import never_ending
-from experiments.never_ending import SIZES, Signs, collapse, signs_of, sure_of
+from experiments.lessons import sure_of
+from experiments.never_ending import SIZES, Signs, collapse, signs_of
 from experiments.run import main
 from labeling.detectors import training_run
 from labeling.detectors.pictures import AnnotatedPicture, Annotation
@@ -105,7 +106,7 @@ def test_signs_count_labels_and_leave_out_regions_to_ignore() -> None:
 
 def test_unsure_labels_are_neither_objects_nor_background() -> None:
     labels = ("chair", 0.8, False), ("table", 0.49, False), ("couch", 0.9, True), ("bed", 0.5, False)
-    (found,) = sure_of([picture(*labels)])
+    (found,) = sure_of([picture(*labels)], 0.5)
     assert [(one.category, one.weight, one.ignore) for one in found.annotations] == [
         ("chair", 0.8, False),
         ("table", 0.49, True),

@@ -2,18 +2,21 @@
 
 import dataclasses
 import json
+import statistics
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiments import label_modes, thesis_tables
+from experiments import lessons as lessons_module
 from experiments.lessons import NOVEL, SPLITS, Lessons, Pupil, annotated_views
 from experiments.run import EXPERIMENTS, TABLES, main
 from experiments.stages import Workplace
 from experiments.thesis_figures import MEANS
 from experiments.thesis_tables import Table, compared_alike, only
 from labeling.detectors import training_run
+from labeling.detectors.pictures import read_pictures
 from labeling.detectors.run_files import CONFIG_FILE
 from labeling.episodes import read_episode, write_episode
 from labeling.instances import decode_mask
@@ -65,7 +68,7 @@ def test_only_training_scenes_teach(name: str) -> None:
 
 
 def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taught(
-    small_rooms: list, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lessons = Lessons("rooms", Workplace("smoke", (0, 1), 1, tmp_path))
     first = lessons.detectors([Pupil("shared", seed) for seed in (0, 1)])
@@ -75,6 +78,15 @@ def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taug
     assert len({*first, *second}) == 4
     started_from = [json.loads((Path(folder) / CONFIG_FILE).read_text())["about"]["started_from"] for folder in second]
     assert started_from == ["compact", "compact"]
+    both = lessons.labels("learn", "both detectors", 0)
+    sources = read_label_set(both).provenance["sources"]
+    assert (sources["detector"], sources["with_recorded"]) == (first[0], True)
+    weights = [one.weight for picture in read_pictures(both) for one in picture.annotations]
+    for least_sure in (0.0, statistics.median_high(weights), 2.0):
+        kind = dataclasses.replace(lessons_module.KINDS["both detectors"], least_sure=least_sure)
+        monkeypatch.setitem(lessons_module.KINDS, "both detectors", kind)
+        taught = [one for picture in lessons.lesson("learn", "both detectors", 0) for one in picture.annotations]
+        assert [one.ignore for one in taught] == [weight < least_sure for weight in weights]
     capsys.readouterr()
 
 
