@@ -7,8 +7,9 @@ know its places. Labels are made of what the detector of the round before has fo
 does: each finds objects that the other misses, and the pre-trained one has learnt from no label that was wrong. Of
 labels that are likely to be wrong nothing is learnt, neither that there is an object nor that there is none. A round
 learns from the views of all rounds so far, with source photographs mixed in, so that nothing is forgotten; and it
-begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. No round knows ground
-truth: it is for the figures alone. The loop stops itself when labels collapse, which it tells from the labels, too.
+begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. The detector that goes on
+is the mean of the networks of all rounds so far, whose errors differ. No round knows ground truth: it is for the
+figures alone. The loop stops itself when labels collapse, which it tells from the labels, too.
 """
 
 import statistics
@@ -90,13 +91,15 @@ class Loop:
 
         from tqdm import tqdm
 
-        from experiments.detector_stages import taught
+        from experiments.detector_stages import averaged, taught
 
         size, lessons = SIZES[workplace.scale], Lessons(self.world, workplace)
         runs = [_Run(seed, size, self.split, lessons, workplace) for seed in workplace.seeds]
         for number in tqdm(range(1, size.rounds + 1), desc="rounds", unit="round", file=sys.stderr):
             courses = {one: course for one in runs for course in [one.collect(number)] if course is not None}
-            detectors = taught(list(courses.values()), workplace)
+            for one, network in zip(courses, taught(list(courses.values()), workplace), strict=True):
+                one.networks.append(network)
+            detectors = [averaged(one.networks, workplace) for one in courses]
             figures = lessons.detector_figures(TRIED_ON, detectors)
             for one, detector, found in zip(courses, detectors, figures, strict=True):
                 one.redeploy(detector, found)
@@ -108,6 +111,7 @@ class Loop:
             "settings": lessons.settings(),
             "split": self.split,
             "least_sure": LEAST_SURE,
+            "deployed": "mean of the networks of all rounds",
             "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
             "test": lessons.about(TRIED_ON),
             "before": lessons.detector_figures(TRIED_ON, [fine_tuning.DETECTOR])[0],
@@ -133,6 +137,8 @@ class _Run:
         self.seed = seed
         self.rounds: list[dict[str, Any]] = []
         """Figures so far."""
+        self.networks: list[str] = []
+        """What each round has taught."""
         self.stopped: str | None = None
         """Why the loop stopped, if it did."""
         self._size, self._lessons, self._workplace = size, lessons, workplace

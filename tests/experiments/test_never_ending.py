@@ -14,7 +14,7 @@ from experiments.never_ending import SIZES, Signs, collapse, signs_of
 from experiments.run import main
 from labeling.detectors import training_run
 from labeling.detectors.pictures import AnnotatedPicture, Annotation
-from labeling.detectors.run_files import CONFIG_FILE
+from labeling.detectors.run_files import CONFIG_FILE, WEIGHTS_FILE
 
 STEADY = Signs(3.0, 0.7, {"chair": 0.6, "table": 0.4})
 
@@ -40,6 +40,8 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     assert len({*detectors[2:], "compact"}) == 3
     runs = [json.loads(file.read_text()) for file in (tmp_path / "cache" / "detectors").glob(f"*/{CONFIG_FILE}")]
     assert [one["about"]["started_from"] for one in runs] == ["compact"] * 4  # what a round got wrong is not handed on
+    weights = list((tmp_path / "cache" / "detectors").glob(f"*/{WEIGHTS_FILE}"))
+    assert len(weights) == 4 + 2  # of each seed the mean of both rounds
     gathered = [path for path in (tmp_path / "cache" / "episodes").iterdir() if "_loop-" in path.name]
     kinds = [sorted(folder.name[:8] for folder in path.iterdir()) for path in gathered]
     assert kinds == [["01-choos", "01-learn", "02-choos", "02-learn"]] * 2  # a second round labels the first's, too
