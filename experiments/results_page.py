@@ -252,7 +252,7 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     description = content["description"][0].upper() + content["description"][1:]
     about = (
         f"{description}. In each round the detector of the round before guides the policy `{content['policy']}` "
-        f"through {size['learn']} episodes {_loop_lesson(content.get('split'))}, with photographs mixed in. "
+        f"through {size['learn']} episodes {_loop_lesson(content['split'])}. Photographs are mixed in. "
         f"Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )
@@ -280,12 +280,13 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _loop_lesson(split: str | None) -> str:
-    """Where the rounds of a loop are, and what is learnt there; results of the first loop did not name a split."""
-    if split is None:
-        return "of training scenes, and learns from their labels and from those of all rounds before"
+def _loop_lesson(split: str) -> str:
+    """Where the rounds of a loop are, and what is learnt there."""
     both = "labels are made of what it and the pre-trained detector find"
-    of_all_rounds = "the pre-trained detector then learns from those of all rounds so far that are likely to be right"
+    of_all_rounds = (
+        "the pre-trained detector then learns from those of all rounds so far that are likely to be right, and the "
+        "detector of the next round is the mean of the networks that all rounds so far have taught"
+    )
     if split == "endless":
         return f"in homes it has not been in; {both}; {of_all_rounds}"
     return f"of training scenes; {both}, and shared by the episodes of a scene; {of_all_rounds}"
