@@ -33,7 +33,10 @@ class CollectConfig:
     """Decides scenes, starting places and all noise."""
     split: Literal["train", "val", "test", "wide", "endless"] = "train"
     """Scenes to record in: named ones to learn from, to choose settings by and to test on; "wide", many more to test
-    on; or "endless", to learn from: every episode in another scene."""
+    on; or "endless", to learn from: more than a robot could ever visit."""
+    episodes_per_scene: int = 1
+    """How many episodes, begun in different places, before the next scene. What one of them finds can be labelled in
+    the others (labeling.generate --share-scenes)."""
     size: int | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""

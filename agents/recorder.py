@@ -116,7 +116,8 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
     scenes = inner_env(env).scene_names
     order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
     for spawn in range(MAX_SPAWNS):
-        scene = scenes[int(order[(number + spawn // SPAWNS_PER_SCENE) % len(scenes)])]
+        place = number // config.episodes_per_scene + spawn // SPAWNS_PER_SCENE
+        scene = scenes[int(order[place % len(scenes)])]
         seeds = np.random.SeedSequence([config.seed, 1, number, spawn]).generate_state(2)
         captures, log = _roll_out(env, config, scene, int(seeds[0]), int(seeds[1]))
         if any(_is_source(capture) for capture in captures):
@@ -180,6 +181,8 @@ def _is_source(capture: Capture) -> bool:
 def _check(config: CollectConfig) -> None:
     if config.episodes < 1:
         raise UsageError(f"--episodes must be at least 1, not {config.episodes}")
+    if config.episodes_per_scene < 1:
+        raise UsageError(f"--episodes-per-scene must be at least 1, not {config.episodes_per_scene}")
     if config.workers < 1:
         raise UsageError(f"--workers must be at least 1, not {config.workers}")
     if config.size is not None and config.size < 32:

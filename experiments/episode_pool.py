@@ -28,6 +28,8 @@ class Pool:
     """Whose detections guide the agent and are recorded: "simulated", or a name that labeling.detectors knows."""
     policy: str = "ring"
     """Who moves."""
+    episodes_per_scene: int = 1
+    """Begun in different places."""
 
 
 def pools(scale: Scale) -> tuple[Pool, ...]:
@@ -63,6 +65,7 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
         "seed": pool.seed,
         "policy": pool.policy,
         "detector": pool.detector,
+        "episodes_per_scene": pool.episodes_per_scene,
     }
     mover = policy_key(pool.policy, pool.env)
     depends_on = [

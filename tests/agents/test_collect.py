@@ -101,12 +101,24 @@ def test_an_episode_does_not_depend_on_the_others(recorded, tmp_path):
     assert contents(tmp_path / "one" / "0000") == contents(recorded / "0000")
 
 
+def test_a_scene_is_begun_in_different_places(recorded, tmp_path):
+    folders = collect(config(tmp_path / "twice", episodes=4, episodes_per_scene=2))
+    episodes = [read_episode(folder) for folder in folders]
+    scenes = [episode.metadata["scene"] for episode in episodes]
+    assert scenes[0] == scenes[1] != scenes[2] == scenes[3]
+    assert scenes[::2] == [read_episode(recorded / name).metadata["scene"] for name in ("0000", "0001")]
+    begun = [tuple(episode.camera_to_world[0, :2, 3]) for episode in episodes]
+    assert len(set(begun)) == 4
+
+
 def test_complete_folders_are_left_alone(recorded, monkeypatch):
     monkeypatch.setattr(recorder, "write_episode", lambda *_: pytest.fail("nothing is missing"))
     assert collect(config(recorded)) == [recorded / f"{k:04d}" for k in range(3)]
 
 
-@pytest.mark.parametrize("change", [{"seed": 1}, {"policy": "random"}, {"size": 32}, {"split": "val"}])
+@pytest.mark.parametrize(
+    "change", [{"seed": 1}, {"policy": "random"}, {"size": 32}, {"split": "val"}, {"episodes_per_scene": 2}]
+)
 def test_other_settings_in_the_same_folder_are_refused(recorded, change):
     with pytest.raises(UsageError, match="other settings"):
         collect(config(recorded, **change))
@@ -122,6 +134,7 @@ def test_other_settings_in_the_same_folder_are_refused(recorded, change):
         (["--size", "8"], "at least 32"),
         (["--seed", "-1"], "negative"),
         (["--workers", "0"], "at least 1"),
+        (["--episodes-per-scene", "0"], "at least 1"),
     ],
 )
 def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, capsys, arguments, says):
@@ -167,6 +180,7 @@ def test_settings_are_kept_with_the_episodes(recorded):
         "detector": "simulated",
         "seed": 0,
         "split": "train",
+        "episodes_per_scene": 1,
         "size": 64,
     }
 
