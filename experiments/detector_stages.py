@@ -143,29 +143,6 @@ def _teach(task: tuple[Course, Workplace, str]) -> None:
     workplace.store.write("taught", key, {"title": title, "folder": str(out)})
 
 
-def averaged(detectors: Sequence[str], workplace: Workplace) -> str:
-    """The name of the detector whose weights are the means of those of others; of a single one, its own.
-
-    Args:
-        detectors: at least one, all taught from the same one.
-        workplace: where it is kept.
-    """
-    from labeling.detectors.averaging import mean_network
-    from labeling.detectors.registry import load_named_network
-    from labeling.detectors.run_files import WEIGHTS_FILE
-    from labeling.detectors.weights import save_network
-
-    if len(detectors) == 1:
-        return detectors[0]
-    networks, digests = zip(*map(load_named_network, detectors), strict=True)
-    out = workplace.cache / "detectors" / digest("mean", *digests)
-    if not (out / WEIGHTS_FILE).is_file():
-        out.mkdir(parents=True, exist_ok=True)
-        network = mean_network(networks)
-        save_network(out / WEIGHTS_FILE, network, replace(network.spec, about={"mean_of": digests}))
-    return str(out)
-
-
 def detector_scores(
     detectors: Sequence[str], sets: Mapping[str, Sequence[AnnotatedPicture]], workplace: Workplace
 ) -> list[dict[str, Any]]:

@@ -1,15 +1,13 @@
 """The never-ending loop: look around with the detector there is, label, learn, and look around again with the new one.
 
-In rooms every episode is in a home that the robot has not been in: the more homes it has seen, the more it knows of
-those it has not. Towns are large, and few: there it comes back and begins elsewhere, and what one episode has found is
-labelled in all others of its town, those of earlier rounds included, so that old views teach more as the robot gets to
-know its places. Labels are made of what the detector of the round before has found and of what the pre-trained one
-does: each finds objects that the other misses, and the pre-trained one has learnt from no label that was wrong. Of
-labels that are likely to be wrong nothing is learnt, neither that there is an object nor that there is none. A round
-learns from the views of all rounds so far, with source photographs mixed in, so that nothing is forgotten; and it
-begins with the pre-trained detector, so that what earlier labels got wrong is not handed on. The detector that goes on
-is the mean of the networks of all rounds so far, whose errors differ. No round knows ground truth: it is for the
-figures alone. The loop stops itself when labels collapse, which it tells from the labels, too.
+Every round of rooms is in homes that the robot has not been in: the more homes it has seen, the more it knows of those
+it has not. A few episodes begin in different places of each, and what one has found is labelled in the others, too.
+Towns are large, and few: there the robot comes back in later rounds, and old views teach more as it gets to know its
+places. The detector of the round before finds the objects to go to and to circle; labels are made of what the
+pre-trained one finds in the views. It has learnt from no label that was wrong, so that what a round gets wrong does not
+come back as a label of the next. A round goes on with the network of the round before, and learns from the views of all
+rounds so far, with source photographs mixed in, so that nothing is forgotten. No round knows ground truth: it is for
+the figures alone. The loop stops itself when labels collapse, which it tells from the labels, too.
 """
 
 import statistics
@@ -20,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from experiments import fine_tuning
-from experiments.lessons import LEAST_SURE, Lessons, Part, sure_of
+from experiments.lessons import Lessons, Part
 from experiments.stages import Scale, Workplace, digest
 from labeling.source_config import SourceConfig
 
@@ -79,7 +77,9 @@ class Loop:
     DESCRIPTION: str
     world: str
     split: Split
-    """Where its episodes are: in the few named scenes, or each in another."""
+    """Where its episodes are: in the few named scenes, or in others every time."""
+    episodes_per_scene: int
+    """Begun in different places of a scene before the next."""
 
     def run(self, workplace: Workplace) -> dict[str, Any]:
         """Goes through the rounds, of all seeds side by side; what was done before is not done again.
@@ -91,15 +91,13 @@ class Loop:
 
         from tqdm import tqdm
 
-        from experiments.detector_stages import averaged, taught
+        from experiments.detector_stages import taught
 
         size, lessons = SIZES[workplace.scale], Lessons(self.world, workplace)
-        runs = [_Run(seed, size, self.split, lessons, workplace) for seed in workplace.seeds]
+        runs = [_Run(seed, size, self, lessons, workplace) for seed in workplace.seeds]
         for number in tqdm(range(1, size.rounds + 1), desc="rounds", unit="round", file=sys.stderr):
             courses = {one: course for one in runs for course in [one.collect(number)] if course is not None}
-            for one, network in zip(courses, taught(list(courses.values()), workplace), strict=True):
-                one.networks.append(network)
-            detectors = [averaged(one.networks, workplace) for one in courses]
+            detectors = taught(list(courses.values()), workplace)
             figures = lessons.detector_figures(TRIED_ON, detectors)
             for one, detector, found in zip(courses, detectors, figures, strict=True):
                 one.redeploy(detector, found)
@@ -110,8 +108,7 @@ class Loop:
             "size": {"rounds": size.rounds, "learn": learn, "choose": choose},
             "settings": lessons.settings(),
             "split": self.split,
-            "least_sure": LEAST_SURE,
-            "deployed": "mean of the networks of all rounds",
+            "episodes_per_scene": self.episodes_per_scene,
             "collapse": {"fewer": FEWER, "less_sure": LESS_SURE, "one_sided": ONE_SIDED},
             "test": lessons.about(TRIED_ON),
             "before": lessons.detector_figures(TRIED_ON, [fine_tuning.DETECTOR])[0],
@@ -132,17 +129,14 @@ class Loop:
 class _Run:
     """The rounds of one seed."""
 
-    def __init__(self, seed: int, size: Size, split: Split, lessons: Lessons, workplace: Workplace) -> None:
+    def __init__(self, seed: int, size: Size, loop: Loop, lessons: Lessons, workplace: Workplace) -> None:
         """Begins with the pre-trained detector."""
         self.seed = seed
         self.rounds: list[dict[str, Any]] = []
         """Figures so far."""
-        self.networks: list[str] = []
-        """What each round has taught."""
         self.stopped: str | None = None
         """Why the loop stopped, if it did."""
-        self._size, self._lessons, self._workplace = size, lessons, workplace
-        self._split: Split = split
+        self._size, self._loop, self._lessons, self._workplace = size, loop, lessons, workplace
         self._detector = fine_tuning.DETECTOR
         self._episodes: dict[str, Path] = {}
         self._signs: list[Signs] = []
@@ -158,15 +152,15 @@ class _Run:
         self._episodes.update(new)
         first = next(iter(self._episodes.values())).parent.name
         dataset = gather(f"{self._lessons.world}_loop-{self.seed}-{digest(first)}", self._episodes, self._workplace)
-        both = SourceConfig(detector=fine_tuning.DETECTOR, with_recorded=True)
-        labels = label(dataset, self.seed, self._workplace, sources=both, share_scenes=True, growing=True)
+        teacher = SourceConfig(detector=fine_tuning.DETECTOR)
+        labels = label(dataset, self.seed, self._workplace, sources=teacher, share_scenes=True, growing=True)
         pictures = pictures_by_episode(labels)
         self._signs.append(signs_of(_of_part(pictures, new, "learn")))
         self.rounds.append({"round": number, "labels": label_scores(labels), "signs": asdict(self._signs[-1])})
         self.stopped = collapse(self._signs)
         if self.stopped is not None:
             return None
-        return self._course(*(sure_of(_of_part(pictures, self._episodes, part)) for part in PARTS))
+        return self._course(*(_of_part(pictures, self._episodes, part) for part in PARTS))
 
     def redeploy(self, detector: str, figures: dict[str, Any]) -> None:
         """Goes on with another detector, whose figures are these."""
@@ -180,8 +174,16 @@ class _Run:
         world, found = self._lessons.world, {}
         for place, (part, count) in enumerate(zip(PARTS, self._size.episodes[world], strict=True)):
             pool_seed = FIRST_POOL_SEED + 1000 * self.seed + 2 * number + place
-            env = fine_tuning.WORLDS[world]
-            pool = Pool(f"{world}_round_{part}", env, self._split, count, pool_seed, self._detector, POLICY)
+            pool = Pool(
+                f"{world}_round_{part}",
+                fine_tuning.WORLDS[world],
+                self._loop.split,
+                count,
+                pool_seed,
+                self._detector,
+                POLICY,
+                self._loop.episodes_per_scene,
+            )
             for folder in record(pool, self._workplace):
                 found[f"{number:02d}-{part}-{digest(folder.parent.name)[:8]}-{folder.name}"] = folder
         return found
@@ -191,7 +193,7 @@ class _Run:
 
         size = fine_tuning.SIZES[self._workplace.scale]
         return Course(
-            fine_tuning.DETECTOR,
+            self._detector,
             learn,
             choose,
             self._lessons.photographs()[0],
@@ -264,5 +266,5 @@ def collapse(signs: Sequence[Signs]) -> str | None:
 
 
 _WHAT = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
-rooms = Loop(f"rooms: {_WHAT}", "rooms", "endless")
-streets = Loop(f"streets: {_WHAT}", "streets", "train")
+rooms = Loop(f"rooms: {_WHAT}", "rooms", "endless", 3)
+streets = Loop(f"streets: {_WHAT}", "streets", "train", 1)

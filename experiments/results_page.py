@@ -252,7 +252,7 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     description = content["description"][0].upper() + content["description"][1:]
     about = (
         f"{description}. In each round the detector of the round before guides the policy `{content['policy']}` "
-        f"through {size['learn']} episodes {_loop_lesson(content['split'])}. Photographs are mixed in. "
+        f"through {size['learn']} episodes {_loop_lesson(content)}. Photographs are mixed in. "
         f"Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )
@@ -280,16 +280,22 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _loop_lesson(split: str) -> str:
+def _loop_lesson(content: Mapping[str, Any]) -> str:
     """Where the rounds of a loop are, and what is learnt there."""
-    both = "labels are made of what it and the pre-trained detector find"
-    of_all_rounds = (
-        "the pre-trained detector then learns from those of all rounds so far that are likely to be right, and the "
-        "detector of the next round is the mean of the networks that all rounds so far have taught"
+    if "least_sure" in content:  # a run of before the loop went on from network to network
+        return (
+            "in homes it has not been in; labels are of what it and the pre-trained detector find; the latter then "
+            "learns from those of all rounds so far that are likely to be right, and the next round's is the mean of "
+            "the networks of all rounds so far"
+        )
+    repeated = content["episodes_per_scene"]
+    where = (
+        f"in homes it has not been in, {repeated} in each" if content["split"] == "endless" else "of training scenes"
     )
-    if split == "endless":
-        return f"in homes it has not been in; {both}; {of_all_rounds}"
-    return f"of training scenes; {both}, and shared by the episodes of a scene; {of_all_rounds}"
+    return (
+        f"{where}; labels are made of what the pre-trained detector finds in the views, and shared by the episodes of "
+        "a scene; the detector of the round then goes on to learn, from the labels of all rounds so far"
+    )
 
 
 def loop_sentences(content: Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,6 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from labeling.detectors.averaging import mean_network
 from labeling.detectors.base import DetectorError
 from labeling.detectors.efficientnet_lite import EfficientNetLite0, load_imagenet_weights
 from labeling.detectors.network import build_network, fused, with_categories
@@ -273,35 +272,3 @@ def test_frozen_stages_are_the_first_of_the_trunk_and_no_gradient_reaches_them(a
         counts.append(len(frozen))
     assert counts == sorted(set(counts)) or architecture != "compact", "every stage adds some"
     assert counts[0] < counts[1] < counts[3]
-
-
-def test_the_mean_of_networks_is_that_of_each_weight_and_computes_as_one_does(network, pictures):
-    others = []
-    for seed in (1, 2):
-        torch.manual_seed(seed)
-        others.append(build_network(replace(SPEC, about={"seed": seed})))
-        others[-1].load_state_dict(network.state_dict())
-        with torch.no_grad():
-            for one in others[-1].parameters():
-                one.add_(torch.randn_like(one) * 0.01)
-    wanted = {
-        name: (value + others[1].state_dict()[name]) / 2 if value.is_floating_point() else value.clone()
-        for name, value in others[0].state_dict().items()
-    }
-    mean = mean_network(others)
-    assert mean.state_dict().keys() == wanted.keys()
-    for name, value in mean.state_dict().items():
-        torch.testing.assert_close(value, wanted[name])
-    twins = [build_network(SPEC) for _ in range(2)]
-    for one in twins:
-        one.load_state_dict(network.state_dict())
-    one, same = (NetworkDetector(net.eval(), "toy", "") for net in (network, mean_network(twins)))
-    for ours, theirs in zip(one.detect(pictures), same.detect(pictures), strict=True):
-        np.testing.assert_allclose(ours.scores, theirs.scores, atol=1e-6)
-
-
-def test_networks_that_differ_in_more_than_their_weights_have_no_mean(network):
-    with pytest.raises(ValueError, match="at least one"):
-        mean_network([])
-    with pytest.raises(ValueError, match="categories"):
-        mean_network([network, build_network(replace(SPEC, categories=("ball", "cube")))])
