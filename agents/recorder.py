@@ -116,8 +116,8 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
     scenes = inner_env(env).scene_names
     order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
     for spawn in range(MAX_SPAWNS):
-        place = number // config.episodes_per_scene + spawn // SPAWNS_PER_SCENE
-        scene = scenes[int(order[place % len(scenes)])]
+        index = number // config.episodes_per_scene + spawn // SPAWNS_PER_SCENE
+        scene = scenes[int(order[index % len(scenes)])]
         seeds = np.random.SeedSequence([config.seed, 1, number, spawn]).generate_state(2)
         captures, log = _roll_out(env, config, scene, int(seeds[0]), int(seeds[1]))
         if any(_is_source(capture) for capture in captures):

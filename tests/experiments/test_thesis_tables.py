@@ -10,13 +10,13 @@ import pytest
 
 from experiments import label_modes, thesis_tables
 from experiments import lessons as lessons_module
-from experiments.lessons import NOVEL, SPLITS, Lessons, Pupil, annotated_views
+from experiments.lessons import NOVEL, SPLITS, Lessons, Pupil, annotated_views, sure_of
 from experiments.run import EXPERIMENTS, TABLES, main
 from experiments.stages import Workplace
 from experiments.thesis_figures import MEANS
 from experiments.thesis_tables import Table, compared_alike, only
 from labeling.detectors import training_run
-from labeling.detectors.pictures import read_pictures
+from labeling.detectors.pictures import AnnotatedPicture, Annotation, read_pictures
 from labeling.detectors.run_files import CONFIG_FILE
 from labeling.episodes import read_episode, write_episode
 from labeling.instances import decode_mask
@@ -88,6 +88,18 @@ def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taug
         taught = [one for picture in lessons.lesson("learn", "both detectors", 0) for one in picture.annotations]
         assert [one.ignore for one in taught] == [weight < least_sure for weight in weights]
     capsys.readouterr()
+
+
+def test_unsure_labels_are_neither_objects_nor_background() -> None:
+    labels = ("chair", 0.8, False), ("table", 0.49, False), ("couch", 0.9, True), ("bed", 0.5, False)
+    annotations = tuple(Annotation(name, {}, weight, ignore) for name, weight, ignore in labels)
+    (found,) = sure_of([AnnotatedPicture(Path("view.png"), (4, 4), annotations)], 0.5)
+    assert [(one.category, one.weight, one.ignore) for one in found.annotations] == [
+        ("chair", 0.8, False),
+        ("table", 0.49, True),
+        ("couch", 0.9, True),
+        ("bed", 0.5, False),
+    ]
 
 
 def test_labels_of_test_scenes_are_refused_as_a_lesson(tmp_path: Path) -> None:
