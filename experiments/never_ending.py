@@ -54,7 +54,7 @@ class Size:
 
 SIZES: dict[Scale, Size] = {
     "smoke": Size(2, {"rooms": (1, 1), "streets": (1, 1)}),
-    "quick": Size(5, {"rooms": (12, 2), "streets": (8, 1)}),
+    "quick": Size(10, {"rooms": (12, 2), "streets": (8, 1)}),
     "full": Size(10, {"rooms": (40, 8), "streets": (30, 5)}),
 }
 
