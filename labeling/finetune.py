@@ -26,9 +26,11 @@ class FinetuneConfig:
     that was killed goes on where it stopped when the same command is given again.
     """
 
-    labels: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="LABELS")]]
-    """What to learn from: a label set, episodes with ground truth, or a COCO folder. The score of a label is its
-    weight; regions marked ``iscrowd`` or ``ignore`` teach nothing."""
+    labels: tyro.conf.Positional[
+        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
+    ]
+    """What to learn from, one or several: label sets, episodes with ground truth, or COCO folders. The score of a label
+    is its weight; regions marked ``iscrowd`` or ``ignore`` teach nothing."""
     out: Path
     """Folder of the run."""
     detector: str = DEFAULT
@@ -39,7 +41,7 @@ class FinetuneConfig:
     """Source pictures (a COCO folder) to mix in, against forgetting. If it has parts ``train`` and ``val``, forgetting
     is measured on ``val``, else on every tenth picture, which is then not replayed."""
     dataset: Path | None = None
-    """Where the pictures of LABELS lie, if not where the label set says."""
+    """Where the pictures of LABELS lie, if not where the label set says; with one label set only."""
     least_confidence: float = 0.0
     """Labels less confident than this become regions to ignore."""
     new_categories: bool = False
@@ -92,7 +94,7 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
         }
 
     before = scores(network)
-    about = {"started_from": config.detector, "started_from_digest": digest, "labels": str(config.labels)}
+    about = {"started_from": config.detector, "started_from_digest": digest, "labels": _sources(config)}
     state = train(
         network,
         config.out,
@@ -110,7 +112,7 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
     after = scores(best_of(config.out))
     results = {
         "detector": config.detector,
-        "labels": str(config.labels),
+        "labels": _sources(config),
         "best_iteration": state.best_iteration,
         "iterations": state.iteration,
         "before": {name: asdict(one) for name, one in before.items()},
@@ -123,6 +125,11 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
     return results
 
 
+def _sources(config: FinetuneConfig) -> str:
+    """What is learnt from, in words."""
+    return ", ".join(map(str, config.labels))
+
+
 def _read(
     config: FinetuneConfig,
 ) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture], list[AnnotatedPicture], list[AnnotatedPicture]]":
@@ -131,14 +138,18 @@ def _read(
 
     from labeling.detectors.pictures import hold_out, is_split, read_pictures, with_annotations
 
+    if not config.labels:
+        raise UsageError("nothing to learn from was given: name one or several label sets, episodes or COCO folders")
+    if config.dataset is not None and len(config.labels) > 1:
+        raise UsageError(f"--dataset says where the pictures of one label set lie, but {len(config.labels)} were given")
     if not 0 <= config.least_confidence <= 1:
         raise UsageError(f"--least-confidence must lie in [0, 1], not {config.least_confidence:g}")
     pictures = with_annotations(
-        read_pictures(config.labels, "train", config.dataset),
+        [picture for one in config.labels for picture in read_pictures(one, "train", config.dataset)],
         lambda one: replace(one, ignore=one.ignore or one.weight < config.least_confidence),
     )
     if not any(not one.ignore for picture in pictures for one in picture.annotations):
-        raise UsageError(f"{config.labels}: holds no label that could be learnt from, in {len(pictures)} pictures")
+        raise UsageError(f"{_sources(config)}: no label that could be learnt from, in {len(pictures)} pictures")
     validation = read_pictures(config.val, "val") if config.val is not None else []
     if config.replay is None:
         return pictures, validation, [], []
@@ -166,8 +177,8 @@ def _categories(
         known = (*known, *new)
     elif len(new) == len(taught):
         raise UsageError(
-            f"{config.labels}: none of its categories ({', '.join(taught)}) is one that {config.detector} knows "
-            f"({', '.join(name for name in known if name)}); --new-categories teaches them"
+            f"{_sources(config)}: none of the categories there ({', '.join(taught)}) is one that {config.detector} "
+            f"knows ({', '.join(name for name in known if name)}); --new-categories teaches them"
         )
     elif new:
         print(f"note: {config.detector} has no name for {', '.join(new)}: background; --new-categories teaches them")

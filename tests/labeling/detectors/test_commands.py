@@ -215,6 +215,24 @@ def test_finetuning_writes_a_detector_and_prints_what_changed(scene, start, tmp_
     assert (out / WEIGHTS_FILE).read_bytes() == before
 
 
+def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, capsys):
+    scene.add_episode("one")
+    scene.write_labels()
+    photographs = write_coco_folder(tmp_path / "photographs", 3)
+    command = ["--detector", str(start), "--out", str(tmp_path / "run"), *QUICK]
+    assert finetune([str(scene.labels), str(photographs), *command]) == 0
+    assert json.loads((tmp_path / "run" / RESULTS_FILE).read_text())["labels"] == f"{scene.labels}, {photographs}"
+    from labeling.finetune import FinetuneConfig, _read
+
+    pictures, *_ = _read(FinetuneConfig((scene.labels, photographs), Path("run")))
+    assert pictures == [*read_pictures(scene.labels), *read_pictures(photographs)]
+    capsys.readouterr()
+    assert finetune([str(scene.labels), str(photographs), "--dataset", str(scene.dataset), *command]) == 2
+    assert "pictures of one label set lie, but 2 were given" in capsys.readouterr().err
+    assert finetune(command) == 2
+    assert "nothing to learn from was given" in capsys.readouterr().err
+
+
 def test_new_categories_are_learnt_on_request(scene, start, tmp_path):
     scene.add_episode("one")
     scene.write_labels()
@@ -229,7 +247,7 @@ def test_new_categories_are_learnt_on_request(scene, start, tmp_path):
         (("--detector", "yolo"), "unknown detector 'yolo'; known: compact"),
         (("--detector", "json:dumps"), "json:dumps cannot be trained here; these can: compact"),
         (("--val", "nowhere"), "nowhere: no such folder"),
-        (("--least-confidence", "0.99"), "holds no label that could be learnt from, in 2 pictures"),
+        (("--least-confidence", "0.99"), "no label that could be learnt from, in 2 pictures"),
         (("--least-confidence", "2"), "--least-confidence must lie in"),
         (("--learning-rate", "0"), "--learning-rate must be above 0"),
         (("--replay", "nowhere"), "nowhere: no such folder"),
@@ -250,10 +268,10 @@ def test_empty_label_sets_and_strange_classes_are_refused(scene, tmp_path, capsy
     scene.write_labels(lambda truth: None)
     command = [str(scene.labels), "--detector", str(tmp_path / "lamps"), "--out", str(tmp_path / "run"), *QUICK]
     assert finetune(command) == 2
-    assert "holds no label that could be learnt from" in capsys.readouterr().err
+    assert "no label that could be learnt from" in capsys.readouterr().err
     scene.write_labels()
     assert finetune(command) == 2
-    assert "none of its categories (chair, plant) is one that" in capsys.readouterr().err
+    assert "none of the categories there (chair, plant) is one that" in capsys.readouterr().err
 
 
 def test_regions_below_the_least_confidence_are_ignored_not_background(scene):
@@ -261,6 +279,6 @@ def test_regions_below_the_least_confidence_are_ignored_not_background(scene):
     scene.write_labels(lambda truth: (truth.category, 0.3 if truth.category == "chair" else 0.8, truth.modal))
     from labeling.finetune import FinetuneConfig, _read
 
-    pictures, *_ = _read(FinetuneConfig(scene.labels, Path("run"), least_confidence=0.5))
+    pictures, *_ = _read(FinetuneConfig((scene.labels,), Path("run"), least_confidence=0.5))
     assert {one.category: one.ignore for one in pictures[0].annotations} == {"chair": True, "plant": False}
     assert not any(one.ignore for picture in read_pictures(scene.labels) for one in picture.annotations)
