@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from agents.paths import advance, way_length_m
+from agents.steering import bearing_rad, move_action, wrap
+from sbm_gym.episode import TURN_RAD
 
-TURN_RAD = np.deg2rad(60.0)
 TURNS_PER_PLACE = 5
 """Five turns of 60 degrees show six views: all around."""
 RING_SAMPLES = 900
@@ -72,8 +73,8 @@ class Ring:
             self._search_goal, self._turns_left = None, TURNS_PER_PLACE
         if step_m is None:
             return np.array([0.0, 0.0, 1.0, 0.0])
-        turn_rad = _wrap(float(np.arctan2(step_m[1], step_m[0])) - agent["yaw_rad"])
-        return np.array([*self._move(step_m, agent["yaw_rad"]), np.clip(turn_rad / TURN_RAD, -1.0, 1.0), 0.0])
+        turn_rad = wrap(float(np.arctan2(step_m[1], step_m[0])) - agent["yaw_rad"])
+        return np.array([*self._move(step_m, agent), np.clip(turn_rad / TURN_RAD, -1.0, 1.0), 0.0])
 
     def _another_place(self, position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         """A random navigable point, neither too near nor too far."""
@@ -102,7 +103,7 @@ class Ring:
         if step_m is None:
             self._give_up(target["object_id"], self._goal[0])
             return np.zeros(4)
-        return np.array([*self._move(step_m, agent["yaw_rad"]), 0.0, 0.0])
+        return np.array([*self._move(step_m, agent), 0.0, 0.0])
 
     def _judge_arrival(self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]) -> None:
         """Drops the goal once reached or hopeless; a sector that was reached without being seen is given up."""
@@ -186,8 +187,7 @@ class Ring:
         return places, np.array([self._sector(target, place) for place in places], int)
 
     def _sector(self, target: dict[str, Any], place_m: Float[np.ndarray, "2"]) -> int:
-        offset = place_m - target["centroid_m"][:2]
-        return self._env.azimuth_bin(float(np.arctan2(offset[1], offset[0])))
+        return self._env.azimuth_bin(bearing_rad(target["centroid_m"][:2], place_m))
 
     def _next_object(self, info: dict[str, Any]) -> dict[str, Any] | None:
         """Fixates the confirmed object with most to gain, if another one has a reachable sector left."""
@@ -209,11 +209,8 @@ class Ring:
             return self._map.random_point(self._rng)
         return places[int(self._rng.integers(len(places)))]
 
-    def _move(self, step_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
-        """The move action for a world displacement of at most a stride."""
-        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-        forward_left = np.array([cos * step_m[0] + sin * step_m[1], -sin * step_m[0] + cos * step_m[1]])
-        return forward_left / self._env.stride_m
+    def _move(self, step_m: Float[np.ndarray, "2"], agent: dict[str, Any]) -> Float[np.ndarray, "2"]:
+        return move_action(step_m, agent["yaw_rad"], self._env.stride_m)
 
 
 def _first_direction(left: list[int], here: int, count: int, steps_left: int) -> int:
@@ -236,7 +233,3 @@ def _first_direction(left: list[int], here: int, count: int, steps_left: int) ->
         return sum(offset <= steps_left for offset in near) + sum(offset <= spare for offset in far)
 
     return 1 if (seen(1), -reach[1]) >= (seen(-1), -reach[-1]) else -1
-
-
-def _wrap(angle_rad: float) -> float:
-    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
