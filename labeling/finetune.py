@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
+from labeling.cli import check_sources, run_command
 from labeling.detectors.registry import DEFAULT, check_name
 from labeling.detectors.train_config import AugmentConfig, TrainConfig
 from labeling.errors import UsageError
@@ -138,10 +138,7 @@ def _read(
 
     from labeling.detectors.pictures import hold_out, is_split, read_pictures, with_annotations
 
-    if not config.labels:
-        raise UsageError("nothing to learn from was given: name one or several label sets, episodes or COCO folders")
-    if config.dataset is not None and len(config.labels) > 1:
-        raise UsageError(f"--dataset says where the pictures of one label set lie, but {len(config.labels)} were given")
+    check_sources(config.labels, config.dataset)
     if not 0 <= config.least_confidence <= 1:
         raise UsageError(f"--least-confidence must lie in [0, 1], not {config.least_confidence:g}")
     pictures = with_annotations(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
+from labeling.cli import check_sources, run_command
 from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
 
 if TYPE_CHECKING:
@@ -27,15 +27,17 @@ class Train3dCommand:
     again.
     """
 
-    labels: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="LABELS")]]
-    """What to learn from: a label set, or episodes whose ground truth has 3-D boxes."""
+    labels: tyro.conf.Positional[
+        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
+    ]
+    """What to learn from, one or several: label sets, or episodes whose ground truth has 3-D boxes."""
     out: Path
     """Folder of the run."""
     val: Path | None = None
     """What to choose the best by: label set, or episodes with ground truth. Without it some objects of LABELS are held
     out."""
     dataset: Path | None = None
-    """Where the recordings of LABELS lie, if not where the label set says."""
+    """Where the recordings of LABELS lie, if not where the label set says; with one label set only."""
     device: str | None = None
     """cpu, cuda, ...; by default a GPU if there is one."""
     train: tyro.conf.OmitArgPrefixes[Train3dConfig] = field(default_factory=Train3dConfig)
@@ -62,8 +64,10 @@ def run(config: Train3dCommand) -> dict[str, Any]:
 
     config.train.check()
     config.augment.check()
+    check_sources(config.labels, config.dataset)
     device = choose_device(config.device)
-    lessons = read_lessons(config.labels, config.train.seed, config.dataset)
+    lessons = [one for path in config.labels for one in read_lessons(path, config.train.seed, config.dataset)]
+    sources = ", ".join(map(str, config.labels))
     if config.val is not None:
         validation = read_lessons(config.val, config.train.seed)
     else:
@@ -77,14 +81,14 @@ def run(config: Train3dCommand) -> dict[str, Any]:
         config.train,
         config.augment,
         device,
-        {"labels": str(config.labels)},
+        {"labels": sources},
         functools.partial(print, flush=True),
         functools.partial(tqdm, delay=2.0, leave=False, file=sys.stderr, unit="batch"),
     )
     known = [one for one in validation if one.category in names]
     best = evaluate(load_network(config.out / WEIGHTS_FILE).to(device), known, device) if known else None
     results = {
-        "labels": str(config.labels),
+        "labels": sources,
         "categories": list(names),
         "best_iteration": state.best_iteration,
         "iterations": state.iteration,

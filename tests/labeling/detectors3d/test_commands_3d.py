@@ -60,6 +60,19 @@ def test_training_on_labels_says_what_it_learnt_and_where_it_is(labels, recorded
     assert "going on from step 4" in capsys.readouterr().out
 
 
+def test_several_sources_are_learnt_from_together(labels, recorded, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert train3d.main([str(labels), str(recorded), "--out", str(out), "--val", str(recorded), *QUICK]) == 0
+    both = len(read_lessons(labels)) + len(read_lessons(recorded))
+    assert f"{both} objects in views to learn from" in capsys.readouterr().out
+    assert json.loads((out / "results.json").read_text())["labels"] == f"{labels}, {recorded}"
+    other = str(tmp_path / "other")
+    assert "but 2 were given" in refused(
+        capsys, train3d.main, str(labels), str(labels), "--dataset", str(recorded), "--out", other
+    )
+    assert "nothing to learn from was given" in refused(capsys, train3d.main, "--out", other)
+
+
 def test_labels_teach_masks_and_boxes_that_fit_the_objects(labels, recorded):
     ours, truths = read_lessons(labels), read_lessons(recorded)
     assert len(ours) > 10
