@@ -65,7 +65,7 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
 
 
 CURVES = {
-    "its labels, on their own views": ("labels", "pseudo_labels", "mask_ap50"),
+    "labels, on the views so far": ("labels", "pseudo_labels", "mask_ap50"),
     "detector after it, unseen scenes": ("test", "mask_ap50"),
     "detector after it, photographs": ("test", "photographs_ap50"),
 }

@@ -195,12 +195,8 @@ def section(name: str, content: Mapping[str, Any]) -> list[str]:
         f"{description}. Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} "
         f"{'seed' if seeds == 1 else 'seeds'}; {_episodes(content['pools'])}."
     )
-    train = content["settings"]["train"]
     if any(row["teacher"] is not None for row in content["rows"]):
-        about += (
-            f" Fine-tuned on at most {train['iterations']} batches of {train['batch_size']} at a learning rate of "
-            f"{train['learning_rate']:g}."
-        )
+        about += f" Fine-tuned on at most {_batches(content)}."
     parts = [about, _means_table(name, content)]
     parts += gap_sentences(name, content)
     parts += [above_sentence(content, higher, lower) for higher, lower in content.get("above", ())]
@@ -252,11 +248,14 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     description = content["description"][0].upper() + content["description"][1:]
     about = (
         f"{description}. In each round the detector of the round before guides the policy `{content['policy']}` "
-        f"through {size['learn']} episodes {_loop_lesson(content)}. Photographs are mixed in. "
+        f"through {size['learn']} episodes {_loop_lesson(content)}, in {_batches(content)}. Photographs are mixed in. "
         f"Scale `{content['scale']}` ({SCALES[content['scale']]}), {seeds} {'seed' if seeds == 1 else 'seeds'}; "
         f"{content['test']['episodes']} episodes of unseen scenes to test on."
     )
-    headings = "| round | found in its views | its labels | detector after it, unseen scenes | AP30 | photographs |"
+    headings = (
+        "| round | pre-trained, in all views so far | labels of these views | detector after it, unseen scenes | AP30 "
+        "| photographs |"
+    )
     lines = [headings, "|---" * 6 + "|"]
     before = content["before"]
     cells = [f"{100 * before[name]:.1f}" for name in ("mask_ap50", "mask_ap30", "photographs_ap50")]
@@ -280,21 +279,21 @@ def loop_section(name: str, content: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _batches(content: Mapping[str, Any]) -> str:
+    """How much is learnt at a time."""
+    train = content["settings"]["train"]
+    return f"{train['iterations']} batches of {train['batch_size']} at a learning rate of {train['learning_rate']:g}"
+
+
 def _loop_lesson(content: Mapping[str, Any]) -> str:
     """Where the rounds of a loop are, and what is learnt there."""
-    if "least_sure" in content:  # a run of before the loop went on from network to network
-        return (
-            "in homes it has not been in; labels are of what it and the pre-trained detector find; the latter then "
-            "learns from those of all rounds so far that are likely to be right, and the next round's is the mean of "
-            "the networks of all rounds so far"
-        )
     repeated = content["episodes_per_scene"]
     where = (
         f"in homes it has not been in, {repeated} in each" if content["split"] == "endless" else "of training scenes"
     )
     return (
         f"{where}; labels are made of what the pre-trained detector finds in the views, and shared by the episodes of "
-        "a scene; the detector of the round then goes on to learn, from the labels of all rounds so far"
+        "a scene; the detector of the round before then goes on to learn, from the labels of all rounds so far"
     )
 
 
