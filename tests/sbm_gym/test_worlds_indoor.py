@@ -5,6 +5,7 @@ import hashlib
 import itertools
 import subprocess
 import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -18,6 +19,7 @@ from sbm_gym.worlds.indoor import BEARINGS, MAX_TRIANGLES, MIN_BEARINGS, RING_M,
 from sbm_gym.worlds.splits import scene_names
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
 
+ROOT = Path(__file__).parents[2]
 SCENES = (
     *scene_names("train"),
     "val/00",
@@ -329,6 +331,8 @@ def test_every_class_has_ten_instances_in_training_and_some_to_spare():
     found = [instance.category for name in scene_names("train") for instance in world(name).objects]
     counts = {category: found.count(category) for category in COCO_CATEGORIES + NOVEL_CATEGORIES}
     assert min(counts.values()) >= 11, counts
+    row = f"| `Indoor-v0` | {' | '.join(map(str, counts.values()))} |"
+    assert row in (ROOT / "docs" / "worlds.md").read_text(), row
 
 
 def test_homes_have_what_they_are_lived_in_with():
