@@ -2,52 +2,9 @@
 
 import functools
 import sys
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
 
-from labeling.cli import run_command
-
-DEFAULT_ENV = "sbm_gym/IndoorBuiltin-v0"
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """Trains a policy that decides where to go and where to look, with PPO.
-
-    RUN/best holds the policy with the highest return on the validation scenes, RUN/last the latest one; either is a
-    policy by the name of ppo:FOLDER. A run that was stopped goes on where it was when the same command is given again.
-    """
-
-    out: Path | None = None
-    """Folder of the run; by default out/ppo/ENV."""
-    env: str = DEFAULT_ENV
-    """Gymnasium id of the world."""
-    steps: int | None = None
-    """Steps of the environment in all; by default as the hyperparameters say. A finished run goes on with more."""
-    seed: int = 0
-    """Decides the first weights, scenes, starting places and all noise."""
-    envs: int | None = None
-    """Environments that run side by side, each in a process of its own; by default as the hyperparameters say."""
-    reward: Literal["both", "discovery", "diversity", "neither"] = "both"
-    """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward."""
-    detector: str = "simulated"
-    """The detector in the loop."""
-    hyperparams: Path | None = None
-    """YAML file in the shape of rl-zoo's, with the env as a key; by default the one that comes with the project."""
-    imitate: str = "ring"
-    """The hand-written policy to begin with."""
-    imitate_episodes: int = 0
-    """Begin with what that policy does, or would do in the network's place, in so many episodes; 0 begins with
-    nothing. It shows moves, so it goes with hyperparameters without env_wrapper only."""
-    eval_every: int = 20_000
-    """Steps between validations."""
-    eval_episodes: int = 20
-    """Episodes of a validation; the same starts every time."""
-    device: str = "auto"
-    """Where the network computes: cpu, cuda, ...; auto takes a GPU if there is one."""
-    resume: Path | None = None
-    """Go on with this run, with its settings; only --steps, --envs and --device may be given with it."""
+from agents.ppo.run_config import TrainConfig
+from labeling.runtime.cli import run_command
 
 
 def run(config: TrainConfig) -> None:

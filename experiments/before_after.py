@@ -12,16 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.stages import Scale
-from labeling.cli import run_command
-from labeling.errors import SbmError
-from labeling.instances import Detection, GroundTruth, mask_iou
-
-SURE = 0.5
-"""Detections from this confidence on count, and are drawn."""
-OVERLAP = 0.5
-NAME = "before_after_{}"
-"""Of the picture and of the record, by world."""
+from experiments.cache.stages import Scale
+from experiments.figures.before_after import NAME, SURE, Pair, balance, draw, most_changed
+from labeling.core.errors import SbmError
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -49,28 +43,16 @@ class PictureConfig:
     """Folder for the picture."""
 
 
-@dataclass(frozen=True)
-class Pair:
-    """One view."""
-
-    episode: Path
-    view: int
-    gain: int
-    """Objects found rightly minus false finds, after minus before."""
-    before: tuple[Detection, ...]
-    after: tuple[Detection, ...]
-
-
 def run(config: PictureConfig) -> None:
     """Draws the picture.
 
     Raises:
         SbmError: if a world cannot be built, or no view has changed.
     """
-    from experiments.lessons import Lessons, Pupil
-    from experiments.stages import Workplace
+    from experiments.cache.stages import Workplace
+    from experiments.tables.training_sets import Lessons, Pupil
     from labeling.detectors.registry import load_detector
-    from labeling.files import atomic_file, write_json
+    from labeling.io.formats.atomic import atomic_file, write_json
 
     lessons = Lessons(config.world, Workplace(config.scale, (config.seed,), 1, config.cache))
     names = lessons.detectors([Pupil(None, config.seed), Pupil(config.labels, config.seed)])
@@ -100,8 +82,8 @@ def pairs_of(episodes: Sequence[Path], before, after) -> list[Pair]:
     """
     from tqdm import tqdm
 
-    from labeling.detector_call import run_detector
-    from labeling.episodes import read_episode
+    from labeling.detectors.run_detector import run_detector
+    from labeling.io.episodes import read_episode
 
     found = []
     known = None if before.categories is None else set(before.categories)
@@ -115,81 +97,6 @@ def pairs_of(episodes: Sequence[Path], before, after) -> list[Pair]:
             gain = balance(here[1], there) - balance(here[0], there)
             found.append(Pair(folder, view, gain, here[0], here[1]))
     return found
-
-
-def balance(detections: Sequence[Detection], truths: Sequence[GroundTruth]) -> int:
-    """Objects found rightly, each once, minus detections that are no object's; objects to be ignored count for neither.
-
-    Args:
-        detections: of one view.
-        truths: of the same view.
-    """
-    free, balance = list(truths), 0
-    for one in sorted(detections, key=lambda one: -one.confidence):
-        fits = [
-            (mask_iou(one.mask, truth.modal), -place)
-            for place, truth in enumerate(free)
-            if truth.category == one.category
-        ]
-        overlap, place = max(fits, default=(0.0, 0))
-        if overlap < OVERLAP:
-            balance -= 1
-            continue
-        balance += not free.pop(-place).ignore
-    return balance
-
-
-def most_changed(pairs: Sequence[Pair], best: int) -> list[Pair]:
-    """The views with the greatest gain, one of each episode, and the one with the greatest loss if any has lost.
-
-    Args:
-        pairs: all views.
-        best: how many.
-    """
-    of_each: dict[Path, Pair] = {}
-    for pair in pairs:
-        if pair.episode not in of_each or pair.gain > of_each[pair.episode].gain:
-            of_each[pair.episode] = pair
-    gained = sorted((pair for pair in of_each.values() if pair.gain > 0), key=lambda pair: -pair.gain)[:best]
-    worst = min(pairs, key=lambda pair: pair.gain)
-    return [*gained, worst] if worst.gain < 0 else gained
-
-
-def draw(pairs: Sequence[Pair], path: Path) -> None:
-    """Draws views side by side: before above, after below.
-
-    Args:
-        pairs: what to draw.
-        path: PNG to write.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    from experiments.drawing import named
-    from labeling.episodes import read_episode
-
-    wide = read_episode(pairs[0].episode).size
-    across = max(1, len(pairs)) if wide[1] < 2 * wide[0] else 1
-    # Wide pictures stand below each other, before on the left.
-    shape = (2, across) if across > 1 else (len(pairs), 2)
-    size = 3.4 if across > 1 else 7.0
-    figure, axes = plt.subplots(
-        *shape, figsize=(size * shape[1], size * shape[0] * wide[0] / wide[1] * 1.12), dpi=80, squeeze=False
-    )
-    for number, pair in enumerate(pairs):
-        episode = read_episode(pair.episode)
-        truths = [one for one in episode.ground_truth or () if one.view_index == pair.view]
-        for side, (title, detections) in enumerate((("before", pair.before), ("after", pair.after))):
-            panel = axes[side, number] if across > 1 else axes[number, side]
-            panel.imshow(named(episode.rgb[pair.view], detections, truths))
-            panel.axis("off")
-            change = f" ({pair.gain:+d})" if side else ""
-            panel.set_title(f"{title}{change}", fontsize=10, pad=3)
-    figure.subplots_adjust(left=0.005, right=0.995, top=0.95, bottom=0.005, wspace=0.02, hspace=0.1)
-    figure.savefig(path, format="png")
-    plt.close(figure)
 
 
 def main(arguments: list[str] | None = None) -> int:

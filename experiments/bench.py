@@ -1,45 +1,25 @@
 """Speed against rivals, in one run: ``python -m experiments.bench NAME`` prints a table and writes OUT/NAME.json."""
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from experiments.benchmarks.rows import as_json, machine, table
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 BENCHES = {
-    "render": "experiments.bench_render",
-    "labels": "experiments.bench_labels",
-    "detect": "experiments.bench_detect",
-    "env": "experiments.bench_env",
-    "boxes": "experiments.bench_boxes",
+    "render": "experiments.benchmarks.render",
+    "labels": "experiments.benchmarks.labels",
+    "detect": "experiments.benchmarks.detect",
+    "env": "experiments.benchmarks.env",
+    "boxes": "experiments.benchmarks.boxes",
 }
 """Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench. One
 with a function ``draw(rows, folder)`` also makes pictures of them."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One comparison. Without a rival, or with a limit instead of one, the last numbers say so."""
-
-    what: str
-    rival: str
-    seconds: float
-    rival_seconds: float | None
-    wanted: str = ""
-    """What the project promises about this row."""
-    holds: bool | None = None
-    """Whether it keeps the promise; None where there is none."""
-    note: str = ""
-
-    @property
-    def ratio(self) -> float | None:
-        """How many times as fast as the rival."""
-        return None if self.rival_seconds is None else self.rival_seconds / max(self.seconds, 1e-12)
 
 
 @dataclass(frozen=True)
@@ -60,7 +40,7 @@ def run(config: BenchConfig) -> None:
     Raises:
         SbmError: if there is no such bench, or one cannot run.
     """
-    from labeling.files import write_json
+    from labeling.io.formats.atomic import write_json
 
     unknown = [name for name in config.names if name not in BENCHES]
     if unknown:
@@ -82,81 +62,15 @@ def _choose_opengl() -> None:
     """Names a kind of OpenGL that works here: ``mujoco.Renderer`` asks for one when mujoco is first imported."""
     import os
 
-    from sbm_gym.rendering.gl_context import LIBRARIES, context_kind
+    from sbm_gym.rendering.gl.context import LIBRARIES, context_kind
 
     kind = context_kind()
     if kind in LIBRARIES:
         os.environ.setdefault("MUJOCO_GL", kind)
 
 
-def as_json(row: Row) -> dict:
-    """A row as it is written."""
-    return {
-        "what": row.what,
-        "rival": row.rival,
-        "seconds": row.seconds,
-        "rival_seconds": row.rival_seconds,
-        "ratio": row.ratio,
-        "wanted": row.wanted,
-        "holds": row.holds,
-        "note": row.note,
-    }
-
-
-def ratio_text(row: Row) -> str:
-    """How many times as fast as the rival, for people."""
-    if row.ratio is None:
-        return ""
-    return f"{row.ratio:.1f}x" if row.ratio >= 0.95 else f"{row.ratio:.2g}x"
-
-
-def row_of(content: dict) -> Row:
-    """A row from how it was written."""
-    return Row(**{name: value for name, value in content.items() if name != "ratio"})
-
-
-def machine() -> dict:
-    """What the numbers were measured on."""
-    import os
-    import platform
-
-    return {"processor": platform.machine(), "cpus": len(os.sched_getaffinity(0)), "python": platform.python_version()}
-
-
-def table(name: str, rows: list[Row]) -> str:
-    """The rows as text, one a line."""
-    cells = [("what", "ours", "rival", "theirs", "ratio", "wanted", "")]
-    for row in rows:
-        theirs = "" if row.rival_seconds is None else time_text(row.rival_seconds)
-        verdict = {True: "holds; ", False: "MISSED; ", None: ""}[row.holds]
-        verdict = (verdict + row.note).removesuffix("; ")
-        cells.append((row.what, time_text(row.seconds), row.rival, theirs, ratio_text(row), row.wanted, verdict))
-    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
-    lines = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in cells]
-    return "\n".join([f"\n{name}", *lines])
-
-
-def time_text(seconds: float) -> str:
-    """Seconds for people."""
-    return f"{1e3 * seconds:.1f} ms" if seconds < 1.0 else f"{seconds:.2f} s"
-
-
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Median seconds of one call, after one that warms up. The median, since others may use the machine too."""
-    import statistics
-    import time
-
-    work()
-    seconds = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - started)
-    return statistics.median(seconds)
 
 
 def main(arguments: list[str] | None = None) -> int:

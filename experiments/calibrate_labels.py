@@ -7,25 +7,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.trust import TrustModel
+    from labeling.generator.quality.label_quality import TrustModel
 
 
 @dataclass(frozen=True)
 class CalibrateConfig:
-    """Labels recorded episodes, compares each label with ground truth, and fits the model of labeling.trust.
+    """Labels recorded episodes, compares each label with ground truth, and fits the model of
+    labeling.generator.quality.label_quality.
 
-    The model goes to labeling/label_trust.json, from where the label generator reads it. Use training scenes only.
+    The model goes to labeling/generator/quality/label_quality.json, from where the label generator reads it.
+    Use training scenes only.
     """
 
     train: tyro.conf.Positional[tuple[Annotated[Path, tyro.conf.arg(metavar="TRAIN")], ...]]
     """Datasets with detections and ground truth to fit to."""
     check: tuple[Path, ...] = ()
     """Datasets to measure the fit on, from other scenes."""
-    out: Path = Path("labeling/label_trust.json")
+    out: Path = Path("labeling/generator/quality/label_quality.json")
     """The model."""
     results: Path = Path("experiments/results/label_trust.json")
     """File for the figures."""
@@ -43,9 +45,9 @@ def run(config: CalibrateConfig) -> None:
     """
     import numpy as np
 
-    from experiments.label_samples import samples_of
-    from labeling.files import atomic_file, write_json
-    from labeling.trust import FEATURES, fit_model
+    from experiments.calibration.label_samples import samples_of
+    from labeling.generator.quality.label_quality import FEATURES, fit_model
+    from labeling.io.formats.atomic import atomic_file, write_json
 
     if not config.train:
         raise UsageError("give at least one dataset of training episodes")
@@ -83,8 +85,8 @@ def _figures(samples, model: "TrustModel") -> dict[str, Any]:
     """How honest and how good a ranking the confidences are, without the model and with it."""
     import numpy as np
 
-    from labeling.metrics import average_precision
-    from labeling.reliability import reliability
+    from labeling.metrics.calibration_error import reliability
+    from labeling.metrics.mask_ap import average_precision
 
     counted = ~samples.ignored
     found: dict[str, Any] = {"episodes": samples.origins, "labels": int(np.count_nonzero(counted))}

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
+from labeling.runtime.cli import run_command
 
 FIGURES = ("mask_ap50", "mask_ap30", "mean_iou")
 
@@ -36,13 +36,13 @@ def run(config: CaptureConfig) -> None:
 
     from tqdm import tqdm
 
-    from labeling.errors import UsageError
-    from labeling.evaluation import evaluate_label_set
-    from labeling.files import write_json
+    from labeling.core.errors import UsageError
+    from labeling.evaluation.compare import evaluate_label_set
     from labeling.generate import GenerateConfig
     from labeling.generate import run as generate
-    from labeling.label_config import LabelConfig
-    from labeling.source_config import SourceConfig
+    from labeling.generator.settings.label_config import LabelConfig
+    from labeling.generator.settings.source_config import SourceConfig
+    from labeling.io.formats.atomic import write_json
 
     if config.seeds < 1:
         raise UsageError(f"--seeds must be at least 1, not {config.seeds}")

@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from labeling.cli import run_command
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ def run(config: DemoConfig) -> None:
     Raises:
         SbmError: if a stage cannot run, such as when the furniture libraries are missing.
     """
-    from agents.collect import CollectConfig
-    from agents.recorder import collect
+    from agents.rollouts.collect_config import CollectConfig
+    from agents.rollouts.recorder import collect
     from labeling import evaluate, generate
 
     dataset, labels = config.out / "episodes", config.out / "labels"

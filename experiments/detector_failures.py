@@ -4,8 +4,8 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from experiments.world_views import WORLDS, ViewsConfig
-from labeling.cli import run_command
+from experiments.pretraining.world_views import WORLDS, ViewsConfig
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ def run(config: FailuresConfig) -> None:
     from dataclasses import asdict
 
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    from experiments.failure_figures import CONDITIONS, draw_failures, look_at_views, rows_by
-    from experiments.world_views import record_views
+    from experiments.pretraining.failure_figures import CONDITIONS, draw_failures, look_at_views, rows_by
+    from experiments.pretraining.world_views import record_views
     from labeling.detectors.registry import check_name, load_detector
-    from labeling.episodes import find_episodes, read_episode
-    from labeling.files import write_json
+    from labeling.io.episodes import find_episodes, read_episode
+    from labeling.io.formats.atomic import write_json
 
     check_name(config.detector)
     detector = load_detector(config.detector)

@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from labeling.cli import run_command
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ def run(config: PicturesConfig) -> None:
         SbmError: if the demo cannot run.
     """
     from experiments import demo
-    from experiments.drawing import draw_episode, draw_label_steps, draw_labels
-    from labeling.episodes import find_episodes, read_episode
-    from labeling.files import atomic_file
+    from experiments.figures.drawing import draw_episode, draw_label_steps, draw_labels
+    from labeling.io.episodes import find_episodes, read_episode
+    from labeling.io.formats.atomic import atomic_file
     from sbm_gym import preview
 
     demo.run(demo.DemoConfig(out=config.demo, policy="ring"))

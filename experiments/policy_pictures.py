@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from labeling.cli import run_command
-from labeling.errors import SbmError, UsageError
+from labeling.core.errors import SbmError, UsageError
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
     import gymnasium as gym
     import numpy as np
     from jaxtyping import UInt8
 
-    from agents.evaluation.episodes import Spawn
+    from agents.rollouts.play import Spawn
 
 RECORD = "policy_pictures_{}.json"
 MAX_FILM_MB = 3
@@ -59,12 +59,12 @@ def run(config: PolicyPicturesConfig) -> None:
     """
     import contextlib
 
-    from agents.environments import inner_env, make_env
-    from agents.evaluation.episodes import play, spawn_of
     from agents.evaluation.top_down import draw_ways, seen_from_above
     from agents.policies.registry import make_policy
-    from experiments.provenance import provenance
-    from labeling.files import write_json
+    from agents.rollouts.environments import inner_env, make_env
+    from agents.rollouts.play import play, spawn_of
+    from experiments.cache.provenance import provenance
+    from labeling.io.formats.atomic import write_json
 
     _check(config)
     name = config.env.rpartition("/")[2]
@@ -139,9 +139,9 @@ def filmed(
     import numpy as np
     from gymnasium.wrappers import RenderCollection
 
-    from agents.environments import make_env
-    from agents.evaluation.episodes import play
     from agents.policies.registry import make_policy
+    from agents.rollouts.environments import make_env
+    from agents.rollouts.play import play
 
     seen: list[Sequence[Any]] = []
     for mode in ("third_person", "rgb_array"):
@@ -170,7 +170,7 @@ def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> No
     """
     from PIL import Image
 
-    from labeling.files import atomic_file
+    from labeling.io.formats.atomic import atomic_file
 
     times = [FRAME_MS] * (len(frames) - 1) + [LAST_FRAME_MS]
     with atomic_file(path) as temporary:

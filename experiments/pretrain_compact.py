@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from experiments.world_views import WORLDS, ViewsConfig
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from experiments.pretraining.world_views import WORLDS, ViewsConfig
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 MAX_BYTES = 20_000_000
 
@@ -61,7 +61,7 @@ def run(config: CompactConfig) -> None:
     # Threads that spin at barriers cost seven times the work on a machine that does other things too. Read by torch's
     # OpenMP when torch is imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    from experiments.pretraining import PretrainConfig
+    from experiments.pretraining.loop import PretrainConfig
 
     training = PretrainConfig(
         minutes=config.minutes,
@@ -77,7 +77,7 @@ def run(config: CompactConfig) -> None:
 
 
 def _photographs(config: CompactConfig) -> tuple[list, list]:
-    from labeling.detectors.pictures import read_pictures
+    from labeling.detectors.data.annotated_pictures import read_pictures
     from sbm_gym.photographs.album import AlbumSettings, make_album
 
     pictures = []
@@ -92,10 +92,10 @@ def _trained(config: CompactConfig, training: Any, train: list, val: list) -> An
     """The network after pre-training, with averaged weights."""
     import torch
 
-    from experiments.pretraining import pretrain
-    from experiments.pretraining_views import ViewConfig
-    from labeling.detectors.network import build_from_imagenet
-    from labeling.detectors.spec import NetworkSpec
+    from experiments.pretraining.loop import pretrain
+    from experiments.pretraining.views import ViewConfig
+    from labeling.detectors.networks.mask_rcnn import build_from_imagenet
+    from labeling.detectors.networks.spec import NetworkSpec
     from sbm_gym.photographs.models import CATEGORIES
 
     torch.manual_seed(config.seed)
@@ -108,13 +108,13 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     import json
     from dataclasses import asdict, replace
 
-    from experiments.pretraining import HISTORY_FILE
-    from experiments.world_views import figures, summary, world_views
-    from labeling.detectors.calibration import fit_calibration, outcomes
-    from labeling.detectors.network_detector import NetworkDetector
-    from labeling.detectors.training import detect_all
-    from labeling.detectors.weights import load_network, save_network
-    from labeling.files import write_json
+    from experiments.pretraining.loop import HISTORY_FILE
+    from experiments.pretraining.world_views import figures, summary, world_views
+    from labeling.detectors.finetuning.epochs import detect_all
+    from labeling.detectors.networks.calibration import fit_calibration, outcomes
+    from labeling.detectors.networks.network_detector import NetworkDetector
+    from labeling.detectors.networks.weights import load_network, save_network
+    from labeling.io.formats.atomic import write_json
 
     raw = NetworkDetector(network, "compact")
     splits: tuple[Literal["train", "val"], ...] = ("train", "val")

@@ -9,22 +9,22 @@ from typing import Annotated, Any
 
 import tyro
 
-from experiments.stages import Scale, Workplace
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from experiments.cache.stages import Scale, Workplace
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 TABLES = ("5_1", "5_1_wide", "5_2", "5_3", "5_3_wide", "5_4", "a_1", "a_2", "a_3")
 EXPERIMENTS = {
-    "label_ablation": "experiments.label_ablation",
-    "label_modes": "experiments.label_modes",
-    "fine_tuning": "experiments.fine_tuning",
-    "policy_evaluation": "experiments.policy_evaluation",
-    "policies": "experiments.policies",
-    "reward_ablation": "experiments.reward_ablation",
-    "never_ending": "experiments.never_ending:rooms",
-    "never_ending_streets": "experiments.never_ending:streets",
-    "table_5_5": "experiments.table_5_5",
-    **{f"table_{number}": f"experiments.thesis_tables:table_{number}" for number in TABLES},
+    "label_ablation": "experiments.ablations.label_ablation",
+    "label_modes": "experiments.ablations.label_modes",
+    "fine_tuning": "experiments.tables.fine_tuning",
+    "policy_evaluation": "experiments.tables.policy_evaluation",
+    "policies": "experiments.tables.policies",
+    "reward_ablation": "experiments.ablations.reward_ablation",
+    "never_ending": "experiments.tables.never_ending:rooms",
+    "never_ending_streets": "experiments.tables.never_ending:streets",
+    "table_5_5": "experiments.tables.table_5_5",
+    **{f"table_{number}": f"experiments.tables.thesis_tables:table_{number}" for number in TABLES},
 }
 """Modules by the name of the experiment, or ``module:object``. Each has a ``DESCRIPTION``, a function
 ``run(workplace)`` that returns what is to be kept of it as JSON, and a function ``report(results, docs)`` that writes
@@ -84,8 +84,8 @@ def _find(place: str) -> Any:
 
 
 def _run_one(experiment: Any, config: RunConfig) -> None:
-    from experiments.provenance import provenance
-    from labeling.files import write_json
+    from experiments.cache.provenance import provenance
+    from labeling.io.formats.atomic import write_json
 
     workplace = Workplace(
         scale=config.scale,

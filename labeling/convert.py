@@ -7,9 +7,9 @@ from typing import Annotated
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.errors import UsageError
-from labeling.recordings.config import RecordingConfig
+from labeling.core.errors import UsageError
+from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def run(config: ConvertConfig) -> None:
     Raises:
         SbmError: if it is malformed or the target is in use. Nothing is written then.
     """
-    from labeling.episodes import read_episode, write_episode
+    from labeling.io.episodes import read_episode, write_episode
 
     config.recording.check()
     if config.out.exists():

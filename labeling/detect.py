@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
+from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import DEFAULT
-from labeling.errors import SbmError, UsageError
-from labeling.recordings.config import RecordingConfig
+from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.detectors.base import Detector
-    from labeling.episodes import Episode
-    from labeling.instances import Detection
+    from labeling.core.detector import Detector
+    from labeling.core.episode import Episode
+    from labeling.core.types import Detection
 
 DETECTIONS_FILE, ABOUT_FILE, TRUTH_FILE = "detections.json", "episode.json", "ground_truth.json"
 
@@ -52,7 +52,7 @@ def run(config: DetectConfig) -> None:
     from tqdm import tqdm
 
     from labeling.detectors.registry import load_detector
-    from labeling.episodes import find_episodes
+    from labeling.io.episodes import find_episodes
 
     config.recording.check()
     detector = load_detector(config.detector, config.device, config.batch_size)
@@ -97,10 +97,10 @@ def detect_episode(
     """
     from dataclasses import asdict
 
-    from labeling.detector_call import run_detector
-    from labeling.episode_json import read_json
-    from labeling.episodes import read_episode
-    from labeling.files import write_json
+    from labeling.detectors.run_detector import run_detector
+    from labeling.io.episodes import read_episode
+    from labeling.io.formats.atomic import write_json
+    from labeling.io.formats.checked_json import read_json
 
     recording = recording or RecordingConfig()
     path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
@@ -130,7 +130,7 @@ def detect_episode(
 
 
 def _as_written(records: list[dict[str, Any]]) -> bytes:
-    """The bytes that ``labeling.files.write_json`` writes."""
+    """The bytes that ``labeling.io.formats.atomic.write_json`` writes."""
     return (json.dumps(records, indent=1, allow_nan=False) + "\n").encode()
 
 
@@ -141,7 +141,8 @@ def _digest(path: Path) -> str:
 def _records(
     found: "tuple[Detection, ...]", image_ids: dict[int, int], category_ids: dict[str, int]
 ) -> list[dict[str, Any]]:
-    from labeling.instances import box_xywh, encode_mask
+    from labeling.core.masks import box_xywh
+    from labeling.core.rle import encode_mask
 
     return [
         {
@@ -157,7 +158,7 @@ def _records(
 
 def _image_ids(folder: Path, episode: "Episode") -> dict[int, int]:
     """Image id of each view: that of ``ground_truth.json``, or the position of its frame in the recording."""
-    from labeling.episode_json import read_json
+    from labeling.io.formats.checked_json import read_json
 
     if (folder / TRUTH_FILE).is_file() and read_json(folder / TRUTH_FILE).has("images"):
         of_name = {
@@ -176,9 +177,9 @@ def _category_ids(
     folder: Path, about: dict[str, Any], found: "tuple[Detection, ...]", detector: "Detector"
 ) -> tuple[dict[str, int], list[dict[str, Any]]]:
     """Ids of the categories, and the list for ``episode.json``: what the episode has names for keeps its id."""
-    from labeling.coco_records import CategoryTable
-    from labeling.episode_json import read_json
-    from labeling.episodes import NAMING_FILES
+    from labeling.io.coco import CategoryTable
+    from labeling.io.episodes import NAMING_FILES
+    from labeling.io.formats.checked_json import read_json
 
     files = [read_json(folder / name) for name in NAMING_FILES if (folder / name).is_file()]
     known = CategoryTable.from_files(files).name_of_id

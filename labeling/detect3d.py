@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.episode_json import DETECTIONS_3D_FILE
-from labeling.errors import EpisodeFormatError, SbmError, UsageError
-from labeling.files import write_json
-from labeling.recordings.config import RecordingConfig
+from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.io.formats.atomic import write_json
+from labeling.io.formats.checked_json import DETECTIONS_3D_FILE
+from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.detectors.base import Detector
+    from labeling.core.detector import Detector
+    from labeling.core.episode import Episode
+    from labeling.core.types import Detection
     from labeling.detectors3d.base import Detection3d, Detector3d
-    from labeling.episodes import Episode
-    from labeling.instances import Detection
 
 RECORDED = "recorded"
 
@@ -51,7 +51,7 @@ def run(config: Detect3dConfig) -> None:
 
     from labeling.detectors.registry import load_detector
     from labeling.detectors3d.registry import load_detector_3d
-    from labeling.episodes import find_episodes
+    from labeling.io.episodes import find_episodes
 
     config.recording.check()
     lifter = load_detector_3d(config.detector, config.device)
@@ -94,7 +94,7 @@ def detect_episode(
     Raises:
         SbmError: if the episode is malformed or has no detections, or a detector fails.
     """
-    from labeling.episodes import read_episode
+    from labeling.io.episodes import read_episode
 
     path = folder / DETECTIONS_3D_FILE
     mark = _mark(folder, lifter, finder)
@@ -118,7 +118,7 @@ def detections_of(episode: "Episode", finder: "Detector | None") -> "tuple[Detec
     Raises:
         SbmError: if the episode has no detections, or the detector fails.
     """
-    from labeling.detector_call import run_detector
+    from labeling.detectors.run_detector import run_detector
 
     if finder is not None:
         return run_detector(finder, episode)
@@ -133,9 +133,9 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
     Raises:
         EpisodeFormatError: naming file and field, if it is malformed.
     """
-    from labeling.coco_records import read_sound_box_3d
     from labeling.detectors3d.base import Detection3d
-    from labeling.episode_json import read_json
+    from labeling.io.coco import read_sound_box_3d
+    from labeling.io.formats.checked_json import read_json
 
     found = []
     for record in read_json(path).list_of("detections"):
@@ -149,7 +149,7 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
 
 
 def _record(episode: "Episode", one: "Detection3d") -> dict[str, Any]:
-    from labeling.episodes import box_3d_record
+    from labeling.io.episodes import box_3d_record
 
     return {
         "view": one.view_index,
@@ -170,7 +170,7 @@ def _mark(folder: Path, lifter: "Detector3d", finder: "Detector | None") -> str:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    from labeling.episode_json import read_json
+    from labeling.io.formats.checked_json import read_json
 
     try:
         return dict(read_json(path).mapping())

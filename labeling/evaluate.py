@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.evaluation import Evaluation
+    from labeling.evaluation.compare import Evaluation
 
 METRICS_FILE, REPORT_FILE = "metrics.json", "report.html"
 
@@ -50,9 +50,9 @@ def run_either(config: EvaluateConfig) -> None:
 
 
 def _holds_episodes(path: Path) -> bool:
-    from labeling.episodes import find_episodes
-    from labeling.errors import EpisodeFormatError
-    from labeling.label_reader import MODAL_FILE
+    from labeling.core.errors import EpisodeFormatError
+    from labeling.io.episodes import find_episodes
+    from labeling.io.label_set import MODAL_FILE
 
     if not path.is_dir() or (path / MODAL_FILE).is_file():
         return False
@@ -70,9 +70,9 @@ def run(config: EvaluateConfig) -> "Evaluation":
     """
     from tqdm import tqdm
 
-    from labeling.evaluation import evaluate_label_set
-    from labeling.files import write_json
-    from labeling.report import write_report
+    from labeling.evaluation.compare import evaluate_label_set
+    from labeling.evaluation.report.html import write_report
+    from labeling.io.formats.atomic import write_json
 
     if config.metrics is not None:
         raise UsageError("--metrics is for a detector alone; the figures of a label set lie in it as metrics.json")
@@ -101,8 +101,8 @@ def score_alone(config: EvaluateConfig) -> None:
     """
     from tqdm import tqdm
 
-    from labeling.detector_scores import score_detector, score_episodes
-    from labeling.files import write_json
+    from labeling.evaluation.detector_scores import score_detector, score_episodes
+    from labeling.io.formats.atomic import write_json
 
     bar = functools.partial(tqdm, delay=2.0, leave=False, file=sys.stderr, desc="evaluating")
     if config.detector is None:
@@ -122,8 +122,8 @@ def print_table(metrics: dict[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from labeling.evaluation import FIGURES, categories_by_presence
-    from labeling.report import HEADINGS, plural
+    from labeling.evaluation.compare import FIGURES, categories_by_presence
+    from labeling.evaluation.report.html import HEADINGS, plural
 
     counts = metrics["counts"]
     table = Table(

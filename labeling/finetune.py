@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import check_sources, run_command
+from labeling.core.errors import UsageError
+from labeling.detectors.data.augment_config import AugmentConfig
+from labeling.detectors.finetuning.train_config import TrainConfig
 from labeling.detectors.registry import DEFAULT, check_name
-from labeling.detectors.train_config import AugmentConfig, TrainConfig
-from labeling.errors import UsageError
+from labeling.runtime.cli import check_sources, run_command
 
 if TYPE_CHECKING:
-    from labeling.detectors.pictures import AnnotatedPicture
-    from labeling.detectors.training import Scores
+    from labeling.detectors.data.annotated_pictures import AnnotatedPicture
+    from labeling.detectors.finetuning.epochs import Scores
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,12 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
     """
     from tqdm import tqdm
 
-    from labeling.detectors.network_detector import NetworkDetector
+    from labeling.detectors.finetuning.epochs import evaluate
+    from labeling.detectors.finetuning.training_run import best_of, train
+    from labeling.detectors.networks.network_detector import NetworkDetector
     from labeling.detectors.registry import choose_device, load_named_network
-    from labeling.detectors.run_files import RESULTS_FILE
-    from labeling.detectors.training import evaluate
-    from labeling.detectors.training_run import best_of, train
-    from labeling.files import write_json
+    from labeling.io.formats.atomic import write_json
+    from labeling.training.run_files import RESULTS_FILE
 
     check_name(config.detector)
     config.train.check()
@@ -79,7 +80,7 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
     known = network.spec.categories
     names = _categories(config, known, pictures, validation)
     if names != known:
-        from labeling.detectors.network import with_categories
+        from labeling.detectors.networks.mask_rcnn import with_categories
 
         network = with_categories(network, names)
     sets = {"validation": validation, "source pictures": source}
@@ -136,7 +137,7 @@ def _read(
     """Pictures to learn from, to validate on, to replay, and to measure forgetting on."""
     from dataclasses import replace
 
-    from labeling.detectors.pictures import hold_out, is_split, read_pictures, with_annotations
+    from labeling.detectors.data.annotated_pictures import hold_out, is_split, read_pictures, with_annotations
 
     check_sources(config.labels, config.dataset)
     if not 0 <= config.least_confidence <= 1:
@@ -166,7 +167,7 @@ def _categories(
     Raises:
         UsageError: if there would be nothing to learn, or nothing to validate on.
     """
-    from labeling.detectors.pictures import category_names
+    from labeling.detectors.data.annotated_pictures import category_names
 
     taught = category_names(pictures)
     new = tuple(name for name in taught if name not in known)

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.errors import SbmError, UsageError
-from labeling.label_config import LabelConfig
-from labeling.label_workers import Job, label_all
-from labeling.presets import PRESETS, PresetName, describe
-from labeling.recordings.config import RecordingConfig
-from labeling.source_config import SourceConfig
+from labeling.core.errors import SbmError, UsageError
+from labeling.generator.label_jobs import Job, label_all
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.generator.settings.presets import PRESETS, PresetName, describe
+from labeling.generator.settings.source_config import SourceConfig
+from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.label_set import EpisodeState
+    from labeling.generator.label_writer import EpisodeState
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ def run(config: GenerateConfig) -> None:
     """
     from tqdm import tqdm
 
-    from labeling.episodes import find_episodes
-    from labeling.label_set import write_label_set
-    from labeling.label_sources import identity
+    from labeling.generator.label_writer import write_label_set
+    from labeling.generator.sources import identity
+    from labeling.io.episodes import find_episodes
 
     config.label.check()
     config.recording.check()
@@ -87,7 +87,7 @@ def run(config: GenerateConfig) -> None:
             states.append(state)
             _tell(state)
     if config.share_scenes:
-        from labeling.sharing import share_scenes
+        from labeling.generator.sharing.share_scenes import share_scenes
 
         progress = partial(tqdm, desc="sharing", unit="episode", delay=2.0, leave=False, file=sys.stderr)
         states = share_scenes(job, states, progress)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 PROBLEMS = 1
 """Exit code if anything is wrong with the label set."""
@@ -41,7 +41,7 @@ def run(config: InspectConfig) -> list[str]:
     Raises:
         SbmError: if it cannot be read.
     """
-    from labeling.inspection import inspect_label_set
+    from labeling.inspection.checks import inspect_label_set
 
     if config.viewpoints < 0 or not 0 < config.port < 65536:
         raise UsageError("--viewpoints is 0 or more, and --port lies between 1 and 65535")
@@ -56,11 +56,11 @@ def run(config: InspectConfig) -> list[str]:
 
 
 def _show(config: InspectConfig) -> None:
-    from labeling.inspection_scene import read_scenes
+    from labeling.inspection.scene import read_scenes
 
     scenes = read_scenes(config.labels)
     if config.pictures is not None:
-        from labeling.inspection_pictures import write_pictures
+        from labeling.inspection.pictures import write_pictures
 
         try:
             files = [file for scene in scenes for file in write_pictures(scene, config.pictures, config.viewpoints)]
@@ -68,7 +68,7 @@ def _show(config: InspectConfig) -> None:
             raise UsageError(f"--pictures {config.pictures}: cannot be written ({error})") from None
         print(f"{len(files)} pictures: {config.pictures}")
     if config.view:
-        from labeling.viewer import serve, wait
+        from labeling.inspection.viewer import serve, wait
 
         serve(scenes, config.port)
         print(f"viewer: http://localhost:{config.port} (Ctrl-C ends it)", flush=True)

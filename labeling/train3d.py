@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from labeling.cli import check_sources, run_command
 from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
+from labeling.runtime.cli import check_sources, run_command
 
 if TYPE_CHECKING:
-    from labeling.detectors3d.lessons import Lesson
+    from labeling.detectors3d.frustum_dataset import Lesson
 
 HELD_OUT = 0.1
 """Share of the objects that choose the best network, without --val."""
@@ -56,11 +56,11 @@ def run(config: Train3dCommand) -> dict[str, Any]:
     from tqdm import tqdm
 
     from labeling.detectors.registry import choose_device
-    from labeling.detectors.run_files import RESULTS_FILE, WEIGHTS_FILE
-    from labeling.detectors3d.lessons import category_names, read_lessons
-    from labeling.detectors3d.training import evaluate, train
-    from labeling.detectors3d.weights import load_network
-    from labeling.files import write_json
+    from labeling.detectors3d.frustum_dataset import category_names, read_lessons
+    from labeling.detectors3d.frustum_weights import load_network
+    from labeling.detectors3d.training_run import evaluate, train
+    from labeling.io.formats.atomic import write_json
+    from labeling.training.run_files import RESULTS_FILE, WEIGHTS_FILE
 
     config.train.check()
     config.augment.check()

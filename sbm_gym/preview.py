@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labeling.cli import run_command
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
     import mujoco
     import numpy as np
     from jaxtyping import UInt8
 
-    from sbm_gym.assets.library import FurnitureLibrary, ModelCard
+    from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
     from sbm_gym.rendering.base import Renderer
-    from sbm_gym.scenes import WorldSource
+    from sbm_gym.scenes.compiled import WorldSource
 
 SHEETS = ("scenes", "renderers", "assets")
 EYE_VIEWS = 4
@@ -63,7 +63,7 @@ def run(config: PreviewConfig) -> list[Path]:
     """
     from tqdm import tqdm
 
-    from sbm_gym.world_sources import WORLD_KINDS, world_source
+    from sbm_gym.scenes.world_sources import WORLD_KINDS, world_source
 
     for given, known, name in ((config.what, SHEETS, "sheet"), (config.worlds, WORLD_KINDS, "kind of world")):
         unknown = [entry for entry in given if entry not in known]
@@ -114,10 +114,10 @@ def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height:
     import mujoco
     import numpy as np
 
-    from labeling.geometry import intrinsics_from_fov
-    from sbm_gym.rendering.gl import GlRenderer
-    from sbm_gym.rendering.rays import RaysRenderer
-    from sbm_gym.viewpoints import eye_level_views, view_from_above
+    from labeling.core.geometry import intrinsics_from_fov
+    from sbm_gym.rendering.gl.renderer import GlRenderer
+    from sbm_gym.rendering.rays.renderer import RaysRenderer
+    from sbm_gym.scenes.viewpoints import eye_level_views, view_from_above
 
     world = source.build(name)
     model = world.spec.compile()
@@ -154,9 +154,9 @@ def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height:
 
 
 def _asset_sheets(config: PreviewConfig, bar: Any) -> Iterator[Path]:
-    from sbm_gym.assets.builtin import BuiltinLibrary
-    from sbm_gym.assets.classes import USES
-    from sbm_gym.assets.library import default_library
+    from sbm_gym.assets.catalog.library import default_library
+    from sbm_gym.assets.models.classes import USES
+    from sbm_gym.assets.parametric.builtin import BuiltinLibrary
 
     uses: dict[str, list[str]] = {}
     for use, described in USES.items():
@@ -186,9 +186,9 @@ def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UI
     import mujoco
     import numpy as np
 
-    from labeling.geometry import intrinsics_from_fov, look_at
-    from sbm_gym.rendering.rays import RaysRenderer
-    from sbm_gym.worlds.building import SceneBuilder
+    from labeling.core.geometry import intrinsics_from_fov, look_at
+    from sbm_gym.rendering.rays.renderer import RaysRenderer
+    from sbm_gym.worlds.scene_builder import SceneBuilder
 
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.15] * 3
@@ -249,7 +249,7 @@ def contact_sheet(
 def _write(path: Path, picture: "UInt8[np.ndarray, 'h w 3']") -> Path:
     import cv2
 
-    from labeling.files import atomic_file
+    from labeling.io.formats.atomic import atomic_file
 
     path.parent.mkdir(parents=True, exist_ok=True)
     _, encoded = cv2.imencode(".png", picture[..., ::-1])

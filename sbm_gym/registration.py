@@ -19,7 +19,7 @@ def register_envs() -> None:
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
-                entry_point="sbm_gym.fixation_env:FixationEnv",
+                entry_point="sbm_gym.env.fixation_env:FixationEnv",
                 kwargs=dict(kwargs),
                 max_episode_steps=MAX_EPISODE_STEPS,
             )

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sbm_gym.recording import Capture
+from sbm_gym.env.recording import Capture
 
 if TYPE_CHECKING:
-    from labeling.matching import MaskInstance
+    from labeling.metrics.matching import MaskInstance
 
 VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
 EARLY_VIEWS = 12
@@ -37,8 +37,8 @@ def label_record(captures: Sequence[Capture], categories: Sequence[str]) -> dict
         captures: full frames, in order.
         categories: that the detector has a name for.
     """
-    from labeling.instances import encode_mask
-    from labeling.propagate import propagate
+    from labeling.core.rle import encode_mask
+    from labeling.generator.propagate import propagate
 
     truths = [
         [view, truth.category, _rle(encode_mask(truth.modal)), truth.instance_id, truth.ignore]
@@ -102,7 +102,7 @@ def pooled_ap(records: Sequence[Mapping[str, Any]], count: str) -> dict[str, flo
 
 def ap_figures(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance]") -> dict[str, float | None]:
     """AP50 and AP30 of masks, mean over categories; None without ground truth."""
-    from labeling.metrics import average_precision
+    from labeling.metrics.mask_ap import average_precision
 
     means = average_precision(predictions, truths, tuple(AP_THRESHOLDS.values())).mean
     return {name: means[threshold] for name, threshold in AP_THRESHOLDS.items()}
@@ -118,7 +118,7 @@ def instances(
         count: number of views.
         episode: names the episode in ``MaskInstance.image``.
     """
-    from labeling.matching import MaskInstance
+    from labeling.metrics.matching import MaskInstance
 
     predictions = [
         MaskInstance((episode, view), category, _as_rle(rle), confidence)
@@ -133,7 +133,7 @@ def instances(
 
 def _right(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance]") -> list[int]:
     """Which ground-truth instances have a right label."""
-    from labeling.matching import match
+    from labeling.metrics.matching import match
 
     return [one.truth for one in match(predictions, truths) if one.iou >= RIGHT_IOU and not truths[one.truth].ignore]
 

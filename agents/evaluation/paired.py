@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from labeling.paired import mean_of, paired_difference
+from labeling.metrics.bootstrap import mean_of, paired_difference
 
 DIGITS = 5
 

@@ -5,19 +5,19 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.environments import capture_size, inner_env, make_env
-from agents.evaluate import EvaluateConfig
-from agents.evaluation.episodes import Spawn, play, spawn_of
+from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import VIEW_COUNTS, label_record
 from agents.evaluation.store import BEFORE, DECISIVE, SETTINGS_FILE, adopt, policy_key, read_result, result_path
 from agents.evaluation.summary import summary
 from agents.evaluation.table import print_tables
-from agents.output_folder import claim_folder
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
-from agents.side_by_side import in_processes
-from labeling.errors import UsageError
-from labeling.files import write_json
+from agents.rollouts.environments import capture_size, inner_env, make_env
+from agents.rollouts.output_folder import claim_folder
+from agents.rollouts.play import Spawn, play, spawn_of
+from agents.rollouts.side_by_side import in_processes
+from labeling.core.errors import UsageError
+from labeling.io.formats.atomic import write_json
 
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 

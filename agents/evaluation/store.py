@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.policies.registry import checkpoint_of
-from labeling.errors import UsageError
-from labeling.files import write_json
+from labeling.core.errors import UsageError
+from labeling.io.formats.atomic import write_json
 
 SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
 DECISIVE = ("env", "split", "detector", "labels", "size")
@@ -25,7 +25,7 @@ def policy_key(policy: str, env_id: str) -> str:
     checkpoint = checkpoint_of(policy, env_id)
     if checkpoint is None:
         return policy.replace(":", "-")
-    from agents.ppo.checkpoint import checkpoint_folder
+    from agents.ppo.network.checkpoint import checkpoint_folder
 
     found = hashlib.sha256()
     for file in sorted(path for path in checkpoint_folder(checkpoint).iterdir() if path.is_file()):

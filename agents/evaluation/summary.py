@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluate import EvaluateConfig
+from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, VIEW_COUNTS, episode_figures, pooled_ap
 from agents.evaluation.paired import difference_record, over_seeds, rounded
-from agents.provenance import versions
-from labeling.paired import mean_of
+from agents.rollouts.provenance import versions
+from labeling.metrics.bootstrap import mean_of
 
 SCHEMA_VERSION = 1
 EARLY_FIGURES = ("right", "objects", "ap50")

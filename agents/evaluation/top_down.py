@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from labeling.files import atomic_file
-from sbm_gym.fixation_env import FixationEnv
-from sbm_gym.worlds.navigable import NavigableMap
+from labeling.io.formats.atomic import atomic_file
+from sbm_gym.env.fixation_env import FixationEnv
+from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 MAX_COLUMNS = 3
 SEEN, UNSEEN, COLLISION = "#2ca02c", "#9aa5b1", "#d62728"

@@ -13,10 +13,10 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from agents.frontiers import Frontiers, best_frontier
-from agents.paths import advance
-from agents.steering import bearing_rad, look
-from sbm_gym.episode import TURN_RAD
+from agents.planning.frontiers import Frontiers, best_frontier
+from agents.planning.paths import advance
+from agents.planning.steering import bearing_rad, look
+from sbm_gym.env.episode import TURN_RAD
 
 STUCK_STRIDES = 0.1
 ARRIVED_STRIDES = 0.75

@@ -1,5 +1,5 @@
 """The ``next_best_view`` policy: greedy. It goes to the view that promises most information for the steps it costs, as
-``agents.view_planner`` says.
+``agents.planning.view_planner`` says.
 """
 
 from typing import Any
@@ -7,8 +7,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.view_planner import DEFAULT, Priorities, ViewPlanner
-from labeling.errors import UsageError
+from agents.planning.view_planner import DEFAULT, Priorities, ViewPlanner
+from labeling.core.errors import UsageError
 
 NOTHING = -np.inf
 GOALS: dict[str, Priorities] = {

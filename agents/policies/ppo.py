@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.prioritised_views import ACTION_SPACE, planner_of, priorities_of
+from agents.ppo.network.prioritised_views import ACTION_SPACE, planner_of, priorities_of
 
 
 class Ppo:
@@ -22,7 +22,7 @@ class Ppo:
         Raises:
             SbmError: if there is none, or it is damaged.
         """
-        from agents.ppo.checkpoint import checkpoint_folder, read_policy
+        from agents.ppo.network.checkpoint import checkpoint_folder, read_policy
 
         self._folder = checkpoint_folder(checkpoint)
         self._network, self.description = read_policy(self._folder)
@@ -37,7 +37,7 @@ class Ppo:
         Raises:
             UsageError: if the environment has other observations or actions than the one the policy was trained on.
         """
-        from agents.ppo.checkpoint import check_spaces
+        from agents.ppo.network.checkpoint import check_spaces
 
         actions = ACTION_SPACE if self._sets_priorities else env.action_space
         check_spaces(self._folder, self.description, env.observation_space, actions)

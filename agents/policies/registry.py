@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from agents.policies.base import Policy
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
 
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 """Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""

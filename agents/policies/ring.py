@@ -18,9 +18,9 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float, Int
 
-from agents.paths import advance, way_length_m
-from agents.steering import bearing_rad, move_action, wrap
-from sbm_gym.episode import TURN_RAD
+from agents.planning.paths import advance, way_length_m
+from agents.planning.steering import bearing_rad, move_action, wrap
+from sbm_gym.env.episode import TURN_RAD
 
 TURNS_PER_PLACE = 5
 """Five turns of 60 degrees show six views: all around."""

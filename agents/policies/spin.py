@@ -5,8 +5,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.steering import look
-from sbm_gym.episode import TURN_RAD
+from agents.planning.steering import look
+from sbm_gym.env.episode import TURN_RAD
 
 
 class Spin:

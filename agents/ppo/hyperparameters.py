@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
 
 FOLDER = Path(__file__).resolve().parents[1] / "hyperparams"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
-WRAPPERS = ("agents.prioritised_views.PrioritisedViews",)
+WRAPPERS = ("agents.ppo.network.prioritised_views.PrioritisedViews",)
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 
@@ -44,7 +44,7 @@ class Hyperparameters:
     normalize: dict[str, Any] = field(default_factory=lambda: dict(NORMALIZE))
     """Arguments of ``VecNormalize``. Observations are scaled already, so ``norm_obs`` must stay off."""
     policy_kwargs: dict[str, Any] = field(default_factory=dict)
-    """Arguments of the network, see ``agents.ppo.network``."""
+    """Arguments of the network, see ``agents.ppo.network.policy_network``."""
 
     def ppo_arguments(self) -> dict[str, Any]:
         """What Stable-Baselines3's ``PPO`` takes, but for policy, environment and network."""

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from agents.policies.registry import POLICIES
-from agents.ppo.files import SETTINGS_FILE
 from agents.ppo.hyperparameters import Hyperparameters, checked, read_hyperparameters
-from agents.ppo.network import pictures
+from agents.ppo.network.files import SETTINGS_FILE
+from agents.ppo.network.policy_network import pictures
+from agents.ppo.run_config import TrainConfig
 from agents.ppo.workers import EnvSettings
-from agents.train import TrainConfig
-from labeling.episode_json import read_json
-from labeling.errors import EpisodeFormatError, SbmError, UsageError
-from labeling.files import write_json
+from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.io.formats.atomic import write_json
+from labeling.io.formats.checked_json import read_json
 
 CHANGEABLE = ("n_timesteps", "n_envs")
 """Hyperparameters that a run may go on with in another size."""

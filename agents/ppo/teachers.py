@@ -12,12 +12,12 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
-from agents.ppo.checkpoint import read_policy
 from agents.ppo.imitation import Demonstration, demonstrate
+from agents.ppo.network.checkpoint import read_policy
 from agents.ppo.workers import EnvSettings, make_shared_env
-from labeling.errors import SbmError
-from labeling.threads import threads_of_children
-from labeling.worker_process import serve_parent
+from labeling.core.errors import SbmError
+from labeling.runtime.threads import threads_of_children
+from labeling.runtime.worker_process import serve_parent
 
 
 class Teacher:

@@ -15,22 +15,22 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from agents.ppo.board import make_logger
 from agents.ppo.callbacks import RunCallback
-from agents.ppo.checkpoint import write_policy
-from agents.ppo.files import BEST, BOARD_FOLDER, HISTORY_FILE, LAST, STATE_FILE
 from agents.ppo.imitation import ROUNDS, Demonstration, imitate, joined
 from agents.ppo.interrupts import Wish, stop_on_interrupt
-from agents.ppo.network import build_policy, pictures, policy_arguments, policy_class
+from agents.ppo.network.checkpoint import write_policy
+from agents.ppo.network.files import BEST, BOARD_FOLDER, HISTORY_FILE, LAST, STATE_FILE
+from agents.ppo.network.policy_network import build_policy, pictures, policy_arguments, policy_class
+from agents.ppo.network.spaces import describe
+from agents.ppo.run_config import TrainConfig
 from agents.ppo.settings import RunSettings, claim, settle
-from agents.ppo.spaces import describe
 from agents.ppo.state import Progress, normalization_of, restore, write_state
 from agents.ppo.teachers import Teachers
 from agents.ppo.validation import validate
 from agents.ppo.workers import make_env, make_workers
-from agents.provenance import git_commit, versions
-from agents.train import TrainConfig
+from agents.rollouts.provenance import git_commit, versions
+from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import choose_device
-from labeling.errors import SbmError, UsageError
-from labeling.files import atomic_folder, write_json
+from labeling.io.formats.atomic import atomic_folder, write_json
 
 
 def train(config: TrainConfig, say: Callable[[str], None], bar: Callable[..., Any]) -> Progress:

@@ -13,11 +13,11 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from agents import environments
 from agents.ppo.episode_figures import EpisodeFigures
-from agents.prioritised_views import PrioritisedViews
-from labeling.threads import threads_of_children
-from sbm_gym.rewards import RewardWeights
+from agents.ppo.network.prioritised_views import PrioritisedViews
+from agents.rollouts import environments
+from labeling.runtime.threads import threads_of_children
+from sbm_gym.env.rewards import RewardWeights
 
 ALL_SCENES = 1000
 """A scene cache that never forgets: a worker's share of the scenes fits in memory (about 300 MB for a furnished home,
@@ -42,7 +42,7 @@ class EnvSettings:
     colours: bool = True
     """Whether observed pictures have colours; without, steps are faster."""
     priorities: bool = False
-    """Whether actions set the priorities of a planner (``agents.prioritised_views``) instead of moving the robot."""
+    """Whether actions set the priorities of a planner instead of moving the robot."""
 
 
 class WholeEpisodes(gym.Wrapper):

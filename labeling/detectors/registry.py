@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from labeling.detectors.base import Detector, DetectorError
-from labeling.errors import UsageError
+from labeling.core.detector import Detector, DetectorError
+from labeling.core.errors import UsageError
 
 WEIGHTS_FOLDER = Path(__file__).with_name("weights")
 COMPACT_FILE = WEIGHTS_FOLDER / "compact.safetensors"
@@ -46,31 +46,32 @@ def load_detector(name: str, device: str | None = None, batch_size: int = 8) -> 
     if batch_size < 1:
         raise UsageError(f"--batch-size must be at least 1, not {batch_size}")
     if name in NAMES or is_run(name):
-        from labeling.detectors.network_detector import NetworkDetector
+        from labeling.detectors.networks.network_detector import NetworkDetector
 
         network, digest = load_named_network(name)
         return NetworkDetector(network, name, digest, choose_device(device), batch_size)
     if name.startswith(ONNX_PREFIX):
-        from labeling.detectors.onnx_detector import OnnxDetector
+        from labeling.detectors.adapters.onnx import OnnxDetector
 
         return OnnxDetector(Path(name.removeprefix(ONNX_PREFIX)), name, batch_size)
-    from labeling.detectors.function_detector import FunctionDetector
+    from labeling.detectors.adapters.function import FunctionDetector
 
     return FunctionDetector(name)
 
 
 def load_named_network(name: str):
-    """The network (labeling.detectors.network.Network) of a detector that is one, to use or to train, and its digest.
+    """The network (labeling.detectors.networks.mask_rcnn.Network) of a detector that is one, to use or to train, and
+    its digest.
 
     Raises:
         UsageError: if this detector is no network of ours.
         DetectorError: if its weights are missing or damaged.
     """
-    from labeling.detectors.weights import file_digest, load_network
+    from labeling.detectors.networks.weights import file_digest, load_network
 
     check_name(name)
     if name == "maskrcnn_resnet50_fpn":
-        from labeling.detectors.coco_network import load_coco_network
+        from labeling.detectors.networks.coco_weights import load_coco_network
 
         return load_coco_network(), "torchvision COCO_V1"
     if name == "compact":
@@ -92,7 +93,7 @@ def is_run(name: str) -> bool:
 
 def run_weights(name: str) -> Path:
     """Where the weights of a run lie."""
-    from labeling.detectors.run_files import WEIGHTS_FILE
+    from labeling.training.run_files import WEIGHTS_FILE
 
     path = Path(name)
     return path if path.suffix == ".safetensors" else path / WEIGHTS_FILE
@@ -110,7 +111,7 @@ def choose_device(device: str | None = None) -> str:
     try:
         torch.zeros(1, device=chosen)
     except (RuntimeError, AssertionError) as error:
-        from labeling.detectors.function_detector import first_line
+        from labeling.detectors.adapters.function import first_line
 
         raise UsageError(f"--device {chosen}: cannot be used ({first_line(error)})") from None
     return chosen

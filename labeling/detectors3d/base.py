@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from labeling.episodes import Episode
-from labeling.instances import Box3d, Detection
+from labeling.core.episode import Episode
+from labeling.core.types import Box3d, Detection
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
+from labeling.core.episode import Episode
+from labeling.core.masks import box_xywh
+from labeling.core.types import Detection
 from labeling.detectors3d.base import Detection3d
+from labeling.detectors3d.frustum_batches import choose
+from labeling.detectors3d.frustum_pointnet import FrustumNet
 from labeling.detectors3d.frustums import make_frustum
-from labeling.detectors3d.network import FrustumNet
-from labeling.detectors3d.samples import choose
-from labeling.detectors3d.upright import to_box
-from labeling.episodes import Episode
-from labeling.instances import Detection, box_xywh
+from labeling.detectors3d.upright_boxes import to_box
 
 LEAST_POINTS = 8
 """A frustum of fewer points gets no box."""

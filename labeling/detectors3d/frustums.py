@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from labeling.geometry import unproject
-from labeling.instances import Box3d
+from labeling.core.geometry import unproject
+from labeling.core.types import Box3d
 
 MAX_RANGE_M = 50.0
 """Depth beyond this is not used. Source: field notes (published code of SbM)."""

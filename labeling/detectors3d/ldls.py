@@ -15,12 +15,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import bicgstab
 from scipy.spatial import cKDTree
 
-from labeling.boxes3d import fit_box
+from labeling.core.boxes3d import fit_box
+from labeling.core.episode import Episode
+from labeling.core.geometry import unproject
+from labeling.core.types import Detection
 from labeling.detectors3d.base import Detection3d
 from labeling.detectors3d.frustums import MAX_RANGE_M
-from labeling.episodes import Episode
-from labeling.geometry import unproject
-from labeling.instances import Detection
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from labeling.cli import run_command
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,15 @@ def _list(category: str | None, builtin: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from labeling.errors import UsageError
-    from sbm_gym.assets.classes import categories
+    from labeling.core.errors import UsageError
+    from sbm_gym.assets.models.classes import categories
 
     if category is not None and category not in categories():
         raise UsageError(f"there is no class {category!r}; classes are {', '.join(categories())}")
     if builtin:
         _list_builtin(category)
         return
-    from sbm_gym.assets.library import Home3dLibrary
+    from sbm_gym.assets.catalog.library import Home3dLibrary
 
     table = Table("class", "use", "model", "name", "width x depth x height (m)", "creator")
     cards = Home3dLibrary().cards()
@@ -85,8 +85,8 @@ def _list_builtin(category: str | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sbm_gym.assets.builtin import RECIPES
-    from sbm_gym.assets.classes import USES, categories
+    from sbm_gym.assets.models.classes import USES, categories
+    from sbm_gym.assets.parametric.builtin import RECIPES
 
     table = Table("class", "use", "name", "width (m)", "depth (m)", "height (m)")
     order = [*categories(), None]
@@ -102,10 +102,10 @@ def _list_builtin(category: str | None) -> None:
 def _install() -> None:
     from tqdm import tqdm
 
-    from labeling.files import atomic_file
+    from labeling.io.formats.atomic import atomic_file
+    from sbm_gym.assets.catalog.home3d import cache_folder
+    from sbm_gym.assets.catalog.library import Home3dLibrary
     from sbm_gym.assets.credits import credits_text
-    from sbm_gym.assets.home3d import cache_folder
-    from sbm_gym.assets.library import Home3dLibrary
 
     library = Home3dLibrary()
     with tqdm(total=len(library.cards()), unit="model", desc="converting") as bar:
@@ -117,9 +117,9 @@ def _install() -> None:
 
 
 def _credits(out: Path | None) -> None:
-    from labeling.files import atomic_file
+    from labeling.io.formats.atomic import atomic_file
+    from sbm_gym.assets.catalog.library import Home3dLibrary
     from sbm_gym.assets.credits import credits_text
-    from sbm_gym.assets.library import Home3dLibrary
 
     text = credits_text(Home3dLibrary())
     if out is None:

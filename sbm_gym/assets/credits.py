@@ -1,6 +1,6 @@
 """Who made the furniture: the attribution that the models' licences ask for."""
 
-from sbm_gym.assets.library import Home3dLibrary, ModelCard
+from sbm_gym.assets.catalog.library import Home3dLibrary, ModelCard
 
 
 def credits_text(library: Home3dLibrary) -> str:

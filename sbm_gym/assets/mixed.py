@@ -3,9 +3,9 @@
 import functools
 from collections.abc import Mapping
 
-from sbm_gym.assets.builtin import BUILTIN, BuiltinLibrary
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.model import FurnitureModel
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.models.model import FurnitureModel
+from sbm_gym.assets.parametric.builtin import BUILTIN, BuiltinLibrary
 from sbm_gym.assets.reserved import worlds_library
 
 FROM_SEEDS = {

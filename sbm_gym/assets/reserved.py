@@ -8,9 +8,9 @@ sbm_gym.photographs.models.
 import functools
 import hashlib
 
-from sbm_gym.assets.classes import COCO_CATEGORIES, OUTDOOR_CATEGORIES, USES
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard, default_library
-from sbm_gym.assets.model import FurnitureModel
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard, default_library
+from sbm_gym.assets.models.classes import COCO_CATEGORIES, OUTDOOR_CATEGORIES, USES
+from sbm_gym.assets.models.model import FurnitureModel
 
 ENOUGH_MODELS = 9
 """Classes with fewer models share them between photographs and worlds."""

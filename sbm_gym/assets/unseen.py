@@ -3,10 +3,10 @@
 import hashlib
 from collections.abc import Sequence
 
-from sbm_gym.assets.builtin import BUILTIN
-from sbm_gym.assets.classes import USES
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.model import FurnitureModel
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.models.classes import USES
+from sbm_gym.assets.models.model import FurnitureModel
+from sbm_gym.assets.parametric.builtin import BUILTIN
 
 HELD_OUT_SHARE = 0.3
 """Share of a use's models that is kept out of training."""

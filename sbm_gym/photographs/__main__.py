@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from labeling.cli import run_command
+from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class PhotographsConfig:
 
 
 def _run(config: PhotographsConfig) -> None:
-    from labeling.errors import UsageError
+    from labeling.core.errors import UsageError
     from sbm_gym.photographs.album import AlbumSettings, make_album
 
     if config.sheet_count < 1:

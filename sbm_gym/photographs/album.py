@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from labeling.episode_json import read_json
-from labeling.errors import SbmError, UsageError
-from labeling.files import atomic_folder, write_json
-from labeling.instances import box_xywh, encode_mask
-from labeling.threads import threads_of_children
-from labeling.worker_process import serve_parent
+from labeling.core.errors import SbmError, UsageError
+from labeling.core.masks import box_xywh
+from labeling.core.rle import encode_mask
+from labeling.io.formats.atomic import atomic_folder, write_json
+from labeling.io.formats.checked_json import read_json
+from labeling.runtime.threads import threads_of_children
+from labeling.runtime.worker_process import serve_parent
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
 from sbm_gym.photographs.take import Photograph
 
@@ -80,7 +81,7 @@ def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int =
     if count < 1 or workers < 1:
         raise UsageError(f"--count and --workers must be at least 1, not {count} and {workers}")
     if not settings.builtin:
-        from sbm_gym.assets.library import default_library
+        from sbm_gym.assets.catalog.library import default_library
 
         default_library()  # says what to install if there is none
     _claim(folder, settings)
@@ -109,7 +110,7 @@ def photographs_of_set(settings: AlbumSettings, number: int) -> list[Photograph]
         settings: what they depend on.
         number: of the set, at least 0.
     """
-    from sbm_gym.assets.library import default_library
+    from sbm_gym.assets.catalog.library import default_library
     from sbm_gym.photographs.interiors import interior
     from sbm_gym.photographs.models import PhotographLibrary
     from sbm_gym.photographs.streets import street

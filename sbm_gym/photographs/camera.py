@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from labeling.geometry import intrinsics_from_fov, look_at
-from labeling.instances import Box3d
+from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.types import Box3d
 from sbm_gym.photographs.sets import PhotoSet
-from sbm_gym.worlds.placing import Box, overlap
+from sbm_gym.worlds.geometry.placing import Box, overlap
 
 FRAMING = (0.2, 0.95)
 """How much of the picture's width or height its subject takes."""

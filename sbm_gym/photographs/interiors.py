@@ -3,21 +3,21 @@
 import mujoco
 import numpy as np
 
-from sbm_gym.assets import surfaces
-from sbm_gym.assets.library import FurnitureLibrary
+from sbm_gym.assets.catalog.library import FurnitureLibrary
+from sbm_gym.assets.models import surfaces
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
-from sbm_gym.worlds import town_materials as materials
-from sbm_gym.worlds.arrange import Arranger
-from sbm_gym.worlds.arrange_bathroom import bathing
-from sbm_gym.worlds.arrange_extras import greening, standing_lamp
-from sbm_gym.worlds.arrange_kitchen import put_kitchen
-from sbm_gym.worlds.arrange_living import lounging, put_television, sitting
-from sbm_gym.worlds.arrange_sleeping import sleeping
-from sbm_gym.worlds.arrange_tables import dining, working
-from sbm_gym.worlds.building import SceneBuilder
-from sbm_gym.worlds.fittings import hang_pictures, lay_rug
-from sbm_gym.worlds.placing import Layout, Opening, Placement, Room
-from sbm_gym.worlds.shell import Finish, build_shell
+from sbm_gym.worlds.geometry.placing import Layout, Opening, Placement, Room
+from sbm_gym.worlds.rooms.fittings import hang_pictures, lay_rug
+from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
+from sbm_gym.worlds.rooms.furnishing.bathroom import bathing
+from sbm_gym.worlds.rooms.furnishing.bedroom import sleeping
+from sbm_gym.worlds.rooms.furnishing.extras import greening, standing_lamp
+from sbm_gym.worlds.rooms.furnishing.kitchen import put_kitchen
+from sbm_gym.worlds.rooms.furnishing.living_room import lounging, put_television, sitting
+from sbm_gym.worlds.rooms.furnishing.tables import dining, working
+from sbm_gym.worlds.rooms.shell import Finish, build_shell
+from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.towns import materials as materials
 
 MAX_TRIANGLES = 120_000
 """Of all pieces together, so that a set takes a fraction of a second to build."""

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sbm_gym.assets.builtin import BUILTIN, RECIPES, builtin_card, builtin_model
-from sbm_gym.assets.classes import COCO_CATEGORIES, OUTDOOR_CATEGORIES, USES, VEHICLE_PAINT
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.model import FurnitureModel, Surface
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.models.classes import COCO_CATEGORIES, OUTDOOR_CATEGORIES, USES, VEHICLE_PAINT
+from sbm_gym.assets.models.model import FurnitureModel, Surface
+from sbm_gym.assets.parametric.builtin import BUILTIN, RECIPES, builtin_card, builtin_model
 from sbm_gym.assets.reserved import kept_apart, reserved_models
 
 SPLITS = ("train", "val")

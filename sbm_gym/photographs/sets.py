@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 from jaxtyping import UInt8
 
-from sbm_gym.assets.classes import VEHICLE_PAINT
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.surfaces import Material
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.models.classes import VEHICLE_PAINT
+from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.photographs.models import CATEGORIES
-from sbm_gym.worlds.building import SceneBuilder
-from sbm_gym.worlds.placing import Box
-from sbm_gym.worlds.vehicles import Standing
+from sbm_gym.worlds.geometry.placing import Box
+from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.towns.vehicles import Standing
 from sbm_gym.worlds.world import ObjectInstance
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from labeling.detectors.pictures import read_pictures
-from labeling.files import atomic_file
-from labeling.instances import decode_mask
+from labeling.core.rle import decode_mask
+from labeling.detectors.data.annotated_pictures import read_pictures
+from labeling.io.formats.atomic import atomic_file
 from sbm_gym.preview import contact_sheet
 
 COLUMNS = 8

@@ -3,17 +3,17 @@
 import mujoco
 import numpy as np
 
-from sbm_gym.assets.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.surfaces import Material
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
-from sbm_gym.worlds import town_materials as materials
-from sbm_gym.worlds.placing import Box, overlap
-from sbm_gym.worlds.soup import QuadSoup, box_quads
-from sbm_gym.worlds.town_furnisher import Furnisher
-from sbm_gym.worlds.town_ground import PAINT, PAINT_M, flat
-from sbm_gym.worlds.town_houses import STYLES, House, build_houses
-from sbm_gym.worlds.town_plan import KERB_M, Rect
-from sbm_gym.worlds.weather import draw_weather
+from sbm_gym.worlds.geometry.placing import Box, overlap
+from sbm_gym.worlds.static_meshes import QuadSoup, box_quads
+from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns.furnisher import Furnisher
+from sbm_gym.worlds.towns.ground import PAINT, PAINT_M, flat
+from sbm_gym.worlds.towns.houses import STYLES, House, build_houses
+from sbm_gym.worlds.towns.plan import KERB_M, Rect
+from sbm_gym.worlds.towns.weather import draw_weather
 
 USES = {
     **{"car": ("car",), "truck": ("van", "truck"), "bus": ("bus",)},

@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Int32, UInt8
 
-from labeling.instances import Box3d
+from labeling.core.types import Box3d
+from sbm_gym.detection.visibility import ObjectSurfaces, ObservedObject
 from sbm_gym.photographs.camera import Camera, draw_camera
 from sbm_gym.photographs.sets import PhotoSet
-from sbm_gym.rendering.rays import RaysRenderer
-from sbm_gym.visibility import ObjectSurfaces, ObservedObject
+from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.worlds.world import ObjectInstance
 
 SMALLEST_SHARE = 0.0015

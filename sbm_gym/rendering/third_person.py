@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from labeling.geometry import intrinsics_from_fov
+from labeling.core.geometry import intrinsics_from_fov
 from sbm_gym.rendering.base import Renderer
-from sbm_gym.rendering.lights import clear_haze
+from sbm_gym.rendering.tables.lights import clear_haze
 
 HEADROOM_M = 0.3
 """What begins this far above the agent's camera is taken off: ceilings, lamps, roofs."""

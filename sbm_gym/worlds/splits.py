@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from labeling.errors import UsageError
+from labeling.core.errors import UsageError
 
 TRAIN_KINDS = (
     *("apartment", "office", "flat", "living_room", "hotel"),

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Int
 
-from labeling.instances import Box3d
-from sbm_gym.worlds.navigable import NavigableMap
+from labeling.core.types import Box3d
+from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 GEOM_GROUP_VISUAL = 2
 """Geoms that are drawn and never touched."""

@@ -11,12 +11,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import recorder
-from agents.collect import CollectConfig, main
-from agents.recorder import collect
-from labeling.episodes import find_episodes, read_episode
-from labeling.errors import UsageError
-from labeling.geometry import unproject
+from agents.collect import main
+from agents.rollouts import recorder
+from agents.rollouts.collect_config import CollectConfig
+from agents.rollouts.recorder import collect
+from labeling.core.errors import UsageError
+from labeling.core.geometry import unproject
+from labeling.io.episodes import find_episodes, read_episode
 
 from ..sbm_gym.box_rooms import BoxRooms
 
@@ -24,7 +25,7 @@ ENV_ID = "collect_test/Boxes-v0"
 ROOT = Path(__file__).resolve().parents[2]
 if ENV_ID not in gym.registry:
     gym.register(
-        ENV_ID, entry_point="sbm_gym.fixation_env:FixationEnv", kwargs={"worlds": BoxRooms()}, max_episode_steps=25
+        ENV_ID, entry_point="sbm_gym.env.fixation_env:FixationEnv", kwargs={"worlds": BoxRooms()}, max_episode_steps=25
     )
 
 

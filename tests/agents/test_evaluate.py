@@ -10,15 +10,16 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.evaluate import EvaluateConfig, main
-from agents.evaluation.episodes import spawn_of
+from agents.evaluate import main
+from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import VIEW_COUNTS, episode_figures, pooled_ap
 from agents.evaluation.paired import difference_record, over_seeds
 from agents.evaluation.run import Player, evaluate
 from agents.evaluation.store import policy_key
 from agents.evaluation.summary import summary
-from labeling.errors import UsageError
-from labeling.instances import encode_mask
+from agents.rollouts.play import spawn_of
+from labeling.core.errors import UsageError
+from labeling.core.rle import encode_mask
 
 from ..sbm_gym.box_rooms import BoxRooms
 
@@ -26,7 +27,7 @@ ENV_ID = "evaluate_test/Boxes-v0"
 ROOT = Path(__file__).resolve().parents[2]
 if ENV_ID not in gym.registry:
     gym.register(
-        ENV_ID, entry_point="sbm_gym.fixation_env:FixationEnv", kwargs={"worlds": BoxRooms()}, max_episode_steps=6
+        ENV_ID, entry_point="sbm_gym.env.fixation_env:FixationEnv", kwargs={"worlds": BoxRooms()}, max_episode_steps=6
     )
 
 
@@ -193,7 +194,7 @@ def test_a_trained_policy_is_known_by_what_its_checkpoint_holds(tmp_path, monkey
     best = tmp_path / "best"
     monkeypatch.setitem(sys.modules, "agents.ppo", ModuleType("agents.ppo"))
     reader = SimpleNamespace(checkpoint_folder=lambda path: best)
-    monkeypatch.setitem(sys.modules, "agents.ppo.checkpoint", reader)
+    monkeypatch.setitem(sys.modules, "agents.ppo.network.checkpoint", reader)
     best.mkdir()
     (best / "weights").write_bytes(b"one")
     first = policy_key(f"ppo:{tmp_path}", ENV_ID)

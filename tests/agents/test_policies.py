@@ -10,23 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.frontiers import Frontiers
-from agents.paths import advance, way_length_m
+from agents.planning.frontiers import Frontiers
+from agents.planning.paths import advance, way_length_m
+from agents.planning.reachable import reachable_places
+from agents.planning.steering import look, wrap
 from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
 from agents.policies.ring import _first_direction
-from agents.reachable import reachable_places
-from agents.steering import look, wrap
-from labeling.errors import UsageError
-from labeling.geometry import intrinsics_from_fov, look_at, unproject_depth
-from labeling.instances import Detection
-from sbm_gym.looked_at import LookedAt
-from sbm_gym.object_memory import MemoryConfig, ObjectMemory
-from sbm_gym.observations import decode_depth
-from sbm_gym.seen_floor import SeenFloor
-from sbm_gym.seen_space import SeenSpace
-from sbm_gym.sight_kernels import unhidden
-from sbm_gym.worlds.navigable import navigable_map
+from labeling.core.errors import UsageError
+from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
+from labeling.core.types import Detection
+from sbm_gym.env.observations import decode_depth
+from sbm_gym.robot.line_of_sight import unhidden
+from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
+from sbm_gym.robot.seen_floor import SeenFloor
+from sbm_gym.robot.seen_space import SeenSpace
+from sbm_gym.robot.view_history import LookedAt
+from sbm_gym.worlds.geometry.navigable import navigable_map
 
 from ..sbm_gym.box_rooms import BoxRooms
 from .walled_rooms import WalledRooms

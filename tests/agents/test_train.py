@@ -16,13 +16,14 @@ import torch
 
 from agents.policies.ppo import Ppo
 from agents.ppo import teachers, training
-from agents.ppo.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
 from agents.ppo.imitation import running_sums
+from agents.ppo.network.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
+from agents.ppo.run_config import TrainConfig
 from agents.ppo.workers import REWARDS, EnvSettings, ShareOfScenes, WholeEpisodes, make_env, share
-from agents.train import TrainConfig, main
-from labeling.errors import UsageError
-from sbm_gym.object_memory import MemoryUpdate
-from sbm_gym.rewards import reward_terms
+from agents.train import main
+from labeling.core.errors import UsageError
+from sbm_gym.env.rewards import reward_terms
+from sbm_gym.robot.object_memory import MemoryUpdate
 
 from .toy_world import ENV_ID, Echo
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sbm_gym.worlds.navigable import navigable_map
+from sbm_gym.worlds.geometry.navigable import navigable_map
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, World
 
 from ..sbm_gym.box_rooms import BOX, HALF_ROOM_M, BoxRooms, _group

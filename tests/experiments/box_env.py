@@ -23,7 +23,7 @@ for env_id, steps in ((ENV_ID, 25), (SHORT_ENV_ID, SHORT_STEPS)):
     if env_id not in gym.registry:
         gym.register(
             env_id,
-            entry_point="sbm_gym.fixation_env:FixationEnv",
+            entry_point="sbm_gym.env.fixation_env:FixationEnv",
             kwargs={"worlds": BoxRooms()},
             max_episode_steps=steps,
         )

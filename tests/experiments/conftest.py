@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
-import experiments.episode_pool
-from experiments import fine_tuning
-from experiments.fine_tuning import SIZES, Size
-from labeling.detectors.pictures import read_pictures
-from labeling.detectors.train_config import AugmentConfig, TrainConfig
-from labeling.episodes import write_episode
+import experiments.cache.episode_pool
+from experiments.tables import fine_tuning
+from experiments.tables.fine_tuning import SIZES, Size
+from labeling.detectors.data.annotated_pictures import read_pictures
+from labeling.detectors.data.augment_config import AugmentConfig
+from labeling.detectors.finetuning.train_config import TrainConfig
+from labeling.io.episodes import write_episode
 
 from ..labeling.synthetic_room import make_episode
 
@@ -35,9 +36,9 @@ def small_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     train = TrainConfig(iterations=2, validate_every=1, warmup=1)
     size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
     monkeypatch.setitem(SIZES, "smoke", size)
-    monkeypatch.setattr(experiments.episode_pool, "record", record)
+    monkeypatch.setattr(experiments.cache.episode_pool, "record", record)
     monkeypatch.setattr(fine_tuning, "replayed_photographs", photographs)
     return asked
 
 
-POOL = experiments.episode_pool.Pool("photographs", "none", "train", 1)
+POOL = experiments.cache.episode_pool.Pool("photographs", "none", "train", 1)

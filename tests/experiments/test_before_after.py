@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.before_after import Pair, balance, draw, most_changed
-from labeling.instances import Detection, GroundTruth
+from experiments.figures.before_after import Pair, balance, draw, most_changed
+from labeling.core.types import Detection, GroundTruth
 
 
 def square(left: int) -> np.ndarray:
@@ -61,7 +61,7 @@ def test_the_views_shown_are_the_best_of_different_episodes_and_the_worst(views:
 def test_square_and_wide_views_are_drawn(tmp_path: Path) -> None:
     from dataclasses import replace
 
-    from labeling.episodes import read_episode, write_episode
+    from labeling.io.episodes import read_episode, write_episode
 
     from ..labeling.synthetic_room import make_episode
 

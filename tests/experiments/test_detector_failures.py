@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.detector_failures import main
-from experiments.failure_figures import (
+from experiments.pretraining.failure_figures import (
     CONDITIONS,
     EDGES,
     Look,
@@ -14,9 +14,9 @@ from experiments.failure_figures import (
     seen_from_deg,
     wilson,
 )
-from labeling.detectors.base import stack_detections
-from labeling.episodes import Episode
-from labeling.instances import Box3d, GroundTruth
+from labeling.core.detector import stack_detections
+from labeling.core.episode import Episode
+from labeling.core.types import Box3d, GroundTruth
 
 
 def turned(yaw: float) -> np.ndarray:

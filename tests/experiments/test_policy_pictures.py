@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.evaluation.episodes import spawn_of
+from agents.rollouts.play import spawn_of
 from experiments import policy_pictures
 from experiments.policy_pictures import main, write_film
-from labeling.errors import SbmError
+from labeling.core.errors import SbmError
 
 from ..sbm_gym.box_rooms import BoxRooms
 from .box_env import SHORT_ENV_ID, SHORT_STEPS

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-import experiments.episode_pool
-from experiments import label_ablation, label_comparison
-from experiments.ablation_variants import FACTORS, NOT_STUDIED, Factor, Variant, variants
-from experiments.episode_pool import Pool, pools
-from experiments.label_modes import modes
+import experiments.cache.episode_pool
+from experiments.ablations import label_ablation, label_comparison
+from experiments.ablations.ablation_variants import FACTORS, NOT_STUDIED, Factor, Variant, variants
+from experiments.ablations.label_modes import modes
+from experiments.cache.episode_pool import Pool, pools
 from experiments.run import EXPERIMENTS, main
-from labeling.episodes import write_episode
-from labeling.label_config import LabelConfig
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.io.episodes import write_episode
 
 from ..labeling.synthetic_room import make_episode
 
@@ -85,7 +85,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         for index, folder in enumerate(folders[pool.name]):
             room = make_episode(7 + number + 2 * index, 3, (36, 48), num_objects=3, confident_share=2.0)
             write_episode(folder, replace(room, name=folder.name, metadata={"scene": f"room/{index}"}))
-    monkeypatch.setattr(experiments.episode_pool, "pools", lambda scale: some)
+    monkeypatch.setattr(experiments.cache.episode_pool, "pools", lambda scale: some)
     monkeypatch.setattr(label_comparison, "record", lambda pool, workplace: folders[pool.name])
     tried = (Variant("votes alone", {"unary": "votes"}), Variant("no CRF", {"iterations": 0}))
     factor = Factor("Anything", ("unary",), "Why not.", tried)
@@ -116,7 +116,7 @@ def test_an_ablation_runs_resumes_and_reports(
     page = (small / "docs" / "label-generator.md").read_text()
     assert "votes alone" in page
     assert (small / "docs" / "pictures" / "label_ablation.png").stat().st_size > 1000
-    monkeypatch.setattr("experiments.stages.ProcessPoolExecutor", None)  # a second run has nothing left to do
+    monkeypatch.setattr("experiments.cache.stages.ProcessPoolExecutor", None)  # a second run has nothing left to do
     assert run() == 0
     assert json.loads(written.read_text()) == content
     capsys.readouterr()

@@ -10,8 +10,8 @@ import pytest
 
 from agents.policies import registry
 from agents.policies.registry import make_policy
+from agents.ppo.run_config import TrainConfig
 from agents.ppo.training import train
-from agents.train import TrainConfig
 from experiments import ship_policy
 from experiments.ship_policy import main, thinned
 

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labeling.episodes import Episode, write_episode
-from labeling.geometry import intrinsics_from_fov, look_at
-from labeling.instances import Detection, GroundTruth, box_xywh, encode_mask
+from labeling.core.episode import Episode
+from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.masks import box_xywh
+from labeling.core.rle import encode_mask
+from labeling.core.types import Detection, GroundTruth
+from labeling.io.episodes import write_episode
 
 HEIGHT_PX, WIDTH_PX = 24, 32
 

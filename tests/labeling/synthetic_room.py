@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from labeling.episodes import Episode
-from labeling.geometry import intrinsics_from_fov, look_at
-from labeling.instances import Detection, GroundTruth
+from labeling.core.episode import Episode
+from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.types import Detection, GroundTruth
 
 
 @dataclass(frozen=True)

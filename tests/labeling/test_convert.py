@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from labeling.convert import main
-from labeling.episodes import read_episode, write_episode
 from labeling.evaluate import main as evaluate
 from labeling.generate import main as generate
+from labeling.io.episodes import read_episode, write_episode
 
-from .recording_writers import WRITERS
+from .generator.test_sources import shared_file
+from .io.recordings.recording_writers import WRITERS
 from .synthetic_room import make_episode, pick
-from .test_label_sources import shared_file
 
 
 @pytest.fixture(scope="module")

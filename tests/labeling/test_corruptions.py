@@ -12,10 +12,10 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from labeling.episodes import write_episode
+from labeling.core.types import Detection
 from labeling.generate import main
-from labeling.inspection import inspect_label_set
-from labeling.instances import Detection
+from labeling.inspection.checks import inspect_label_set
+from labeling.io.episodes import write_episode
 
 from .synthetic_room import make_episode
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from labeling.core.types import Detection, GroundTruth
 from labeling.evaluate import main, print_table
-from labeling.evaluation import FIGURES, categories_by_presence, evaluate_label_set
-from labeling.instances import Detection, GroundTruth
+from labeling.evaluation.compare import FIGURES, categories_by_presence, evaluate_label_set
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labeling.episodes import write_episode
 from labeling.generate import main
-from labeling.ply import read_ply
+from labeling.io.episodes import write_episode
+from labeling.io.formats.ply import read_ply
 
 from .synthetic_room import make_episode
 
@@ -107,18 +107,18 @@ def test_a_label_set_says_where_it_comes_from(dataset: Path, tmp_path: Path) -> 
 def test_a_rerun_takes_finished_episodes_as_they_are(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import labeling.propagate
+    import labeling.generator.propagate
 
     assert run(dataset, tmp_path / "labels") == 0
     before = {path: path.read_bytes() for path in (tmp_path / "labels").rglob("*") if path.is_file()}
     labelled = []
-    original = labeling.propagate.propagate
+    original = labeling.generator.propagate.propagate
 
     def counted(*arguments):
         labelled.append(1)
         return original(*arguments)
 
-    monkeypatch.setattr(labeling.propagate, "propagate", counted)
+    monkeypatch.setattr(labeling.generator.propagate, "propagate", counted)
     assert run(dataset, tmp_path / "labels") == 0
     assert labelled == []
     assert {path: path.read_bytes() for path in (tmp_path / "labels").rglob("*") if path.is_file()} == before

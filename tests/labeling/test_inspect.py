@@ -13,16 +13,17 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from labeling.detectors3d.overlap import box_iou_3d
-from labeling.episodes import write_episode
-from labeling.errors import LabelFormatError
+from labeling.core.box_overlap import box_iou_3d
+from labeling.core.errors import LabelFormatError
+from labeling.core.rle import encode_mask
+from labeling.core.types import Box3d
 from labeling.generate import main as generate
 from labeling.inspect import main
-from labeling.inspection import inspect_label_set
-from labeling.inspection_pictures import SIZE
-from labeling.inspection_scene import read_scenes
-from labeling.instances import Box3d, encode_mask
-from labeling.viewer import rotation_to_wxyz
+from labeling.inspection.checks import inspect_label_set
+from labeling.inspection.pictures import SIZE
+from labeling.inspection.scene import read_scenes
+from labeling.inspection.viewer import rotation_to_wxyz
+from labeling.io.episodes import write_episode
 
 from .synthetic_room import make_episode
 
@@ -255,7 +256,7 @@ def test_pictures_show_every_object_in_its_colour(labels, tmp_path, capsys):
 
 
 def test_scenes_know_the_cameras_of_their_recording(labels, sound):
-    from labeling.episodes import read_episode
+    from labeling.io.episodes import read_episode
 
     for scene in read_scenes(labels):
         episode = read_episode(sound / "data" / scene.name)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from labeling.instances import Box3d
-from sbm_gym.profiles import INDOOR, WorldProfile
-from sbm_gym.worlds.navigable import navigable_map
+from labeling.core.types import Box3d
+from sbm_gym.scenes.profiles import INDOOR, WorldProfile
+from sbm_gym.worlds.geometry.navigable import navigable_map
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL, ObjectInstance, World
 
 HALF_ROOM_M = 3.0

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.detectors.pictures import read_pictures
-from labeling.errors import UsageError
-from labeling.instances import decode_mask
-from sbm_gym.assets.classes import NOVEL_CATEGORIES
+from labeling.core.errors import UsageError
+from labeling.core.rle import decode_mask
+from labeling.detectors.data.annotated_pictures import read_pictures
+from sbm_gym.assets.models.classes import NOVEL_CATEGORIES
 from sbm_gym.photographs import album
 from sbm_gym.photographs.__main__ import main
 from sbm_gym.photographs.album import AlbumSettings, make_album, photographs_of_set
@@ -18,7 +18,7 @@ from sbm_gym.photographs.interiors import THEMES, interior
 from sbm_gym.photographs.models import CATEGORIES, PhotographLibrary
 from sbm_gym.photographs.streets import USES, street
 from sbm_gym.photographs.take import Viewfinder
-from sbm_gym.rendering.rays import RaysRenderer
+from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.worlds.world import GEOM_GROUP_VISUAL
 
 SMALL = AlbumSettings(split="train", seed=1, size_px=64, builtin=True)
@@ -232,7 +232,7 @@ def test_the_command_refuses_a_folder_of_something_else(tmp_path, capsys):
 
 
 def test_the_command_needs_furniture_or_says_so(tmp_path, capsys, monkeypatch):
-    from sbm_gym.assets.library import default_library
+    from sbm_gym.assets.catalog.library import default_library
 
     default_library.cache_clear()
     monkeypatch.setenv("SBM_FURNITURE", str(tmp_path / "nothing"))

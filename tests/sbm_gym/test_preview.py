@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.geometry import project
-from sbm_gym import preview, world_sources
+from labeling.core.geometry import project
+from sbm_gym import preview
 from sbm_gym.preview import EYE_VIEWS, PreviewConfig, contact_sheet
-from sbm_gym.viewpoints import eye_level_views, fitted_camera, view_from_above
+from sbm_gym.scenes import world_sources
+from sbm_gym.scenes.viewpoints import eye_level_views, fitted_camera, view_from_above
 
 from .box_rooms import FURNITURE, BoxRooms
 
@@ -126,7 +127,7 @@ def test_mistakes_are_one_line_and_exit_code_two(arguments, says, tmp_path, caps
 
 
 def test_installed_and_builtin_models_are_drawn():
-    from sbm_gym.assets.builtin import BuiltinLibrary
+    from sbm_gym.assets.parametric.builtin import BuiltinLibrary
 
     library = BuiltinLibrary()
     card = library.models("couch")[0] if library.models("couch") else library.models("bed")[0]

@@ -9,16 +9,16 @@ import pytest
 import torch
 
 from labeling.detect import main as detect
-from labeling.detectors.network import build_network
-from labeling.detectors.pictures import read_pictures
+from labeling.detectors.data.annotated_pictures import read_pictures
+from labeling.detectors.networks.mask_rcnn import build_network
+from labeling.detectors.networks.spec import NetworkSpec
+from labeling.detectors.networks.weights import save_network
 from labeling.detectors.registry import load_detector
-from labeling.detectors.run_files import RESULTS_FILE, WEIGHTS_FILE
-from labeling.detectors.spec import NetworkSpec
-from labeling.detectors.weights import save_network
-from labeling.episodes import read_episode
 from labeling.evaluate import main as evaluate
 from labeling.finetune import main as finetune
 from labeling.generate import main as generate
+from labeling.io.episodes import read_episode
+from labeling.training.run_files import RESULTS_FILE, WEIGHTS_FILE
 
 from .toy_pictures import write_coco_folder
 

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 import torch
 
+from labeling.core.detector import DetectorError
+from labeling.core.errors import UsageError
+from labeling.core.masks import mask_iou
 from labeling.detectors import registry
-from labeling.detectors.base import DetectorError
-from labeling.detectors.coco_names import our_names
-from labeling.detectors.depth_masks import mask_in_box
-from labeling.detectors.network import build_network
-from labeling.detectors.onnx_detector import OnnxDetector
+from labeling.detectors.adapters.depth_masks import mask_in_box
+from labeling.detectors.adapters.onnx import OnnxDetector
+from labeling.detectors.networks.coco_names import our_names
+from labeling.detectors.networks.mask_rcnn import build_network
+from labeling.detectors.networks.spec import NetworkSpec
+from labeling.detectors.networks.weights import save_network
 from labeling.detectors.registry import check_name, load_detector, load_named_network
-from labeling.detectors.run_files import WEIGHTS_FILE
-from labeling.detectors.spec import NetworkSpec
-from labeling.detectors.weights import save_network
-from labeling.errors import UsageError
-from labeling.instances import mask_iou
+from labeling.training.run_files import WEIGHTS_FILE
 
 from ..synthetic_room import make_episode
 from .toy_pictures import draw
@@ -74,7 +74,7 @@ def test_settings_that_make_no_sense_are_refused(run_folder):
 
 
 def test_coco_weights_that_cannot_be_had_are_one_clear_sentence(monkeypatch):
-    from labeling.detectors.torchvision_operators import torchvision
+    from labeling.detectors.networks.torchvision_operators import torchvision
 
     weights = torchvision.models.detection.MaskRCNN_ResNet50_FPN_Weights
     monkeypatch.setattr(weights, "get_state_dict", lambda *_, **__: (_ for _ in ()).throw(URLError("no network")))
@@ -83,7 +83,7 @@ def test_coco_weights_that_cannot_be_had_are_one_clear_sentence(monkeypatch):
 
 
 def test_coco_names_become_ours_and_keep_their_places():
-    from labeling.detectors.coco_network import coco_spec
+    from labeling.detectors.networks.coco_weights import coco_spec
 
     spec = coco_spec()
     assert len(spec.categories) == 90
@@ -97,8 +97,8 @@ def test_coco_names_become_ours_and_keep_their_places():
 
 
 def test_the_network_of_the_thesis_takes_torchvisions_weights(monkeypatch):
-    from labeling.detectors import coco_network
-    from labeling.detectors.torchvision_operators import torchvision
+    from labeling.detectors.networks import coco_weights as coco_network
+    from labeling.detectors.networks.torchvision_operators import torchvision
 
     models = torchvision.models.detection
     torch.manual_seed(0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from labeling.instances import encode_mask
+from labeling.core.rle import encode_mask
 
 CATEGORIES = ("ball", "box")
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from labeling.detectors3d.lessons import Lesson, make_lesson
-from labeling.episodes import Episode
-from labeling.geometry import intrinsics_from_fov, look_at
-from labeling.instances import Box3d, Detection, GroundTruth
+from labeling.core.episode import Episode
+from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.types import Box3d, Detection, GroundTruth
+from labeling.detectors3d.frustum_dataset import Lesson, make_lesson
 
 from ..synthetic_room import Part, render
 

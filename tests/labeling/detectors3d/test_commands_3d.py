@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from labeling import detect3d, train3d
-from labeling.detectors3d.lessons import read_lessons
-from labeling.detectors3d.overlap import box_iou_3d
-from labeling.episodes import write_episode
-from labeling.errors import SbmError, UsageError
+from labeling.core.box_overlap import box_iou_3d
+from labeling.core.errors import SbmError, UsageError
+from labeling.detectors3d.frustum_dataset import read_lessons
 from labeling.generate import main as generate
+from labeling.io.episodes import write_episode
 
 from .boxed_rooms import SIDES, boxed_room
 

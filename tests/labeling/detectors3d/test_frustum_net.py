@@ -6,12 +6,15 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.detectors.base import DetectorError
+from labeling.core.box_overlap import box_iou_3d
+from labeling.core.detector import DetectorError
+from labeling.core.errors import SbmError
+from labeling.core.types import Box3d
+from labeling.detectors3d.frustum_batches import collate, plain_sample
+from labeling.detectors3d.frustum_dataset import sizes_of
 from labeling.detectors3d.frustum_detector import FrustumDetector
-from labeling.detectors3d.frustums import turn_about_z
-from labeling.detectors3d.lessons import sizes_of
-from labeling.detectors3d.losses import FrustumBatch, corners, frustum_losses
-from labeling.detectors3d.network import (
+from labeling.detectors3d.frustum_losses import FrustumBatch, corners, frustum_losses
+from labeling.detectors3d.frustum_pointnet import (
     HEADINGS,
     OBJECT_POINTS,
     FrustumNet,
@@ -20,14 +23,11 @@ from labeling.detectors3d.network import (
     heading_of,
     object_points,
 )
-from labeling.detectors3d.overlap import box_iou_3d
-from labeling.detectors3d.samples import collate, plain_sample
+from labeling.detectors3d.frustum_weights import load_network, save_network
+from labeling.detectors3d.frustums import turn_about_z
 from labeling.detectors3d.train_config import NO_AUGMENTATION_3D, Train3dConfig
-from labeling.detectors3d.training import evaluate, train
-from labeling.detectors3d.upright import to_box
-from labeling.detectors3d.weights import load_network, save_network
-from labeling.errors import SbmError
-from labeling.instances import Box3d
+from labeling.detectors3d.training_run import evaluate, train
+from labeling.detectors3d.upright_boxes import to_box
 
 from .boxed_rooms import SIDES, boxed_room, found_in, lessons_of
 

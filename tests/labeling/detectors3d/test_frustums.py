@@ -4,15 +4,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from labeling.core.box_overlap import box_iou_3d
+from labeling.core.errors import UsageError
+from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.types import Box3d
+from labeling.detectors3d.frustum_batches import augmented, choose
+from labeling.detectors3d.frustum_dataset import make_lesson
 from labeling.detectors3d.frustums import make_frustum, turn_about_z
-from labeling.detectors3d.lessons import make_lesson
-from labeling.detectors3d.overlap import box_iou_3d
-from labeling.detectors3d.samples import augmented, choose
 from labeling.detectors3d.train_config import NO_AUGMENTATION_3D, Augment3dConfig
-from labeling.detectors3d.upright import to_box, to_numbers
-from labeling.errors import UsageError
-from labeling.geometry import intrinsics_from_fov, look_at
-from labeling.instances import Box3d
+from labeling.detectors3d.upright_boxes import to_box, to_numbers
 
 from .boxed_rooms import boxed_room, known_of, lessons_of, upright
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labeling.core.box_overlap import box_iou_3d
 from labeling.detectors3d.ldls import Ldls, LdlsConfig, diffuse, neighbour_graph, segment, sparse_points
-from labeling.detectors3d.overlap import box_iou_3d
 
 from .boxed_rooms import boxed_room, found_in, known_of
 

@@ -1,0 +1,1 @@
+"""Where to go and look next: frontiers, paths, the view planner."""

@@ -1,0 +1,1 @@
+"""A trained policy: its network, its spaces, its files."""

@@ -1,0 +1,170 @@
+"""A policy on disk: weights as safetensors, all else as JSON. Nothing is pickled, so files of others are safe to read.
+
+Stable-Baselines3's own zip holds pickles; here the policy is built anew from its description, then takes its weights.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+from agents.ppo.network.files import BEST, LAST, NORMALIZE_FILE, POLICY_FILE, WEIGHTS_FILE
+from agents.ppo.network.policy_network import build_policy
+from agents.ppo.network.spaces import difference, space_of
+from labeling.core.errors import SbmError, UsageError
+from labeling.io.formats.atomic import write_json
+from labeling.io.formats.checked_json import read_json
+
+FORMAT = 1
+
+
+def checkpoint_folder(path: Path) -> Path:
+    """The checkpoint that is meant by a path: itself, or the best one of a run, or its last.
+
+    Raises:
+        UsageError: if there is none.
+    """
+    for folder in (path, path / BEST, path / LAST):
+        if (folder / POLICY_FILE).is_file():
+            return folder
+    if not path.exists():
+        raise UsageError(f"{path}: no such checkpoint; it is the folder of a run of agents.train, or one in it")
+    raise UsageError(
+        f"{path}: holds no {POLICY_FILE}; a checkpoint is the folder of a run of agents.train, or one in it"
+    )
+
+
+def write_policy(
+    folder: Path, policy: ActorCriticPolicy, description: dict[str, Any], normalization: dict[str, Any]
+) -> None:
+    """Writes a checkpoint into a folder.
+
+    Args:
+        folder: an empty one; see ``labeling.io.formats.atomic.atomic_folder``.
+        policy: the weights.
+        description: what they are of: ``observation_space``, ``action_space``, ``policy`` and whatever else is known.
+        normalization: how rewards were scaled.
+    """
+    from safetensors.torch import save_file
+
+    tensors = {name: value.detach().cpu().contiguous() for name, value in _tensors(policy).items()}
+    save_file(tensors, folder / WEIGHTS_FILE)
+    (folder / WEIGHTS_FILE).chmod(0o644)  # safetensors keeps its files to their owner
+    write_json(folder / POLICY_FILE, {"format": FORMAT, **description})
+    write_json(folder / NORMALIZE_FILE, normalization)
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """What a checkpoint is of.
+
+    Raises:
+        SbmError: if it is missing or damaged, or of another format.
+    """
+    path = folder / POLICY_FILE
+    description = read_json(path).mapping()
+    if description.get("format") != FORMAT:
+        raise SbmError(f"{path}: has format {description.get('format')!r}; this version reads format {FORMAT}")
+    policy = description.get("policy")
+    if not isinstance(policy, dict) or not isinstance(policy.get("class"), str):
+        raise SbmError(f"{path}: is damaged: policy does not name its class")
+    if not isinstance(policy.get("kwargs"), dict):
+        raise SbmError(f"{path}: is damaged: policy has no kwargs")
+    for name in ("observation_space", "action_space"):
+        space_in(description, name, path)
+    return description
+
+
+def space_in(description: dict[str, Any], name: str, path: Path) -> spaces.Space:
+    """One of the spaces of a description.
+
+    Raises:
+        SbmError: if it is none, or not of a kind that policies have.
+    """
+    wanted = spaces.Dict if name == "observation_space" else spaces.Box
+    try:
+        space = space_of(description.get(name))
+    except ValueError as error:
+        raise SbmError(f"{path}: is damaged: {name}: {error}") from None
+    if not isinstance(space, wanted):
+        raise SbmError(f"{path}: is damaged: {name} must be a {wanted.__name__}")
+    return space
+
+
+def check_spaces(
+    folder: Path, description: dict[str, Any], observation_space: spaces.Space, action_space: spaces.Space
+) -> None:
+    """Refuses a checkpoint for other observations or actions than an environment has.
+
+    Raises:
+        UsageError: naming the first difference.
+    """
+    path = folder / POLICY_FILE
+    for name, given in (("observation_space", observation_space), ("action_space", action_space)):
+        found = difference(space_in(description, name, path), given, name.partition("_")[0])
+        if found:
+            trained_on = description.get("env", "another environment")
+            raise UsageError(f"{folder}: was trained on {trained_on}: {found}; take the env it was trained on")
+
+
+def read_policy(folder: Path) -> tuple[ActorCriticPolicy, dict[str, Any]]:
+    """A policy on the CPU, and what it is.
+
+    Raises:
+        SbmError: if a file is missing or damaged, or its tensors are not those of the policy it says it holds.
+    """
+    description = read_description(folder)
+    observation_space, action_space = (
+        space_in(description, name, folder / POLICY_FILE) for name in ("observation_space", "action_space")
+    )
+    assert isinstance(observation_space, spaces.Dict)
+    assert isinstance(action_space, spaces.Box)
+    try:
+        about = description["policy"]
+        policy = build_policy(
+            observation_space, action_space, about["class"], about["kwargs"], about.get("use_sde") is True
+        )
+    except UsageError as error:
+        raise SbmError(f"{folder / POLICY_FILE}: {error}") from None
+    load_weights(policy, folder)
+    policy.set_training_mode(False)
+    return policy, description
+
+
+def load_weights(policy: ActorCriticPolicy, folder: Path) -> None:
+    """Puts the weights of a checkpoint into a policy.
+
+    Raises:
+        SbmError: if the file is missing or damaged, or its tensors do not fit.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    path = folder / WEIGHTS_FILE
+    try:
+        tensors = load_file(path)
+    except FileNotFoundError:
+        raise SbmError(f"{path}: no such file") from None
+    except (SafetensorError, OSError) as error:
+        raise SbmError(f"{path}: is damaged or no safetensors file ({error})") from None
+    wanted = _tensors(policy)
+    wrong = sorted(
+        name
+        for name in wanted.keys() | tensors.keys()
+        if name not in wanted or name not in tensors or wanted[name].shape != tensors[name].shape
+    )
+    if wrong:
+        raise SbmError(
+            f"{path}: its tensors are not those of the policy that {POLICY_FILE} describes: "
+            f"{wrong[0]} and {len(wrong) - 1} more do not fit"
+        )
+    bad = next((name for name, value in tensors.items() if not bool(torch.isfinite(value).all())), None)
+    if bad is not None:
+        raise SbmError(f"{path}: {bad} holds NaN or infinity")
+    policy.load_state_dict(tensors, strict=False)
+
+
+def _tensors(policy: ActorCriticPolicy) -> dict[str, torch.Tensor]:
+    """Parameters and buffers, each once: the features extractor that actor and critic share has several names."""
+    return {**dict(policy.named_parameters()), **dict(policy.named_buffers())}

@@ -1,0 +1,127 @@
+"""One episode of one policy: where it starts, what the policy did, what it saw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.policies.base import Policy
+from agents.rollouts.environments import inner_env
+from sbm_gym.env.recording import Capture
+
+DIGITS = 4
+"""Metres and radians in results are rounded to so many."""
+
+
+@dataclass(frozen=True)
+class Spawn:
+    """All that decides an episode but the policy: the same for all policies."""
+
+    seed: int
+    episode: int
+    scene: str
+    env_seed: int
+    """Decides start, heading, what the scene shows in this episode, and the detector's noise."""
+    policy_seed: int
+    """Of the policy's own generator."""
+
+
+def spawn_of(scenes: Sequence[str], seed: int, episode: int) -> Spawn:
+    """Where an episode starts: scenes in turn, in an order that the seed draws.
+
+    Args:
+        scenes: names of the scenes of the split.
+        seed: of the evaluation.
+        episode: number of the episode; the spawn depends on seed and number only.
+    """
+    order = np.random.default_rng([seed, 2]).permutation(len(scenes))
+    env_seed, policy_seed = np.random.SeedSequence([seed, 3, episode]).generate_state(2)
+    return Spawn(seed, episode, scenes[int(order[episode % len(scenes)])], int(env_seed), int(policy_seed))
+
+
+def play(
+    env: gym.Env, policy: Policy, spawn: Spawn, size_px: tuple[int, int] | None
+) -> tuple[dict[str, Any], list[Capture]]:
+    """Plays one episode.
+
+    An episode in which nothing is found counts like any other: policies are measured by what they bring home from a
+    start, not by what they bring home when they are lucky.
+
+    Args:
+        env: the environment.
+        policy: who moves.
+        spawn: where it starts.
+        size_px: height and width of the full frames to take after every step; None takes none.
+
+    Returns:
+        The record of the episode, ready for JSON, and the frames.
+    """
+    observation, info = env.reset(seed=spawn.env_seed, options={"scene": spawn.scene})
+    policy.reset(env, observation, info, np.random.default_rng(spawn.policy_seed))
+    start, steps, captures, truncated = _place(info), [], [], False
+    while not truncated:
+        action = policy.act(observation, info)
+        observation, reward, _, truncated, info = env.step(action)
+        steps.append(
+            {
+                **_place(info),
+                "reward": float(reward),
+                "terms": {name: float(value) for name, value in info["reward_terms"].items()},
+                "collided": bool(info["collided"]),
+                "target": info["fixation_target"].get("object_id"),
+                "objects": len(info["confirmed_objects"]),
+                "sectors": sum(len(known["azimuths"]) for known in info["confirmed_objects"]),
+            }
+        )
+        if size_px is not None:
+            captures.append(inner_env(env).capture(*size_px))
+    record = {
+        "seed": spawn.seed,
+        "episode": spawn.episode,
+        "scene": spawn.scene,
+        "env_seed": spawn.env_seed,
+        "start": start,
+        "figures": _figures(steps, info),
+        "objects": [
+            {
+                "category": known["category"],
+                "confidence": float(known["best_confidence"]),
+                "centroid_m": _rounded(known["centroid_m"]),
+                "extent_m": _rounded(known["extent_m"]),
+                "sectors": [int(sector) for sector in known["azimuths"]],
+            }
+            for known in info["confirmed_objects"]
+        ],
+        "num_sectors": inner_env(env).num_azimuths,
+        "steps": steps,
+    }
+    return record, captures
+
+
+def _figures(steps: list[dict[str, Any]], info: dict[str, Any]) -> dict[str, float]:
+    """Figures of an episode, by name."""
+    known = info["confirmed_objects"]
+    terms = {name: sum(step["terms"][name] for step in steps) for name in steps[-1]["terms"]}
+    return {
+        "return": sum(step["reward"] for step in steps),
+        **terms,
+        "success": float(bool(known)),
+        "objects": float(len(known)),
+        "target_sectors": float(len(info["fixation_target"].get("azimuths", ()))),
+        "best_sectors": float(max((len(one["azimuths"]) for one in known), default=0)),
+        "coverage": float(info["coverage"]),
+        "sectors": float(sum(len(one["azimuths"]) for one in known)),
+        "collisions": float(sum(step["collided"] for step in steps)),
+        "path_m": float(info["path_length_m"]),
+    }
+
+
+def _place(info: dict[str, Any]) -> dict[str, Any]:
+    agent = info["agent"]
+    return {"position_m": _rounded(agent["position_m"]), "yaw_rad": round(float(agent["yaw_rad"]), DIGITS)}
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(value), DIGITS) for value in values]

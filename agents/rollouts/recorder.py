@@ -1,0 +1,203 @@
+"""Recording episodes into a folder, so that it can be killed and started again at any time."""
+
+import dataclasses
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.policies.registry import make_policy
+from agents.rollouts.collect_config import CollectConfig
+from agents.rollouts.environments import capture_size, inner_env, make_env
+from agents.rollouts.output_folder import claim_folder
+from agents.rollouts.provenance import git_commit, versions
+from agents.rollouts.side_by_side import in_processes
+from labeling.core.episode import Episode
+from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.core.types import CONFIDENT
+from labeling.io.episodes import read_episode, write_episode
+from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
+
+SETTINGS_FILE = "collection.json"
+MAX_SPAWNS = 20
+"""An episode without a single confident detection gives no labels, so it is started again elsewhere: this many
+times."""
+SPAWNS_PER_SCENE = 5
+"""After so many vain starts in one scene the next scene is tried."""
+
+
+def collect(config: CollectConfig) -> list[Path]:
+    """Records the episodes that the folder lacks.
+
+    Args:
+        config: what to record, and where.
+
+    Returns:
+        Folders of all episodes asked for, in order.
+
+    Raises:
+        SbmError: if env or policy are unknown, the folder holds something else, or no object can be found.
+    """
+    from tqdm import tqdm
+
+    _check(config)
+    recorder = Recorder(config)
+    try:
+        settings = dataclasses.asdict(config)
+        for name in ("out", "episodes", "workers"):  # none changes what an episode holds
+            del settings[name]
+        defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}
+        claim_folder(config.out, SETTINGS_FILE, settings, defaults)
+        folders = [recorder.folder(number) for number in range(config.episodes)]
+        missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
+        if len(missing) < len(folders):
+            print(f"{len(folders) - len(missing)} of {len(folders)} episodes are there already", file=sys.stderr)
+        with tqdm(total=len(missing), desc="recording", unit="episode", file=sys.stderr) as bar:
+            for _ in _record(recorder, missing):
+                bar.update()
+    finally:
+        recorder.close()
+    print(f"{len(folders)} episodes in {config.out}")
+    return folders
+
+
+class Recorder:
+    """Records episodes of one configuration, one after the other."""
+
+    def __init__(self, config: CollectConfig) -> None:
+        """Makes the environment.
+
+        Args:
+            config: what to record, and where.
+
+        Raises:
+            UsageError: if env, detector or policy are unknown.
+        """
+        make_policy(config.policy, config.env)
+        self.config = config
+        self.env = make_env(config.env, config.split, config.detector)
+
+    def close(self) -> None:
+        """Frees the environment."""
+        self.env.close()
+
+    def folder(self, number: int) -> Path:
+        """Where an episode lies."""
+        return self.config.out / f"{number:04d}"
+
+    def record(self, number: int) -> None:
+        """Records an episode and writes it, whole or not at all."""
+        write_episode(self.folder(number), record_episode(self.env, self.config, number))
+
+
+def _record(recorder: Recorder, missing: Sequence[int]) -> Iterator[int]:
+    """Records episodes, and yields their numbers as they are done."""
+    if recorder.config.workers > 1 and len(missing) > 1:
+        yield from in_processes(Recorder, recorder.config, Recorder.record, missing, recorder.config.workers)
+        return
+    for number in missing:
+        recorder.record(number)
+        yield number
+
+
+def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
+    """Records one episode with at least one confident view; the same for the same settings and number.
+
+    Args:
+        env: the environment.
+        config: the settings.
+        number: number of the episode.
+
+    Raises:
+        SbmError: if no start led to a confident detection.
+    """
+    scenes = inner_env(env).scene_names
+    order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
+    for spawn in range(MAX_SPAWNS):
+        index = number // config.episodes_per_scene + spawn // SPAWNS_PER_SCENE
+        scene = scenes[int(order[index % len(scenes)])]
+        seeds = np.random.SeedSequence([config.seed, 1, number, spawn]).generate_state(2)
+        captures, log = _roll_out(env, config, scene, int(seeds[0]), int(seeds[1]))
+        if any(_is_source(capture) for capture in captures):
+            metadata = {
+                "world": config.env,
+                "scene": scene,
+                "split": config.split,
+                "policy": config.policy,
+                "seed": config.seed,
+                "episode": number,
+                "spawn": spawn,
+                "env_seed": int(seeds[0]),
+                "detector": config.detector,
+                "detector_categories": list(inner_env(env).categories),
+                "confident": CONFIDENT,
+                "versions": versions(),
+                "git_commit": git_commit(),
+                "steps": log,
+            }
+            return episode_of_captures(captures, inner_env(env).categories, metadata, name=f"{number:04d}")
+    raise SbmError(
+        f"episode {number}: {MAX_SPAWNS} starts without one confident detection ({config.policy!r} in {config.env!r}); "
+        "try another seed or split"
+    )
+
+
+def _roll_out(
+    env: gym.Env, config: CollectConfig, scene: str, env_seed: int, policy_seed: int
+) -> tuple[list[Capture], list[dict[str, Any]]]:
+    """One episode: the full frame after every step, and what was done."""
+    policy = make_policy(config.policy, config.env)
+    observation, info = env.reset(seed=env_seed, options={"scene": scene})
+    policy.reset(env, observation, info, np.random.default_rng(policy_seed))
+    captures, log, truncated = [], [], False
+    while not truncated:
+        action = policy.act(observation, info)
+        observation, reward, _, truncated, info = env.step(action)
+        captures.append(inner_env(env).capture(*capture_size(env, config.size)))
+        log.append(
+            {
+                "action": [float(value) for value in action],
+                "reward": float(reward),
+                "reward_terms": info["reward_terms"],
+                "collided": info["collided"],
+                "fixated_object": info["fixation_target"].get("object_id"),
+                "coverage": info["coverage"],
+            }
+        )
+    return captures, log
+
+
+def _is_source(capture: Capture) -> bool:
+    """Whether labels can start from this view: a confident detection of a size that the label generator accepts."""
+    return any(
+        detection.confidence >= CONFIDENT
+        and np.count_nonzero(detection.mask) >= SLIVER_AREA_SHARE * detection.mask.size
+        for detection in capture.detections
+    )
+
+
+def _check(config: CollectConfig) -> None:
+    if config.episodes < 1:
+        raise UsageError(f"--episodes must be at least 1, not {config.episodes}")
+    if config.episodes_per_scene < 1:
+        raise UsageError(f"--episodes-per-scene must be at least 1, not {config.episodes_per_scene}")
+    if config.workers < 1:
+        raise UsageError(f"--workers must be at least 1, not {config.workers}")
+    if config.size is not None and config.size < 32:
+        raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
+    if config.seed < 0:
+        raise UsageError(f"--seed must not be negative, not {config.seed}")
+
+
+def _is_complete(folder: Path) -> bool:
+    """Whether an episode is there. Episodes appear whole; one that was damaged since is an error, not overwritten."""
+    if not folder.exists():
+        return False
+    try:
+        read_episode(folder)
+    except EpisodeFormatError as error:
+        raise UsageError(f"{error}; delete {folder} to have it recorded again") from error
+    return True

@@ -1,0 +1,1 @@
+"""One setting at a time: labels and rewards."""

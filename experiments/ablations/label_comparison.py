@@ -1,0 +1,81 @@
+"""Label settings side by side on the same episodes: figures, and paired differences from one of them."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from statistics import median
+from typing import Any
+
+from experiments.ablations.label_scores import FIGURES, Scored, pooled_figures, score_all, true_instances
+from experiments.cache.episode_pool import Pool, about, record
+from experiments.cache.stages import Workplace
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.metrics.bootstrap import mean_of, paired_difference
+from labeling.metrics.matching import MaskInstance
+
+DIGITS = 5
+
+
+def compare(
+    named: dict[str, list[LabelConfig | None]], base: str, pools: Sequence[Pool], workplace: Workplace, title: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Records the pools, labels them under all settings and compares.
+
+    Args:
+        named: settings by name, one for each seed; None stands for the detector's own masks.
+        base: name of the settings that the others are compared with.
+        pools: where.
+        workplace: scale, store, processes.
+        title: of the progress bar.
+
+    Returns:
+        What the pools are, and by name and pool: ``mean`` over episodes, ``pooled`` over all their labels,
+        ``per_episode``, ``difference`` from the base (mean, low, high, episodes) and ``cpu_s`` per episode.
+
+    Raises:
+        SbmError: if recording or labelling fails.
+    """
+    folders = {pool.name: record(pool, workplace) for pool in pools}
+    configs = [config for settings in named.values() for config in settings]
+    every = [folder for found in folders.values() for folder in found]
+    rows = iter(score_all(every, configs, workplace, title))
+    scored = {name: [next(rows) for _ in settings] for name, settings in named.items()}
+    results: dict[str, Any] = {name: {} for name in named}
+    start = 0
+    for pool in pools:
+        part = slice(start, start + len(folders[pool.name]))
+        start = part.stop
+        episodes = {name: [row[part] for row in seeds] for name, seeds in scored.items()}
+        reference = _per_episode(episodes[base])
+        truths = true_instances(folders[pool.name])
+        for name, seeds in episodes.items():
+            results[name][pool.name] = _summary(truths, seeds, reference)
+    return {pool.name: about(pool, folders[pool.name]) for pool in pools}, results
+
+
+def _per_episode(seeds: Sequence[Sequence[Scored]]) -> dict[str, list[float | None]]:
+    """Every figure of every episode, averaged over the seeds."""
+    return {
+        figure: [mean_of([one.figures[figure] for one in episode]) for episode in zip(*seeds, strict=True)]
+        for figure in FIGURES
+    }
+
+
+def _summary(truths: list[MaskInstance], seeds: list[list[Scored]], reference: dict[str, Any]) -> dict[str, Any]:
+    found = _per_episode(seeds)
+    differences = {figure: paired_difference(found[figure], reference[figure]) for figure in FIGURES}
+    pooled = [pooled_figures(truths, one) for one in seeds]
+    return {
+        "mean": {figure: _rounded(mean_of(found[figure])) for figure in FIGURES},
+        "pooled": {figure: _rounded(mean_of([one[figure] for one in pooled])) for figure in pooled[0]},
+        "per_episode": {figure: [_rounded(value) for value in found[figure]] for figure in FIGURES},
+        "difference": {
+            figure: None if difference is None else {key: _rounded(value) for key, value in asdict(difference).items()}
+            for figure, difference in differences.items()
+        },
+        "cpu_s": _rounded(median(one.cpu_s for seed in seeds for one in seed)),
+        "objects": [mean_of([one.objects for one in episode]) for episode in zip(*seeds, strict=True)],
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return value if value is None or isinstance(value, int) else round(value, DIGITS)

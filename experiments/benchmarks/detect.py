@@ -1,0 +1,135 @@
+"""Pictures a second: ``compact`` beside ResNet-50 Mask R-CNN at the sizes of the worlds' views; where time goes."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from experiments.benchmarks.rows import Row, median_seconds
+from labeling.core.detector import DetectorError
+from labeling.detectors.registry import COMPACT_FILE
+
+if TYPE_CHECKING:
+    from labeling.core.detector import Detector
+    from labeling.detectors.networks.mask_rcnn import Network
+    from labeling.detectors.networks.network_detector import NetworkDetector
+
+BATCH = 8
+LIMITS_S = {128: 0.040, 256: 0.120}
+"""What the project promises for a frame on two cores."""
+RIVAL = "ResNet-50 Mask R-CNN"
+CLASSES = tuple(f"class {number}" for number in range(13))
+PARTS = (("backbone", "trunk and pyramid"), ("rpn", "proposals"), ("roi_heads", "classes, boxes and masks"))
+
+
+def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """Measures row by row, per frame.
+
+    Networks with random weights report as many detections as they may in every picture, which is the worst case; both
+    networks are measured so. With its own weights, ``compact`` is measured on views of a furnished room as well.
+
+    Args:
+        quick: few repetitions, and the rival only at the smaller size.
+        say: where progress is told.
+    """
+    import torch
+
+    say(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
+    repeats = 1 if quick else 7
+    noise = np.random.default_rng(0)
+    for size, limit in LIMITS_S.items():
+        pictures = noise.integers(0, 256, (BATCH, size, size, 3), dtype=np.uint8)
+        detector = _random("compact")
+        seconds, found = _per_frame(detector, pictures, repeats)
+        theirs = None
+        if not (quick and size > min(LIMITS_S)):
+            theirs, _ = _per_frame(_random("maskrcnn_resnet50_fpn"), pictures[: 1 if quick else 2], 1 if quick else 3)
+        what = f"compact {size}x{size}, batch {BATCH}, worst case: {found:g} detections a frame"
+        wanted = f"< {1e3 * limit:g} ms"
+        yield Row(what, f"{RIVAL}, not enlarged", seconds, theirs, wanted, seconds < limit)
+        yield from _parts(detector, pictures, size)
+    if quick:
+        return
+    size = max(LIMITS_S)
+    pictures = noise.integers(0, 256, (1, size, size, 3), dtype=np.uint8)
+    seconds, _ = _per_frame(_random("maskrcnn_resnet50_fpn", enlarged=True), pictures, 1)
+    yield Row(f"{RIVAL}, {size}x{size} enlarged to 800x800 as torchvision does", "-", seconds, None)
+    if COMPACT_FILE.is_file():
+        yield from _in_a_room(repeats)
+
+
+def _in_a_room(repeats: int) -> Iterator[Row]:
+    from labeling.detectors.registry import load_detector
+
+    try:
+        detector = load_detector("compact", "cpu", BATCH)
+    except DetectorError as error:
+        yield Row(f"compact with its own weights: {error}", "-", 0.0, None)
+        return
+    for size, limit in LIMITS_S.items():
+        seconds, found = _per_frame(detector, _views(size), repeats)
+        what = f"compact {size}x{size}, batch {BATCH}, views of a room: {found:g} detections a frame"
+        yield Row(what, "limit", seconds, None, f"< {1e3 * limit:g} ms", seconds < limit)
+
+
+def _views(size: int) -> UInt8[np.ndarray, "b h w 3"]:
+    """Pictures of a room of builtin furniture."""
+    import mujoco
+
+    from experiments.benchmarks.render import views
+    from labeling.core.geometry import intrinsics_from_fov
+    from sbm_gym.rendering.rays.renderer import RaysRenderer
+    from sbm_gym.scenes.world_sources import world_source
+
+    world = world_source("indoor-builtin").build("train/00")
+    model = world.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    renderer = RaysRenderer(model)
+    intrinsics = intrinsics_from_fov(size, size, 0.5 * np.pi)
+    cameras = (views(world) * BATCH)[:BATCH]
+    return np.stack([renderer.render(data, intrinsics, camera, size, size, antialias=True).rgb for camera in cameras])
+
+
+def _random(architecture: str, enlarged: bool = False) -> "NetworkDetector":
+    import torch
+
+    from labeling.detectors.networks.mask_rcnn import build_network
+    from labeling.detectors.networks.network_detector import NetworkDetector
+    from labeling.detectors.networks.spec import NetworkSpec
+
+    torch.manual_seed(0)
+    sizes: dict[str, Any] = {"short_side_px": (800, 800)} if enlarged else {}
+    return NetworkDetector(build_network(NetworkSpec(architecture, CLASSES, **sizes)), architecture, batch_size=BATCH)
+
+
+def _per_frame(detector: "Detector", pictures: UInt8[np.ndarray, "b h w 3"], repeats: int) -> tuple[float, float]:
+    """Seconds, and detections, per picture."""
+    seconds = median_seconds(lambda: detector.detect(pictures), repeats)
+    found = detector.detect(pictures)
+    return seconds / len(pictures), round(float(np.mean([len(one.scores) for one in found])), 1)
+
+
+def _parts(detector: "NetworkDetector", pictures: UInt8[np.ndarray, "b h w 3"], size: int) -> Iterator[Row]:
+    """Where the time of one batch goes."""
+    network: Network = detector.network
+    spent: dict[str, float] = {}
+    hooks = []
+    for name, _ in PARTS:
+        started: list[float] = []
+        module = network.get_submodule(name)
+        hooks.append(module.register_forward_pre_hook(lambda *_, s=started: s.append(time.perf_counter())))
+        hooks.append(
+            module.register_forward_hook(
+                lambda *_, s=started, n=name: spent.__setitem__(n, time.perf_counter() - s[-1])
+            )
+        )
+    before = time.perf_counter()
+    detector.detect(pictures)
+    spent["rest"] = time.perf_counter() - before - sum(spent.values())
+    for hook in hooks:
+        hook.remove()
+    for name, title in (*PARTS, ("rest", "resizing, pasting of masks, names")):
+        yield Row(f"  of which, {size}x{size}: {title}", "-", spent[name] / len(pictures), None)

@@ -1,0 +1,138 @@
+"""Steps a second of the environment: beside ``mujoco.Renderer`` in the same scene, with workers, and what PPO adds."""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from experiments.benchmarks.render import RIVAL, rival
+from experiments.benchmarks.rows import Row, median_seconds
+from sbm_gym.registration import MAX_EPISODE_STEPS
+
+ENV_ID = "sbm_gym/IndoorBuiltin-v0"
+SCENE = "train/00"
+WORKERS = (1, 2, 4)
+STEPS_PER_CORE = 60.0
+"""What the project promises, a second, with the simulated detector."""
+SIZE_PX = 84
+
+
+def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """Measures row by row, per step; all in one scene that has been built already.
+
+    Args:
+        quick: few steps.
+        say: where progress is told.
+    """
+    yield from _in_one_scene(quick, say)
+    for colours in (True, False):
+        yield from _with_workers(quick, say, colours)
+    yield from _learning(quick, say)
+
+
+def _in_one_scene(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """A step with all that belongs to it, beside the mere pictures of the same views; and one without colours."""
+    import sbm_gym  # noqa: F401, registers the environments
+
+    env = gym.make(ENV_ID)
+    env.reset(seed=0, options={"scene": SCENE})
+    cameras: list[Float[np.ndarray, "4 4"]] = []
+    episodes = 1 if quick else 5
+    seconds = _seconds_per_step(env, episodes, cameras)
+    scene = env.get_wrapper_attr("scene")
+    say(f"{SCENE}: {len(scene.world.objects)} objects")
+    views = cameras[:: MAX_EPISODE_STEPS // 3]
+    draw = rival(scene.model, scene.data, views, SIZE_PX, False, True)
+    theirs = median_seconds(draw, 1 if quick else 3) / len(views)
+    what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
+    yield Row(what, f"{RIVAL}: the picture only", seconds, theirs)
+    env.close()
+    env = gym.make(ENV_ID, colours=False)
+    env.reset(seed=0, options={"scene": SCENE})
+    without = _seconds_per_step(env, episodes, [])
+    env.close()
+    yield Row("  the same without colours: depth and ids only", "step with colours", without, seconds)
+
+
+def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarray, "4 4"]]) -> float:
+    """Median over episodes in the current scene; the cameras of all steps are added to a list."""
+    rng = np.random.default_rng(0)
+    seconds = []
+    for _ in range(episodes):
+        env.reset(options={"reuse_scene": True})
+        started = time.perf_counter()
+        for _ in range(MAX_EPISODE_STEPS):
+            *_, info = env.step(rng.uniform(-1.0, 1.0, 4))
+            cameras.append(info["agent"]["camera_to_world"].copy())
+        seconds.append((time.perf_counter() - started) / MAX_EPISODE_STEPS)
+    return float(np.median(seconds))
+
+
+def _with_workers(quick: bool, say: Callable[[str], None], colours: bool) -> Iterator[Row]:
+    """Steps of several workers side by side, ends of episodes included; each worker has one thread."""
+    from agents.ppo.workers import EnvSettings, start_workers
+
+    steps = MAX_EPISODE_STEPS * (1 if quick else 12)
+    rng = np.random.default_rng(0)
+    alone = None
+    for count in WORKERS:
+        with contextlib.closing(start_workers(EnvSettings(ENV_ID, colours=colours), count, (SCENE,))) as workers:
+            workers.seed(0)
+            workers.reset()
+            started = time.perf_counter()
+            for _ in range(steps):
+                workers.step(rng.uniform(-1.0, 1.0, (count, 4)).astype(np.float32))
+            seconds = (time.perf_counter() - started) / (steps * count)
+        what = f"step of {count} worker{'s' if count > 1 else ''} side by side{'' if colours else ', without colours'}"
+        say(f"{what}: {1.0 / seconds:.0f} steps/s")
+        alone = seconds if alone is None else alone
+        per_core = 1.0 / seconds / min(count, len(os.sched_getaffinity(0)))
+        yield Row(
+            what,
+            "1 worker",
+            seconds,
+            alone,
+            f"{STEPS_PER_CORE:g} steps/s per core",
+            per_core >= STEPS_PER_CORE,
+            f"{1.0 / seconds:.0f} steps/s, {per_core:.0f} per core",
+        )
+
+
+def _learning(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """What choosing actions and learning from them adds to a step, with the hyperparameters of the environment."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from agents.ppo.hyperparameters import read_hyperparameters
+    from agents.ppo.network.policy_network import policy_arguments, policy_class
+    from agents.ppo.workers import EnvSettings, make_worker
+
+    settings = read_hyperparameters(ENV_ID)
+    arguments = replace(settings, n_steps=settings.batch_size).ppo_arguments()
+    env = DummyVecEnv([lambda: make_worker(EnvSettings(ENV_ID), 0, 1)])
+    network = policy_arguments(settings.policy_kwargs)
+    model = PPO(policy_class(settings.policy), env, policy_kwargs=network, device="cpu", seed=0, **arguments)
+    model.set_logger(Logger(None, []))
+    env.close()
+    say(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
+    model.observation_space.seed(0)
+    observation = {name: part[None] for name, part in model.observation_space.sample().items()}
+    several = {name: np.repeat(part, settings.n_envs, axis=0) for name, part in observation.items()}
+    seconds = median_seconds(lambda: model.policy.predict(several), 3 if quick else 30) / settings.n_envs
+    yield Row(f"  beside it: choosing actions, {settings.n_envs} at once", "-", seconds, None)
+    rng = np.random.default_rng(0)
+    for _ in range(settings.batch_size):
+        with torch.no_grad():
+            actions, values, log_probs = model.policy(model.policy.obs_to_tensor(observation)[0])
+        rewards, starts = rng.normal(size=1), np.zeros(1)
+        model.rollout_buffer.add(observation, actions.numpy(), rewards, starts, values, log_probs)  # type: ignore[arg-type]
+    model.rollout_buffer.compute_returns_and_advantage(torch.zeros(1), np.zeros(1))
+    seconds = median_seconds(model.train, 1 if quick else 3) / settings.batch_size
+    yield Row(f"  beside it: learning from it, {settings.n_epochs} epochs", "-", seconds, None)

@@ -1,0 +1,220 @@
+"""Labelling episodes: beside the thesis' way, over numbers of views and workers, and how far from what is possible."""
+
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+import labeling.generator.propagate
+from experiments.benchmarks.label_rival import ThesisSegmenter, check_installed
+from experiments.benchmarks.label_rooms import first_views, open_room, record
+from experiments.benchmarks.label_stages import stage_rows, timed_stage
+from experiments.benchmarks.rows import Row
+from labeling.core.episode import Episode
+from labeling.evaluation.compare import evaluate_label_set
+from labeling.generate import GenerateConfig
+from labeling.generate import run as generate
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.io.episodes import write_episode
+
+VIEWS = 25
+VIEW_COUNTS = (5, 25, 50, 100, 200)
+FACTOR, SECONDS, MEMORY_MB = 15.0, 2.5, 1000.0
+MAX_EXPONENT = 1.1
+"""Time grows with this power of the number of views at most: linear, and a tenth for larger clouds."""
+WORKER_EPISODES = 4
+PER_VIEW = "{} views, for each view"
+PICTURE = "labels_views.png"
+_FRESH = (
+    "import sys\n"
+    "from pathlib import Path\n"
+    "from labeling.generate import main\n"
+    "code = main(sys.argv[1:])\n"
+    # Not getrusage: that would count the memory of the process it was started from.
+    "print(Path('/proc/self/status').read_text().partition('VmHWM:')[2].split()[0])\n"
+    "sys.exit(code)\n"
+)
+
+
+def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """Measures row by row.
+
+    Args:
+        quick: few views and repetitions.
+        say: where progress is told.
+    """
+    check_installed()
+    counts = VIEW_COUNTS[:3] if quick else VIEW_COUNTS
+    repeats = 2 if quick else 7
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = Path(folder)
+        started = time.perf_counter()
+        longest = record(open_room(), counts[-1], VIEWS)
+        say(f"recorded {counts[-1]} views in {time.perf_counter() - started:.0f} s")
+        for count in counts:
+            write_episode(dataset / f"views_{count}", first_views(longest, count))
+        yield from _rivals(dataset, repeats, say)
+        yield from _fresh_processes(dataset, counts, say)
+        yield from stage_rows(lambda out: _label(dataset / f"views_{VIEWS}", out), dataset / f"views_{VIEWS}", repeats)
+        yield from _view_counts(dataset, counts, repeats, say)
+        yield from _workers(dataset, longest, say)
+
+
+def draw(rows: Sequence[Row], out: Path) -> None:
+    """Draws the time for each view over the number of views."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    measured = {count: row.seconds for count in VIEW_COUNTS for row in rows if row.what == PER_VIEW.format(count)}
+    figure, axes = plt.subplots(figsize=(5.2, 3.4), dpi=120, layout="constrained")
+    axes.plot(list(measured), [1e3 * seconds for seconds in measured.values()], "o-", color="#0f766e")
+    axes.set_xlabel("views of the episode (320x240, ten objects)")
+    axes.set_ylabel("labelling, ms for each view")
+    axes.set_ylim(0, None)
+    axes.set_xlim(0, None)
+    axes.grid(alpha=0.3)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    figure.savefig(out / PICTURE)
+    plt.close(figure)
+
+
+def _label(episode: Path, out: Path, label: LabelConfig | None = None) -> float:
+    """Labels one episode from files to files; returns seconds."""
+    shutil.rmtree(out, ignore_errors=True)
+    started = time.perf_counter()
+    generate(GenerateConfig(dataset=episode, out=out, label=label or LabelConfig()))
+    return time.perf_counter() - started
+
+
+def _rivals(dataset: Path, repeats: int, say: Callable[[str], None]) -> Iterator[Row]:
+    episode, out = dataset / f"views_{VIEWS}", dataset / "out"
+    alone = LabelConfig(exclusive=False)
+
+    def timed(segment: Callable, config: LabelConfig) -> tuple[float, float]:
+        """Seconds of an episode, and those of its segmentation."""
+        spent = {"segmentation": 0.0}
+        with mock.patch.object(labeling.generator.propagate, "_segment", timed_stage(segment, spent, "segmentation")):
+            return _label(episode, out, config), spent["segmentation"]
+
+    own = labeling.generator.propagate._segment
+    ways = {
+        "ours": lambda: timed(own, LabelConfig()),
+        "thesis: SVC(probability=True) + pydensecrf2 per object": lambda: timed(ThesisSegmenter(np.inf), alone),
+        "the same in crops of 1 m (published code)": lambda: timed(ThesisSegmenter(1.0), alone),
+    }
+    whole: dict[str, list[float]] = {name: [] for name in ways}
+    segmenting: dict[str, list[float]] = {name: [] for name in ways}
+    quality = {}
+    _label(episode, out)
+    # In turn, so that whatever else the machine does meets all of them.
+    for turn in range(max(2, repeats // 2)):
+        for name, way in ways.items():
+            for _ in range(2 if name == "ours" else 1):
+                seconds, spent = way()
+                whole[name].append(seconds)
+                segmenting[name].append(spent)
+            quality[name] = evaluate_label_set(out).metrics["pseudo_labels"]["mean_iou"]
+        say(f"turn {turn + 1}: " + ", ".join(f"{min(times):.2f} s" for times in whole.values()))
+    thesis_name = list(ways)[1]
+    for what, spent_by, wanted in (
+        (f"segmentation (SVM, CRF) of 10 objects in {VIEWS} views 320x240", segmenting, FACTOR),
+        ("the whole episode, files to files", whole, None),
+    ):
+        ours = min(spent_by["ours"])
+        for name in list(ways)[1:]:
+            theirs, promise = min(spent_by[name]), wanted if name == thesis_name else None
+            better = quality["ours"] >= quality[name]
+            yield Row(
+                what,
+                name,
+                ours,
+                theirs,
+                "" if promise is None else f"{promise:g}x, IoU no lower",
+                None if promise is None else bool(theirs >= promise * ours and better),
+                f"mean IoU {quality['ours']:.3f}, theirs {quality[name]:.3f}",
+            )
+    ours = min(whole["ours"])
+    yield Row(
+        "the whole episode, files to files",
+        "limit",
+        ours,
+        None,
+        f"< {SECONDS:g} s",
+        ours < SECONDS,
+        f"median of {len(whole['ours'])}: {statistics.median(whole['ours']):.2f} s",
+    )
+
+
+def _fresh_processes(dataset: Path, counts: Sequence[int], say: Callable[[str], None]) -> Iterator[Row]:
+    """Time and memory of the command itself, interpreter and imports included."""
+    for count in sorted({VIEWS, counts[-1]}):
+        best, peak = np.inf, 0.0
+        for _ in range(3):
+            shutil.rmtree(dataset / "fresh", ignore_errors=True)
+            command = [sys.executable, "-c", _FRESH, str(dataset / f"views_{count}"), "--out", str(dataset / "fresh")]
+            started = time.perf_counter()
+            result = subprocess.run(command, capture_output=True, text=True, check=True)
+            best = min(best, time.perf_counter() - started)
+            peak = max(peak, int(result.stdout.split()[-1]) / 1024)
+        say(f"{count} views in a fresh process: {best:.2f} s, {peak:.0f} MB")
+        yield Row(
+            f"fresh process, {count} views: peak memory",
+            "limit",
+            best,
+            None,
+            f"< {MEMORY_MB:g} MB" if count == VIEWS else "",
+            peak < MEMORY_MB if count == VIEWS else None,
+            f"{peak:.0f} MB",
+        )
+
+
+def _view_counts(dataset: Path, counts: Sequence[int], repeats: int, say: Callable[[str], None]) -> Iterator[Row]:
+    seconds = {}
+    for count in counts:
+        seconds[count] = min(_label(dataset / f"views_{count}", dataset / "out") for _ in range(max(2, repeats // 2)))
+        say(f"{count} views: {seconds[count]:.2f} s")
+        yield Row(PER_VIEW.format(count), "none", seconds[count] / count, None)
+    slope = float(np.polyfit(np.log(counts), np.log([seconds[count] for count in counts]), 1)[0])
+    last = seconds[counts[-1]] / counts[-1]
+    yield Row(
+        f"growth from {counts[0]} to {counts[-1]} views",
+        "linear",
+        last,
+        None,
+        f"exponent <= {MAX_EXPONENT:g}",
+        slope <= MAX_EXPONENT,
+        f"exponent {slope:.2f}; a view of {counts[-1]} costs {last * VIEWS / seconds[VIEWS]:.2f} of one of {VIEWS}",
+    )
+
+
+def _workers(dataset: Path, longest: Episode, say: Callable[[str], None]) -> Iterator[Row]:
+    """One worker that has all threads beside two workers of one thread each, start of the processes included."""
+    several = dataset / "several"
+    for number in range(WORKER_EPISODES):
+        write_episode(several / f"{number:02d}", first_views(longest, VIEWS))
+    seconds = {}
+    for workers in (1, 2):
+        best = np.inf
+        for _ in range(2):
+            shutil.rmtree(dataset / "out", ignore_errors=True)
+            started = time.perf_counter()
+            generate(GenerateConfig(dataset=several, out=dataset / "out", workers=workers))
+            best = min(best, time.perf_counter() - started)
+        seconds[workers] = best
+        say(f"{workers} workers: {best:.2f} s")
+    yield Row(
+        f"{WORKER_EPISODES} episodes, --workers 2",
+        "--workers 1 (its threads use all cores too)",
+        seconds[2],
+        seconds[1],
+    )

@@ -1,0 +1,171 @@
+"""Pictures a second: both renderers beside ``mujoco.Renderer`` in one furnished room, and what scenes cost."""
+
+import copy
+import gc
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from experiments.benchmarks.rows import Row, median_seconds
+from labeling.core.geometry import intrinsics_from_fov, look_at
+from sbm_gym.rendering.base import Renderer
+from sbm_gym.rendering.gl.context import GlContext, NoOpenGlError
+from sbm_gym.rendering.gl.renderer import GlRenderer
+from sbm_gym.rendering.rays.renderer import RaysRenderer
+from sbm_gym.scenes.world_sources import world_source
+from sbm_gym.worlds.world import World
+
+RIVAL = "mujoco.Renderer, 3 passes"
+SCENE = "train/00"
+NUM_VIEWS = 6
+RESETS = 500
+GROWTH_MB = 16.0
+"""Memory that 500 resets may add, for allocators' sake; a leak of one small picture a reset would exceed it."""
+
+
+def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """Measures row by row.
+
+    Args:
+        quick: few repetitions.
+        say: where progress is told.
+    """
+    world = world_source("indoor").build(SCENE)
+    model = world.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    cameras = views(world)
+    triangles = int(sum(model.mesh_facenum[model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]]))
+    say(f"{SCENE}: {len(world.objects)} objects, {triangles} triangles, {model.nlight} lamps; OpenGL: {_device()}")
+    repeats = 1 if quick else 5
+    rays, gl = RaysRenderer(model), GlRenderer(model)
+    for size, antialias in ((84, False), (256, True)):
+        what = f"rgb with shadows, depth, ids, {size}x{size}" + (", smooth edges" if antialias else "")
+        ours = {
+            "rays": median_seconds(_all(rays, data, cameras, size, antialias), repeats) / NUM_VIEWS,
+            "gl": median_seconds(_all(gl, data, cameras, size, antialias), repeats) / NUM_VIEWS,
+        }
+        for shadows, factor in ((True, {84: 12.0}), (False, {84: 6.0, 256: 2.0})):
+            theirs = median_seconds(rival(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
+            for name, seconds in ours.items():
+                wanted = factor.get(size) if name == "rays" else None
+                yield Row(
+                    f"{name}: {what}",
+                    f"{RIVAL}, its shadows {'on' if shadows else 'off'}",
+                    seconds,
+                    theirs,
+                    "" if wanted is None else f"{wanted:g}x",
+                    None if wanted is None else bool(theirs >= wanted * seconds),
+                )
+    gl.close()
+    yield from scene_costs(quick, say)
+
+
+def views(world: World) -> list[Float[np.ndarray, "4 4"]]:
+    """Cameras at eye level that look at objects from where an agent can stand."""
+    rng = np.random.default_rng(0)
+    targets = [world.objects[index % len(world.objects)].box_3d.centre_m for index in range(NUM_VIEWS)]
+    return [look_at(np.array([*world.navigable.random_point(rng), 1.5]), target) for target in targets]
+
+
+def _all(renderer: Renderer, data, cameras, size: int, antialias: bool) -> Callable[[], None]:
+    intrinsics = intrinsics_from_fov(size, size, 0.5 * np.pi)
+
+    def draw() -> None:
+        for camera in cameras:
+            renderer.render(data, intrinsics, camera, size, size, antialias=antialias)
+
+    return draw
+
+
+def rival(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Callable[[], None]:
+    """Colour, depth and segmentation as ``mujoco.Renderer`` draws them: one pass each, from the same place."""
+    model = copy.copy(model)
+    model.vis.quality.offsamples = 4 if antialias else 0
+    model.vis.global_.fovy = 90.0
+    # It draws no point lights, and their empty shadow maps would cost it little: it gets lamps that it can draw.
+    lamps = model.light_type == mujoco.mjtLightType.mjLIGHT_POINT
+    model.light_type[lamps], model.light_cutoff[lamps] = int(mujoco.mjtLightType.mjLIGHT_SPOT), 80.0
+    rival = mujoco.Renderer(model, size, size)
+    rival.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(shadows)
+    camera = mujoco.MjvCamera()
+    modes = (
+        rival.disable_depth_rendering,
+        rival.enable_depth_rendering,
+        rival.enable_segmentation_rendering,
+    )
+
+    def draw() -> None:
+        for pose in cameras:
+            forward = pose[:3, 2]
+            camera.lookat, camera.distance = pose[:3, 3] + forward, 1.0
+            camera.azimuth = np.rad2deg(np.arctan2(forward[1], forward[0]))
+            camera.elevation = np.rad2deg(np.arcsin(forward[2]))
+            for choose in modes:
+                rival.update_scene(data, camera)
+                choose()
+                rival.render()
+            rival.disable_segmentation_rendering()
+
+    return draw
+
+
+def _device() -> str:
+    try:
+        context = GlContext()
+    except NoOpenGlError:
+        return "none"
+    name = context.renderer_name
+    context.free()
+    return name
+
+
+def scene_costs(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+    """What it takes to enter another scene, to start again in one, and whether memory stays where it is."""
+    from sbm_gym.env.fixation_env import FixationEnv
+
+    env = FixationEnv(split=None, scene_cache=1)
+    names = env.scene_names[: 3 if quick else 8]
+    env.reset(seed=0, options={"scene": names[-1]})
+    changes = []
+    for number, name in enumerate(names):
+        started = time.perf_counter()
+        env.reset(seed=number, options={"scene": name})
+        changes.append(time.perf_counter() - started)
+        say(f"scene {name}: {changes[-1]:.2f} s")
+    seconds = float(np.median(changes))
+    yield Row("scene change (build, compile, first picture)", "limit", seconds, None, "< 2 s", seconds < 2.0)
+    known = median_seconds(lambda: env.reset(options={"reuse_scene": True}), 5 if quick else 50)
+    yield Row("reset in a known scene", "limit", known, None, "< 50 ms", known < 0.05)
+    resets = 20 if quick else RESETS
+    for _ in range(resets // 10):
+        env.reset(options={"reuse_scene": True})
+    gc.collect()
+    before = resident_mb()
+    started = time.perf_counter()
+    for _ in range(resets):
+        env.reset(options={"reuse_scene": True})
+    seconds = (time.perf_counter() - started) / resets
+    gc.collect()
+    after = resident_mb()
+    yield Row(
+        f"memory over {resets} resets: {before:.0f} MB before, {after:.0f} MB after",
+        "limit",
+        seconds,
+        None,
+        f"< {GROWTH_MB:g} MB more",
+        after - before < GROWTH_MB,
+        f"{after - before:+.1f} MB",
+    )
+    env.close()
+
+
+def resident_mb() -> float:
+    """Memory that this process holds, MB."""
+    statm = Path("/proc/self/statm").read_text(encoding="ascii")
+    return int(statm.split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20

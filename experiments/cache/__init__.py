@@ -1,0 +1,1 @@
+"""Stages of experiments that are done once and kept."""

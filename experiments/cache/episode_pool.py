@@ -1,0 +1,132 @@
+"""Recorded episodes that experiments share: rooms to choose settings on, others to report them on, and streets."""
+
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from experiments.cache.provenance import versions
+from experiments.cache.stages import Scale, Workplace, digest
+from labeling.runtime.code_digest import code_digest
+
+RECORDING_CODE = ("agents.rollouts.recorder", "sbm_gym.env.fixation_env", "sbm_gym.registration")
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Some episodes of one kind of world and one split."""
+
+    name: str
+    env: str
+    split: Literal["train", "val", "test", "wide", "endless"]
+    """Settings are chosen on "train" and reported on "val"; "endless" is to learn from, too; "test" and "wide" are for
+    final tables only."""
+    episodes: int
+    seed: int = 0
+    detector: str = "simulated"
+    """Whose detections guide the agent and are recorded: "simulated", or a name that labeling.detectors knows."""
+    policy: str = "ring"
+    """Who moves."""
+    episodes_per_scene: int = 1
+    """Begun in different places."""
+
+
+def pools(scale: Scale) -> tuple[Pool, ...]:
+    """The pools of a scale."""
+    counts = {"smoke": (2, 1, 1, 1), "quick": (10, 6, 4, 3), "full": (30, 12, 12, 8)}[scale]
+    rooms, streets = "sbm_gym/Indoor-v0", "sbm_gym/Outdoor-v0"
+    return (
+        Pool("rooms_train", rooms, "train", counts[0]),
+        Pool("rooms_val", rooms, "val", counts[1]),
+        Pool("streets_train", streets, "train", counts[2]),
+        Pool("streets_val", streets, "val", counts[3]),
+    )
+
+
+def record(pool: Pool, workplace: Workplace) -> list[Path]:
+    """Records what the pool lacks.
+
+    Episode i depends on the settings and on i alone, so that pools of different sizes share their first episodes.
+
+    Returns:
+        The folders of its episodes.
+
+    Raises:
+        SbmError: if the world cannot be built.
+    """
+    from agents.evaluation.store import policy_key
+    from agents.rollouts.collect_config import CollectConfig
+    from agents.rollouts.recorder import collect
+
+    settings = {
+        "env": pool.env,
+        "split": pool.split,
+        "seed": pool.seed,
+        "policy": pool.policy,
+        "detector": pool.detector,
+        "episodes_per_scene": pool.episodes_per_scene,
+    }
+    mover = policy_key(pool.policy, pool.env)
+    depends_on = [
+        {**settings, "policy": mover},
+        versions(),
+        code_digest(*RECORDING_CODE),
+        detector_digest(pool.detector),
+    ]
+    name = f"{pool.name}-{digest(*depends_on)}"
+    out = workplace.cache / "episodes" / name
+    return collect(CollectConfig(out=out, episodes=pool.episodes, workers=workplace.workers, **settings))
+
+
+def gather(name: str, episodes: Mapping[str, Path], workplace: Workplace) -> list[Path]:
+    """One dataset of the episodes of several pools.
+
+    Args:
+        name: of the dataset. Episodes that it holds from before and that are not asked for any more are removed.
+        episodes: folders, by the names that they are to have; another episode needs another name.
+        workplace: where datasets are kept. Files are hard links where the file system has them.
+
+    Returns:
+        The folders, by name.
+    """
+    out = workplace.cache / "episodes" / name
+    out.mkdir(parents=True, exist_ok=True)
+    for folder in out.iterdir():
+        if folder.name not in episodes:
+            shutil.rmtree(folder)
+    for wanted in sorted(episodes):
+        if not (out / wanted).is_dir():
+            half = out / f".{wanted}"  # episodes whose names start with a dot are passed over
+            shutil.copytree(episodes[wanted], half, copy_function=_link)
+            half.rename(out / wanted)
+    return [out / wanted for wanted in sorted(episodes)]
+
+
+def _link(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def detector_digest(name: str) -> str:
+    """Changes with the weights of a real detector.
+
+    Raises:
+        SbmError: if there is no such detector.
+    """
+    if name == "simulated":
+        return ""
+    from labeling.detectors.registry import load_detector
+
+    return load_detector(name).digest
+
+
+def about(pool: Pool, folders: list[Path]) -> dict[str, Any]:
+    """What a reader of figures wants to know about the pool."""
+    import json
+
+    scenes = [json.loads((folder / "episode.json").read_text())["scene"] for folder in folders]
+    return {**asdict(pool), "views_per_episode": 25, "scenes": scenes}

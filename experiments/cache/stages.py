@@ -1,0 +1,129 @@
+"""Stages of experiments: done once, kept on disk under a digest of all that decides their outcome.
+
+A killed experiment goes on where it was, a changed setting or a changed line of code makes anew what depends on it, and
+experiments share what they have in common.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from labeling.core.errors import SbmError
+from labeling.io.formats.atomic import write_json
+from labeling.runtime.threads import threads_of_children
+from labeling.runtime.worker_process import serve_parent
+
+Task = TypeVar("Task")
+Scale = Literal["smoke", "quick", "full"]
+
+
+def digest(*parts: Any) -> str:
+    """A short name for JSON content, the same for the same content."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()[:24]
+
+
+def folder_digest(folder: Path) -> str:
+    """Changes whenever a file in the folder does."""
+    found = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        found.update(path.relative_to(folder).as_posix().encode() + b"\0")
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+@dataclass(frozen=True)
+class Store:
+    """Outcomes of stages, one JSON file each."""
+
+    folder: Path
+
+    def path(self, stage: str, key: str) -> Path:
+        """Where the outcome lies."""
+        return self.folder / stage / key[:2] / f"{key}.json"
+
+    def has(self, stage: str, key: str) -> bool:
+        """Whether it is there."""
+        return self.path(stage, key).is_file()
+
+    def read(self, stage: str, key: str) -> Any:
+        """The outcome.
+
+        Raises:
+            SbmError: if it is not there or damaged.
+        """
+        path = self.path(stage, key)
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise SbmError(f"{path}: cannot be read ({error}); delete it to have it made again") from None
+
+    def write(self, stage: str, key: str, content: Any) -> None:
+        """Keeps an outcome."""
+        write_json(self.path(stage, key), content)
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What an experiment needs to know about the run it is part of."""
+
+    scale: Scale
+    seeds: tuple[int, ...]
+    workers: int
+    """Processes at a time."""
+    cache: Path
+    """Folder for recorded episodes and the outcomes of stages."""
+
+    @property
+    def store(self) -> Store:
+        """The outcomes of stages."""
+        return Store(self.cache / "stages")
+
+
+def run_tasks(
+    work: Callable[[Task], object],
+    tasks: Sequence[Task],
+    workers: int,
+    title: str,
+    weight: Callable[[Task], int] = lambda task: 1,
+) -> None:
+    """Works through tasks in processes of one thread each, with a progress bar.
+
+    Args:
+        work: a function of a module, which keeps its outcome itself.
+        tasks: what to give it; picklable.
+        workers: how many processes.
+        title: of the progress bar.
+        weight: how much of the work a task is.
+
+    Raises:
+        SbmError: once all other tasks are done, if any has failed.
+    """
+    from tqdm import tqdm
+
+    errors: list[str] = []
+    with tqdm(total=sum(map(weight, tasks)), desc=title, unit="run", smoothing=0.05, file=sys.stderr) as bar:
+        if not tasks:
+            return
+        context, count = multiprocessing.get_context("spawn"), min(workers, len(tasks))
+        with threads_of_children(1), ProcessPoolExecutor(count, context, serve_parent) as pool:
+            running: dict[Future[object], Task] = {pool.submit(work, task): task for task in tasks}
+            try:
+                for done in as_completed(running):
+                    error = done.exception()
+                    if isinstance(error, SbmError):
+                        errors.append(str(error))
+                        tqdm.write(f"error: {error}", file=sys.stderr)
+                    elif error is not None:
+                        raise error
+                    bar.update(weight(running[done]))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    if errors:
+        raise SbmError(f"{len(errors)} of {len(tasks)} tasks failed; the first: {errors[0]}")

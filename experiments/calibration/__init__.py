@@ -1,0 +1,1 @@
+"""Samples that label quality is fitted to."""

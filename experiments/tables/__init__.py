@@ -1,0 +1,1 @@
+"""The thesis' tables, and experiments in their manner."""

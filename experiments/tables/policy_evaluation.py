@@ -1,0 +1,147 @@
+"""Policies against each other in both worlds, with a real detector in the loop: what they earn and bring home."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from experiments.cache.stages import Scale, Workplace, digest
+from experiments.cache.worlds import DETECTOR, WORLDS
+from labeling.runtime.code_digest import code_digest
+
+DESCRIPTION = "what policies earn, and how good the labels of their views are, on validation scenes with compact"
+SPLIT = "val"
+POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
+"""Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
+LABELLED = ("ring", "next_best_view", "ppo")
+"""Whose views labels are made of, which takes several times as long as the views do."""
+PLAYING_CODE = (
+    "agents.rollouts.play",
+    "agents.evaluation.label_quality",
+    "agents.rollouts.environments",
+    "agents.policies.registry",
+    "sbm_gym.env.fixation_env",
+    "sbm_gym.registration",
+)
+"""What the result of an episode depends on; how results are summed up and drawn is not among it."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of everything a scale has."""
+
+    episodes: int
+    """Of each world, policy and seed."""
+    labelled: int
+    """Labels are made of so many of them, the first."""
+    picture_px: int | None = None
+    """Height of the pictures that labels are made on; None is the world's own."""
+
+
+SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(20, 6), "full": Size(50, 50)}
+
+
+def run(workplace: Workplace) -> dict[str, Any]:
+    """Plays what has not been played, and sums up.
+
+    Returns:
+        For each world: settings and figures of all policies, who is left out and why, where trained weights come from.
+
+    Raises:
+        SbmError: if a world cannot be built, or a trained policy is not for this version of it.
+    """
+    worlds = {world: _one_world(env_id, workplace) for world, env_id in WORLDS.items()}
+    protocols = [world.pop("protocol") for world in worlds.values()]
+    return {"compared_with": POLICIES[0], "worlds": worlds, "protocol": protocols[0]}
+
+
+def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
+    from agents.evaluation.evaluate_config import EvaluateConfig
+    from agents.evaluation.run import evaluate
+
+    size = SIZES[workplace.scale]
+    policies, left_out = present(env_id, POLICIES)
+    config = EvaluateConfig(
+        policies=policies,
+        env=env_id,
+        split=SPLIT,
+        episodes=size.episodes,
+        seeds=len(workplace.seeds),
+        detector=DETECTOR,
+        labels=False,
+        workers=workplace.workers,
+        out=played_folder("policy_evaluation", env_id, SPLIT, DETECTOR, None, workplace),
+    )
+    with_labels = replace(
+        config,
+        policies=tuple(policy for policy in policies if policy in LABELLED),
+        episodes=size.labelled,
+        labels=True,
+        size=size.picture_px,
+        out=played_folder("policy_evaluation_labelled", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
+    )
+    labelled = evaluate(with_labels)
+    content = evaluate(config, played=with_labels.out)
+    for policy, found in labelled["policies"].items():
+        content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
+    return {
+        "settings": content["settings"],
+        "labelled": {"episodes": size.labelled, "picture_px": size.picture_px},
+        "left_out": left_out,
+        "trained": trained(policies, env_id),
+        "policies": content["policies"],
+        "protocol": labelled["protocol"],
+    }
+
+
+def present(env_id: str, policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Which of the policies there are for an env, and why there is none of the others."""
+    from agents.policies.registry import checkpoint_of
+    from labeling.core.errors import UsageError
+
+    there, left_out = [], {}
+    for policy in policies:
+        try:
+            checkpoint_of(policy, env_id)
+        except UsageError as error:
+            left_out[policy] = str(error)
+        else:
+            there.append(policy)
+    return tuple(there), left_out
+
+
+def played_folder(
+    experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, workplace: Workplace
+) -> Path:
+    """Where results of episodes are kept: another folder whenever something changes that decides them."""
+    from experiments.cache.episode_pool import detector_digest
+    from experiments.cache.provenance import versions
+
+    settings = [env_id, split, detector, picture_px]
+    name = digest(settings, versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
+    return workplace.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
+
+
+def trained(policies: Sequence[str], env_id: str) -> dict[str, dict[str, Any]]:
+    """Where the weights of those that are trained come from."""
+    from agents.evaluation.store import policy_key
+    from agents.policies.registry import checkpoint_of
+    from experiments.tables.trained_policies import origin_of
+
+    found = {}
+    for policy in policies:
+        checkpoint = checkpoint_of(policy, env_id)
+        if checkpoint is not None:
+            found[policy] = {"checkpoint": policy_key(policy, env_id), **origin_of(checkpoint)}
+    return found
+
+
+def report(results: Path, docs: Path) -> list[Path]:
+    """Writes the page about policies, and the pictures in it.
+
+    Returns:
+        The files written.
+    """
+    from experiments.pages.policies import write_page
+
+    return write_page(results, docs)

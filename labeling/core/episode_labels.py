@@ -1,0 +1,92 @@
+"""What the label generator finds in one episode: objects, masks, and the segmented cloud."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from labeling.core.types import Box3d, PseudoLabel
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The scale of an episode, measured on its confident detections."""
+
+    object_m: float
+    """Median over the detections of the square root of the area they cover."""
+    pixel_m: float
+    """Median distance between neighbouring pixels on the detected objects."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A confident detection that an object was labelled from."""
+
+    view_index: int
+    confidence: float
+    category: str
+
+
+@dataclass(frozen=True)
+class LabelledObject:
+    """One object of an episode."""
+
+    instance_id: int
+    """1, 2, ... within the episode."""
+    category: str
+    confidence: float
+    """In [0, 1]: how far its sources are sure and agree."""
+    box_3d: Box3d | None
+    """None if no point was left for it."""
+    sources: tuple[Source, ...]
+    """The most confident first."""
+
+
+@dataclass(frozen=True, eq=False)
+class IgnoredRegion:
+    """A region that is neither surely an object nor surely background: nobody should learn from it."""
+
+    view_index: int
+    category: str
+    """What it might be."""
+    confidence: float
+    """In [0, 1]."""
+    mask: Bool[np.ndarray, "h w"]
+    instance_id: int | None = None
+    """The object whose label is not trusted here; None for a detection that no label explains."""
+
+
+@dataclass(frozen=True)
+class SegmentedCloud:
+    """The points of an episode and the object each belongs to."""
+
+    points: Float32[np.ndarray, "n 3"]
+    """Metres, world."""
+    colours: Float32[np.ndarray, "n 3"]
+    """In [0, 1]."""
+    instance_id: Int32[np.ndarray, "n"]
+    """0 for none."""
+    probability: Float32[np.ndarray, "n k"]
+    """Of each object, in the order of ``EpisodeLabels.objects``."""
+
+    @property
+    def confidence(self) -> Float32[np.ndarray, "n"]:
+        """Probability that a point belongs to the object (or to none) it is labelled with."""
+        if self.probability.shape[1] == 0:
+            return np.ones(len(self.points), np.float32)
+        own = np.take_along_axis(self.probability, np.maximum(self.instance_id - 1, 0)[:, None], axis=1)[:, 0]
+        return np.where(self.instance_id > 0, own, 1 - self.probability.max(axis=1)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class EpisodeLabels:
+    """What the label generator found in one episode."""
+
+    objects: tuple[LabelledObject, ...]
+    labels: tuple[PseudoLabel, ...]
+    """Of every object in every view where it has a mask, sorted by view."""
+    cloud: SegmentedCloud
+    scale: Scale | None
+    """None if no usable detection lies on known depth (there are no labels then)."""
+    ignored: tuple[IgnoredRegion, ...] = ()
+    """What is left out of ``labels`` for want of trust, sorted by view."""

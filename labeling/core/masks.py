@@ -1,0 +1,53 @@
+"""Masks and the boxes around them."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+
+def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
+    """Tightest box around a mask as COCO writes it: left, top, width, height in pixels; zeros for an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return (0.0, 0.0, 0.0, 0.0)
+    return (
+        float(columns[0]),
+        float(rows[0]),
+        float(columns[-1] - columns[0] + 1),
+        float(rows[-1] - rows[0] + 1),
+    )
+
+
+def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
+    """Intersection over union of two masks; 0 if both are empty."""
+    union = np.count_nonzero(a | b)
+    return np.count_nonzero(a & b) / union if union else 0.0
+
+
+def fill_polygons(polygons: Any, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
+    """The mask of COCO polygons: the union of their insides, filled as COCO's own tools do.
+
+    Args:
+        polygons: lists of ``x1 y1 x2 y2 ...`` in pixels, where the left edge of the picture is at x = 0.
+        size: height and width of the picture.
+
+    Raises:
+        ValueError: if a polygon has fewer than three corners, or corners far outside the picture.
+    """
+    from hotcoco import mask as coco_mask
+
+    height_px, width_px = size
+    if not isinstance(polygons, list) or not polygons:
+        raise ValueError("a polygon mask is a list of lists x1 y1 x2 y2 ...")
+    for polygon in polygons:
+        if not isinstance(polygon, list) or not all(type(value) in (int, float) for value in polygon):
+            raise ValueError("a polygon mask is a list of lists x1 y1 x2 y2 ... of numbers")
+        if len(polygon) < 6 or len(polygon) % 2:
+            raise ValueError(f"a polygon needs x and y of three corners or more, not {len(polygon)} numbers")
+        # The time and memory of filling grow with the length of the outline.
+        reach = 2 * max(size)
+        if not all(-reach <= value <= reach for value in polygon):
+            raise ValueError(f"a polygon has corners far outside the picture of {width_px}x{height_px} pixels")
+    runs = coco_mask.merge(coco_mask.frPyObjects([[float(v) for v in polygon] for polygon in polygons], *size))
+    return np.ascontiguousarray(coco_mask.decode(runs)).astype(bool)

@@ -1,0 +1,81 @@
+"""What is known about objects in views: detections, ground truth, pseudo-labels, 3-D boxes, and masks as COCO RLE."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+CONFIDENT = 0.9
+"""Detections at least this confident are trusted as sources of labels, unless configured. Source: thesis A.2.2."""
+
+
+@dataclass(frozen=True)
+class Box3d:
+    """An oriented box in the world."""
+
+    centre_m: Float[np.ndarray, "3"]
+    extent_m: Float[np.ndarray, "3"]
+    """Full edge lengths along the box's own axes."""
+    rotation: Float[np.ndarray, "3 3"]
+    """Columns are the box's axes in the world."""
+
+    def corners(self) -> Float[np.ndarray, "8 3"]:
+        """The eight corners in the world, metres."""
+        signs = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), axis=-1).reshape(8, 3)
+        return self.centre_m + (signs * self.extent_m) @ self.rotation.T
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """What a detector says about one object in one view. Equal if all fields are, the mask pixel by pixel."""
+
+    view_index: int
+    category: str
+    confidence: float
+    """In [0, 1]."""
+    mask: Bool[np.ndarray, "h w"]
+    exact: bool = False
+    """Drawn by a person, so that its outline needs no doubt: the mask is not eroded."""
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Detection)
+            and (self.view_index, self.category, self.confidence, self.exact)
+            == (other.view_index, other.category, other.confidence, other.exact)
+            and np.array_equal(self.mask, other.mask)
+        )
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """What the simulator (or an annotator) knows about one object in one view."""
+
+    view_index: int
+    instance_id: int
+    """Identifies the object across the views of an episode."""
+    category: str
+    modal: Bool[np.ndarray, "h w"]
+    """The visible part."""
+    amodal: Bool[np.ndarray, "h w"] | None = None
+    """The whole object, as if nothing stood before it; None where unknown."""
+    box_3d: Box3d | None = None
+    ignore: bool = False
+    """Neither rewarded nor punished in evaluation (COCO's iscrowd), such as a sliver nobody would annotate."""
+
+
+@dataclass(frozen=True)
+class PseudoLabel:
+    """What the label generator says about one object in one view."""
+
+    view_index: int
+    instance_id: int
+    """Identifies the object across the views of an episode."""
+    category: str
+    confidence: float
+    """In [0, 1]."""
+    modal: Bool[np.ndarray, "h w"]
+    """May be empty where only the amodal mask has pixels (the object is hidden in this view)."""
+    amodal: Bool[np.ndarray, "h w"]
+    source_view_index: int
+    """The view of the confident detection this label stems from."""
+    source_confidence: float

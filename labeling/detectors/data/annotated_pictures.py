@@ -1,0 +1,202 @@
+"""Annotated pictures to train on and to score detectors with. Four things on disk are read, told apart by their files:
+
+==================================  =============================================================================
+a label set                         a folder that ``labeling.generate`` wrote (``instances_modal.json``); pictures are
+                                    those of its dataset, and the score of a label is its weight
+an episode, or a dataset of them    folders with ``ground_truth.json`` and the pictures it names
+a COCO folder ("photographs")       a folder with ``annotations.json`` and the pictures that it names, relative to
+                                    ``images/`` if there is such a folder, else to the folder itself
+any COCO file                       ``FILE.json``; pictures as above, relative to its folder
+==================================  =============================================================================
+
+All are COCO instances: ``images`` (``id file_name width height``), ``categories`` (``id name``) and ``annotations``
+(``image_id category_id segmentation``, RLE or polygons; a person's, or of a detector with a ``score`` in [0, 1]).
+An annotation with ``iscrowd: 1`` or ``ignore: true`` marks a region to ignore. A COCO folder may be split: with
+subfolders ``train`` and ``val``, each a COCO folder, training takes the first and scoring the second.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from jaxtyping import UInt8
+
+from labeling.core.errors import EpisodeFormatError, UsageError
+from labeling.core.masks import fill_polygons
+from labeling.core.rle import decode_mask, encode_mask
+from labeling.io.coco import CategoryTable
+from labeling.io.formats.checked_json import Json, read_json
+from labeling.io.label_set import MODAL_FILE, read_label_set
+
+ANNOTATIONS_FILE, PICTURES_FOLDER = "annotations.json", "images"
+TRUTH_FILE = "ground_truth.json"
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """One object in one picture."""
+
+    category: str
+    rle: dict
+    """COCO RLE of its visible part."""
+    weight: float = 1.0
+    """How far the annotation is to be trusted, in [0, 1]."""
+    ignore: bool = False
+    """Nothing is known here: detections are neither right nor wrong."""
+
+
+@dataclass(frozen=True)
+class AnnotatedPicture:
+    """One picture on disk and what is in it; complete, in that what is not annotated is background."""
+
+    file: Path
+    size: tuple[int, int]
+    """Height and width in pixels."""
+    annotations: tuple[Annotation, ...]
+
+    def rgb(self) -> UInt8[np.ndarray, "h w 3"]:
+        """Reads the picture.
+
+        Raises:
+            EpisodeFormatError: if it is missing, damaged, or of another size than stated.
+        """
+        import cv2
+
+        try:
+            content = np.fromfile(self.file, np.uint8)
+        except OSError as error:
+            raise EpisodeFormatError(f"{self.file}: cannot be read ({error})") from None
+        picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+        if picture is None:
+            raise EpisodeFormatError(f"{self.file}: is not a picture that can be read")
+        if picture.shape[:2] != self.size:
+            raise EpisodeFormatError(
+                f"{self.file}: is {picture.shape[:2]} pixels (height, width), but {self.size} stated"
+            )
+        return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+
+
+def read_pictures(path: Path, part: str = "train", dataset: Path | None = None) -> list[AnnotatedPicture]:
+    """Reads annotated pictures; see the module for what ``path`` may be.
+
+    Args:
+        path: label set, episodes with ground truth, COCO folder or COCO file.
+        part: "train" or "val", of a COCO folder that is split.
+        dataset: where the pictures of a label set lie; by default where it says.
+
+    Raises:
+        SbmError: if there is nothing to be read, or it is malformed.
+    """
+    if path.is_file():
+        return read_coco(path, _pictures_folder(path.parent))
+    if not path.is_dir():
+        raise UsageError(f"{path}: no such folder; give a label set, episodes with ground truth, or a COCO folder")
+    if (path / MODAL_FILE).is_file():
+        dataset = dataset or read_label_set(path).dataset
+        if dataset is None:
+            raise UsageError(f"{path}: label_set.json does not say which dataset it was made from; give --dataset")
+        return read_coco(path / MODAL_FILE, dataset)
+    if is_split(path):
+        path = path / part
+    if (path / ANNOTATIONS_FILE).is_file():
+        return read_coco(path / ANNOTATIONS_FILE, _pictures_folder(path))
+    if (path / TRUTH_FILE).is_file():
+        return read_coco(path / TRUTH_FILE, path)
+    below = sorted(p.parent for p in path.glob(f"*/{TRUTH_FILE}") if not p.parent.name.startswith("."))
+    if not below:
+        raise UsageError(
+            f"{path}: nothing to learn or to score here; looked for {MODAL_FILE} (label set), {ANNOTATIONS_FILE} (COCO "
+            f"folder), train/{ANNOTATIONS_FILE} and val/{ANNOTATIONS_FILE} (split one), and {TRUTH_FILE} (episodes)"
+        )
+    return [picture for folder in below for picture in read_coco(folder / TRUTH_FILE, folder)]
+
+
+def is_split(path: Path) -> bool:
+    """Whether this is a COCO folder in parts ``train`` and ``val``."""
+    return all((path / part / ANNOTATIONS_FILE).is_file() for part in ("train", "val"))
+
+
+def read_coco(file: Path, folder: Path) -> list[AnnotatedPicture]:
+    """Reads one COCO file, in the order of its ``images``.
+
+    Args:
+        file: COCO instances.
+        folder: what the pictures' file names are relative to.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if it is malformed.
+    """
+    content = read_json(file)
+    table = CategoryTable.from_files([content])
+    pictures: dict[int, AnnotatedPicture] = {}
+    found: dict[int, list[Annotation]] = {}
+    for image in content.list_of("images"):
+        name = PurePosixPath(image.text("file_name").replace("\\", "/"))
+        number, size = image.integer("id"), (image.integer("height"), image.integer("width"))
+        if min(size) <= 0:
+            raise image.error(f"sides must be above 0, not {size}", "height")
+        if number in pictures:
+            raise image.error(f"id {number} is used twice", "id")
+        pictures[number] = AnnotatedPicture(folder / name, size, ())
+        found[number] = []
+    for record in content.list_of("annotations"):
+        number = record.integer("image_id")
+        if number not in pictures:
+            raise record.error(f"unknown image id {number}; there are {len(pictures)} images", "image_id")
+        found[number].append(_annotation(record, table, pictures[number].size))
+    return [replace(picture, annotations=tuple(found[number])) for number, picture in pictures.items()]
+
+
+def _annotation(record: Json, table: CategoryTable, size: tuple[int, int]) -> Annotation:
+    weight = record.number("score", 1.0)
+    if not 0.0 <= weight <= 1.0:
+        raise record.error(f"a score lies in [0, 1], not {weight:g}", "score")
+    segmentation = record.get("segmentation")
+    try:
+        if isinstance(segmentation.value, list):
+            rle = encode_mask(fill_polygons(segmentation.value, size))
+        else:
+            if segmentation.mapping().get("size") != list(size):
+                raise segmentation.error(f"must be the picture's {list(size)} (height, width)", "size")
+            rle = segmentation.value if isinstance(segmentation.value.get("counts"), str) else None
+            checked = decode_mask(segmentation.value)
+            rle = rle or encode_mask(checked)
+    except EpisodeFormatError:
+        raise
+    except ValueError as error:
+        raise segmentation.error(str(error)) from None
+    flags = [bool(record.get(name).value) for name in ("iscrowd", "ignore") if record.has(name)]
+    return Annotation(table.name(record), rle, weight, any(flags))
+
+
+def _pictures_folder(folder: Path) -> Path:
+    inside = folder / PICTURES_FOLDER
+    return inside if inside.is_dir() else folder
+
+
+# Choosing ------------------------------------------------------------------------------------------------------------
+
+
+def category_names(pictures: Iterable[AnnotatedPicture]) -> tuple[str, ...]:
+    """All categories that are annotated, sorted."""
+    return tuple(sorted({a.category for picture in pictures for a in picture.annotations if not a.ignore}))
+
+
+def with_annotations(
+    pictures: Sequence[AnnotatedPicture], change: Callable[[Annotation], Annotation | None]
+) -> list[AnnotatedPicture]:
+    """The same pictures with other annotations; those that become None are left out."""
+    return [
+        replace(picture, annotations=tuple(new for new in map(change, picture.annotations) if new is not None))
+        for picture in pictures
+    ]
+
+
+def hold_out(
+    pictures: Sequence[AnnotatedPicture], every: int = 10
+) -> tuple[list[AnnotatedPicture], list[AnnotatedPicture]]:
+    """Splits pictures: every tenth is held out; of a single one, none."""
+    held = [picture for index, picture in enumerate(pictures) if index % every == every - 1]
+    kept = [picture for index, picture in enumerate(pictures) if index % every != every - 1]
+    return kept, held

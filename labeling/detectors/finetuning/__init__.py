@@ -1,0 +1,1 @@
+"""Training a 2-D detector on labels."""

@@ -1,0 +1,151 @@
+"""From annotated pictures on disk to batches on a device."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch.utils.data import DataLoader, Dataset
+
+from labeling.core.errors import UsageError
+from labeling.core.rle import decode_mask
+from labeling.detectors.data.annotated_pictures import AnnotatedPicture, category_names
+from labeling.detectors.data.augment import AugmentConfig, Sample, augment
+from labeling.detectors.networks.losses import Target
+from labeling.detectors.networks.mask_rcnn import STRIDE
+
+Batch = tuple[torch.Tensor, list[tuple[int, int]], list[Target]]
+"""Pictures (b, 3, h, w; uint8), their sizes within, and what is in them."""
+
+
+def load_sample(picture: AnnotatedPicture, categories: Sequence[str]) -> Sample:
+    """Reads a picture and its masks. Objects of categories that the list lacks are background; so are empty masks."""
+    number = {name: index for index, name in enumerate(categories, start=1) if name}
+    kept = [one for one in picture.annotations if one.ignore or one.category in number]
+    masks = [decode_mask(one.rle) for one in kept]
+    shown = [index for index, mask in enumerate(masks) if mask.any()]
+    return Sample(
+        rgb=picture.rgb(),
+        masks=np.stack([masks[index] for index in shown]) if shown else np.zeros((0, *picture.size), bool),
+        labels=np.array([0 if kept[i].ignore else number[kept[i].category] for i in shown], np.int64),
+        weights=np.array([kept[i].weight for i in shown], np.float32),
+        ignore=np.array([kept[i].ignore for i in shown], bool),
+    )
+
+
+def to_target(sample: Sample) -> Target:
+    """The objects of a sample as the network's losses want them."""
+    boxes = torch.from_numpy(_boxes(sample.masks))
+    learn = torch.from_numpy(~sample.ignore & (sample.labels > 0))
+    return {
+        "boxes": boxes[learn],
+        "labels": torch.from_numpy(sample.labels)[learn],
+        "masks": torch.from_numpy(np.ascontiguousarray(sample.masks)).to(torch.uint8)[learn],
+        "weights": torch.from_numpy(sample.weights)[learn],
+        "ignored": boxes[~learn],
+        "unnamed": torch.tensor(sample.unnamed, dtype=torch.int64),
+    }
+
+
+def _boxes(masks: np.ndarray) -> np.ndarray:
+    """Tightest boxes xyxy; the right and lower edges lie one pixel further than the last pixel."""
+    boxes = np.zeros((len(masks), 4), np.float32)
+    for index, mask in enumerate(masks):
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if len(rows):
+            boxes[index] = columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
+    return boxes
+
+
+def collate(samples: Sequence[Sample]) -> Batch:
+    """Pictures of any sizes in one tensor, each in its upper left corner."""
+    sizes = [(int(one.rgb.shape[0]), int(one.rgb.shape[1])) for one in samples]
+    height, width = (-(-max(side) // STRIDE) * STRIDE for side in zip(*sizes, strict=True))
+    pictures = torch.zeros(len(samples), 3, height, width, dtype=torch.uint8)
+    targets = []
+    for index, (one, (tall, wide)) in enumerate(zip(samples, sizes, strict=True)):
+        pictures[index, :, :tall, :wide] = torch.from_numpy(np.ascontiguousarray(one.rgb)).permute(2, 0, 1)
+        target = to_target(one)
+        room = torch.zeros(len(target["masks"]), height, width, dtype=torch.uint8)
+        room[:, :tall, :wide] = target["masks"]
+        targets.append({**target, "masks": room})
+    return pictures, sizes, targets
+
+
+def to_device(batch: Batch, device: torch.device) -> Batch:
+    """The batch on a device."""
+    pictures, sizes, targets = batch
+    wait = device.type != "cuda"
+    moved = [{name: value.to(device, non_blocking=not wait) for name, value in one.items()} for one in targets]
+    return pictures.to(device, non_blocking=not wait), sizes, moved
+
+
+@dataclass(frozen=True)
+class Mixture(Dataset):
+    """An endless stream of samples, each a function of its number, so that training can go on where it stopped.
+
+    Pictures are drawn in shuffled rounds; ``replay_share`` of the samples, spread evenly, come from ``replay``.
+    """
+
+    pictures: Sequence[AnnotatedPicture]
+    categories: tuple[str, ...]
+    config: AugmentConfig
+    seed: int
+    replay: Sequence[AnnotatedPicture] = field(default_factory=tuple)
+    replay_share: float = 0.0
+    new_categories: tuple[str, ...] = ()
+    """Of ``categories``: where no replayed picture names one, background there may be one."""
+
+    def __post_init__(self) -> None:
+        if not self.pictures:
+            raise UsageError("there is no picture to train on")
+        if not 0 <= self.replay_share < 1:
+            raise UsageError(f"--replay-share must be at least 0 and below 1, not {self.replay_share}")
+
+    def source(self, number: int) -> tuple[bool, int]:
+        """Whether a sample is replayed, and the index of its picture."""
+        share = self.replay_share if self.replay else 0.0
+        replayed = int(np.floor(number * share))
+        is_replay = int(np.floor((number + 1) * share)) > replayed
+        draw, pool = (replayed, self.replay) if is_replay else (number - replayed, self.pictures)
+        turn, place = divmod(draw, len(pool))
+        order = np.random.default_rng([self.seed, int(is_replay), turn]).permutation(len(pool))
+        return is_replay, int(order[place])
+
+    def __getitem__(self, number: int) -> Sample:
+        is_replay, index = self.source(number)
+        picture = (self.replay if is_replay else self.pictures)[index]
+        rng = np.random.default_rng([self.seed, 2, number])
+        sample = load_sample(picture, self.categories)
+        if is_replay:
+            sample = replace(sample, unnamed=self._unnamed)
+        return augment(sample, self.config, rng)
+
+    @cached_property
+    def _unnamed(self) -> tuple[int, ...]:
+        """Outputs of the categories that replayed pictures never name."""
+        named = category_names(self.replay)
+        return tuple(1 + self.categories.index(name) for name in self.new_categories if name not in named)
+
+
+def batches(mixture: Mixture, size: int, first: int, count: int, workers: int = 0) -> Iterator[Batch]:
+    """Batches ``first`` to ``first + count`` of a stream.
+
+    Args:
+        mixture: the stream.
+        size: samples in a batch.
+        first: number of the first batch.
+        count: how many batches.
+        workers: processes that read and augment; 0 does it here.
+    """
+    numbers = [list(range(size * batch, size * (batch + 1))) for batch in range(first, first + count)]
+    loader = DataLoader(
+        mixture,
+        batch_sampler=numbers,
+        collate_fn=collate,
+        num_workers=workers,
+        multiprocessing_context="spawn" if workers else None,
+        pin_memory=workers > 0 and torch.cuda.is_available(),
+    )
+    yield from loader

@@ -1,0 +1,44 @@
+"""torchvision's Mask R-CNN with its COCO weights: the detector of the thesis."""
+
+from urllib.error import URLError
+
+from torch import nn
+
+from labeling.core.detector import DetectorError
+from labeling.detectors.networks.coco_names import our_names
+from labeling.detectors.networks.mask_rcnn import Network, build_network
+from labeling.detectors.networks.spec import NetworkSpec
+from labeling.detectors.networks.torchvision_operators import torchvision
+
+
+def coco_spec() -> NetworkSpec:
+    """Its classes under our names, and the picture sizes that torchvision trained it for."""
+    weights = torchvision.models.detection.MaskRCNN_ResNet50_FPN_Weights.COCO_V1
+    return NetworkSpec(
+        "maskrcnn_resnet50_fpn", our_names(weights.meta["categories"]), short_side_px=(800, 800), long_side_px=1333
+    )
+
+
+def load_coco_network() -> Network:
+    """The network, with weights from torchvision's cache or, the first time, from its server.
+
+    Raises:
+        DetectorError: if they cannot be had.
+    """
+    import torch
+
+    weights = torchvision.models.detection.MaskRCNN_ResNet50_FPN_Weights.COCO_V1
+    try:
+        state = weights.get_state_dict(progress=True, check_hash=True)
+    except (URLError, OSError, RuntimeError) as error:
+        raise DetectorError(
+            f"the COCO weights of maskrcnn_resnet50_fpn are not in {torch.hub.get_dir()}/checkpoints and cannot be "
+            f"downloaded ({error}); with a network once, or put {weights.url} there; compact needs no download"
+        ) from None
+    network = build_network(coco_spec())
+    # torchvision trained these with normalisation that has no epsilon.
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.eps = 0.0
+    network.load_state_dict(state)
+    return network

@@ -1,0 +1,242 @@
+"""Mask R-CNN's two training stages, taught two things that torchvision's lack: regions to ignore, and doubtful labels.
+
+A target is torchvision's (``boxes`` xyxy, ``labels``, ``masks``) plus ``weights`` (n,) in [0, 1], the confidence of
+each label, ``ignored`` (k, 4), boxes of regions of which nothing is known, and ``unnamed`` (c,), labels of categories
+that nobody would have annotated in the picture. Anchors and proposals that lie mostly in an ignored region and match no
+object are neither positive nor negative; the losses of positives count by the weight of the object they match. What
+matches no object in a picture with unnamed categories is background or one of these: no anchor there is negative, and
+the probabilities of all of them together are what background should have (Cermelli et al. 2020, "Modeling the
+Background for Incremental Learning in Semantic Segmentation", equation 5). With weights of 1, nothing ignored and
+nothing unnamed, all losses are torchvision's.
+"""
+
+from typing import Any
+
+import torch
+from torch.nn import functional
+
+from labeling.detectors.networks.torchvision_operators import torchvision
+
+Tensor = torch.Tensor
+Target = dict[str, Tensor]
+
+INSIDE = 0.5
+"""Share of a box that must lie in an ignored region for the box to be ignored."""
+
+_BETA = 1 / 9  # of the smooth L1 loss, as in torchvision
+
+
+def ignored(boxes: Tensor, regions: Tensor) -> Tensor:
+    """Which boxes (n, 4) lie mostly within one of the regions (k, 4)."""
+    if len(regions) == 0:
+        return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
+    low = torch.maximum(boxes[:, None, :2], regions[None, :, :2])
+    high = torch.minimum(boxes[:, None, 2:], regions[None, :, 2:])
+    shared = (high - low).clamp(min=0).prod(dim=2)
+    area = (boxes[:, 2:] - boxes[:, :2]).prod(dim=1)
+    return (shared > INSIDE * area[:, None].clamp(min=1e-6)).any(dim=1)
+
+
+class WeightedProposals(torchvision.models.detection.rpn.RegionProposalNetwork):
+    """The region proposal network; see the module."""
+
+    _weights: list[Tensor]
+
+    @classmethod
+    def of(cls, rpn: Any) -> "WeightedProposals":
+        """Takes over the parts and settings of torchvision's."""
+        matcher, sampler = rpn.proposal_matcher, rpn.fg_bg_sampler
+        return cls(
+            rpn.anchor_generator,
+            rpn.head,
+            matcher.high_threshold,
+            matcher.low_threshold,
+            sampler.batch_size_per_image,
+            sampler.positive_fraction,
+            rpn._pre_nms_top_n,
+            rpn._post_nms_top_n,
+            rpn.nms_thresh,
+            rpn.score_thresh,
+        )
+
+    def assign_targets_to_anchors(
+        self, anchors: list[Tensor], targets: list[Target]
+    ) -> tuple[list[Tensor], list[Tensor]]:
+        """As torchvision does; then takes out negatives in ignored regions, and keeps the weights for the loss."""
+        labels, matched = super().assign_targets_to_anchors(anchors, targets)
+        self._weights = []
+        for boxes, label, box, target in zip(anchors, labels, matched, targets, strict=True):
+            unknown = ignored(boxes, target["ignored"]) | (len(target["unnamed"]) > 0)
+            label[(label == 0) & unknown] = -1
+            weight = torch.ones_like(label)
+            positive = label > 0
+            if positive.any():
+                # torchvision does not say which object an anchor was matched to, but it gives the object's box.
+                same = (box[positive][:, None] == target["boxes"][None]).all(dim=2)
+                weight[positive] = target["weights"].to(weight)[same.to(torch.uint8).argmax(dim=1)]
+            self._weights.append(weight)
+        return labels, matched
+
+    def compute_loss(
+        self, objectness: Tensor, pred_bbox_deltas: Tensor, labels: list[Tensor], regression_targets: list[Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """Losses of objectness and boxes, positives by weight."""
+        positives, negatives = self.fg_bg_sampler(labels)
+        positive = torch.where(torch.cat(positives))[0]
+        sampled = torch.cat([positive, torch.where(torch.cat(negatives))[0]])
+        weight, label = torch.cat(self._weights), torch.cat(labels)
+        number = max(1, sampled.numel())
+        box_loss = functional.smooth_l1_loss(
+            pred_bbox_deltas[positive], torch.cat(regression_targets)[positive], beta=_BETA, reduction="none"
+        )
+        objectness_loss = functional.binary_cross_entropy_with_logits(
+            objectness.flatten()[sampled], label[sampled], reduction="none"
+        )
+        return (weight[sampled] * objectness_loss).sum() / number, (weight[positive, None] * box_loss).sum() / number
+
+
+class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
+    """The heads for class, box and mask; see the module."""
+
+    @classmethod
+    def of(cls, heads: Any) -> "WeightedHeads":
+        """Takes over the parts and settings of torchvision's."""
+        matcher, sampler = heads.proposal_matcher, heads.fg_bg_sampler
+        return cls(
+            heads.box_roi_pool,
+            heads.box_head,
+            heads.box_predictor,
+            matcher.high_threshold,
+            matcher.low_threshold,
+            sampler.batch_size_per_image,
+            sampler.positive_fraction,
+            heads.box_coder.weights,
+            heads.score_thresh,
+            heads.nms_thresh,
+            heads.detections_per_img,
+            heads.mask_roi_pool,
+            heads.mask_head,
+            heads.mask_predictor,
+        )
+
+    def forward(
+        self,
+        features: dict[str, Tensor],
+        proposals: list[Tensor],
+        image_shapes: list[tuple[int, int]],
+        targets: list[Target] | None = None,
+    ) -> tuple[list[dict[str, Tensor]], dict[str, Tensor]]:
+        """Detections, or the losses while training."""
+        if not self.training or targets is None:
+            return super().forward(features, proposals, image_shapes, None)
+        boxes, matched, labels, weights = self._sample(proposals, targets)
+        pooled = self.box_head(self.box_roi_pool(features, boxes, image_shapes))
+        class_logits, box_regression = self.box_predictor(pooled)
+        goals = [
+            target["boxes"].to(box)[index] if len(target["boxes"]) else torch.zeros_like(box)
+            for target, index, box in zip(targets, matched, boxes, strict=True)
+        ]
+        regression_targets = torch.cat(self.box_coder.encode(goals, boxes))
+        label, weight = torch.cat(labels), torch.cat(weights)
+        unnamed = torch.cat(
+            [
+                torch.zeros(len(box), class_logits.shape[1], dtype=torch.bool, device=label.device).index_fill_(
+                    1, target["unnamed"].to(label.device), True
+                )
+                for box, target in zip(boxes, targets, strict=True)
+            ]
+        )
+        losses = box_losses(class_logits, box_regression, label, regression_targets, weight, unnamed)
+        positive = [torch.where(label > 0)[0] for label in labels]
+        mask_boxes = [box[index] for box, index in zip(boxes, positive, strict=True)]
+        mask_features = self.mask_head(self.mask_roi_pool(features, mask_boxes, image_shapes))
+        losses["loss_mask"] = mask_loss(
+            self.mask_predictor(mask_features),
+            mask_boxes,
+            [target["masks"] for target in targets],
+            [index[chosen] for index, chosen in zip(matched, positive, strict=True)],
+            label[label > 0],
+            weight[label > 0],
+        )
+        return [], losses
+
+    def _sample(
+        self, proposals: list[Tensor], targets: list[Target]
+    ) -> tuple[list[Tensor], list[Tensor], list[Tensor], list[Tensor]]:
+        """Boxes to learn from, the object each was matched to, its label and its weight."""
+        truths = [target["boxes"].to(proposals[0]) for target in targets]
+        proposals = self.add_gt_proposals(proposals, truths)
+        matched, labels = self.assign_targets_to_proposals(proposals, truths, [t["labels"] for t in targets])
+        for boxes, label, target in zip(proposals, labels, targets, strict=True):
+            label[(label == 0) & ignored(boxes, target["ignored"].to(boxes))] = -1
+        chosen = self.subsample(labels)
+        weights = []
+        for index, label, match, target in zip(chosen, labels, matched, targets, strict=True):
+            weight = torch.ones(len(index), dtype=proposals[0].dtype, device=label.device)
+            positive = label[index] > 0
+            weight[positive] = target["weights"].to(weight)[match[index][positive]]
+            weights.append(weight)
+
+        def taken(values: list[Tensor]) -> list[Tensor]:
+            return [value[index] for value, index in zip(values, chosen, strict=True)]
+
+        return taken(proposals), taken(matched), taken(labels), weights
+
+
+def box_losses(
+    class_logits: Tensor,
+    box_regression: Tensor,
+    label: Tensor,
+    regression_targets: Tensor,
+    weight: Tensor,
+    unnamed: Tensor,
+) -> dict[str, Tensor]:
+    """Losses of class and box over n sampled boxes.
+
+    Args:
+        class_logits: (n, classes).
+        box_regression: (n, 4 * classes).
+        label: (n,), 0 for background.
+        regression_targets: (n, 4).
+        weight: (n,).
+        unnamed: (n, classes): what background may be besides.
+    """
+    number = max(1, len(label))
+    classifier = functional.cross_entropy(class_logits, label, reduction="none")
+    if unnamed.any():
+        allowed = unnamed.clone()
+        allowed[:, 0] = True
+        background = -class_logits.log_softmax(dim=1).masked_fill(~allowed, -torch.inf).logsumexp(dim=1)
+        classifier = torch.where(label == 0, background, classifier)
+    positive = torch.where(label > 0)[0]
+    regression = box_regression.reshape(len(label), box_regression.shape[1] // 4, 4)[positive, label[positive]]
+    box = functional.smooth_l1_loss(regression, regression_targets[positive], beta=_BETA, reduction="none")
+    return {
+        "loss_classifier": (weight * classifier).sum() / number,
+        "loss_box_reg": (weight[positive, None] * box).sum() / number,
+    }
+
+
+def mask_loss(
+    logits: Tensor, boxes: list[Tensor], masks: list[Tensor], matched: list[Tensor], label: Tensor, weight: Tensor
+) -> Tensor:
+    """Loss of the masks over the positive boxes.
+
+    Args:
+        logits: (p, classes, m, m).
+        boxes: positive boxes of each picture, p in all.
+        masks: of the objects of each picture (n, h, w).
+        matched: the object each box was matched to.
+        label: (p,).
+        weight: (p,).
+    """
+    if len(label) == 0:
+        return logits.sum() * 0
+    side = logits.shape[-1]
+    project = torchvision.models.detection.roi_heads.project_masks_on_boxes
+    wanted = torch.cat([project(m, b, i, side) for m, b, i in zip(masks, boxes, matched, strict=True) if len(b)]).to(
+        logits.dtype
+    )
+    predicted = logits[torch.arange(len(label), device=label.device), label]
+    loss = functional.binary_cross_entropy_with_logits(predicted, wanted, reduction="none").mean(dim=(1, 2))
+    return (weight * loss).mean()

@@ -1,0 +1,73 @@
+"""A network as a detector: pictures of any size in, masks in the pictures' own pixels out."""
+
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+
+from labeling.core.detector import PictureDetections
+from labeling.detectors.data.augment import resize_picture
+from labeling.detectors.networks.calibration import calibrated
+from labeling.detectors.networks.mask_rcnn import STRIDE, Network, fused
+from labeling.detectors.networks.pasting import paste
+from labeling.detectors.networks.spec import Calibration
+
+
+class NetworkDetector:
+    """Runs a network."""
+
+    def __init__(
+        self,
+        network: Network,
+        name: str,
+        digest: str = "",
+        device: str | torch.device = "cpu",
+        batch_size: int = 8,
+        calibration: Calibration | None = None,
+    ) -> None:
+        self.name, self.digest, self.batch_size = name, digest, batch_size
+        self.spec = network.spec if calibration is None else network.spec.with_calibration(calibration)
+        self.categories = network.spec.names
+        self._device = torch.device(device)
+        self.network = fused(network).to(self._device)
+
+    def detect(
+        self, rgb: UInt8[np.ndarray, "b h w 3"], depth_m: Float32[np.ndarray, "b h w"] | None = None
+    ) -> list[PictureDetections]:
+        """See ``labeling.core.detector.Detector``; depth is not looked at."""
+        found: list[PictureDetections] = []
+        for start in range(0, len(rgb), self.batch_size):
+            found.extend(self._detect_batch(rgb[start : start + self.batch_size]))
+        return found
+
+    def _detect_batch(self, rgb: UInt8[np.ndarray, "b h w 3"]) -> list[PictureDetections]:
+        size = (int(rgb.shape[1]), int(rgb.shape[2]))
+        height, width = self.spec.input_size(size)
+        pictures = torch.zeros(
+            len(rgb), 3, *(-(-side // STRIDE) * STRIDE for side in (height, width)), dtype=torch.uint8
+        )
+        for index, picture in enumerate(rgb):
+            small = np.ascontiguousarray(resize_picture(picture, (height, width)))
+            pictures[index, :, :height, :width] = torch.from_numpy(small).permute(2, 0, 1)
+        on_gpu = self._device.type == "cuda"
+        with torch.inference_mode(), torch.autocast(self._device.type, torch.float16, enabled=on_gpu):
+            outputs = self.network(pictures.to(self._device), [(height, width)] * len(rgb))
+        grow = np.array([size[1] / width, size[0] / height] * 2, np.float32)
+        return [self._as_detections({k: v.cpu() for k, v in one.items()}, grow, size) for one in outputs]
+
+    def _as_detections(self, output: dict, grow: np.ndarray, size: tuple[int, int]) -> PictureDetections:
+        names = [self.spec.categories[label - 1] for label in output["labels"].tolist()]
+        boxes = output["boxes"].float().numpy() * grow
+        probability = output["masks"][:, 0].float().numpy()
+        scores = calibrated(output["scores"].float().numpy(), self.spec.calibration)
+        kept, masks = [], []
+        for index, name in enumerate(names):
+            mask = paste(probability[index], boxes[index], size) if name else None
+            if mask is not None and mask.any():
+                kept.append(index)
+                masks.append(mask)
+        return PictureDetections(
+            categories=tuple(names[index] for index in kept),
+            scores=scores[kept],
+            boxes_xyxy=boxes[kept],
+            masks=np.stack(masks) if masks else np.zeros((0, *size), bool),
+        )

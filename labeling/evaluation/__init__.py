@@ -1,0 +1,1 @@
+"""Detector and pseudo-labels compared with ground truth."""

@@ -1,0 +1,270 @@
+"""Compares detector and pseudo-labels with ground truth, on the same views."""
+
+import contextlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labeling.core.errors import UsageError
+from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_nameless
+from labeling.io.label_set import LabelSet, View, read_label_set
+from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
+from labeling.metrics.matching import Kind, MaskInstance, Match, match, mean_iou
+
+SCHEMA_VERSION = 1
+FIGURES = ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30", "mean_iou")
+"""The figures of the table, in its order."""
+
+PROTOCOL = {
+    "average_precision": (
+        "COCO: predictions ranked by confidence, greedy matching per view and category, 101 recall points, all object "
+        f"sizes, at most {MAX_DETECTIONS} predictions per category and view; ap50 and ap30 at IoU .5 and .3, ap over "
+        "IoU .50:.05:.95; categories without ground truth stay out of the mean. *_all_point: area under the monotone "
+        "precision-recall curve (Padilla et al.)"
+    ),
+    "mean_iou": (
+        "mask IoU averaged over all ground-truth instances that are not ignored; predictions are assigned one to one "
+        "per view and category so that the sum of IoU is greatest, whatever their confidence; an instance that nothing "
+        "overlaps counts 0. mean_iou_matched: only over instances that something overlaps"
+    ),
+    "boxes": "the tightest box around each mask",
+    "ignored": (
+        "ground truth marked ignored (COCO iscrowd) is neither rewarded nor punished; ground truth and labels without "
+        "a visible pixel are left out of the modal figures; so are categories that the detector has no name for. "
+        "Labels marked ignored are no predictions: neither right nor wrong, and what they cover is not found by them"
+    ),
+    "detector": "all detections of the episodes at every confidence, on the views the label set covers",
+    "amodal": "pseudo-labels' whole-object masks against ground truth's, on views where that is known for all objects",
+}
+"""How the figures come about; written beside them."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One ground-truth instance in one view and how well it was found."""
+
+    view: View
+    category: str
+    instance_id: int
+    area_px: int
+    detector_iou: float
+    pseudo_label_iou: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Everything the table, ``metrics.json`` and the report are made from."""
+
+    metrics: dict[str, Any]
+    """Content of ``metrics.json``."""
+    episodes: tuple[EpisodeRecords, ...]
+    labels: LabelSet
+    cases: tuple[Case, ...]
+    """All counted ground-truth instances, the worst pseudo-label first."""
+
+
+def evaluate_label_set(
+    folder: Path, dataset: Path | None = None, progress: Callable[[Iterable[Path]], Iterable[Path]] = iter
+) -> Evaluation:
+    """Evaluates a label set, and the detector it stems from, against the ground truth of its dataset.
+
+    Args:
+        folder: the label set.
+        dataset: where the episodes lie; by default where the label set says.
+        progress: wraps the sequence of episodes, to draw a progress bar.
+
+    Raises:
+        SbmError: if the label set is malformed, or there is no dataset or no ground truth to compare with.
+    """
+    labels = read_label_set(folder)
+    dataset = dataset or labels.dataset
+    if dataset is None:
+        raise UsageError(f"{folder}: label_set.json does not say which dataset it was made from; give --dataset")
+    notes: list[str] = []
+    episodes = without_nameless(tuple(read_records(dataset, labels, progress, notes)), labels, notes)
+    note_missing(episodes, labels, notes)
+    kept = {view for episode in episodes for view in episode.views}
+    truths = [item for episode in episodes for item in episode.truths]
+    instance_ids = [number for episode in episodes for number in episode.instance_ids]
+    detections = [item for episode in episodes for item in episode.detections]
+    pseudo_labels = [item for item in labels.modal if item.image in kept]
+    detector_matches, label_matches = match(detections, truths), match(pseudo_labels, truths)
+    looked = any(episode.has_detections for episode in episodes)
+    metrics = {
+        "schema_version": SCHEMA_VERSION,
+        "detector": figures(detections, truths, detector_matches) if looked else _undefined(truths),
+        "pseudo_labels": {
+            **figures(pseudo_labels, truths, label_matches),
+            **_amodal_figures(episodes, labels),
+        },
+        "counts": {
+            "episodes": len(episodes),
+            "views": len(kept),
+            "ground_truth_instances": sum(not item.ignore for item in truths),
+            "ignored_instances": sum(item.ignore for item in truths),
+            "detections": len(detections),
+            "pseudo_labels": len(pseudo_labels),
+        },
+        "views": _view_figures(episodes, truths, detector_matches, label_matches),
+        "protocol": PROTOCOL,
+        "notes": notes,
+        "dataset": str(dataset),
+        "versions": _versions(),
+        "label_set": {key: value for key, value in labels.provenance.items() if key != "episodes"},
+    }
+    cases = _cases(truths, instance_ids, detector_matches, label_matches)
+    return Evaluation(metrics, episodes, labels, cases)
+
+
+def figures(
+    predictions: Sequence[MaskInstance], truths: Sequence[MaskInstance], matches: Sequence[Match]
+) -> dict[str, Any]:
+    """All figures of one method, over all categories and per category; None where undefined."""
+    ap = _ap_figures(predictions, truths)
+    overall = mean_iou(truths, matches)
+    category = np.array([item.category for item in truths], dtype=object)
+    names = sorted({item.category for item in [*predictions, *truths]})
+    per_class = {}
+    for name in names:
+        iou = mean_iou(truths, matches, category == name)
+        per_class[name] = {
+            **{key: per_name[name] for key, (_, per_name) in ap.items()},
+            "mean_iou": iou.mean_iou,
+            "mean_iou_matched": iou.mean_iou_matched,
+            "ground_truth_instances": iou.num_truths,
+            "predictions": sum(item.category == name for item in predictions),
+        }
+    return {
+        **{key: mean for key, (mean, _) in ap.items()},
+        "mean_iou": overall.mean_iou,
+        "mean_iou_matched": overall.mean_iou_matched,
+        "ground_truth_instances": overall.num_truths,
+        "matched_instances": overall.num_matched,
+        "predictions": len(predictions),
+        "per_class": per_class,
+    }
+
+
+def _ap_figures(
+    predictions: Sequence[MaskInstance], truths: Sequence[MaskInstance]
+) -> dict[str, tuple[float | None, dict[str, float | None]]]:
+    """Figure name -> (mean, per category)."""
+    found: dict[str, tuple[float | None, dict[str, float | None]]] = {}
+    kinds: tuple[Kind, ...] = ("mask", "box")
+    for kind in kinds:
+        result = average_precision(predictions, truths, (0.3, *COCO_IOU_THRESHOLDS), kind)
+        every_point = average_precision(predictions, truths, (0.5, 0.3), kind, "all-point")
+        for name, source, threshold in (
+            (f"{kind}_ap50", result, 0.5),
+            (f"{kind}_ap30", result, 0.3),
+            (f"{kind}_ap50_all_point", every_point, 0.5),
+            (f"{kind}_ap30_all_point", every_point, 0.3),
+        ):
+            found[name] = (source.mean[threshold], {c: ap[threshold] for c, ap in source.per_class.items()})
+        over = {c: _mean([ap[threshold] for threshold in COCO_IOU_THRESHOLDS]) for c, ap in result.per_class.items()}
+        found[f"{kind}_ap"] = (_mean(over.values()), over)
+    return found
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return float(np.mean(defined)) if defined else None
+
+
+def _undefined(truths: Sequence[MaskInstance]) -> dict[str, Any]:
+    """The figures of a detector that never looked: every one undefined, where an unlucky detector has zeros."""
+    blank = figures([], truths, match([], truths))
+    counts = ("ground_truth_instances", "predictions", "matched_instances")
+
+    def emptied(record: dict[str, Any]) -> dict[str, Any]:
+        return {key: value if key in counts else None for key, value in record.items() if key != "per_class"}
+
+    return {**emptied(blank), "per_class": {name: emptied(record) for name, record in blank["per_class"].items()}}
+
+
+def _amodal_figures(episodes: Sequence[EpisodeRecords], labels: LabelSet) -> dict[str, Any]:
+    """Figures of the whole-object masks; None if no ground truth knows them."""
+    views = {view for episode in episodes for view in episode.amodal_views}
+    truths = [item for episode in episodes for item in episode.amodal_truths if item.image in views]
+    if not truths:
+        return {"amodal_mask_ap50": None, "amodal_mask_ap30": None, "amodal_mean_iou": None}
+    predictions = [item for item in labels.amodal if item.image in views]
+    ap = average_precision(predictions, truths).mean
+    return {
+        "amodal_mask_ap50": ap[0.5],
+        "amodal_mask_ap30": ap[0.3],
+        "amodal_mean_iou": mean_iou(truths, match(predictions, truths)).mean_iou,
+    }
+
+
+# Figures per view and per instance -----------------------------------------------------------------------------------
+
+
+def _view_figures(
+    episodes: Sequence[EpisodeRecords],
+    truths: Sequence[MaskInstance],
+    detector_matches: Sequence[Match],
+    label_matches: Sequence[Match],
+) -> list[dict[str, Any]]:
+    """For every view evaluated how many instances there are and how well they were found."""
+    found: dict[View, list[int]] = {view: [] for episode in episodes for view in episode.views}
+    for index, item in enumerate(truths):
+        if not item.ignore:
+            found[item.image].append(index)
+    return [
+        {
+            "episode": episode,
+            "view": view,
+            "ground_truth_instances": len(indices),
+            "detector_mean_iou": _mean([detector_matches[i].iou for i in indices]),
+            "pseudo_label_mean_iou": _mean([label_matches[i].iou for i in indices]),
+        }
+        for (episode, view), indices in found.items()
+    ]
+
+
+def _cases(
+    truths: Sequence[MaskInstance],
+    instance_ids: Sequence[int],
+    detector_matches: Sequence[Match],
+    label_matches: Sequence[Match],
+) -> tuple[Case, ...]:
+    """Counted instances, the worst pseudo-label first; of equally bad ones the larger object first."""
+    from hotcoco import mask as coco_mask
+
+    areas = coco_mask.area([item.rle for item in truths]) if truths else []
+    cases = [
+        Case(item.image, item.category, number, int(area), detector.iou, label.iou)
+        for item, number, area, detector, label in zip(
+            truths, instance_ids, areas, detector_matches, label_matches, strict=True
+        )
+        if not item.ignore
+    ]
+    return tuple(sorted(cases, key=lambda case: (case.pseudo_label_iou, -case.area_px, case.view, case.instance_id)))
+
+
+def _versions() -> dict[str, str]:
+    """Versions of what produced the figures."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    versions = {"python": platform.python_version()}
+    for package in ("seeing-by-moving", "hotcoco", "numpy"):
+        with contextlib.suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return versions
+
+
+def categories_by_presence(metrics: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Names of the categories that tables show, and of those of which the views hold no instance, each sorted.
+
+    Args:
+        metrics: ``Evaluation.metrics``.
+    """
+    found = [metrics[source]["per_class"] for source in ("detector", "pseudo_labels") if source in metrics]
+    names = sorted({name for per_class in found for name in per_class})
+    there = {name for per_class in found for name, record in per_class.items() if record["ground_truth_instances"]}
+    return [name for name in names if name in there], [name for name in names if name not in there]

@@ -1,0 +1,114 @@
+"""Scores the detections of any detector on episodes, or other annotated pictures, that have ground truth."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labeling.core.errors import UsageError
+from labeling.metrics.matching import MaskInstance, match
+
+if TYPE_CHECKING:
+    from labeling.core.detector import Detector
+
+SCHEMA_VERSION = 1
+
+
+def score_detector(
+    path: Path, detector: "Detector", progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
+) -> dict[str, Any]:
+    """Runs a detector and compares what it finds with ground truth.
+
+    Args:
+        path: episodes with ground truth, a COCO folder, or a label set to be taken as true.
+        detector: any.
+        progress: wraps the sequence of batches.
+
+    Returns:
+        ``counts``, ``notes``, and under ``detector`` the figures of ``labeling.evaluation.compare``.
+    """
+    from labeling.detectors.data.annotated_pictures import read_pictures
+    from labeling.detectors.finetuning.epochs import detect_all
+
+    pictures = read_pictures(path, "val")
+    truths, found = detect_all(detector, pictures, progress)
+    stated = {one.category for picture in pictures for one in picture.annotations}
+    known = stated if detector.categories is None else stated & set(detector.categories)
+    return _metrics(truths, found, len(pictures), sorted(stated - known), path, detector.name)
+
+
+def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]] = iter) -> dict[str, Any]:
+    """Compares the detections that lie beside the frames of episodes with ground truth.
+
+    Args:
+        path: an episode, or a folder of episodes.
+        progress: wraps the sequence of episodes.
+
+    Raises:
+        SbmError: if no episode has both.
+    """
+    from labeling.core.rle import encode_mask
+    from labeling.io.episodes import find_episodes, read_episode
+
+    truths: list[MaskInstance] = []
+    found: list[MaskInstance] = []
+    known: set[str] | None = set()
+    names: set[Any] = set()
+    views = 0
+    for folder in progress(find_episodes(path)):
+        episode = read_episode(folder)
+        if episode.ground_truth is None or episode.detections is None:
+            lacks = "ground_truth.json" if episode.ground_truth is None else "detections.json"
+            raise UsageError(
+                f"{folder}: has no {lacks}; give --detector NAME to look now, or run labeling.detect first"
+                if lacks == "detections.json"
+                else f"{folder}: has no {lacks} to compare with"
+            )
+        views += episode.num_views
+        names.add(episode.metadata.get("detector"))
+        stated = episode.metadata.get("detector_categories")
+        known = None if known is None or not isinstance(stated, list) else known | set(stated)
+        truths += [
+            MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.modal), ignore=t.ignore)
+            for t in episode.ground_truth
+            if t.modal.any()
+        ]
+        found += [
+            MaskInstance((episode.name, d.view_index), d.category, encode_mask(d.mask), d.confidence)
+            for d in episode.detections
+            if d.mask.any()
+        ]
+    stated_truths = {truth.category for truth in truths}
+    shared = stated_truths if known is None else stated_truths & (known | {one.category for one in found})
+    name = ", ".join(sorted(str(one) for one in names if one)) or "unknown"
+    return _metrics(
+        [one for one in truths if one.category in shared],
+        [one for one in found if one.category in shared],
+        views,
+        sorted(stated_truths - shared),
+        path,
+        name,
+    )
+
+
+def _metrics(
+    truths: list[MaskInstance], found: list[MaskInstance], pictures: int, nameless: list[str], path: Path, name: str
+) -> dict[str, Any]:
+    from labeling.evaluation.compare import PROTOCOL, figures
+
+    if not any(not one.ignore for one in truths):
+        raise UsageError(f"{path}: holds no object of a category that {name} has a name for")
+    notes = [f"left out, categories that the detector has no name for: {', '.join(nameless)}"] if nameless else []
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "name": name,
+        "dataset": str(path),
+        "detector": figures(found, truths, match(found, truths)),
+        "counts": {
+            "views": pictures,
+            "ground_truth_instances": sum(not one.ignore for one in truths),
+            "ignored_instances": sum(one.ignore for one in truths),
+            "detections": len(found),
+        },
+        "protocol": {key: PROTOCOL[key] for key in ("average_precision", "mean_iou", "boxes")},
+        "notes": notes,
+    }

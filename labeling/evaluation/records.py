@@ -1,0 +1,185 @@
+"""What evaluation needs of a dataset: detections and ground truth of the views that a label set covers."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from labeling.core.episode import Episode
+from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
+from labeling.core.rle import encode_mask
+from labeling.generator.sources import with_detections_used
+from labeling.io.episodes import find_episodes, read_episode
+from labeling.io.label_set import LabelSet, View, recording_config
+from labeling.metrics.matching import MaskInstance
+
+
+@dataclass(frozen=True)
+class EpisodeRecords:
+    """What is known about the views of one episode, without its pictures."""
+
+    name: str
+    folder: Path
+    views: tuple[View, ...]
+    """The views evaluated."""
+    has_detections: bool
+    detections: tuple[MaskInstance, ...]
+    truths: tuple[MaskInstance, ...]
+    instance_ids: tuple[int, ...]
+    """For each of ``truths`` the object's id within the episode."""
+    amodal_truths: tuple[MaskInstance, ...]
+    amodal_views: frozenset[View]
+    """Views in which the amodal mask of every object is known."""
+    detector_categories: frozenset[str] | None = None
+    """What the detector has names for; None if the episode does not say (``detector_categories`` of episode.json)."""
+
+
+def read_records(
+    dataset: Path, labels: LabelSet, progress: Callable[[Iterable[Path]], Iterable[Path]], notes: list[str]
+) -> Iterator[EpisodeRecords]:
+    """Reads the labelled episodes that have ground truth; notes why others are left out.
+
+    Raises:
+        EpisodeFormatError: if the dataset holds no episode.
+        UsageError: if no labelled episode has ground truth.
+    """
+    labelled = {episode for episode, _ in labels.sizes}
+    found = False
+    without_truth, unlabelled = [], []
+    unseen = set(labelled)
+    folders = find_episodes(dataset, recording_config(labels.provenance))
+    for folder in progress(folders):
+        if folder.resolve().name not in labelled:
+            unlabelled.append(folder.resolve().name)
+            continue
+        unseen.discard(folder.resolve().name)
+        try:
+            episode = with_detections_used(
+                read_episode(folder, recording_config(labels.provenance)), labels.folder, labels.provenance
+            )
+        except EpisodeFormatError as error:
+            notes.append(f"left out, malformed: {error}")
+            continue
+        if episode.ground_truth is None:
+            without_truth.append(episode.name)
+            continue
+        found = True
+        yield _records(folder, episode, labels)
+    if without_truth:
+        notes.append(f"left out, no ground_truth.json: {_listing(without_truth)}")
+    if found:
+        if unlabelled:
+            notes.append(f"in the dataset but not in the label set, left out: {_listing(unlabelled)}")
+        if unseen:
+            notes.append(f"labelled but not in the dataset, left out: {_listing(sorted(unseen))}")
+        return
+    if without_truth:
+        raise UsageError(
+            f"{dataset}: no ground truth to compare with; put a ground_truth.json (COCO instances with RLE masks) into "
+            "its episodes"
+        )
+    if notes:
+        raise EpisodeFormatError(notes[0].removeprefix("left out, malformed: "))
+    raise UsageError(
+        f"{dataset}: none of its {len(folders)} episodes is in the label set, which covers "
+        f"{_listing(sorted(labelled)) or 'nothing'}; give the dataset that the labels were made from with --dataset"
+    )
+
+
+def _records(folder: Path, episode: Episode, labels: LabelSet) -> EpisodeRecords:
+    """What evaluation needs of an episode, on the views that were labelled."""
+    views = tuple((episode.name, view) for view in range(episode.num_views) if (episode.name, view) in labels.sizes)
+    for name, view in (key for key in labels.sizes if key[0] == episode.name):
+        if not 0 <= view < episode.num_views:
+            raise LabelFormatError(
+                f"{labels.folder}: has labels for view {view} of episode {name!r}, which has {episode.num_views} views"
+            )
+        if labels.sizes[name, view] != episode.size:
+            raise LabelFormatError(
+                f"{labels.folder}: says view {view} of episode {name!r} is {labels.sizes[name, view]} pixels "
+                f"(height, width), but it is {episode.size}"
+            )
+    kept = {view for _, view in views}
+    visible = [t for t in episode.ground_truth or () if t.view_index in kept and t.modal.any()]
+    whole = [t for t in episode.ground_truth or () if t.view_index in kept and t.amodal is not None and t.amodal.any()]
+    unknown = {t.view_index for t in episode.ground_truth or () if t.amodal is None}
+    return EpisodeRecords(
+        name=episode.name,
+        folder=folder,
+        views=views,
+        has_detections=episode.detections is not None,
+        detections=tuple(
+            MaskInstance((episode.name, d.view_index), d.category, encode_mask(d.mask), d.confidence)
+            for d in episode.detections or ()
+            if d.view_index in kept and d.mask.any()
+        ),
+        truths=tuple(
+            MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.modal), ignore=t.ignore)
+            for t in visible
+        ),
+        instance_ids=tuple(t.instance_id for t in visible),
+        amodal_truths=tuple(
+            MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.amodal), ignore=t.ignore)
+            for t in whole
+            if t.amodal is not None
+        ),
+        amodal_views=frozenset(view for view in views if view[1] not in unknown),
+        detector_categories=_detector_categories(folder, episode),
+    )
+
+
+def _detector_categories(folder: Path, episode: Episode) -> frozenset[str] | None:
+    names = episode.metadata.get("detector_categories")
+    if names is None:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise EpisodeFormatError(f"{folder / 'episode.json'}: detector_categories: must be a list of names")
+    return frozenset(names)
+
+
+def without_nameless(
+    episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: list[str]
+) -> tuple[EpisodeRecords, ...]:
+    """Leaves out ground truth of categories that neither the detector nor the labels have a name for.
+
+    A category the detector was never taught says nothing about either of them; as in the thesis (5.1.2), figures are
+    about the categories that detector and world share. Where an episode does not say what its detector knows,
+    nothing is left out.
+    """
+    known: set[str] = {item.category for item in [*labels.modal, *labels.amodal]}
+    for episode in episodes:
+        if episode.detector_categories is None:
+            return tuple(episodes)
+        known |= episode.detector_categories | {item.category for item in episode.detections}
+    gone = sorted({item.category for episode in episodes for item in episode.truths} - known)
+    if gone:
+        notes.append(f"left out, categories that the detector has no name for: {_listing(gone)}")
+    return tuple(
+        replace(
+            episode,
+            truths=tuple(item for item in episode.truths if item.category in known),
+            instance_ids=tuple(
+                number
+                for number, item in zip(episode.instance_ids, episode.truths, strict=True)
+                if item.category in known
+            ),
+            amodal_truths=tuple(item for item in episode.amodal_truths if item.category in known),
+        )
+        for episode in episodes
+    )
+
+
+def note_missing(episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: list[str]) -> None:
+    """Notes what a reader of the figures must know about the data."""
+    blind = [episode.name for episode in episodes if not episode.has_detections]
+    if blind and len(blind) == len(episodes):
+        notes.append("no episode has a detections.json: the detector's figures are undefined")
+    elif blind:
+        notes.append(f"no detections.json, counted as nothing found: {_listing(blind)}")
+    if not labels.modal:
+        notes.append("the label set holds no label")
+
+
+def _listing(names: Sequence[str], most: int = 5) -> str:
+    """A few names and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -1,0 +1,173 @@
+"""The view strips of a report: which views to show, and detection, pseudo-label and ground truth side by side."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from labeling.core.episode import Episode
+from labeling.core.rle import decode_mask, encode_mask
+from labeling.evaluation.compare import Case, Evaluation
+from labeling.evaluation.records import EpisodeRecords
+from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail_size
+from labeling.io.episodes import read_episode
+from labeling.io.label_set import View, recording_config
+from labeling.metrics.matching import MaskInstance, match
+
+MAX_DRAWN = 16
+"""Predictions drawn in one panel; a detector at every confidence may have a hundred."""
+
+MAX_STRIPS_AN_EPISODE = 6
+
+
+@dataclass(frozen=True)
+class Strips:
+    """What the report shows of the views, by view."""
+
+    html: dict[View, str]
+    """The three panels and the IoU of every object."""
+    pictures: dict[str, UInt8[np.ndarray, "h w 3"]]
+    """Element id -> thumbnail."""
+    worst: tuple[Case, ...]
+    """One case a view, the worst first."""
+    of_episode: dict[str, tuple[View, ...]]
+    """Episode -> views shown in its section."""
+
+
+def choose_worst(cases: Sequence[Case], most: int) -> tuple[Case, ...]:
+    """The worst cases, at most one a view, worst first.
+
+    Args:
+        cases: the worst first.
+        most: how many to return at most.
+    """
+    first_of_view: dict[View, Case] = {}
+    for case in cases:
+        first_of_view.setdefault(case.view, case)
+    return tuple(first_of_view.values())[:most]
+
+
+def choose_views(episodes: Sequence[EpisodeRecords], most: int) -> dict[str, tuple[View, ...]]:
+    """Views to show of each episode, evenly spread over its views; over the episodes too, where there are too many."""
+    shown = [episodes[i] for i in _spread(len(episodes), most)]
+    each = min(MAX_STRIPS_AN_EPISODE, most // len(shown)) if shown else 0
+    return {episode.name: tuple(episode.views[i] for i in _spread(len(episode.views), each)) for episode in shown}
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """At most ``most`` indices below ``count``, evenly apart."""
+    if most <= 0 or count == 0:
+        return []
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
+
+
+def draw_strips(
+    evaluation: Evaluation,
+    max_strips: int,
+    max_worst: int,
+    progress: Callable[[Iterable[EpisodeRecords]], Iterable[EpisodeRecords]] = iter,
+) -> Strips:
+    """Reads the pictures of the views to be shown and draws them.
+
+    Args:
+        evaluation: what to show.
+        max_strips: views drawn at most, in all.
+        max_worst: of those, how many for the worst cases.
+        progress: wraps the sequence of episodes, to draw a progress bar.
+    """
+    worst = choose_worst(evaluation.cases, min(max_worst, max_strips))
+    of_episode = choose_views(evaluation.episodes, max_strips - len(worst))
+    wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
+    html: dict[View, str] = {}
+    pictures: dict[str, UInt8[np.ndarray, "h w 3"]] = {}
+    for number, records in enumerate(progress(evaluation.episodes)):
+        views = [view for view in records.views if view in wanted]
+        if not views:
+            continue
+        episode = read_episode(records.folder, recording_config(evaluation.labels.provenance))
+        labels = [item for item in evaluation.labels.modal if item.image[0] == records.name]
+        for view in views:
+            image_id = f"e{number}v{view[1]}"
+            pictures[image_id] = _thumbnail(episode.rgb[view[1]])
+            html[view] = _strip(episode, records, view, [item for item in labels if item.image == view], image_id)
+    return Strips(html, pictures, worst, of_episode)
+
+
+def _thumbnail(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "small_h small_w 3"]:
+    """A small copy, so that the pictures of large episodes need not stay in memory."""
+    height_px, width_px = thumbnail_size(*rgb.shape[:2])
+    return cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
+
+
+def _strip(episode: Episode, records: EpisodeRecords, view: View, labels: Sequence[MaskInstance], image_id: str) -> str:
+    """Three panels and the objects' IoUs, of one view."""
+    counted = {item.category for item in records.truths}
+    truth = [
+        replace(t, ignore=t.ignore or t.category not in counted)
+        for t in episode.ground_truth or ()
+        if t.view_index == view[1] and t.modal.any()
+    ]
+    truths = [MaskInstance(view, t.category, encode_mask(t.modal), ignore=t.ignore) for t in truth]
+    order = sorted({t.instance_id for t in episode.ground_truth or ()})
+    colours = [PALETTE[order.index(t.instance_id) % len(PALETTE)] for t in truth]
+    detections = [
+        MaskInstance(view, d.category, encode_mask(d.mask), d.confidence)
+        for d in episode.detections or ()
+        if d.view_index == view[1] and d.mask.any()
+    ]
+    found = _predictions(detections, truths, colours)
+    made = _predictions(labels, truths, colours)
+    true = [
+        Overlay(t.modal, UNMATCHED, f"{t.category} (ignored)", f"{t.category}, ignored in evaluation", dashed=True)
+        if t.ignore
+        else Overlay(t.modal, colour, t.category, f"{t.category}, object {t.instance_id}")
+        for t, colour in zip(truth, colours, strict=True)
+    ]
+    panels = "".join(
+        f"<figure>{panel(image_id, episode.size, overlays, f'{title}, {view[0]}, view {view[1]}')}"
+        f"<figcaption>{title} <span>{_count(len(overlays), total)}</span></figcaption></figure>"
+        for title, overlays, total in (
+            ("Detector" if episode.detections is not None else "Detector (none ran here)", found[0], len(detections)),
+            ("Pseudo-labels", made[0], len(labels)),
+            ("Ground truth", true, len(true)),
+        )
+    )
+    rows = "".join(
+        f'<li><i style="background:{colour}"></i>{escape(t.category)} '
+        f"<b>{found[1][index]:.2f}</b> → <b>{made[1][index]:.2f}</b></li>"
+        for index, (t, colour) in enumerate(zip(truth, colours, strict=True))
+        if not t.ignore
+    )
+    legend = f'<ul class="ious"><li class="lead">IoU, detector → pseudo-label</li>{rows}</ul>' if rows else ""
+    return f'<div class="strip">{panels}</div>{legend}'
+
+
+def _count(drawn: int, total: int) -> str:
+    return f"{total}" if drawn == total else f"{drawn} of {total} drawn"
+
+
+def _predictions(
+    items: Sequence[MaskInstance], truths: Sequence[MaskInstance], colours: Sequence[str]
+) -> tuple[list[Overlay], list[float]]:
+    """Overlays of predictions in the colours of the objects they stand for, and the IoU each object reached."""
+    matches = match(items, truths)
+    partner = {m.prediction: m for m in matches if m.prediction is not None}
+    # Those that stand for an object are drawn first of all; the rest by confidence, as far as there is room.
+    ranked = sorted(range(len(items)), key=lambda i: (i not in partner, -items[i].confidence))[:MAX_DRAWN]
+    overlays = []
+    for index in ranked:
+        item = items[index]
+        tag = f"{item.category} {item.confidence:.2f}"
+        if index in partner and not truths[partner[index].truth].ignore:
+            iou = partner[index].iou
+            overlay = Overlay(
+                decode_mask(item.rle), colours[partner[index].truth], tag, f"{tag}, IoU {iou:.2f} with ground truth"
+            )
+        else:
+            why = "falls on an ignored object" if index in partner else "stands for no object of this category"
+            overlay = Overlay(decode_mask(item.rle), UNMATCHED, tag, f"{tag}, {why}", dashed=True)
+        overlays.append(overlay)
+    return overlays, [m.iou for m in matches]

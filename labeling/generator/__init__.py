@@ -1,0 +1,1 @@
+"""The label generator: from confident detections to labels of every view."""

@@ -1,0 +1,111 @@
+"""Free-space evidence: where one view looks through a point that another one measured, nothing stands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numba import njit, prange
+
+from labeling.core.geometry import invert_rigid
+from labeling.generator.cloud.voxel_cloud import Cloud
+
+MIN_WITNESSES = 2
+"""Views that must look through a point: one alone may itself be the one that is wrong."""
+WITNESSES_PER_HIT = 3
+"""Views that look through a point, for each view that measured it, from which on the point is no surface. Thin things
+(a chair's leg, leaves) are looked past by many views, but measured by many as well."""
+NEGLIGIBLE = 5e-4
+"""Share of the pixels below which clearing them is not worth a second cloud."""
+MARGIN_SHARE = 0.02
+"""How much further than the point a view must see, as a share of its depth: sensors err more further away."""
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """The views of an episode, for looking points up in their depth."""
+
+    depth_m: Float32[np.ndarray, "views h w"]
+    """z-depth, 0 where there is no return."""
+    intrinsics: Float[np.ndarray, "views 3 3"]
+    camera_to_world: Float[np.ndarray, "views 4 4"]
+
+
+def phantom_points(cloud: Cloud, cameras: Cameras) -> Bool[np.ndarray, "n"]:
+    """Points that too many views look through: mixed pixels at edges, sensor noise, things that moved on.
+
+    A view looks through a point if all depths around the pixel where the point would lie are greater than the point's
+    by more than a voxel's diagonal and ``MARGIN_SHARE``; so neither rounding nor a surface's slope makes a hole.
+
+    Args:
+        cloud: the points, with the views that measured each.
+        cameras: the views that the cloud was made from.
+    """
+    views = len(cameras.depth_m)
+    if views <= MIN_WITNESSES:
+        return np.zeros(cloud.num_points, bool)
+    nearest = np.stack([_least_around(depth) for depth in cameras.depth_m])
+    world_to_camera = np.stack([invert_rigid(pose) for pose in cameras.camera_to_world])
+    hits = _hits(cloud.voxel_of_pixel, cloud.num_points)
+    witnesses = _witnesses(
+        cloud.points,
+        nearest,
+        np.ascontiguousarray(cameras.intrinsics, np.float64),
+        world_to_camera,
+        np.float64(np.sqrt(3.0) * cloud.voxel_m),
+        MARGIN_SHARE,
+    )
+    return (witnesses >= MIN_WITNESSES) & (witnesses >= WITNESSES_PER_HIT * hits)
+
+
+def without_phantoms(cloud: Cloud, cameras: Cameras) -> Float32[np.ndarray, "views h w"]:
+    """The depth of the views without the pixels that measured phantom points; the same array if hardly any did."""
+    phantom = phantom_points(cloud, cameras)
+    bad = (cloud.voxel_of_pixel >= 0) & phantom[np.maximum(cloud.voxel_of_pixel, 0)]
+    if np.count_nonzero(bad) < NEGLIGIBLE * bad.size:
+        return cameras.depth_m
+    return np.where(bad, np.float32(0), cameras.depth_m)
+
+
+def _least_around(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+    """Least depth among the 3x3 pixels with a return around each pixel with a return; 0 without one."""
+    import cv2
+
+    known = depth_m > 0
+    least = cv2.erode(np.where(known, depth_m, np.float32(np.inf)), np.ones((3, 3), np.uint8))
+    return np.where(known, least, np.float32(0))
+
+
+@njit(cache=True)
+def _hits(voxel_of_pixel, count):  # pragma: no cover - compiled
+    """In how many views each voxel was measured."""
+    views, height, width = voxel_of_pixel.shape
+    hits = np.zeros(count, np.int32)
+    last = np.full(count, -1, np.int32)
+    for view in range(views):
+        for y in range(height):
+            for x in range(width):
+                voxel = voxel_of_pixel[view, y, x]
+                if voxel >= 0 and last[voxel] != view:
+                    last[voxel] = view
+                    hits[voxel] += 1
+    return hits
+
+
+@njit(cache=True, parallel=True)
+def _witnesses(points, nearest, intrinsics, world_to_camera, margin_m, share):  # pragma: no cover - compiled
+    """How many views look through each point."""
+    views, height, width = nearest.shape
+    found = np.zeros(len(points), np.int32)
+    for p in prange(len(points)):
+        for view in range(views):
+            m, k = world_to_camera[view], intrinsics[view]
+            z = m[2, 0] * points[p, 0] + m[2, 1] * points[p, 1] + m[2, 2] * points[p, 2] + m[2, 3]
+            if not z > margin_m:
+                continue
+            x = m[0, 0] * points[p, 0] + m[0, 1] * points[p, 1] + m[0, 2] * points[p, 2] + m[0, 3]
+            y = m[1, 0] * points[p, 0] + m[1, 1] * points[p, 1] + m[1, 2] * points[p, 2] + m[1, 3]
+            u = np.floor(k[0, 0] * x / z + k[0, 2] + 0.5)
+            v = np.floor(k[1, 1] * y / z + k[1, 2] + 0.5)
+            if 0.0 <= u < width and 0.0 <= v < height and nearest[view, int(v), int(u)] > (1.0 + share) * z + margin_m:
+                found[p] += 1
+    return found

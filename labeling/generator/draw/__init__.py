@@ -1,0 +1,1 @@
+"""From points with probabilities to modal and amodal masks of views."""

@@ -1,0 +1,127 @@
+"""Drawing clouds into views: the nearest point at each pixel, and whole objects drawn alone."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int32
+from numba import njit
+
+from labeling.core.geometry import invert_rigid
+
+
+def nearest_points(
+    points: Float32[np.ndarray, "n 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+    size: tuple[int, int],
+    point_size_m: float,
+) -> Int32[np.ndarray, "h w"]:
+    """Draws a cloud into a view with a z-buffer.
+
+    Args:
+        points: world points, metres.
+        intrinsics: K of the view.
+        camera_to_world: pose of the view.
+        size: picture height and width.
+        point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
+
+    Returns:
+        For every pixel the index of the nearest point drawn there, -1 for none.
+
+    Source: thesis A.2.1 (3D-to-2D projection: only the point closest to the camera).
+    """
+    index = np.full(size, -1, np.int32)
+    depth = np.full(size, np.inf, np.float32)
+    _paint_nearest(index, depth, points, *_camera(intrinsics, camera_to_world), point_size_m)
+    return index
+
+
+def silhouettes(
+    points: Float32[np.ndarray, "n 3"],
+    object_of_point: Int32[np.ndarray, "n"],
+    num_objects: int,
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+    size: tuple[int, int],
+    point_size_m: float,
+) -> Bool[np.ndarray, "k h w"]:
+    """Every object drawn alone into a view, as if nothing stood before it.
+
+    Args:
+        points: world points, metres.
+        object_of_point: index of the object, -1 for none.
+        num_objects: how many objects there are.
+        intrinsics: K of the view.
+        camera_to_world: pose of the view.
+        size: picture height and width.
+        point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
+
+    Returns:
+        One mask per object.
+    """
+    drawn = np.zeros((num_objects, *size), np.bool_)
+    _paint_all(drawn, points, object_of_point, *_camera(intrinsics, camera_to_world), point_size_m)
+    return drawn
+
+
+def _camera(intrinsics, camera_to_world) -> tuple[np.ndarray, np.ndarray]:
+    return np.ascontiguousarray(intrinsics, float), np.ascontiguousarray(invert_rigid(camera_to_world))
+
+
+@njit(cache=True, inline="always")
+def _place(point, to_camera):  # pragma: no cover - compiled
+    """A world point in the camera's frame."""
+    x, y, z = float(point[0]), float(point[1]), float(point[2])
+    return (
+        to_camera[0, 0] * x + to_camera[0, 1] * y + to_camera[0, 2] * z + to_camera[0, 3],
+        to_camera[1, 0] * x + to_camera[1, 1] * y + to_camera[1, 2] * z + to_camera[1, 3],
+        to_camera[2, 0] * x + to_camera[2, 1] * y + to_camera[2, 2] * z + to_camera[2, 3],
+    )
+
+
+@njit(cache=True, inline="always")
+def _square(point, camera, point_size_m, height, width):  # pragma: no cover - compiled
+    """Pixels that a point covers: first and last column, first and last row; an empty range if it is out of view.
+
+    Nearer than its own size a point would cover the whole picture; such points are strays at the lens.
+    """
+    z = point[2]
+    if not z > point_size_m:
+        return 0, -1, 0, -1
+    x = camera[0, 0] * point[0] / z + camera[0, 2]
+    y = camera[1, 1] * point[1] / z + camera[1, 2]
+    half_x, half_y = 0.5 * point_size_m * camera[0, 0] / z, 0.5 * point_size_m * camera[1, 1] / z
+    if not (-half_x - 0.5 < x < width - 0.5 + half_x and -half_y - 0.5 < y < height - 0.5 + half_y):
+        return 0, -1, 0, -1
+    left, right = int(np.ceil(x - half_x)), int(np.floor(x + half_x))
+    top, bottom = int(np.ceil(y - half_y)), int(np.floor(y + half_y))
+    if left > right:
+        left = right = int(np.floor(x + 0.5))
+    if top > bottom:
+        top = bottom = int(np.floor(y + 0.5))
+    return max(0, left), min(width - 1, right), max(0, top), min(height - 1, bottom)
+
+
+@njit(cache=True, nogil=True)
+def _paint_nearest(index, depth, points, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+    height, width = index.shape
+    for p in range(len(points)):
+        placed = _place(points[p], to_camera)
+        left, right, top, bottom = _square(placed, camera, point_size_m, height, width)
+        z = np.float32(placed[2])
+        for v in range(top, bottom + 1):
+            for u in range(left, right + 1):
+                if z < depth[v, u]:
+                    depth[v, u] = z
+                    index[v, u] = p
+
+
+@njit(cache=True, nogil=True)
+def _paint_all(drawn, points, object_of_point, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+    _, height, width = drawn.shape
+    for p in range(len(points)):
+        owner = object_of_point[p]
+        if owner < 0:
+            continue
+        left, right, top, bottom = _square(_place(points[p], to_camera), camera, point_size_m, height, width)
+        for v in range(top, bottom + 1):
+            for u in range(left, right + 1):
+                drawn[owner, v, u] = True

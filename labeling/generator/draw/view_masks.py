@@ -1,0 +1,135 @@
+"""From points with probabilities to masks: modal (what a view sees of each object) and amodal (all of it)."""
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8
+from numba import njit
+
+from labeling.generator.draw.edge_filter import REACH_FACTOR, feedback_maps, smooth
+
+BORROWED_TRUST = np.float32(0.3)
+"""Weight of what other views show where a view has no depth: poses are less exact than a view's own depth."""
+MIN_TRUST = 1e-4
+"""Below this total weight nothing is known near a pixel, and it belongs to no object."""
+FAINT = np.float32(0.005)
+"""Probabilities below this are taken for 0 where a view shows nothing likelier of the object nearby."""
+
+
+def view_probabilities(
+    rgb: UInt8[np.ndarray, "h w 3"],
+    voxels: Int32[np.ndarray, "h w"],
+    borrowed: Int32[np.ndarray, "h w"] | None,
+    probability: Float32[np.ndarray, "n k"],
+    reach_px: float,
+    edge: float,
+) -> tuple[Float32[np.ndarray, "h w k"], Bool[np.ndarray, "h w"]]:
+    """Probability of every object at every pixel of a view.
+
+    A pixel with depth starts from its own 3-D point, so hidden objects do not shine through; one without depth from
+    the nearest point that other views have put there. The edge-aware filter then carries values to pixels about which
+    nothing is known, and from the voxel grid to the colour edges of the picture.
+
+    Args:
+        rgb: colour of the view.
+        voxels: voxel of each pixel, -1 without depth.
+        borrowed: voxel that other views show at each pixel, -1 for none; None if every pixel has depth.
+        probability: of each object in each voxel.
+        reach_px: reach of the filter where colour is flat.
+        edge: sum of colour differences (channels in [0, 1]) that counts as much as ``reach_px`` pixels.
+
+    Returns:
+        The probabilities, and whether anything is known at a pixel.
+    """
+    trust = (voxels >= 0).astype(np.float32)
+    if borrowed is not None:
+        trust[(voxels < 0) & (borrowed >= 0)] = BORROWED_TRUST
+        voxels = np.where(voxels >= 0, voxels, borrowed)
+    across, down = feedback_maps(rgb, reach_px, edge)
+    total = trust.copy()
+    smooth(total, across, down)
+    margin = int(np.ceil(REACH_FACTOR * reach_px)) + 1
+    windows = _windows(np.ascontiguousarray(voxels), probability, FAINT, margin)
+    planes = np.zeros((probability.shape[1], *voxels.shape), np.float32)
+    for k, (top, bottom, left, right) in enumerate(windows.tolist()):
+        if bottom > top:
+            window = slice(top, bottom), slice(left, right)
+            maps = across[:, *window], down[:, *window]
+            planes[k][window] = _fill(voxels[window], trust[window], total[window], probability[:, k], *maps)
+    return np.moveaxis(planes, 0, -1), total > MIN_TRUST
+
+
+@njit(cache=True, nogil=True)
+def _windows(voxels, probability, faint, margin):  # pragma: no cover - compiled
+    """Rows and columns (first, and one past the last) around each object's pixels; 0, 0, 0, 0 for those out of view."""
+    height, width = voxels.shape
+    objects = probability.shape[1]
+    windows = np.zeros((objects, 4), np.int64)
+    for k in range(objects):
+        windows[k, 0], windows[k, 2] = height, width
+    for y in range(height):
+        x = 0
+        while x < width:
+            voxel, first = voxels[y, x], x
+            while x < width and voxels[y, x] == voxel:
+                x += 1
+            if voxel < 0:
+                continue
+            for k in range(objects):
+                if probability[voxel, k] > faint:
+                    windows[k, 0] = min(windows[k, 0], y)
+                    windows[k, 1] = y + 1
+                    windows[k, 2] = min(windows[k, 2], first)
+                    windows[k, 3] = max(windows[k, 3], x)
+    for k in range(objects):
+        if windows[k, 1] == 0:
+            windows[k] = 0
+        else:
+            windows[k, 0], windows[k, 1] = max(0, windows[k, 0] - margin), min(height, windows[k, 1] + margin)
+            windows[k, 2], windows[k, 3] = max(0, windows[k, 2] - margin), min(width, windows[k, 3] + margin)
+    return windows
+
+
+@njit(cache=True, nogil=True)
+def _fill(voxels, trust, total, probability, across, down):  # pragma: no cover - compiled
+    """Means of one object's probability over a window."""
+    height, width = voxels.shape
+    plane = np.zeros((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            if voxels[y, x] >= 0:
+                plane[y, x] = trust[y, x] * probability[voxels[y, x]]
+    smooth(plane, across, down)
+    for y in range(height):
+        for x in range(width):
+            plane[y, x] /= max(total[y, x], np.float32(1e-12))
+    return plane
+
+
+def modal_masks(
+    probability: Float32[np.ndarray, "h w k"], known: Bool[np.ndarray, "h w"], exclusive: bool
+) -> Int32[np.ndarray, "h w"]:
+    """The object each pixel belongs to, -1 for none: the likeliest, if likelier than the background."""
+    if probability.shape[2] == 0:
+        return np.full(known.shape, -1, np.int32)
+    planes = np.ascontiguousarray(np.moveaxis(probability, -1, 0), np.float32)
+    return _likeliest(planes, np.ascontiguousarray(known), exclusive)
+
+
+@njit(cache=True, nogil=True)
+def _likeliest(planes, known, exclusive):  # pragma: no cover - compiled
+    objects, height, width = planes.shape
+    best = np.full((height, width), -1, np.int32)
+    highest, total = np.empty(width, np.float32), np.empty(width, np.float32)
+    for y in range(height):
+        highest[:], total[:] = np.float32(0.0), np.float32(0.0)
+        for k in range(objects):
+            for x in range(width):
+                value = planes[k, y, x]
+                total[x] += value
+                if value > highest[x]:
+                    highest[x] = value
+                    best[y, x] = k
+        for x in range(width):
+            taken = total[x] if exclusive else highest[x]
+            if not (known[y, x] and highest[x] > np.float32(1.0) - taken):
+                best[y, x] = -1
+    return best

@@ -1,0 +1,1 @@
+"""Which detections, moved into the cloud, are of one object."""

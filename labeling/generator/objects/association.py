@@ -1,0 +1,211 @@
+"""Which detections, seen from different views, are of one object: by the space they share, not by their names alone."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int
+
+from labeling.generator.objects.seeds import Evidence
+
+
+@dataclass
+class Candidate:
+    """An object in the making: the detections that speak for it, and the votes they cast on each voxel."""
+
+    sources: list[Evidence]
+    support: Float32[np.ndarray, "n"]
+    """Sum of the confidences of the sources that saw the voxel inside their mask."""
+    denial: Float32[np.ndarray, "n"]
+    """Sum of the confidences of the sources that saw it outside."""
+    weak: list[Evidence] = field(default_factory=list)
+
+    @cached_property
+    def foreground(self) -> Bool[np.ndarray, "n"]:
+        """Voxels that more sources place inside than outside."""
+        return self.support > self.denial
+
+    @cached_property
+    def seen(self) -> Bool[np.ndarray, "n"]:
+        """Voxels that some source has an opinion on."""
+        return (self.support > 0) | (self.denial > 0)
+
+    @cached_property
+    def front(self) -> Int[np.ndarray, "f"]:
+        """Indices of the foreground: few of all voxels, so that two candidates are compared quickly."""
+        return np.flatnonzero(self.foreground)
+
+    @property
+    def category(self) -> str:
+        """The category with the largest sum of confidences; of equal ones the first in the alphabet."""
+        votes = self.category_votes()
+        return min(votes, key=lambda name: (-votes[name], name))
+
+    def category_votes(self) -> dict[str, float]:
+        """Sum of the confidences of all detections that speak for the object, by category."""
+        votes: dict[str, float] = {}
+        for evidence in [*self.sources, *self.weak]:
+            detection = evidence.detection
+            votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
+        return votes
+
+    def add(self, evidence: Evidence) -> None:
+        """Lets one more detection vote."""
+        self.sources.append(evidence)
+        self.support[evidence.foreground] += evidence.detection.confidence
+        self.denial[evidence.background] += evidence.detection.confidence
+        for known in ("foreground", "seen", "front"):
+            self.__dict__.pop(known, None)
+
+
+def new_candidate(evidence: Evidence, num_voxels: int) -> Candidate:
+    """An object that one detection speaks for."""
+    candidate = Candidate([], np.zeros(num_voxels, np.float32), np.zeros(num_voxels, np.float32))
+    candidate.add(evidence)
+    return candidate
+
+
+def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:
+    """How much two candidates agree, counted only where both have looked.
+
+    Returns:
+        Intersection over the smaller foreground, and intersection over union; 0 where the views share too little
+        to tell (under a tenth of the smaller foreground).
+    """
+    shared = np.count_nonzero(b.foreground[a.front])
+    if shared == 0:
+        return 0.0, 0.0
+    # A foreground is seen by its own sources; what counts of it is what the other's sources have seen too.
+    in_a, in_b = np.count_nonzero(b.seen[a.front]), np.count_nonzero(a.seen[b.front])
+    smaller = min(in_a, in_b)
+    if smaller < 0.1 * min(len(a.front), len(b.front)):
+        return 0.0, 0.0
+    return shared / smaller, shared / (in_a + in_b - shared)
+
+
+def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
+    """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch)."""
+    inside, union = overlap(a, b)
+    return bool((inside if a.category == b.category else union) >= threshold)
+
+
+def group_detections(evidence: list[Evidence], num_voxels: int, threshold: float) -> list[Candidate]:
+    """Groups detections into objects: the most confident first, then unions until nothing changes.
+
+    Args:
+        evidence: confident detections.
+        num_voxels: size of the cloud.
+        threshold: share of the commonly seen space that makes two candidates one object.
+
+    Returns:
+        Objects, the one with the most confident source first.
+    """
+    order = sorted(range(len(evidence)), key=lambda i: (-evidence[i].detection.confidence, i))
+    candidates: list[Candidate] = []
+    for index in order:
+        one = new_candidate(evidence[index], num_voxels)
+        home = next((c for c in candidates if same_object(c, one, threshold)), None)
+        if home is None:
+            candidates.append(one)
+        else:
+            home.add(evidence[index])
+    return _merge_until_stable(candidates, threshold)
+
+
+def _merge_until_stable(candidates: list[Candidate], threshold: float) -> list[Candidate]:
+    merged = True
+    while merged:
+        merged = False
+        for i in range(len(candidates)):
+            for j in range(len(candidates) - 1, i, -1):
+                if same_object(candidates[i], candidates[j], threshold):
+                    for source in candidates[j].sources:
+                        candidates[i].add(source)
+                    del candidates[j]
+                    merged = True
+    return candidates
+
+
+def attach_weak(
+    candidates: list[Candidate], evidence: list[Evidence], num_voxels: int, threshold: float
+) -> list[Evidence]:
+    """Lets detections below the confidence threshold speak for the object they overlap most.
+
+    Args:
+        candidates: the objects; gain ``weak`` evidence.
+        evidence: detections below the threshold.
+        num_voxels: size of the cloud.
+        threshold: as in ``group_detections``.
+
+    Returns:
+        The detections that overlap no object.
+    """
+    homeless = []
+    # The objects are compared as their sources left them, so that the order of the weak detections does not matter.
+    joined: list[tuple[Candidate, Evidence]] = []
+    for one in evidence:
+        candidate = new_candidate(one, num_voxels)
+        homes = [home for home in candidates if same_object(home, candidate, threshold)]
+        if homes:
+            joined.append((max(homes, key=lambda home: overlap(home, candidate)), one))
+        elif all(overlap(home, candidate)[0] < threshold for home in candidates):
+            homeless.append(one)
+    for home, one in joined:
+        home.weak.append(one)
+    return homeless
+
+
+def agreed_objects(
+    evidence: list[Evidence], num_voxels: int, threshold: float, min_views: int, confident: float
+) -> list[Candidate]:
+    """Objects that no view is sure of, but that several views agree on.
+
+    Args:
+        evidence: detections below the confidence threshold that overlap no object.
+        num_voxels: size of the cloud.
+        threshold: as in ``group_detections``.
+        min_views: how many different views must place an object of one category there.
+        confident: what the chance that not all of them are wrong (``1 - prod(1 - score)``) must reach.
+
+    Returns:
+        Those objects; their sources are the agreeing detections.
+    """
+    accepted = []
+    for candidate in group_detections(evidence, num_voxels, threshold):
+        category = candidate.category
+        agreeing = [s for s in candidate.sources if s.detection.category == category]
+        views = {s.detection.view_index for s in agreeing}
+        all_wrong = float(np.prod([1 - s.detection.confidence for s in agreeing]))
+        if len(views) >= min_views and 1 - all_wrong >= confident:
+            accepted.append(candidate)
+    return accepted
+
+
+def merge_segments(
+    candidates: list[Candidate], probability: Float32[np.ndarray, "n k"], threshold: float
+) -> list[list[int]]:
+    """Groups objects whose segments in space turn out to be one, such as the front and the back of a chair.
+
+    Args:
+        candidates: the objects, best first.
+        probability: of each object at each point, each judged alone.
+        threshold: intersection over the smaller segment (one category) or over the union (two categories).
+
+    Returns:
+        Indices of the objects of each group, groups in order of their first object.
+    """
+    inside = probability > 0.5
+    groups: list[list[int]] = []
+    for k, candidate in enumerate(candidates):
+        for group in groups:
+            first = group[0]
+            shared = np.count_nonzero(inside[:, k] & inside[:, first])
+            sizes = np.count_nonzero(inside[:, k]), np.count_nonzero(inside[:, first])
+            same = candidate.category == candidates[first].category
+            base = min(sizes) if same else sum(sizes) - shared
+            if shared and shared >= threshold * base:
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups

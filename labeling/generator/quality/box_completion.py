@@ -1,0 +1,79 @@
+"""Boxes of whole objects from boxes of what was seen of them: things stand on something."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from labeling.core.types import Box3d
+
+MAX_GAP, MAX_GAP_OF_FLAT = 0.5, 1.0
+"""Of an object's height, and of its shorter horizontal side: if it is further above the ground than either, it does not
+stand on it; it lies or hangs. What is flat stands on legs, which are lost first: a table top."""
+COVERED = 0.3
+"""Share of the footprint that points at one height must cover to be a surface that an object stands on."""
+COMMON = 0.2
+"""A height is the floor's if it holds this share of the points that the commonest height holds."""
+
+
+def floor_height(points: Float32[np.ndarray, "n 3"], voxel_m: float) -> float:
+    """Height of the lowest large horizontal surface of a cloud, metres; +Z is up."""
+    heights = np.asarray(points[:, 2], float)
+    low = float(np.quantile(heights, 0.001))
+    layer = np.floor((heights[heights >= low] - low) / voxel_m).astype(int)
+    count = np.bincount(layer)
+    count[:-1] += count[1:]  # a surface on the border of two layers
+    lowest = int(np.flatnonzero(count >= COMMON * count.max())[0])
+    inside = (heights >= low + lowest * voxel_m) & (heights < low + (lowest + 2) * voxel_m)
+    return float(np.median(heights[inside]))
+
+
+def stand(
+    box: Box3d,
+    points: Float32[np.ndarray, "n 3"],
+    own: Bool[np.ndarray, "n"],
+    voxel_m: float,
+    floor_m: float,
+) -> Box3d:
+    """Lets a box reach down to what its object stands on.
+
+    Legs and the lower edge are what masks and depth lose first. The box grows to the highest surface below it, or
+    failing that to the floor, if that is nearer than half of the object's height or than the object is deep: a picture
+    on a wall stays there.
+
+    Args:
+        box: upright; its third axis points up.
+        points: the cloud of the episode.
+        own: which points are the object's.
+        voxel_m: spacing of the points.
+        floor_m: height of the floor.
+    """
+    bottom, top = box.centre_m[2] - 0.5 * box.extent_m[2], box.centre_m[2] + 0.5 * box.extent_m[2]
+    reach_m = max(MAX_GAP * (top - bottom), MAX_GAP_OF_FLAT * float(np.min(box.extent_m[:2])))
+    near = ~own & (points[:, 2] < bottom + 0.5 * voxel_m) & (points[:, 2] > bottom - reach_m - voxel_m)
+    local = (points[near].astype(float) - box.centre_m) @ box.rotation
+    under = np.all(np.abs(local[:, :2]) <= 0.5 * box.extent_m[:2], axis=1)
+    support = _highest_surface(local[under], box.extent_m[:2], voxel_m)
+    ground = floor_m if support is None else box.centre_m[2] + support
+    if not -voxel_m < bottom - ground < reach_m:
+        return box
+    return replace(
+        box,
+        centre_m=np.array([*box.centre_m[:2], 0.5 * (ground + top)]),
+        extent_m=np.array([*box.extent_m[:2], top - ground]),
+    )
+
+
+def _highest_surface(local, sides, voxel_m: float) -> float | None:
+    """Height of the highest layer of points that covers enough of the footprint; None if there is none."""
+    if len(local) == 0:
+        return None
+    cell_m = 2.0 * voxel_m
+    across = np.floor(local[:, :2] / cell_m).astype(int)
+    layer = np.floor(local[:, 2] / cell_m).astype(int)
+    needed = COVERED * max(1.0, float(np.prod(sides)) / cell_m**2)
+    for height in np.unique(layer)[::-1]:
+        here = layer == height
+        if len(np.unique(across[here], axis=0)) >= needed:
+            return float(np.median(local[here, 2]))
+    return None

@@ -1,0 +1,76 @@
+"""Last word on an episode's labels: how far each can be trusted, what is to be ignored, and how large objects are."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from labeling.core.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject
+from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.quality.box_completion import floor_height, stand
+from labeling.generator.quality.ignore_regions import doubtful_regions
+from labeling.generator.quality.label_quality import features_of, load_model
+from labeling.generator.settings.label_config import LabelConfig
+
+
+def judged(
+    labels: EpisodeLabels,
+    detections: Sequence[Detection],
+    cloud: Cloud,
+    config: LabelConfig,
+) -> EpisodeLabels:
+    """The labels with expected IoU as confidence, those of no trust ignored, and with whole boxes.
+
+    Args:
+        labels: as segmented; the confidence of a label is its object's, times the mean probability in its mask.
+        detections: of all views, confident or not.
+        cloud: the points of the views.
+        config: settings.
+    """
+    if config.complete_boxes and labels.objects:
+        labels = replace(labels, objects=_with_whole_boxes(labels, cloud.voxel_m))
+    if config.calibrate and not any(detection.exact for detection in detections):
+        labels = _calibrated(labels, detections)
+    return _without_the_untrusted(labels, detections, cloud, config)
+
+
+def _with_whole_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
+    points, owner = labels.cloud.points, labels.cloud.instance_id
+    floor_m = floor_height(points, voxel_m)
+    return tuple(
+        one
+        if one.box_3d is None
+        else replace(one, box_3d=stand(one.box_3d, points, owner == one.instance_id, voxel_m, floor_m))
+        for one in labels.objects
+    )
+
+
+def _calibrated(labels: EpisodeLabels, detections: Sequence[Detection]) -> EpisodeLabels:
+    """A person's masks need no such doubt; those of a detector do."""
+    expected = load_model().expected_iou(features_of(labels, detections))
+    found = tuple(replace(one, confidence=float(iou)) for one, iou in zip(labels.labels, expected, strict=True))
+    return replace(labels, labels=found, objects=tuple(_with_mean_confidence(one, found) for one in labels.objects))
+
+
+def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) -> LabelledObject:
+    """An object is as sure as its labels are on average, each counting with its size."""
+    own = [label for label in labels if label.instance_id == one.instance_id]
+    if not own:
+        return one
+    sizes = np.array([1e-3 + np.count_nonzero(label.modal) for label in own])
+    return replace(one, confidence=float(np.average([label.confidence for label in own], weights=sizes)))
+
+
+def _without_the_untrusted(
+    labels: EpisodeLabels, detections: Sequence[Detection], cloud: Cloud, config: LabelConfig
+) -> EpisodeLabels:
+    trusted = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
+    ignored = [
+        IgnoredRegion(one.view_index, one.category, one.confidence, one.modal, one.instance_id)
+        for one in labels.labels
+        if one.confidence < config.min_confidence and one.modal.any()
+    ]
+    if config.ignore_unconfirmed < 1:
+        ignored += doubtful_regions(cloud, detections, labels.labels, config)
+    return replace(labels, labels=trusted, ignored=tuple(sorted(ignored, key=lambda region: region.view_index)))

@@ -1,0 +1,118 @@
+"""Places that may be objects although nobody could confirm one: nobody should learn that there is background.
+
+A detector misses most objects in most views, and what it misses in one view it suspects in another. Suspicions add up
+over views at the points of the cloud, and where they do, every view marks a region to be ignored.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+
+from labeling.core.episode_labels import IgnoredRegion
+from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.settings.label_config import LabelConfig
+
+EXPLAINED = 0.5
+"""Share of a detection that labels must cover for it to be no suspicion."""
+FAINTEST = 0.05
+"""Detections less confident than this are no suspicion either: a detector has some of them everywhere."""
+
+
+def doubtful_regions(
+    cloud: Cloud, detections: Sequence[Detection], labels: Sequence[PseudoLabel], config: LabelConfig
+) -> list[IgnoredRegion]:
+    """Regions in which detections that no label explains add up to ``config.ignore_unconfirmed`` or more.
+
+    Args:
+        cloud: the points of all views; it may have none.
+        detections: of all views.
+        labels: of all views.
+        config: settings. With ``doubt_across_views`` off every view knows its own detections alone.
+
+    Returns:
+        One for each connected region of a view and category; regions of fewer pixels than ``config.min_mask_px`` are
+        left out.
+    """
+    labelled = _labelled(labels)
+    suspicions = list(_suspicions(detections, labelled))
+    least = config.ignore_unconfirmed
+    drawn: dict[tuple[int, str], Bool[np.ndarray, "h w"]] = {}
+    sure: dict[tuple[int, str], float] = {}
+
+    def draw(view: int, category: str, mask: Bool[np.ndarray, "h w"], confidence: float) -> None:
+        place = view, category
+        drawn[place] = drawn[place] | mask if place in drawn else mask
+        sure[place] = max(sure.get(place, 0.0), min(1.0, confidence))
+
+    for one, rest in suspicions:
+        if one.confidence >= least:
+            draw(one.view_index, one.category, rest, one.confidence)
+    if config.doubt_across_views and suspicions:
+        names = sorted({one.category for one, _ in suspicions})
+        support, category = _support(cloud, suspicions, names)
+        doubtful = np.flatnonzero(support >= least)
+        number = np.full(cloud.num_points + 1, -1, np.int64)  # the last one is that of pixels without a voxel
+        number[doubtful] = category[doubtful]
+        for view, voxels in enumerate(cloud.voxel_of_pixel):
+            shown = number[voxels]
+            if view in labelled:
+                shown = np.where(labelled[view], -1, shown)
+            for name in np.unique(shown[shown >= 0]):
+                mask = shown == name
+                draw(view, names[name], mask, float(support[voxels[mask]].max()))
+    return [
+        IgnoredRegion(view, category, sure[view, category], region)
+        for (view, category), mask in sorted(drawn.items())
+        for region in _pieces(mask, max(1, config.min_mask_px))
+    ]
+
+
+def _labelled(labels: Sequence[PseudoLabel]) -> dict[int, Bool[np.ndarray, "h w"]]:
+    found: dict[int, Bool[np.ndarray, "h w"]] = {}
+    for one in labels:
+        found[one.view_index] = found[one.view_index] | one.modal if one.view_index in found else one.modal
+    return found
+
+
+def _suspicions(
+    detections: Sequence[Detection], labelled: dict[int, Bool[np.ndarray, "h w"]]
+) -> Iterator[tuple[Detection, Bool[np.ndarray, "h w"]]]:
+    """Detections that labels do not explain, and what labels leave of them."""
+    for one in detections:
+        if one.confidence < FAINTEST:
+            continue
+        rest = one.mask & ~labelled[one.view_index] if one.view_index in labelled else one.mask
+        left = np.count_nonzero(rest)
+        if left and left > (1 - EXPLAINED) * np.count_nonzero(one.mask):
+            yield one, rest
+
+
+def _support(
+    cloud: Cloud, suspicions: Sequence[tuple[Detection, Bool[np.ndarray, "h w"]]], names: Sequence[str]
+) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"]]:
+    """For every voxel the sum over views of the highest confidence there, and the category with the highest sum."""
+    total = np.zeros(cloud.num_points, np.float32)
+    of_name = np.zeros((len(names), cloud.num_points), np.float32)
+    for view in sorted({one.view_index for one, _ in suspicions}):
+        highest = np.zeros(cloud.num_points, np.float32)
+        for one, rest in suspicions:
+            if one.view_index != view:
+                continue
+            voxels = np.unique(cloud.voxel_of_pixel[view][rest])
+            voxels = voxels[voxels >= 0]
+            highest[voxels] = np.maximum(highest[voxels], np.float32(one.confidence))
+            of_name[names.index(one.category), voxels] += np.float32(one.confidence)
+        total += highest
+    return total, of_name.argmax(axis=0)
+
+
+def _pieces(mask: Bool[np.ndarray, "h w"], least_px: int) -> Iterator[Bool[np.ndarray, "h w"]]:
+    """Connected parts of a mask, the small ones left out."""
+    import cv2
+
+    count, part, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    for number in range(1, count):
+        if stats[number, cv2.CC_STAT_AREA] >= least_px:
+            yield part == number

@@ -1,0 +1,178 @@
+"""How far a label can be trusted: its expected IoU, from what the views say about its object and from its own mask.
+
+The model is a logistic function of a few features, with weights whose signs are held to what the features mean; they
+are fitted to ground truth of training episodes by ``python -m experiments.calibrate_labels``, and shipped as
+``label_quality.json``.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from labeling.core.types import Detection, PseudoLabel
+
+if TYPE_CHECKING:
+    from labeling.core.episode_labels import EpisodeLabels
+
+MODEL_FILE = Path(__file__).with_name("label_quality.json")
+SAME_PLACE_IOU = 0.3
+"""A detection that overlaps a label this much speaks of the label's object."""
+PIXELS_A_SIDE = 128
+"""Masks are compared at about this resolution."""
+MIN_VIEW_PX = 16.0
+"""Of that, views that show less of an object say little about it when no detection is there."""
+
+FEATURES = {
+    "sureness": 1,
+    "best_detection": 1,
+    "agreement": 1,
+    "agreeing_views": 1,
+    "contradiction": -1,
+    "own_detection": 1,
+    "visible_size": 1,
+    "visible_share": 1,
+}
+"""Name -> sign of its weight. sureness: mean probability in the mask, log-odds. best_detection: highest confidence of a
+detection of the object under its name, log-odds. agreement and contradiction: mean over the views that show the
+object, each weighted with the size it is seen at, of the confidence of the detection of it under its name, and under
+another one; 0 in views where the detector finds nothing, so that a place where it should see something and does not
+counts against the object. agreeing_views: log2 of 1 + how many views found it. own_detection: IoU with the detection in
+the label's own view, times its confidence. visible_size: log2 of the side of the visible part, as a share of the
+picture's. visible_share: of the whole object, what is visible."""
+
+
+@dataclass(frozen=True)
+class TrustModel:
+    """Expected IoU of a label: a logistic function of its standardised features."""
+
+    mean: Float[np.ndarray, "f"]
+    scale: Float[np.ndarray, "f"]
+    weight: Float[np.ndarray, "f"]
+    intercept: float
+
+    def expected_iou(self, features: Float[np.ndarray, "n f"]) -> Float[np.ndarray, "n"]:
+        """Expected IoU, in (0, 1), of labels with these features."""
+        return 1 / (1 + np.exp(-np.clip(((features - self.mean) / self.scale) @ self.weight + self.intercept, -30, 30)))
+
+
+@cache
+def load_model() -> TrustModel:
+    """The model that is shipped."""
+    content = json.loads(MODEL_FILE.read_text(encoding="utf-8"))
+    rows = [content["features"][name] for name in FEATURES]
+    return TrustModel(
+        *(np.array([row[key] for row in rows], float) for key in ("mean", "scale", "weight")),
+        intercept=float(content["intercept"]),
+    )
+
+
+def fit_model(
+    features: Float[np.ndarray, "n f"], iou: Float[np.ndarray, "n"], ridge: float = 0.03, steps: int = 4000
+) -> TrustModel:
+    """Fits the model to measured IoU by maximum likelihood of a fractional logistic regression.
+
+    Args:
+        features: of the labels, in the order of ``FEATURES``.
+        iou: of each label with the ground truth it names, in [0, 1].
+        ridge: weight of the squared weights; .03 did best on training episodes left out of the fit.
+        steps: of accelerated projected gradient; the problem is convex.
+
+    Source: Papke and Wooldridge, "Econometric methods for fractional response variables" (1996).
+    """
+    mean, scale = features.mean(axis=0), features.std(axis=0)
+    scale = np.where(scale > 1e-9, scale, 1.0)
+    design = np.concatenate([(features - mean) / scale, np.ones((len(features), 1))], axis=1)
+    sign = np.array([*FEATURES.values(), 0])
+    penalty = np.append(np.full(len(FEATURES), ridge), 0.0)
+    step = 1.0 / (0.25 * np.linalg.norm(design, 2) ** 2 / len(design) + ridge)
+    weight = ahead = np.zeros(design.shape[1])
+    for i in range(steps):
+        chance = 1 / (1 + np.exp(-np.clip(design @ ahead, -30, 30)))
+        moved = ahead - step * (design.T @ (chance - iou) / len(iou) + penalty * ahead)
+        moved = np.where(sign * moved < 0, 0.0, moved)
+        ahead = moved + i / (i + 3) * (moved - weight)
+        weight = moved
+    return TrustModel(mean, scale, weight[:-1], float(weight[-1]))
+
+
+def features_of(labels: "EpisodeLabels", detections: Sequence[Detection]) -> Float[np.ndarray, "n f"]:
+    """Features of the labels of an episode whose confidences are still their objects' times their mean probability."""
+    certainty = {one.instance_id: max(one.confidence, 1e-6) for one in labels.objects}
+    sureness = [min(1.0, one.confidence / certainty[one.instance_id]) for one in labels.labels]
+    return label_features(labels.labels, sureness, detections)
+
+
+def label_features(
+    labels: Sequence[PseudoLabel], sureness: Sequence[float], detections: Sequence[Detection]
+) -> Float[np.ndarray, "n f"]:
+    """Features of all labels of an episode, in the order of ``FEATURES``.
+
+    Args:
+        labels: of all views.
+        sureness: mean probability of each label's mask.
+        detections: all there are, confident or not.
+    """
+    if not labels:
+        return np.zeros((0, len(FEATURES)))
+    size = labels[0].modal.shape
+    stride = max(1, round(float(np.sqrt(size[0] * size[1])) / PIXELS_A_SIDE))
+    sides = np.array([np.sqrt(np.count_nonzero(one.modal[::stride, ::stride])) for one in labels])
+    wholes = np.array([np.count_nonzero(one.amodal[::stride, ::stride]) for one in labels])
+    same, other, own = _votes(labels, detections, stride)
+    rows = np.zeros((len(labels), len(FEATURES)))
+    by_object: dict[int, list[int]] = {}
+    for index, one in enumerate(labels):
+        by_object.setdefault(one.instance_id, []).append(index)
+    for members in by_object.values():
+        looked = sides[members] * (sides[members] ** 2 >= MIN_VIEW_PX) + 1e-6
+        rows[members, 1] = _log_odds(same[members].max())
+        rows[members, 2] = looked @ same[members] / looked.sum()
+        rows[members, 3] = np.log2(1 + np.count_nonzero(same[members]))
+        rows[members, 4] = looked @ other[members] / looked.sum()
+    rows[:, 0] = _log_odds(np.asarray(sureness, float))
+    rows[:, 5] = own
+    side = float(np.sqrt(size[0] * size[1])) / stride
+    rows[:, 6] = np.log2(np.clip(sides / side, 1 / 64, 0.25))
+    rows[:, 7] = sides**2 / np.maximum(wholes, 1)
+    return rows
+
+
+def _votes(labels: Sequence[PseudoLabel], detections: Sequence[Detection], stride: int):
+    """For each label the best confidence in its view under its name, under another, and the first times IoU."""
+    same, other, own = (np.zeros(len(labels)) for _ in range(3))
+    for view in sorted({one.view_index for one in labels}):
+        here = [index for index, one in enumerate(labels) if one.view_index == view]
+        found = [one for one in detections if one.view_index == view]
+        if not found:
+            continue
+        overlap = iou_table(
+            np.stack([labels[index].modal[::stride, ::stride] for index in here]),
+            np.stack([one.mask[::stride, ::stride] for one in found]),
+        )
+        for row, index in enumerate(here):
+            for column in np.flatnonzero(overlap[row] >= SAME_PLACE_IOU):
+                one = found[column]
+                if one.category == labels[index].category:
+                    same[index] = max(same[index], one.confidence)
+                    own[index] = max(own[index], one.confidence * overlap[row, column])
+                else:
+                    other[index] = max(other[index], one.confidence)
+    return same, other, own
+
+
+def iou_table(a: Bool[np.ndarray, "n h w"], b: Bool[np.ndarray, "m h w"]) -> Float32[np.ndarray, "n m"]:
+    """IoU of every mask with every other one; 0 where both are empty."""
+    a, b = a.reshape(len(a), -1).astype(np.float32), b.reshape(len(b), -1).astype(np.float32)
+    shared = a @ b.T
+    return shared / np.maximum(a.sum(axis=1)[:, None] + b.sum(axis=1) - shared, np.float32(1))
+
+
+def _log_odds(chance):
+    held = np.clip(chance, 0.02, 0.98)
+    return np.log(held / (1 - held))

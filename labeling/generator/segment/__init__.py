@@ -1,0 +1,1 @@
+"""Which points are an object's: classifiers on seeds, and a fully-connected CRF."""

@@ -1,0 +1,73 @@
+"""Where an object may be, and which of its points a classifier learns from."""
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int
+
+from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.settings.label_config import LabelConfig
+
+CROP_STEP_M = 1.0
+"""By this much a crop grows at a time. Source: field notes (published code)."""
+OUTER_SHARE = 0.2
+"""Share of the seeds that count as the outer ones. Source: published code."""
+
+
+def crop_around(
+    cloud: Cloud,
+    front: Int[np.ndarray, "f"],
+    against: Bool[np.ndarray, "n"],
+    object_m: float,
+    config: LabelConfig,
+) -> tuple[Float32[np.ndarray, "3"], Bool[np.ndarray, "n"]]:
+    """Centre of an object's seeds, and the points that may belong to it.
+
+    Args:
+        cloud: the points.
+        front: indices of the seeds; at least one.
+        against: which points are known not to belong to it.
+        object_m: size of a typical object, metres.
+        config: settings. By default the box of the seeds grown by ``crop`` object sizes; with ``crop_m`` a cube of
+            that half edge around their centre, grown in steps of 1 m up to ``max_crop_m`` until it holds seeds of both
+            classes (field notes, published code).
+    """
+    seeds = cloud.points[front]
+    centre = np.median(seeds, axis=0)
+    if config.crop_m is None:
+        half = np.quantile(np.abs(seeds - centre), 0.98, axis=0) + config.crop * object_m
+        return centre, cloud.within(centre - half, centre + half)
+    reach = np.abs(cloud.points - centre).max(axis=1)
+    # The nearest background decides how far the cube has to grow; the centre lies among the seeds.
+    wanted = max(reach[front].min(), reach[against].min() if against.any() else 0.0)
+    steps = np.ceil(max(0.0, wanted - config.crop_m) / CROP_STEP_M)
+    half = max(config.crop_m, min(config.crop_m + steps * CROP_STEP_M, config.max_crop_m))
+    return centre, reach <= half
+
+
+def sample_front(
+    points: Float32[np.ndarray, "n 3"],
+    front: Int[np.ndarray, "f"],
+    centre: Float32[np.ndarray, "3"],
+    config: LabelConfig,
+    rng: np.random.Generator,
+) -> Int[np.ndarray, "s"]:
+    """Seeds of the object to learn from: any, or a share of them from the outermost fifth, where mistakes are made."""
+    wanted = round(config.outer_share * config.svm_samples)
+    outer = np.zeros(0, np.int64)
+    if wanted and len(front) > config.svm_samples:
+        distance = np.linalg.norm(points[front] - centre, axis=1)
+        outermost = front[np.argsort(-distance, kind="stable")[: max(1, int(OUTER_SHARE * len(front)))]]
+        outer = _sample(outermost, wanted, rng)
+        front = np.setdiff1d(front, outermost)
+    return np.concatenate([outer, _sample(front, config.svm_samples - len(outer), rng)])
+
+
+def sample_back(
+    back: Int[np.ndarray, "b"], rim: Bool[np.ndarray, "n"], config: LabelConfig, rng: np.random.Generator
+) -> Int[np.ndarray, "s"]:
+    """Background to learn from: a share of it from the rim around the masks, the rest from anywhere."""
+    hard = _sample(back[rim[back]], round(config.rim_share * config.svm_samples), rng)
+    return np.concatenate([hard, _sample(back, config.svm_samples - len(hard), rng)])
+
+
+def _sample(members: Int[np.ndarray, "m"], count: int, rng: np.random.Generator) -> Int[np.ndarray, "s"]:
+    return rng.choice(members, min(count, len(members)), replace=False)

@@ -1,0 +1,98 @@
+"""Log-odds of every object at every point: the direct votes of its sources, and a classifier trained on them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float32
+
+from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.objects.association import Candidate
+from labeling.generator.segment.classifiers import train_classifier
+from labeling.generator.segment.training_points import crop_around, sample_back, sample_front
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.runtime.threads import in_threads
+
+FAR_LOG_ODDS = -8.0
+"""Given to points out of an object's reach: they can never join it."""
+MAX_LOG_ODDS = float(np.log(0.99 / 0.01))
+"""Classifier outputs are held in [.01, .99]. Source: field notes (published code)."""
+MAX_VOTES = 3.0
+"""Sum of confidences at which more views of the same point stop adding weight: their errors are not independent."""
+
+
+def object_log_odds(
+    cloud: Cloud, candidates: Sequence[Candidate], object_m: float, config: LabelConfig
+) -> Float32[np.ndarray, "n k"]:
+    """Unary potentials of all objects, as log-odds against the background.
+
+    All sources of an object train one classifier together, so several views of an object help each other.
+
+    Args:
+        cloud: the points.
+        candidates: the objects.
+        object_m: size of a typical object, metres.
+        config: settings.
+
+    Returns:
+        Log-odds per point and object.
+    """
+    log_odds = np.full((cloud.num_points, len(candidates)), FAR_LOG_ODDS, np.float32)
+
+    def fill_column(k: int) -> None:
+        rng = np.random.default_rng([config.seed, k])
+        _one_object(cloud, candidates[k], object_m, config, rng, log_odds[:, k])
+
+    in_threads(fill_column, range(len(candidates)))
+    return log_odds
+
+
+def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfig, rng, log_odds) -> None:
+    support, denial, rim = _votes(cloud.num_points, candidate, config)
+    front = np.flatnonzero(support > denial)
+    if len(front) == 0:
+        return
+    against = (denial >= support) & (denial > 0)
+    centre, near = crop_around(cloud, front, against, object_m, config)
+    back = np.flatnonzero(near & against)
+    reachable = np.flatnonzero(near)
+    log_odds[reachable] = _vote_log_odds(support, denial, candidate)[reachable] if config.votes else 0.0
+    if len(back) > 0:
+        learnt_back = sample_back(back, rim, config, rng)
+        learnt_front = sample_front(cloud.points, front, centre, config, rng)
+        front_rows, back_rows = (_features(cloud, rows, centre) for rows in (learnt_front, learnt_back))
+        unary = train_classifier(config.unary, front_rows, back_rows, rng, config.gaussian_share)
+        if unary is not None:
+            decided = unary.log_odds(_features(cloud, reachable, centre))
+            log_odds[reachable] += np.clip(decided, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    if config.clamp_seeds:
+        log_odds[front[near[front]]] = MAX_LOG_ODDS
+        log_odds[back] = -MAX_LOG_ODDS
+
+
+def _features(cloud: Cloud, rows, centre) -> Float32[np.ndarray, "n 6"]:
+    """Colour and position of some points."""
+    return np.concatenate([cloud.colours[rows], cloud.points[rows] - centre], axis=1)
+
+
+def _votes(num_points: int, candidate: Candidate, config: LabelConfig):
+    """Confidence-weighted votes for and against every point, and the hard rim around the masks."""
+    support, denial = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
+    rim = np.zeros(num_points, bool)
+    sources = candidate.sources
+    if config.max_sources:
+        sources = sorted(sources, key=lambda one: -one.detection.confidence)[: config.max_sources]
+    for evidence in [*sources, *(candidate.weak if config.weak_evidence else [])]:
+        support[evidence.foreground] += evidence.detection.confidence
+        denial[evidence.background] += evidence.detection.confidence
+        rim[evidence.rim] = True
+    return support, denial, rim
+
+
+def _vote_log_odds(support, denial, candidate: Candidate) -> Float32[np.ndarray, "n"]:
+    """Votes as log-odds: an honest score is the chance that a vote is right."""
+    total = support + denial
+    balance = (support - denial) / np.maximum(total, 1e-9)
+    confidence = np.mean([source.detection.confidence for source in candidate.sources])
+    reliability = float(np.clip(confidence, 0.5, 0.99))
+    strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(reliability / (1 - reliability))
+    return (balance * strength).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Settings of the label generator and its presets."""

@@ -1,0 +1,1 @@
+"""Labels shared by the episodes of a scene."""

@@ -1,0 +1,182 @@
+"""The objects of a scene across its episodes: what one visit saw well, another may see from afar.
+
+A detector finds little of what is far away, and an episode that stays there cannot teach it: nothing confirms what it
+missed. An episode elsewhere in the same scene may have walked around the very object. So segments of all episodes of a
+scene that fill the same space are one object, and a view shows it where the view's own depth does, if it stands there
+still. Beyond the thesis, which labels each episode by itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from labeling.core.geometry import invert_rigid, transform_points, unproject_depth
+from labeling.core.types import Box3d
+from labeling.generator.draw.splatting import nearest_points, silhouettes
+
+OVERLAP = 0.3
+"""Segments of two episodes are one object if this share of either lies within reach of the other."""
+REACH = 4.0
+"""How far points of one surface may lie apart, in distances between neighbouring points of a segment."""
+AGREEMENT = 0.5
+"""IoU that an object's pixels must have with those its points cover: less is another thing, or another's place."""
+MARGIN_SHARE = 0.02
+"""How much nearer or further than a point a view must see to contradict it, as a share of its depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """An object as one episode found it."""
+
+    episode: str
+    instance_id: int
+    """Within the episode."""
+    category: str
+    confidence: float
+    """In [0, 1]."""
+    box_3d: Box3d
+    """Upright, world."""
+    points: Float32[np.ndarray, "n 3"]
+    """Of its segment; metres, world."""
+    source_view_index: int
+    """The episode's view that is surest of it."""
+    source_confidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """An object of a scene, from all episodes that found it."""
+
+    visits: tuple[Visit, ...]
+    """The most confident first: it names the object and says how large it is."""
+    points: Float32[np.ndarray, "n 3"]
+    """Of all visits; metres, world."""
+    spacing_m: float
+    """Distance between neighbouring points of a segment."""
+
+    @property
+    def best(self) -> Visit:
+        """The most confident visit."""
+        return self.visits[0]
+
+    def is_known_to(self, episode: str) -> bool:
+        """Whether an episode has found the object itself."""
+        return any(visit.episode == episode for visit in self.visits)
+
+
+@dataclass(frozen=True, eq=False)
+class Glimpse:
+    """What a view shows of an object."""
+
+    modal: Bool[np.ndarray, "h w"]
+    amodal: Bool[np.ndarray, "h w"]
+
+
+def same_objects(visits: Sequence[Visit]) -> list[SceneObject]:
+    """Puts together visits that found one and the same object.
+
+    Args:
+        visits: of all episodes of a scene; those of fewer than two points are left out.
+
+    Returns:
+        The objects, the most confident first.
+    """
+    found: list[SceneObject] = []
+    usable = [visit for visit in visits if len(visit.points) > 1]
+    for visit in sorted(usable, key=lambda one: (-one.confidence, one.episode, one.instance_id)):
+        alone = SceneObject((visit,), visit.points, _spacing_m(visit.points))
+        for place, known in enumerate(found):
+            if _overlap(known, alone) >= OVERLAP:
+                found[place] = SceneObject(
+                    (*known.visits, visit),
+                    np.concatenate([known.points, visit.points]),
+                    max(known.spacing_m, alone.spacing_m),
+                )
+                break
+        else:
+            found.append(alone)
+    return found
+
+
+def glimpses(
+    objects: Sequence[SceneObject],
+    depth_m: Float32[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+) -> list[Glimpse | None]:
+    """Where a view shows objects that its episode may not have found itself.
+
+    Args:
+        objects: of the scene.
+        depth_m: the view's z-depth, 0 where there is no return.
+        intrinsics: K of the view.
+        camera_to_world: its pose, OpenCV axes.
+
+    Returns:
+        Of each object its visible pixels, those whose depth lies in its box, and its whole silhouette; None if it is
+        out of view, hidden, or not there (any more): if these pixels are not those that its points cover.
+    """
+    view = _View(depth_m, intrinsics, camera_to_world)
+    return [_glimpse(one, view) for one in objects]
+
+
+class _View:
+    """A view and its points."""
+
+    def __init__(self, depth_m, intrinsics, camera_to_world) -> None:
+        self.depth_m = depth_m
+        self.camera = intrinsics, camera_to_world, depth_m.shape
+        self.to_camera = invert_rigid(camera_to_world)
+        points, self._flat = unproject_depth(depth_m.astype(float), intrinsics, camera_to_world)
+        self._points = points.astype(np.float32)
+
+    def in_box(self, box: Box3d, margin_m: float) -> Bool[np.ndarray, "h w"]:
+        """Pixels whose points lie in a box, its margin included except below: there is what the object stands on."""
+        half = 0.5 * box.extent_m + margin_m
+        near = np.ones(len(self._points), bool)
+        for axis, reach_m in enumerate(np.abs(box.rotation) @ half):
+            near &= np.abs(self._points[:, axis] - np.float32(box.centre_m[axis])) <= reach_m
+        near = np.flatnonzero(near)
+        local = (self._points[near] - box.centre_m) @ box.rotation
+        inside = np.all(np.abs(local) <= half, axis=1) & (local[:, 2] >= margin_m - 0.5 * box.extent_m[2])
+        found = np.zeros(self.depth_m.size, bool)
+        found[self._flat[near[inside]]] = True
+        return found.reshape(self.depth_m.shape)
+
+
+def _glimpse(one: SceneObject, view: _View) -> Glimpse | None:
+    modal = view.in_box(one.best.box_3d, one.spacing_m)
+    if not modal.any():
+        return None
+    camera = (*view.camera, 2 * one.spacing_m)
+    drawn = silhouettes(one.points, np.zeros(len(one.points), np.int32), 1, *camera)[0]
+    nearest = nearest_points(one.points, *camera)
+    expected_m = transform_points(view.to_camera, one.points)[:, 2][np.maximum(nearest, 0)]
+    margin_m = REACH * one.spacing_m + MARGIN_SHARE * expected_m
+    hidden = drawn & ~modal & (view.depth_m > 0) & (view.depth_m < expected_m - margin_m)
+    agreement = np.count_nonzero(modal & drawn) / np.count_nonzero(modal | (drawn & ~hidden))
+    return Glimpse(modal, modal | drawn) if agreement >= AGREEMENT else None
+
+
+def _spacing_m(points) -> float:
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(points).query(points, k=2)
+    return float(np.median(distances[:, 1]))
+
+
+def _overlap(a: SceneObject, b: SceneObject) -> float:
+    """The greater share of the points of either that lie within reach of the other."""
+    from scipy.spatial import cKDTree
+
+    reach_m = REACH * max(a.spacing_m, b.spacing_m)
+    low, high = (np.maximum(a.points.min(0), b.points.min(0)), np.minimum(a.points.max(0), b.points.max(0)))
+    if np.any(low > high + reach_m):
+        return 0.0
+    shares = []
+    for points, others in ((a.points, b.points), (b.points, a.points)):
+        distances, _ = cKDTree(others).query(points, distance_upper_bound=reach_m)
+        shares.append(float(np.isfinite(distances).mean()))
+    return max(shares)

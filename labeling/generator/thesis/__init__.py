@@ -1,0 +1,1 @@
+"""Labels as the thesis makes them: every detection by itself."""

@@ -1,0 +1,204 @@
+"""Labels the thesis' way: every confident detection is segmented alone, and masks compete in the picture only.
+
+Source: thesis 4.3 ("for clarity, we focus on one high confidence detection"; "if multiple confident input masks of the
+same object are given, we keep the pixels corresponding to the most confident prediction at reprojection time").
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from labeling.core.boxes3d import fit_box
+from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
+from labeling.core.masks import box_xywh
+from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.cloud.outliers import segment_outliers
+from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.draw.splatting import silhouettes
+from labeling.generator.draw.view_masks import view_probabilities
+from labeling.generator.draw.visibility import Views, fill_reach_px, voxels_shown
+from labeling.generator.objects.association import Candidate, group_detections, new_candidate
+from labeling.generator.objects.consistency import is_consistent
+from labeling.generator.objects.seeds import gather_evidence
+from labeling.generator.segment.active_points import Near
+from labeling.generator.segment.pairwise_kernels import crf_kernels
+from labeling.generator.segment.unary_potentials import FAR_LOG_ODDS, object_log_odds
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.generator.settings.published_defects import damaged
+
+SAME_MASK = 0.5
+"""Masks of one class of which one covers this share of the other, and masks of two classes whose boxes have this IoU,
+show the same thing. Source: published code."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What one segment looks like in one view."""
+
+    segment: int
+    """Index; segments are numbered from the most confident to the least."""
+    category: str
+    modal: Bool[np.ndarray, "h w"]
+    amodal: Bool[np.ndarray, "h w"]
+
+
+def lone_detections(cloud: Cloud, detections: Sequence[Detection], config: LabelConfig) -> list[Candidate]:
+    """Every confident detection as an object of its own, the most confident first.
+
+    Args:
+        cloud: the points.
+        detections: of all views, confident or not.
+        config: settings; with ``consistency`` only detections of objects that enough views agree on.
+    """
+    found = []
+    for detection in detections:
+        if detection.confidence >= config.confident:
+            evidence = gather_evidence(cloud, detection, config)
+            if len(evidence.foreground) > 0:
+                found.append(evidence)
+    if config.consistency:
+        groups = group_detections(found, cloud.num_points, config.merge_overlap)
+        found = [one for group in groups if is_consistent(group, config.confident) for one in group.sources]
+    found.sort(key=lambda one: (-one.detection.confidence, one.detection.view_index))
+    return [new_candidate(one, cloud.num_points) for one in found]
+
+
+def label_per_detection(
+    views: Views, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
+) -> EpisodeLabels:
+    """Labels every view from segments that each stem from one detection.
+
+    Args:
+        views: the views and their cloud.
+        candidates: of one detection each, as ``lone_detections`` returns them.
+        scale: of the episode.
+        config: settings. ``exclusive``, ``weak_evidence`` and ``merge_overlap`` play no part: segments do not know of
+            each other.
+
+    Returns:
+        One object for every detection that kept a mask in some view.
+    """
+    probability = _segment_each(views, candidates, scale, config)
+    sources = [candidate.sources[0].detection for candidate in candidates]
+    labels = _draw_all(views, sources, probability, scale, config)
+    kept = sorted({label.instance_id for label in labels})
+    number = {old: new for new, old in enumerate(kept, start=1)}
+    objects = []
+    for old in kept:
+        detection = sources[old - 1]
+        source = Source(detection.view_index, float(detection.confidence), detection.category)
+        members = views.cloud.points[probability[:, old - 1] > 0.5]
+        box = fit_box(members, margin_m=views.cloud.voxel_m) if len(members) else None
+        objects.append(LabelledObject(number[old], detection.category, source.confidence, box, (source,)))
+    final = [replace(label, instance_id=number[label.instance_id]) for label in labels]
+    chance = probability[:, [old - 1 for old in kept]]
+    cloud = SegmentedCloud(views.cloud.points, views.cloud.colours, _first_owner(chance), chance)
+    return EpisodeLabels(tuple(objects), damaged(final, config.published), cloud, scale)
+
+
+def _segment_each(
+    views: Views, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
+) -> Float32[np.ndarray, "n k"]:
+    """Probability of each segment at every point; 0 outside its crop, whose points have a CRF of their own."""
+    cloud = views.cloud
+    log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
+    near = Near.of(log_odds > FAR_LOG_ODDS)
+    kernels = crf_kernels(cloud, near, scale.object_m, config)
+    probability = near.marginals(log_odds, kernels, config.iterations, exclusive=False)
+    for k in range(len(candidates)):
+        points = near.point[near.rows_of(k)]
+        owner = np.where(probability[points, k] > 0.5, 0, -1).astype(np.int32)
+        gone = segment_outliers(cloud.points[points], owner, 1, cloud.voxel_m, config)
+        probability[points[gone], k] = 0
+    return probability
+
+
+def _draw_all(
+    views: Views,
+    sources: Sequence[Detection],
+    probability: Float32[np.ndarray, "n k"],
+    scale: Scale,
+    config: LabelConfig,
+) -> list[PseudoLabel]:
+    """Masks of all segments in all views, after the more confident have suppressed the others."""
+    cloud, fine = views.cloud, views.fine
+    voxel_of_fine = cloud.parents_of(fine)
+    inside = probability > 0.5
+    points_of = [fine.points[inside[voxel_of_fine, k]] for k in range(len(sources))]
+    reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
+    labels = []
+    for view in range(len(views.rgb)):
+        shown = voxels_shown(views, view, voxel_of_fine, config)
+        chance, known = view_probabilities(views.rgb[view], shown, None, probability, reach_px, config.fill_edge)
+        camera = (views.intrinsics[view], views.camera_to_world[view], views.rgb.shape[1:3], fine.voxel_m)
+        drawn = []
+        for k, source in enumerate(sources):
+            modal = known & (chance[:, :, k] > 0.5)
+            points = points_of[k]
+            amodal = modal | silhouettes(points, np.zeros(len(points), np.int32), 1, *camera)[0]
+            if config.published.missing_z_buffer:
+                modal = amodal
+            if modal.any():
+                drawn.append(Drawn(k, source.category, modal, amodal))
+        for one in suppress(drawn, last_wins=config.published.missing_z_buffer):
+            confidence = float(sources[one.segment].confidence)
+            labels.append(
+                PseudoLabel(
+                    view_index=view,
+                    instance_id=one.segment + 1,
+                    category=one.category,
+                    confidence=confidence,
+                    modal=one.modal,
+                    amodal=one.amodal,
+                    source_view_index=sources[one.segment].view_index,
+                    source_confidence=confidence,
+                )
+            )
+    return labels
+
+
+def suppress(drawn: Sequence[Drawn], last_wins: bool = False) -> list[Drawn]:
+    """What is left of the masks of one view when the more confident of two that show the same thing is kept.
+
+    Pixels that two of the kept masks claim go to the more confident one.
+
+    Args:
+        drawn: the most confident first.
+        last_wins: give them to the last one drawn instead.
+    """
+    kept: list[Drawn] = []
+    for one in drawn:
+        if any(_same_thing(one, other) for other in kept):
+            continue
+        kept.append(one)
+    if not kept:
+        return []
+    taken, left = np.zeros(kept[0].modal.shape, bool), []
+    for one in reversed(kept) if last_wins else kept:
+        modal = one.modal & ~taken
+        taken = taken | one.modal
+        if modal.any():
+            left.append(Drawn(one.segment, one.category, modal, one.amodal | modal))
+    return sorted(left, key=lambda one: one.segment)
+
+
+def _same_thing(a: Drawn, b: Drawn) -> bool:
+    if a.category == b.category:
+        shared = np.count_nonzero(a.modal & b.modal)
+        return bool(shared >= SAME_MASK * min(np.count_nonzero(a.modal), np.count_nonzero(b.modal)))
+    left_a, top_a, width_a, height_a = box_xywh(a.amodal)
+    left_b, top_b, width_b, height_b = box_xywh(b.amodal)
+    across = min(left_a + width_a, left_b + width_b) - max(left_a, left_b)
+    down = min(top_a + height_a, top_b + height_b) - max(top_a, top_b)
+    shared = max(0.0, across) * max(0.0, down)
+    return shared > SAME_MASK * (width_a * height_a + width_b * height_b - shared)
+
+
+def _first_owner(probability: Float32[np.ndarray, "n k"]) -> Int32[np.ndarray, "n"]:
+    """Number of the most confident segment that holds a point, counted from 1; 0 for none."""
+    inside = probability > 0.5
+    if inside.shape[1] == 0:
+        return np.zeros(len(inside), np.int32)
+    return np.where(inside.any(axis=1), inside.argmax(axis=1) + 1, 0).astype(np.int32)

@@ -1,0 +1,248 @@
+"""What can be wrong with a label set, one sentence per problem; unlike reading, inspection goes on after the first."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labeling.core.box_overlap import box_iou_3d
+from labeling.core.errors import EpisodeFormatError, LabelFormatError
+from labeling.core.masks import box_xywh, fill_polygons
+from labeling.core.rle import decode_mask
+from labeling.core.types import Box3d
+from labeling.io.coco import read_box_3d
+from labeling.io.formats.checked_json import Json, read_json
+from labeling.io.label_set import AMODAL_FILE, MODAL_FILE, SUMMARY_FILE
+
+BOXES_FILE = "boxes_3d.json"
+BOX_TOLERANCE_PX = 1.0
+SAME_CATEGORY_OVERLAP, ANY_CATEGORY_OVERLAP = 0.5, 0.8
+"""3-D IoU from which on two objects are taken for one."""
+
+
+@dataclass
+class _Known:
+    """What the files of a label set agree on, gathered as they are read."""
+
+    episodes: dict[int, str]
+    """Image id -> episode."""
+    objects: dict[int, str]
+    """Instance id -> episode, from boxes_3d.json."""
+    used: set[str]
+    """Categories that some label or object has."""
+
+
+def inspect_label_set(folder: Path, notes: list[str] | None = None) -> list[str]:
+    """Checks a label set.
+
+    Args:
+        folder: what ``labeling.generate`` wrote, or any other tool in its format.
+        notes: gains what is worth knowing but no fault, such as categories without a label.
+
+    Returns:
+        One sentence per problem, beginning with file and field; none if all is well.
+
+    Raises:
+        LabelFormatError: if it cannot be read at all: a file is missing, is not JSON or has another structure.
+    """
+    if not folder.is_dir():
+        raise LabelFormatError(f"{folder}: no such folder; give the --out folder of labeling.generate")
+    try:
+        modal = read_json(folder / MODAL_FILE)
+        files = [modal, *(read_json(folder / name) for name in (AMODAL_FILE,) if (folder / name).is_file())]
+        boxes = read_json(folder / BOXES_FILE)
+        summary = read_json(folder / SUMMARY_FILE)
+        return list(_problems(folder, files, boxes, summary, [] if notes is None else notes))
+    except EpisodeFormatError as error:
+        raise LabelFormatError(str(error)) from None
+
+
+def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes: list[str]) -> Iterator[str]:
+    known = _Known({}, {}, set())
+    names: dict[int, str] = {}
+    for file in files:
+        yield from _repeated(file, "categories")
+        names.update({one.integer("id"): one.text("name") for one in file.list_of("categories")})
+    yield from _check_boxes(boxes, names, known)
+    masks: dict[str, dict[int, np.ndarray]] = {}
+    for file in files:
+        masks[file.file.name] = {}
+        yield from _check_instances(file, names, known, masks[file.file.name])
+    yield from _check_pairs(masks)
+    unused = sorted(set(names.values()) - known.used)
+    if unused:
+        notes.append(f"no label has the categories {', '.join(unused)}")
+    yield from _check_episodes(folder, summary, known)
+
+
+def _repeated(file: Json, name: str) -> Iterator[str]:
+    seen: set[int] = set()
+    for record in file.list_of(name):
+        number = record.integer("id")
+        if number in seen:
+            yield f"{record.where('id')}: {number} is given twice"
+        seen.add(number)
+
+
+def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[str]:
+    found: list[tuple[Json, str, str, Box3d]] = []
+    for record in boxes.list_of("boxes"):
+        number, episode = record.integer("instance_id"), record.text("episode")
+        if number in known.objects:
+            yield f"{record.where('instance_id')}: {number} is given twice"
+        known.objects[number] = episode
+        category_id = record.integer("category_id")
+        if category_id not in names:
+            yield f"{record.where('category_id')}: there is no category {category_id}"
+        known.used.add(names.get(category_id, ""))
+        yield from _check_score(record, "score")
+        box = read_box_3d(record)
+        if not np.all(box.extent_m > 0):
+            yield f"{record.where('extent')}: must be above 0 m on every side, not {box.extent_m.tolist()}"
+            continue
+        if not np.allclose(box.rotation.T @ box.rotation, np.eye(3), atol=1e-3):
+            yield f"{record.where('rotation')}: is no rotation"
+            continue
+        for other, other_episode, category, other_box in found:
+            if other_episode != episode:
+                continue
+            same = category == names.get(category_id)
+            overlap = box_iou_3d(box, other_box)
+            if overlap >= (SAME_CATEGORY_OVERLAP if same else ANY_CATEGORY_OVERLAP):
+                yield (
+                    f"{record.where()}: object {number} ({names.get(category_id)}) and object "
+                    f"{other.integer('instance_id')} ({category}) of {episode} share {overlap:.0%} of their space; "
+                    "are they one?"
+                )
+        found.append((record, episode, names.get(category_id, ""), box))
+
+
+def _check_instances(file: Json, names: dict[int, str], known: _Known, masks: dict[int, np.ndarray]) -> Iterator[str]:
+    yield from _repeated(file, "images")
+    yield from _repeated(file, "annotations")
+    sizes = {}
+    for image in file.list_of("images"):
+        known.episodes[image.integer("id")] = image.text("episode")
+        sizes[image.integer("id")] = (image.integer("height"), image.integer("width"))
+    seen: set[tuple[int, int]] = set()
+    for record in file.list_of("annotations"):
+        image_id, category_id = record.integer("image_id"), record.integer("category_id")
+        ignored = _is_ignored(record)
+        if record.has("ignore") and (record.integer("ignore") == 1) != ignored:
+            yield f"{record.where('ignore')}: is {record.integer('ignore')}, but iscrowd is {int(ignored)}"
+        for name in ("image_id", "source_image_id"):
+            if record.has(name) and record.integer(name) not in sizes:
+                yield f"{record.where(name)}: there is no image {record.integer(name)}"
+        if category_id not in names:
+            yield f"{record.where('category_id')}: there is no category {category_id}"
+        known.used.add(names.get(category_id, ""))
+        # A region to be ignored need not be of any object.
+        if not ignored or record.has("instance_id"):
+            yield from _check_object(record, known, seen)
+        for name in ("score", "source_score"):
+            if record.has(name) or name == "score":
+                yield from _check_score(record, name)
+        if image_id in sizes:
+            yield from _check_mask(record, sizes[image_id], masks)
+
+
+def _is_ignored(record: Json) -> bool:
+    return record.has("iscrowd") and record.integer("iscrowd") == 1
+
+
+def _check_object(record: Json, known: _Known, seen: set[tuple[int, int]]) -> Iterator[str]:
+    image_id, number = record.integer("image_id"), record.integer("instance_id")
+    if number not in known.objects:
+        yield f"{record.where('instance_id')}: there is no object {number} in {BOXES_FILE}"
+    elif known.objects[number] != known.episodes.get(image_id, known.objects[number]):
+        yield f"{record.where('instance_id')}: object {number} belongs to episode {known.objects[number]}"
+    if (image_id, number) in seen:
+        yield f"{record.where()}: object {number} has a second label in image {image_id}"
+    seen.add((image_id, number))
+
+
+def _check_score(record: Json, name: str) -> Iterator[str]:
+    value = record.get(name).value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+        yield f"{record.where(name)}: a score lies in [0, 1], not {value}"
+
+
+def _check_mask(record: Json, size: tuple[int, int], masks: dict[int, np.ndarray]) -> Iterator[str]:
+    height_px, width_px = size
+    left, top, width, height = record.array("bbox", (4,)).tolist()
+    if left < 0 or top < 0 or left + width > width_px or top + height > height_px:
+        yield f"{record.where('bbox')}: {[left, top, width, height]} leaves the picture of {width_px}x{height_px}"
+    segmentation = record.get("segmentation").value
+    if isinstance(segmentation, dict) and segmentation.get("size") != [height_px, width_px]:
+        yield f"{record.where('segmentation.size')}: must be the picture's {[height_px, width_px]} (height, width)"
+        return
+    try:
+        mask = fill_polygons(segmentation, size) if isinstance(segmentation, list) else decode_mask(segmentation)
+    except ValueError as error:
+        yield f"{record.where('segmentation')}: {error}"
+        return
+    masks[record.integer("id")] = mask
+    area = int(np.count_nonzero(mask))
+    if area == 0:
+        yield f"{record.where('segmentation')}: the mask is empty"
+        return
+    expected = box_xywh(mask)
+    if np.abs(np.array(expected) - [left, top, width, height]).max() > BOX_TOLERANCE_PX:
+        yield f"{record.where('bbox')}: is {[left, top, width, height]}, but the mask fills {list(expected)}"
+    if record.has("area") and abs(record.number("area") - area) > max(1.0, 0.01 * area):
+        yield f"{record.where('area')}: is {record.number('area'):g}, but the mask has {area} pixels"
+
+
+def _check_pairs(masks: dict[str, dict[int, np.ndarray]]) -> Iterator[str]:
+    """The visible part of an object belongs to the whole of it."""
+    for number, visible in masks.get(MODAL_FILE, {}).items():
+        whole = masks.get(AMODAL_FILE, {}).get(number)
+        if whole is not None and whole.shape == visible.shape and np.any(visible & ~whole):
+            yield f"{AMODAL_FILE}: the whole-object mask of label {number} lacks pixels of its visible part"
+
+
+def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]:
+    from labeling.io.formats.ply import read_ply
+
+    for episode in summary.list_of("episodes"):
+        name = episode.text("name")
+        if episode.text("status") != "labelled":
+            error: Any = episode.value.get("error")
+            yield f"{episode.where()}: {name} was not labelled ({error})"
+            continue
+        cloud_file = folder / "clouds" / f"{name}.ply"
+        try:
+            labels = set(np.unique(read_ply(cloud_file)["label"]).tolist()) - {0}
+        except FileNotFoundError:
+            yield f"{cloud_file}: the segmented cloud is missing"
+            continue
+        except (OSError, ValueError) as error:
+            yield f"{cloud_file}: cannot be read ({error})"
+            continue
+        objects = sum(owner == name for owner in known.objects.values())
+        if labels - set(range(1, objects + 1)):
+            yield f"{cloud_file}: has points of object {max(labels)}, but the episode has {objects} objects"
+    stated = {episode.text("name") for episode in summary.list_of("episodes")}
+    for name in sorted(set(known.episodes.values()) - stated):
+        yield f"{summary.where('episodes')}: does not tell of episode {name}, which has images"
+    dataset = _dataset(folder, summary)
+    if dataset is not None:
+        yield from _missing_pictures(folder, dataset)
+
+
+def _dataset(folder: Path, summary: Json) -> Path | None:
+    """The dataset, if it still is where the label set says; a label set may be looked at without it."""
+    if not summary.has("dataset"):
+        return None
+    for path in (folder.resolve() / summary.text("dataset"), Path(summary.text("dataset"))):
+        if path.is_dir():
+            return path
+    return None
+
+
+def _missing_pictures(folder: Path, dataset: Path) -> Iterator[str]:
+    for image in read_json(folder / MODAL_FILE).list_of("images"):
+        if not (dataset / image.text("file_name")).is_file():
+            yield f"{image.where('file_name')}: {image.text('file_name')!r} is not in {dataset}"

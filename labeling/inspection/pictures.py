@@ -1,0 +1,131 @@
+"""Pictures of a segmented cloud with its boxes, drawn without any graphics library."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from labeling.core.geometry import intrinsics_from_fov, look_at, project, splat
+from labeling.inspection.scene import LabelledScene
+from labeling.io.formats.atomic import atomic_file
+
+SIZE = (720, 960)
+"""Height and width of a picture in pixels."""
+FOV_RAD = 0.9
+ELEVATION_RAD = 0.6
+MARGIN = 0.35
+"""How far around the objects the cloud is shown, as a share of the region they take up."""
+BACKGROUND = 250
+SUPERSAMPLE = 2
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1]
+
+
+def write_pictures(scene: LabelledScene, folder: Path, viewpoints: int = 3) -> list[Path]:
+    """Writes pictures of one episode: from above, and from ``viewpoints`` directions around it.
+
+    Returns:
+        The files, ``EPISODE_top.png`` and ``EPISODE_1.png`` ...
+    """
+    centre, size_m = _region(scene)
+    shown = _near(scene, centre, size_m)
+    directions = [("top", np.array([0.0, -0.02, 1.0]))]
+    for number in range(viewpoints):
+        azimuth = _first_azimuth(scene, centre) + 2 * np.pi * number / viewpoints
+        flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        directions.append((str(number + 1), np.cos(ELEVATION_RAD) * flat + [0, 0, np.sin(ELEVATION_RAD)]))
+    distance_m = 0.5 * float(np.linalg.norm(size_m)) / np.tan(0.5 * FOV_RAD * SIZE[0] / SIZE[1])
+    files = []
+    for name, direction in directions:
+        pose = look_at(centre + distance_m * direction / np.linalg.norm(direction), centre)
+        open_side = shown & ~_in_front(scene, centre, direction)
+        file = folder / f"{scene.name}_{name}.png"
+        ok, encoded = cv2.imencode(".png", cv2.cvtColor(draw(scene, open_side, pose), cv2.COLOR_RGB2BGR))
+        assert ok
+        with atomic_file(file) as temporary:
+            temporary.write_bytes(encoded.tobytes())
+        files.append(file)
+    return files
+
+
+def draw(
+    scene: LabelledScene, shown: Bool[np.ndarray, "n"], pose: Float[np.ndarray, "4 4"]
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The points shown, as squares, with boxes and their titles, from one viewpoint (OpenCV camera axes)."""
+    height_px, width_px = (side * SUPERSAMPLE for side in SIZE)
+    intrinsics = intrinsics_from_fov(width_px, height_px, FOV_RAD)
+    points = scene.points[shown]
+    index, _ = splat(points, intrinsics, pose, height_px, width_px, _spacing(points))
+    colours = np.concatenate([scene.colours[shown], np.full((1, 3), BACKGROUND, np.uint8)])
+    canvas = cv2.resize(colours[index], SIZE[::-1], interpolation=cv2.INTER_AREA)
+    intrinsics = intrinsics_from_fov(SIZE[1], SIZE[0], FOV_RAD)
+    for one in scene.objects:
+        corners, depth_m = project(one.box.corners(), intrinsics, pose)
+        if np.any(depth_m <= 0):
+            continue
+        colour = tuple(int(255 * value * 0.75) for value in one.colour)
+        pixels = np.rint(np.clip(corners, -4 * SIZE[1], 4 * SIZE[1])).astype(int)
+        for a, b in _EDGES:
+            cv2.line(canvas, pixels[a].tolist(), pixels[b].tolist(), colour, 2, cv2.LINE_AA)
+    for one in scene.objects:  # titles last, so that no edge crosses them
+        top, depth_m = project(one.box.corners().mean(axis=0)[None] + [0, 0, one.box.extent_m[2] / 2], intrinsics, pose)
+        if depth_m[0] > 0:
+            _write(canvas, one.title, np.rint(np.clip(top[0], -1e4, 1e4)).astype(int), one.colour)
+    return canvas
+
+
+def _region(scene: LabelledScene) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Centre and extent of what to look at: the objects, or without any the whole cloud."""
+    if scene.objects:
+        corners = np.concatenate([one.box.corners() for one in scene.objects])
+    elif len(scene.points):
+        corners = np.quantile(scene.points, [0.02, 0.98], axis=0)
+    else:
+        corners = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return 0.5 * (low + high), np.maximum(high - low, 1e-3)
+
+
+def _near(scene: LabelledScene, centre, size_m) -> Bool[np.ndarray, "n"]:
+    """Points around the objects but not above them, where a ceiling would hide everything."""
+    reach = 0.5 * size_m + MARGIN * size_m.max()
+    reach[2] = 0.5 * size_m[2] + 0.1 * size_m.max()
+    return (scene.labels > 0) | np.all(np.abs(scene.points - centre) <= reach, axis=1)
+
+
+def _in_front(scene: LabelledScene, centre, direction) -> Bool[np.ndarray, "n"]:
+    """Points of no object that lie nearer to the viewpoint than all objects: the back of a wall that hides them."""
+    flat = np.array([direction[0], direction[1], 0.0])
+    if np.linalg.norm(flat) < 0.1 or not scene.objects:
+        return np.zeros(len(scene.points), bool)
+    nearest = max(float(((one.box.corners() - centre) @ flat).max()) for one in scene.objects)
+    return (scene.labels == 0) & ((scene.points - centre) @ flat > nearest)
+
+
+def _first_azimuth(scene: LabelledScene, centre) -> float:
+    """The direction that most cameras looked from, so that the first picture shows what they saw."""
+    if not scene.cameras:
+        return -np.pi / 2
+    offset = np.mean([camera.camera_to_world[:2, 3] for camera in scene.cameras], axis=0) - centre[:2]
+    return float(np.arctan2(offset[1], offset[0])) if np.linalg.norm(offset) > 1e-6 else -np.pi / 2
+
+
+def _spacing(points: Float[np.ndarray, "n 3"]) -> float:
+    """Distance between neighbouring points, so that surfaces close up."""
+    if len(points) < 2:
+        return 0.01
+    from scipy.spatial import cKDTree
+
+    some = points[:: max(1, len(points) // 2000)]
+    return float(np.median(cKDTree(points).query(some, k=2)[0][:, 1])) * 1.6
+
+
+def _write(canvas: UInt8[np.ndarray, "h w 3"], text: str, at, colour) -> None:
+    """Text on a plate of the object's colour, kept inside the picture."""
+    text = text.encode("ascii", "replace").decode()
+    (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    x = int(np.clip(at[0] - width // 2, 4, max(4, canvas.shape[1] - width - 4)))
+    y = int(np.clip(at[1] - 6, height + 6, canvas.shape[0] - base - 4))
+    fill = tuple(int(255 * (0.35 * value + 0.65)) for value in colour)
+    cv2.rectangle(canvas, (x - 3, y - height - 3), (x + width + 3, y + base + 1), fill, -1)
+    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)

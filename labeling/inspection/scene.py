@@ -1,0 +1,117 @@
+"""What pictures and the viewer show of one labelled episode: cloud, boxes, cameras."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int32, UInt8
+
+from labeling.core.errors import EpisodeFormatError, LabelFormatError, SbmError
+from labeling.core.types import Box3d
+from labeling.inspection.checks import BOXES_FILE
+from labeling.io.coco import read_box_3d
+from labeling.io.episodes import find_episodes
+from labeling.io.formats.checked_json import read_json
+from labeling.io.formats.ply import hues, read_ply
+from labeling.io.label_set import MODAL_FILE, SUMMARY_FILE, recording_config
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One view of the recording."""
+
+    intrinsics: Float[np.ndarray, "3 3"]
+    camera_to_world: Float[np.ndarray, "4 4"]
+    size: tuple[int, int]
+    """Height and width in pixels."""
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One object of an episode."""
+
+    number: int
+    """1, 2, ... within the episode, as the cloud's labels are."""
+    title: str
+    box: Box3d
+    colour: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LabelledScene:
+    """One labelled episode."""
+
+    name: str
+    points: Float[np.ndarray, "n 3"]
+    colours: UInt8[np.ndarray, "n 3"]
+    labels: Int32[np.ndarray, "n"]
+    objects: tuple[SceneObject, ...]
+    cameras: tuple[Camera, ...]
+    """Empty if the dataset is no longer where the label set says."""
+
+
+def read_scenes(folder: Path) -> list[LabelledScene]:
+    """The labelled episodes of a label set, in its order.
+
+    Raises:
+        LabelFormatError: if a file is missing or malformed.
+    """
+    try:
+        summary = read_json(folder / SUMMARY_FILE)
+        names_of = {one.integer("id"): one.text("name") for one in read_json(folder / MODAL_FILE).list_of("categories")}
+        boxes = read_json(folder / BOXES_FILE).list_of("boxes")
+        labelled = [e for e in summary.list_of("episodes") if e.text("status") == "labelled"]
+        return [
+            _scene(
+                folder,
+                episode.text("name"),
+                [
+                    (names_of.get(box.integer("category_id"), "?"), box.number("score"), read_box_3d(box))
+                    for box in boxes
+                    if box.text("episode") == episode.text("name")
+                ],
+                _cameras(folder, summary.mapping(), episode.text("name")),
+            )
+            for episode in labelled
+        ]
+    except EpisodeFormatError as error:
+        raise LabelFormatError(str(error)) from None
+
+
+def _scene(folder: Path, name: str, boxes: list[tuple[str, float, Box3d]], cameras) -> LabelledScene:
+    cloud_file = folder / "clouds" / f"{name}.ply"
+    try:
+        cloud = read_ply(cloud_file)
+    except (OSError, ValueError) as error:
+        raise LabelFormatError(f"{cloud_file}: cannot be read ({error})") from None
+    tints = hues(np.arange(1, len(boxes) + 1))
+    return LabelledScene(
+        name=name,
+        points=np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float).reshape(-1, 3),
+        colours=np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1).reshape(-1, 3),
+        labels=np.asarray(cloud["label"], np.int32),
+        objects=tuple(
+            SceneObject(number, f"{number} {category} {score:.2f}", box, tuple(tints[number - 1].tolist()))
+            for number, (category, score, box) in enumerate(boxes, start=1)
+        ),
+        cameras=cameras,
+    )
+
+
+def _cameras(folder: Path, provenance: dict, name: str) -> tuple[Camera, ...]:
+    """Where the views were taken from; nothing if the recording cannot be found any more."""
+    from labeling.io.recordings.layouts import frames_of
+    from labeling.io.recordings.pictures import read_colour
+
+    stated = str(provenance.get("dataset", ""))
+    dataset = next((path for path in (folder.resolve() / stated, Path(stated)) if stated and path.is_dir()), None)
+    if dataset is None:
+        return ()
+    try:
+        config = recording_config(provenance)
+        episode = next(path for path in find_episodes(dataset, config) if path.resolve().name == name)
+        frames = frames_of(episode, config).frames
+        size = read_colour(frames[0].colour_file).shape[:2]
+        return tuple(Camera(frame.camera((size[0], size[1])), frame.camera_to_world, size) for frame in frames)
+    except (SbmError, StopIteration):
+        return ()

@@ -1,0 +1,1 @@
+"""Episodes and label sets on disk, and COCO files."""

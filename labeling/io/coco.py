@@ -1,0 +1,227 @@
+"""COCO files: those of an episode (``detections.json``, ``ground_truth.json``), and those of any annotation tool."""
+
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool
+
+from labeling.core.errors import EpisodeFormatError
+from labeling.core.geometry import is_rotation
+from labeling.core.masks import fill_polygons
+from labeling.core.rle import decode_mask
+from labeling.core.types import Box3d, Detection, GroundTruth
+from labeling.io.formats.checked_json import Json
+
+if TYPE_CHECKING:
+    from labeling.core.episode import Episode
+
+
+@dataclass(frozen=True)
+class CategoryTable:
+    """Category ids and names. Without any declared categories every id is accepted and named ``category_ID``."""
+
+    name_of_id: dict[int, str]
+
+    @classmethod
+    def from_files(cls, files: list[Json]) -> "CategoryTable":
+        """Reads the ``categories`` lists of the files that have one; the first file to name an id decides."""
+        name_of_id: dict[int, str] = {}
+        for file in files:
+            if not file.has("categories"):
+                continue
+            for category in file.list_of("categories"):
+                name_of_id.setdefault(category.integer("id"), category.text("name"))
+        return cls(name_of_id)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names in the order of their ids."""
+        return tuple(dict.fromkeys(self.name_of_id[index] for index in sorted(self.name_of_id)))
+
+    def name(self, record: Json) -> str:
+        """The category name of an annotation or a result."""
+        category_id = record.integer("category_id")
+        if not self.name_of_id:
+            return f"category_{category_id}"
+        if category_id not in self.name_of_id:
+            known = ", ".join(f"{i} {name}" for i, name in sorted(self.name_of_id.items()))
+            raise record.error(f"unknown category id {category_id}; known: {known}", "category_id")
+        return self.name_of_id[category_id]
+
+
+def read_detections(file: Json, table: CategoryTable, episode: "Episode", images: Json | None) -> tuple[Detection, ...]:
+    """Reads COCO results: a list of ``image_id category_id segmentation score``.
+
+    Args:
+        file: content of ``detections.json``.
+        table: names of the category ids.
+        episode: the views the results speak of.
+        images: a COCO file whose ``images`` map image ids to colour files; without one an image id is the index of
+            the view.
+    """
+    view_of_image = _view_of_image(images, episode)
+    detections = []
+    for record in file.items():
+        score = _score(record)
+        view = _view(record, view_of_image)
+        if view is not None:
+            detections.append(Detection(view, table.name(record), score, _mask(record, "segmentation", episode.size)))
+    return tuple(detections)
+
+
+def read_shared_file(
+    file: Json, episode: "Episode", place: str, scored: bool
+) -> tuple[tuple[Detection, ...], tuple[str, ...]]:
+    """Reads the masks that a COCO file (``images annotations categories``) has for the pictures of one episode.
+
+    Args:
+        file: its content; it may speak of other episodes too.
+        episode: the views.
+        place: folder of the episode relative to its dataset, ``.`` if it is the dataset. If not, the pictures' file
+            names must tell the episode; if it is, the bare file name is enough where it is unique.
+        scored: whether each annotation has a ``score``. If not, they are a person's, and certain.
+
+    Returns:
+        The masks, and what there is to note.
+    """
+    table = CategoryTable.from_files([file])
+    views = _view_of_shared_image(file, episode, place)
+    if not any(view is not None for view in views.values()):
+        if place == ".":
+            raise file.error(f"none of its {len(views)} pictures is a frame of {episode.name}", "images")
+        return (), (f"{file.file}: has no picture of this episode",)
+    found = []
+    for record in file.list_of("annotations"):
+        view = _view(record, views)
+        crowd = record.has("iscrowd") and record.integer("iscrowd") == 1
+        if view is not None and not (crowd and not scored):
+            mask = _mask(record, "segmentation", episode.size)
+            found.append(Detection(view, table.name(record), _score(record) if scored else 1.0, mask, not scored))
+    return tuple(found), ()
+
+
+def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> tuple[GroundTruth, ...]:
+    """Reads COCO instances. ``instance_id``, ``amodal_segmentation`` and ``box_3d`` are this project's additions; where
+    the instance is not named, objects of one category are taken to be one object per view in order of appearance.
+    """
+    view_of_image = _view_of_image(file, episode)
+    seen: dict[tuple[int, int], int] = {}
+    ids: dict[tuple[int, int], int] = {}
+    labels = []
+    for record in file.list_of("annotations"):
+        view, category_id = _view(record, view_of_image), record.integer("category_id")
+        if view is None:
+            continue
+        if record.has("instance_id"):
+            instance_id = record.integer("instance_id")
+        else:
+            rank = seen[view, category_id] = seen.get((view, category_id), 0) + 1
+            instance_id = ids.setdefault((category_id, rank), len(ids) + 1)
+        amodal = _mask(record, "amodal_segmentation", episode.size) if record.has("amodal_segmentation") else None
+        labels.append(
+            GroundTruth(
+                view_index=view,
+                instance_id=instance_id,
+                category=table.name(record),
+                modal=_mask(record, "segmentation", episode.size),
+                amodal=amodal,
+                box_3d=read_box_3d(record.get("box_3d")) if record.has("box_3d") else None,
+                ignore=record.has("iscrowd") and record.integer("iscrowd") == 1,
+            )
+        )
+    return tuple(labels)
+
+
+def read_box_3d(record: Json) -> Box3d:
+    """Reads centre, extent and rotation of a 3-D box."""
+    return Box3d(record.array("centre", (3,)), record.array("extent", (3,)), record.array("rotation", (3, 3)))
+
+
+def read_sound_box_3d(record: Json) -> Box3d:
+    """The same.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if the box has no volume, or its axes are no rotation.
+    """
+    box = read_box_3d(record)
+    if not np.all(box.extent_m > 0):
+        raise record.error(f"the extent of a 3-D box must be above 0, not {box.extent_m.tolist()}", "extent")
+    if not is_rotation(box.rotation):
+        raise record.error("must be a rotation: orthonormal columns, determinant 1", "rotation")
+    return box
+
+
+def _view_of_image(images: Json | None, episode: "Episode") -> dict[int, int | None]:
+    """Maps image ids to views, by colour file name where a COCO file lists them, else by the frame's position.
+
+    Frames of the recording that the episode leaves out map to None.
+    """
+    frames = episode.frame_names or episode.file_names
+    view_of_name: dict[str, int | None] = dict.fromkeys(frames)
+    view_of_name.update({name: view for view, name in enumerate(episode.file_names)})
+    if images is None or not images.has("images"):
+        if not episode.frame_names:
+            return {view: view for view in range(episode.num_views)}
+        return {position: view_of_name[name] for position, name in enumerate(frames)}
+    view_of_image = {}
+    for image in images.list_of("images"):
+        name = _plain(image.text("file_name"))
+        if name not in view_of_name:
+            raise image.error(f"{name!r} is not a frame of the recording", "file_name")
+        view_of_image[image.integer("id")] = view_of_name[name]
+    return view_of_image
+
+
+def _view_of_shared_image(file: Json, episode: "Episode", place: str) -> dict[int, int | None]:
+    """Maps the image ids of a file that several episodes may share to views; None for other pictures."""
+    views: dict[str, int | None] = {}
+    for view, name in enumerate(episode.file_names):
+        parts = PurePosixPath(place, name).parts
+        least = len(PurePosixPath(name).parts) + 1 if place != "." else 1
+        for start in range(len(parts) - least + 1):
+            ending = "/".join(parts[start:])
+            views[ending] = view if ending not in views else None  # a bare name that two views share names neither
+    found = {}
+    for image in file.list_of("images"):
+        parts = PurePosixPath(_plain(image.text("file_name"))).parts
+        endings = ("/".join(parts[start:]) for start in range(len(parts)))
+        found[image.integer("id")] = next((views[ending] for ending in endings if ending in views), None)
+    return found
+
+
+def _plain(name: str) -> str:
+    """A file name without ``./`` and with forward slashes."""
+    return PurePosixPath(name.replace("\\", "/")).as_posix()
+
+
+def _view(record: Json, view_of_image: dict[int, int | None]) -> int | None:
+    image_id = record.integer("image_id")
+    if image_id not in view_of_image:
+        raise record.error(f"unknown image id {image_id}; there are {len(view_of_image)} images", "image_id")
+    return view_of_image[image_id]
+
+
+def _score(record: Json) -> float:
+    score = record.number("score")
+    if not 0.0 <= score <= 1.0:
+        raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
+    return score
+
+
+def _mask(record: Json, name: str, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
+    segmentation = record.get(name)
+    try:
+        if isinstance(segmentation.value, list):
+            return fill_polygons(segmentation.value, size)
+        # The size is checked before anything is decoded, so that a forged size cannot claim memory.
+        stated = segmentation.mapping().get("size")
+        if stated is not None and stated != list(size):
+            problem = f"mask size {stated} is not the picture's {list(size)} (height, width)"
+            raise segmentation.error(problem, "size")
+        return decode_mask(segmentation.value)
+    except EpisodeFormatError:
+        raise
+    except ValueError as error:
+        raise segmentation.error(str(error)) from None

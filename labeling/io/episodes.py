@@ -1,0 +1,258 @@
+"""Episodes on disk: posed RGB-D views of one scene, with detections and ground truth where known.
+
+An episode is a folder any RGB-D tool can open (docs/data-formats.md)::
+
+    transforms.json      nerfstudio convention: fl_x fl_y cx cy w h, depth_unit_scale_factor, and per frame file_path,
+                         depth_file_path and transform_matrix (camera to world, OpenGL camera axes)
+    rgb/NNN.png          colour, 8 bit
+    depth/NNN.png        z-depth, 16 bit, in units of depth_unit_scale_factor metres (default 0.001), 0 = no return
+    detections.json      optional: COCO results (list) with RLE masks and scores
+    ground_truth.json    optional: COCO instances, modal and amodal masks, 3-D boxes
+    episode.json         optional: where it came from (world, seed, policy, versions, actions, reward terms, categories)
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32
+
+from labeling.core.episode import Episode
+from labeling.core.errors import EpisodeFormatError
+from labeling.core.geometry import flip_camera_axes
+from labeling.core.masks import box_xywh
+from labeling.core.rle import encode_mask
+from labeling.core.types import Box3d, Detection
+from labeling.io.formats.atomic import atomic_folder, write_json
+from labeling.io.formats.checked_json import read_json
+from labeling.io.recordings.recording_config import RecordingConfig
+
+if TYPE_CHECKING:
+    from labeling.io.recordings.frames import Views
+
+DEPTH_UNIT_M = 0.001
+OPTIONAL_FILES = ("episode.json", "ground_truth.json", "detections.json")
+NAMING_FILES = ("ground_truth.json", "episode.json")
+"""Files that name the categories of the results in ``detections.json``."""
+
+
+def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[Path]:
+    """Folders of the episodes (or other recordings) of a dataset, sorted by name.
+
+    Args:
+        dataset: one episode, or a folder of episodes. Folders whose name starts with a dot are passed over.
+        config: the layout to look for; by default any.
+
+    Raises:
+        EpisodeFormatError: if the folder does not exist or holds no episode.
+    """
+    from labeling.io.recordings.layouts import layout_of, looked_for
+
+    config = config or RecordingConfig()
+    if not dataset.is_dir():
+        raise EpisodeFormatError(f"{dataset}: no such folder; give an episode or a folder of episodes")
+    if layout_of(dataset, config):
+        return [dataset]
+    below = sorted(path for path in dataset.iterdir() if path.is_dir() and not path.name.startswith("."))
+    found = [path for path in below if layout_of(path, config)]
+    if not found:
+        raise EpisodeFormatError(
+            f"{dataset}: no episode here; looked, in it and in the {len(below)} folders directly below it, for "
+            f"{looked_for(dataset, config)}"
+        )
+    return found
+
+
+def read_episode(
+    folder: Path, config: RecordingConfig | None = None, straighten: bool = False, ground_truth: bool = True
+) -> Episode:
+    """Reads and validates one episode, or any other recording whose layout is known (labeling.io.recordings).
+
+    Args:
+        folder: the recording.
+        config: its layout and which of its frames to take.
+        straighten: remove lens distortion from pictures and masks; without it distorted pictures are refused.
+        ground_truth: take the masks of ``ground_truth.json`` too, if it is there; they are most of what is to be read.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if anything is missing or malformed.
+    """
+    from labeling.io.recordings.frames import load
+    from labeling.io.recordings.layouts import frames_of
+
+    found = frames_of(folder, config or RecordingConfig())
+    views = load(found.frames, straighten)
+    names = tuple(frame.name for frame in found.frames)
+    episode = Episode(
+        name=folder.resolve().name,
+        rgb=views.rgb,
+        depth_m=views.depth_m,
+        intrinsics=views.intrinsics,
+        camera_to_world=np.stack([frame.camera_to_world for frame in found.frames]),
+        file_names=names,
+        frame_names=() if names == found.names else found.names,
+        notes=(*found.notes, *views.notes),
+    )
+    return _straight_masks(_with_annotations(folder, episode, ground_truth), views)
+
+
+def write_episode(folder: Path, episode: Episode) -> None:
+    """Writes an episode; it appears under ``folder`` whole or not at all, and replaces what stood there.
+
+    Depth is rounded to millimetres; returns beyond 65.535 m are written as 0 (no return).
+    """
+    with atomic_folder(folder) as temporary:
+        (temporary / "rgb").mkdir()
+        (temporary / "depth").mkdir()
+        frames = []
+        for view in range(episode.num_views):
+            rgb_name, depth_name = f"rgb/{view:03d}.png", f"depth/{view:03d}.png"
+            _write_png(temporary / rgb_name, cv2.cvtColor(episode.rgb[view], cv2.COLOR_RGB2BGR))
+            _write_png(temporary / depth_name, _depth_to_units(episode.depth_m[view]))
+            frames.append(
+                {
+                    "file_path": rgb_name,
+                    "depth_file_path": depth_name,
+                    "transform_matrix": flip_camera_axes(episode.camera_to_world[view]).tolist(),
+                }
+            )
+        write_json(temporary / "transforms.json", _transforms(episode, frames))
+        ids = {name: index + 1 for index, name in enumerate(_all_categories(episode))}
+        if episode.detections is not None:
+            write_json(temporary / "detections.json", [_detection_record(d, ids) for d in episode.detections])
+        if episode.ground_truth is not None:
+            write_json(temporary / "ground_truth.json", _ground_truth_record(episode, ids))
+        categories = [{"id": index, "name": name} for name, index in ids.items()]
+        write_json(temporary / "episode.json", {**episode.metadata, "categories": categories})
+
+
+# Reading -------------------------------------------------------------------------------------------------------------
+
+
+def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Episode:
+    """Adds what the optional files know."""
+    from labeling.io.coco import CategoryTable, read_detections, read_ground_truth
+
+    found = {name: read_json(folder / name) for name in OPTIONAL_FILES if (folder / name).is_file()}
+    table = CategoryTable.from_files([found[name] for name in NAMING_FILES if name in found])
+    if "episode.json" in found:
+        metadata = {key: value for key, value in found["episode.json"].mapping().items() if key != "categories"}
+        episode = replace(episode, metadata=metadata)
+    if "ground_truth.json" in found and ground_truth:
+        episode = replace(episode, ground_truth=read_ground_truth(found["ground_truth.json"], table, episode))
+    if "detections.json" in found:
+        images = found.get("ground_truth.json")
+        episode = replace(episode, detections=read_detections(found["detections.json"], table, episode, images))
+    return replace(episode, categories=table.names)
+
+
+def _straight_masks(episode: Episode, views: "Views") -> Episode:
+    """Moves masks that were drawn on distorted pictures onto the straight ones."""
+    lenses = views.straightening
+    if not any(lenses):
+        return episode
+
+    def moved(view_index: int, mask: np.ndarray) -> np.ndarray:
+        lens = lenses[view_index]
+        return mask if lens is None else lens.mask(mask)
+
+    detections, truths = episode.detections, episode.ground_truth
+    return replace(
+        episode,
+        detections=detections and tuple(replace(d, mask=moved(d.view_index, d.mask)) for d in detections),
+        ground_truth=truths
+        and tuple(
+            replace(
+                t,
+                modal=moved(t.view_index, t.modal),
+                amodal=None if t.amodal is None else moved(t.view_index, t.amodal),
+            )
+            for t in truths
+        ),
+        notes=(*episode.notes, f"lens distortion was removed from {sum(lens is not None for lens in lenses)} views"),
+    )
+
+
+# Writing -------------------------------------------------------------------------------------------------------------
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    ok, encoded = cv2.imencode(".png", image)
+    assert ok
+    path.write_bytes(encoded.tobytes())
+
+
+def _depth_to_units(depth_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
+    units = np.rint(depth_m.astype(np.float64) / DEPTH_UNIT_M)
+    return np.where((units > 0) & (units <= np.iinfo(np.uint16).max), units, 0).astype(np.uint16)
+
+
+def _transforms(episode: Episode, frames: list[dict]) -> dict:
+    height_px, width_px = episode.size
+    shared = np.all(episode.intrinsics == episode.intrinsics[0])
+    if not shared:
+        for frame, intrinsics in zip(frames, episode.intrinsics, strict=True):
+            frame.update(_intrinsics_record(intrinsics))
+    return {
+        "camera_model": "PINHOLE",
+        "w": width_px,
+        "h": height_px,
+        **_intrinsics_record(episode.intrinsics[0]),
+        "depth_unit_scale_factor": DEPTH_UNIT_M,
+        "frames": frames,
+    }
+
+
+def _intrinsics_record(intrinsics: Float[np.ndarray, "3 3"]) -> dict:
+    k = intrinsics.tolist()
+    return {"fl_x": k[0][0], "fl_y": k[1][1], "cx": k[0][2], "cy": k[1][2]}
+
+
+def _all_categories(episode: Episode) -> list[str]:
+    """The declared categories, then any others that occur, in order of first appearance."""
+    labels = [*(episode.detections or ()), *(episode.ground_truth or ())]
+    return list(dict.fromkeys([*episode.categories, *(label.category for label in labels)]))
+
+
+def _detection_record(detection: Detection, ids: dict[str, int]) -> dict:
+    return {
+        "image_id": detection.view_index,
+        "category_id": ids[detection.category],
+        "segmentation": encode_mask(detection.mask),
+        "bbox": list(box_xywh(detection.mask)),
+        "score": detection.confidence,
+    }
+
+
+def _ground_truth_record(episode: Episode, ids: dict[str, int]) -> dict:
+    height_px, width_px = episode.size
+    annotations = []
+    for number, label in enumerate(episode.ground_truth or ()):
+        record: dict[str, Any] = {
+            "id": number + 1,
+            "image_id": label.view_index,
+            "category_id": ids[label.category],
+            "instance_id": label.instance_id,
+            "segmentation": encode_mask(label.modal),
+            "bbox": list(box_xywh(label.modal)),
+            "area": int(np.count_nonzero(label.modal)),
+            "iscrowd": int(label.ignore),
+        }
+        if label.amodal is not None:
+            record["amodal_segmentation"] = encode_mask(label.amodal)
+        if label.box_3d is not None:
+            record["box_3d"] = box_3d_record(label.box_3d)
+        annotations.append(record)
+    images = [
+        {"id": view, "file_name": f"rgb/{view:03d}.png", "width": width_px, "height": height_px}
+        for view in range(episode.num_views)
+    ]
+    categories = [{"id": index, "name": name} for name, index in ids.items()]
+    return {"images": images, "annotations": annotations, "categories": categories}
+
+
+def box_3d_record(box: Box3d) -> dict:
+    """A 3-D box as JSON: centre and extent in metres, rotation as rows."""
+    return {"centre": box.centre_m.tolist(), "extent": box.extent_m.tolist(), "rotation": box.rotation.tolist()}

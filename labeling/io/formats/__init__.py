@@ -1,0 +1,1 @@
+"""Single files: checked JSON, atomic writes, PLY."""

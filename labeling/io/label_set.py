@@ -1,0 +1,132 @@
+"""Reading a label set from disk, as ``labeling.generate`` wrote it or as any other tool might."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labeling.core.errors import EpisodeFormatError, LabelFormatError
+from labeling.core.rle import decode_mask
+from labeling.io.coco import CategoryTable
+from labeling.io.formats.checked_json import Json, read_json
+from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.metrics.matching import MaskInstance, is_empty
+
+View = tuple[str, int]
+"""Name of an episode, and index of a view in it."""
+
+MODAL_FILE, AMODAL_FILE, SUMMARY_FILE = "instances_modal.json", "instances_amodal.json", "label_set.json"
+
+
+@dataclass(frozen=True)
+class LabelSet:
+    """The pseudo-labels of a dataset, as records without pictures."""
+
+    folder: Path
+    dataset: Path | None
+    """The dataset the labels were made from, as the label set states it; None if it does not say."""
+    sizes: dict[View, tuple[int, int]]
+    """Height and width in pixels of every view that was labelled, including those without any label."""
+    modal: tuple[MaskInstance, ...]
+    """``image`` is a ``View``; labels without a visible pixel are left out."""
+    amodal: tuple[MaskInstance, ...]
+    ignored: tuple[MaskInstance, ...]
+    """Regions to leave out of account (COCO's ``iscrowd``): neither surely an object nor surely background."""
+    provenance: dict[str, Any]
+    """Content of ``label_set.json``; empty if there is none."""
+
+
+def read_label_set(folder: Path) -> LabelSet:
+    """Reads and validates a label set.
+
+    Raises:
+        LabelFormatError: naming file and field, if anything is missing or malformed.
+    """
+    if not folder.is_dir():
+        raise LabelFormatError(f"{folder}: no such folder; give the --out folder of labeling.generate")
+    try:
+        sizes, modal = _read_instances(folder / MODAL_FILE)
+        amodal: list[MaskInstance] = []
+        if (folder / AMODAL_FILE).is_file():
+            amodal_sizes, amodal = _read_instances(folder / AMODAL_FILE)
+            if amodal_sizes != sizes:
+                raise LabelFormatError(f"{folder / AMODAL_FILE}: images are not those of {MODAL_FILE}")
+        provenance = read_json(folder / SUMMARY_FILE) if (folder / SUMMARY_FILE).is_file() else None
+        dataset = _dataset(folder, provenance)
+    except EpisodeFormatError as error:
+        raise LabelFormatError(str(error)) from None
+    return LabelSet(
+        folder=folder,
+        dataset=dataset,
+        sizes=sizes,
+        modal=tuple(item for item in modal if not item.ignore),
+        amodal=tuple(item for item in amodal if not item.ignore),
+        ignored=tuple(item for item in modal if item.ignore),
+        provenance=provenance.mapping() if provenance else {},
+    )
+
+
+def recording_config(provenance: dict[str, Any]) -> RecordingConfig:
+    """How the recordings were read that a label set was made from: which of their frames are its views.
+
+    Raises:
+        LabelFormatError: if what the label set says about it makes no sense.
+    """
+    stated = provenance.get("recording", {})
+    try:
+        config = RecordingConfig(**{**stated, "camera": stated.get("camera") and tuple(stated["camera"])})
+        config.check()
+    except (TypeError, ValueError, AttributeError) as error:
+        raise LabelFormatError(f"{SUMMARY_FILE}: recording: {error}") from None
+    return config
+
+
+def _dataset(folder: Path, provenance: Json | None) -> Path | None:
+    """Where the dataset lies; a relative path starts at the label set, or failing that at the working directory."""
+    if provenance is None or not provenance.has("dataset"):
+        return None
+    stated = Path(provenance.text("dataset"))
+    beside = folder.resolve() / stated
+    return beside if not stated.is_absolute() and beside.is_dir() else stated
+
+
+def _read_instances(path: Path) -> tuple[dict[View, tuple[int, int]], list[MaskInstance]]:
+    """Reads one COCO instances file."""
+    file = read_json(path)
+    table = CategoryTable.from_files([file])
+    view_of_image: dict[int, View] = {}
+    sizes: dict[View, tuple[int, int]] = {}
+    for image in file.list_of("images"):
+        view = (image.text("episode"), image.integer("view"))
+        if view in sizes:
+            raise image.error(f"view {view[1]} of episode {view[0]!r} is listed twice", "view")
+        view_of_image[image.integer("id")] = view
+        sizes[view] = (_side(image, "height"), _side(image, "width"))
+    instances = [_instance(record, table, view_of_image, sizes) for record in file.list_of("annotations")]
+    return sizes, [item for item in instances if not is_empty(item.rle)]
+
+
+def _side(image: Json, name: str) -> int:
+    side = image.integer(name)
+    if side <= 0:
+        raise image.error(f"must be above 0, not {side}", name)
+    return side
+
+
+def _instance(
+    record: Json, table: CategoryTable, view_of_image: dict[int, View], sizes: dict[View, tuple[int, int]]
+) -> MaskInstance:
+    image_id, score = record.integer("image_id"), record.number("score")
+    if image_id not in view_of_image:
+        raise record.error(f"unknown image id {image_id}; there are {len(view_of_image)} images", "image_id")
+    if not 0.0 <= score <= 1.0:
+        raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
+    view = view_of_image[image_id]
+    rle = record.get("segmentation")
+    if rle.mapping().get("size") != list(sizes[view]):
+        raise rle.error(f"must be the picture's {list(sizes[view])} (height, width)", "size")
+    try:
+        decode_mask(rle.value)
+    except ValueError as error:
+        raise rle.error(str(error)) from None
+    ignore = any(record.has(name) and record.integer(name) == 1 for name in ("iscrowd", "ignore"))
+    return MaskInstance(view, table.name(record), rle.value, score, ignore)

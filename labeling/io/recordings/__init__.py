@@ -1,0 +1,1 @@
+"""Recordings as other tools write them: nerfstudio folders, TUM RGB-D, ScanNet exports."""

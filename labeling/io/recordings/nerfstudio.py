@@ -1,0 +1,147 @@
+"""``transforms.json`` folders: nerfstudio's own, and Record3D and Polycam exports made for it.
+
+Source: nerfstudio, "Data conventions" (docs.nerf.studio) and its data parser: OpenGL camera axes; intrinsics shared or
+per frame; ``k1 k2 k3 p1 p2`` are OpenCV's; ``applied_transform`` is already in the poses; ``applied_scale`` is the
+factor their translations were multiplied with.
+"""
+
+import functools
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from jaxtyping import Float
+
+from labeling.core.geometry import flip_camera_axes, is_rigid
+from labeling.io.formats.checked_json import Json, read_json
+from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, leave_out_note
+from labeling.io.recordings.recording_config import RecordingConfig
+
+FILES = ("transforms.json",)
+DEPTH_UNIT_M = 0.001
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+STRAIGHT_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL")
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+
+
+def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
+    """Lists the frames of a ``transforms.json``.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if anything is missing or malformed.
+    """
+    transforms = read_json(folder / "transforms.json")
+    records = transforms.list_of("frames")
+    if not records:
+        raise transforms.error("has no frames; an episode needs at least one view", "frames")
+    depth_unit_m = config.depth_unit_m or transforms.number("depth_unit_scale_factor", DEPTH_UNIT_M, above=0.0)
+    if depth_unit_m > MAX_DEPTH_UNIT_M:
+        problem = f"is metres per unit of depth; {depth_unit_m:g} is more than the {MAX_DEPTH_UNIT_M:g} accepted"
+        raise transforms.error(problem, "depth_unit_scale_factor")
+    scale = _applied_scale(transforms)
+    names, frames, blind = [], [], []
+    for record in records:
+        colour_file = _inside(folder, record, "file_path", EXTENSIONS)
+        name = colour_file.relative_to(folder).as_posix()
+        names.append(name)
+        if not record.has("depth_file_path"):
+            blind.append((name, record))
+            continue
+        pose = _camera_to_world(record)
+        pose[:3, 3] /= scale
+        frames.append(
+            Frame(
+                name=name,
+                colour_file=colour_file,
+                depth_file=_inside(folder, record, "depth_file_path", (*EXTENSIONS, ".npy")),
+                depth_unit_m=depth_unit_m,
+                camera_to_world=pose,
+                camera=functools.partial(_intrinsics, transforms, record, name),
+                distortion=_distortion(transforms, record),
+            )
+        )
+    if not frames:
+        raise blind[0][1].error(
+            "is missing, as in every frame; labels need depth, so export the recording with its depth pictures",
+            "depth_file_path",
+        )
+    notes = [leave_out_note([name for name, _ in blind], "without depth_file_path")] if blind else []
+    return FrameList(tuple(names), frames, notes)
+
+
+def _inside(folder: Path, record: Json, name: str, extensions: tuple[str, ...]) -> Path:
+    """The file a frame refers to, which may be named without its extension; refuses paths out of the recording."""
+    relative = record.text(name)
+    try:
+        path = folder / PurePosixPath(relative)
+        if PurePosixPath(relative).is_absolute() and path.resolve().is_relative_to(folder.resolve()):
+            path = folder / path.resolve().relative_to(folder.resolve())
+        if not path.is_file():
+            path = next((found for e in extensions if (found := path.with_name(path.name + e)).is_file()), path)
+        leads_out, exists = not path.resolve().is_relative_to(folder.resolve()), path.is_file()
+    except (OSError, UnicodeError, RuntimeError, ValueError):  # too long, not a file name, links in a circle, no name
+        raise record.error(f"{relative!r} cannot be a file name", name) from None
+    if leads_out:
+        raise record.error(f"{relative!r} leads out of the episode's folder", name)
+    if not exists:
+        raise record.error(f"{relative!r} does not exist", name)
+    return path
+
+
+def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+    """K of a frame: the frame's own values where it has them, those of the whole recording elsewhere."""
+
+    def holder(name: str) -> Json:
+        return record if record.has(name) else transforms
+
+    height_px, width_px = size
+    for name, side in (("w", width_px), ("h", height_px)):
+        if holder(name).has(name) and (stated := holder(name).number(name)) != side:
+            raise holder(name).error(f"says {stated:g} pixels, but {file} has {side}", name)
+    if not holder("fl_x").has("fl_x") and holder("camera_angle_x").has("camera_angle_x"):
+        # Blender and instant-ngp: square pixels, the principal point in the middle unless told.
+        angle = holder("camera_angle_x").number("camera_angle_x", above=0.0)
+        focal = 0.5 * width_px / np.tan(0.5 * min(angle, 3.0))
+        centre = [holder(name).number(name, 0.5 * (side - 1)) for name, side in (("cx", width_px), ("cy", height_px))]
+        return np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
+    fl_x, fl_y = (holder(name).number(name, above=0.0) for name in ("fl_x", "fl_y"))
+    cx, cy = (holder(name).number(name) for name in ("cx", "cy"))
+    return np.array([[fl_x, 0.0, cx], [0.0, fl_y, cy], [0.0, 0.0, 1.0]])
+
+
+def _distortion(transforms: Json, record: Json) -> tuple[float, ...]:
+    model_holder = record if record.has("camera_model") else transforms
+    if model_holder.has("camera_model"):
+        model = model_holder.text("camera_model")
+        if model not in STRAIGHT_MODELS:
+            raise model_holder.error(
+                f"{model!r} is not supported; undistort the pictures to one of {', '.join(STRAIGHT_MODELS)}",
+                "camera_model",
+            )
+    k4 = (record if record.has("k4") else transforms).number("k4", 0.0)
+    if k4:
+        raise (record if record.has("k4") else transforms).error("fisheye cameras are not supported", "k4")
+    values = tuple((record if record.has(name) else transforms).number(name, 0.0) for name in _DISTORTION)
+    return values if any(values) else ()
+
+
+def _camera_to_world(record: Json) -> Float[np.ndarray, "4 4"]:
+    matrix = record.array("transform_matrix", (4, 4))
+    if not is_rigid(matrix):
+        raise record.error(
+            "is not a rigid transform (a rotation, a translation and a last row 0 0 0 1)", "transform_matrix"
+        )
+    return flip_camera_axes(matrix)
+
+
+def _applied_scale(transforms: Json) -> float:
+    """The factor that poses were scaled with; a scale hidden in ``applied_transform`` is refused."""
+    if transforms.has("applied_transform"):
+        value = transforms.get("applied_transform").value
+        rows = 4 if isinstance(value, list) and len(value) == 4 else 3
+        matrix = np.eye(4)
+        matrix[:rows] = transforms.array("applied_transform", (rows, 4))
+        if not is_rigid(matrix):
+            raise transforms.error(
+                "is more than a rotation and a translation, so the poses would not be in metres", "applied_transform"
+            )
+    return transforms.number("applied_scale", 1.0, above=0.0)

@@ -1,0 +1,152 @@
+"""Reading colour and depth pictures that others have written."""
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+
+from labeling.core.errors import EpisodeFormatError
+
+MAX_FRAME_PX = 64_000_000
+
+
+def read_colour(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """A colour picture with 8 bits a channel; grey and transparent ones become RGB.
+
+    Raises:
+        EpisodeFormatError: naming the file.
+    """
+    image = _read_picture(path)
+    if image.dtype != np.uint8:
+        raise EpisodeFormatError(f"{path}: colour must have 8 bits a channel, not {image.dtype}")
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    code = cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB
+    return cv2.cvtColor(image, code)
+
+
+def read_depth(path: Path, depth_unit_m: float) -> Float32[np.ndarray, "h w"]:
+    """A depth picture in metres: a 16-bit PNG, or an array of numpy (``.npy``); 0 where there is no return.
+
+    Raises:
+        EpisodeFormatError: naming the file.
+    """
+    units = _read_array(path) if path.suffix.lower() == ".npy" else _read_picture(path)
+    if units.ndim != 2 or (units.dtype != np.uint16 and path.suffix.lower() != ".npy"):
+        raise EpisodeFormatError(f"{path}: depth must be a single-channel 16-bit PNG, not {units.dtype} {units.shape}")
+    # In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth_m = (units * np.float64(depth_unit_m)).astype(np.float32)
+    return depth_m if units.dtype == np.uint16 else np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0)
+
+
+def same_view(depth_size: tuple[int, int], colour_size: tuple[int, int]) -> bool:
+    """Whether two sizes (height, width) can be one picture at two resolutions: one factor, rounded to whole pixels."""
+    low, high = zip(
+        *(((d - 0.5) / c, (d + 0.5) / c) for d, c in zip(depth_size, colour_size, strict=True)), strict=True
+    )
+    return max(low) < min(high)
+
+
+def enlarge_depth(depth_m: Float32[np.ndarray, "dh dw"], size: tuple[int, int]) -> Float32[np.ndarray, "h w"]:
+    """Depth at another resolution, by the nearest pixel: averages over an edge would be points in mid-air."""
+    rows, columns = (
+        np.minimum(((np.arange(new) + 0.5) * old / new).astype(int), old - 1)
+        for new, old in zip(size, depth_m.shape, strict=True)
+    )
+    return depth_m[np.ix_(rows, columns)]
+
+
+def register_depth(
+    depth_m: Float32[np.ndarray, "dh dw"],
+    depth_intrinsics: Float[np.ndarray, "3 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    size: tuple[int, int],
+) -> Float32[np.ndarray, "h w"]:
+    """Depth of a camera that stands where the colour camera stands, in the pixels of the colour camera.
+
+    Args:
+        depth_m: z-depth in the depth camera's pixels.
+        depth_intrinsics: its K.
+        intrinsics: K of the colour camera.
+        size: height and width of the colour picture.
+
+    Returns:
+        For each colour pixel the z-depth of the nearest depth pixel on its ray; 0 out of the depth camera's view.
+    """
+    inside, index = [], []
+    for axis, (new, old) in enumerate(zip(size[::-1], depth_m.shape[::-1], strict=True)):
+        ray = (np.arange(new) - intrinsics[axis, 2]) / intrinsics[axis, axis]
+        pixel = np.rint(np.clip(ray * depth_intrinsics[axis, axis] + depth_intrinsics[axis, 2], -2, old + 1)).astype(
+            int
+        )
+        inside.append((pixel >= 0) & (pixel < old))
+        index.append(np.clip(pixel, 0, old - 1))
+    return np.where(np.outer(inside[1], inside[0]), depth_m[np.ix_(index[1], index[0])], np.float32(0))
+
+
+class Straightening:
+    """Removes the lens distortion of one view; the straight picture has the same K."""
+
+    def __init__(self, intrinsics: Float[np.ndarray, "3 3"], distortion: tuple[float, ...], size: tuple[int, int]):
+        """Prepares the maps. ``distortion``: OpenCV's k1 k2 p1 p2 k3; ``size``: height and width."""
+        height_px, width_px = size
+        self._maps = cv2.initUndistortRectifyMap(
+            intrinsics, np.array(distortion), np.eye(3), intrinsics, (width_px, height_px), cv2.CV_32FC1
+        )
+
+    def colour(self, rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+        """A straight colour picture; black where the lens has seen nothing."""
+        return cv2.remap(rgb, *self._maps, cv2.INTER_LINEAR)
+
+    def depth(self, depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+        """Straight depth, from the nearest pixel."""
+        return cv2.remap(depth_m, *self._maps, cv2.INTER_NEAREST)
+
+    def mask(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+        """A straight mask, from the nearest pixel."""
+        return cv2.remap(mask.astype(np.uint8), *self._maps, cv2.INTER_NEAREST).astype(bool)
+
+
+def size_text(image: np.ndarray) -> str:
+    """``WIDTHxHEIGHT`` for messages."""
+    return f"{image.shape[1]}x{image.shape[0]}"
+
+
+def _read_picture(path: Path) -> np.ndarray:
+    """Reads a picture as it is stored; a truncated file is an error, not a picture with a grey half."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
+    if content[:8] == b"\x89PNG\r\n\x1a\n":
+        if b"IEND" not in content[-16:]:
+            raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
+        # Checked before anything is decoded, so that a forged size cannot claim memory.
+        width_px, height_px = struct.unpack(">II", content[16:24])
+        if width_px * height_px > MAX_FRAME_PX:
+            raise EpisodeFormatError(f"{path}: {width_px}x{height_px} pixels are more than the {MAX_FRAME_PX} accepted")
+    if content[:3] == b"\xff\xd8\xff" and b"\xff\xd9" not in content[-1024:]:
+        raise EpisodeFormatError(f"{path}: the JPEG is truncated ({len(content)} bytes); copy or export it again")
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise EpisodeFormatError(f"{path}: not a picture that can be read ({len(content)} bytes); expected PNG or JPEG")
+    if image.shape[0] * image.shape[1] > MAX_FRAME_PX:
+        raise EpisodeFormatError(f"{path}: {size_text(image)} pixels are more than the {MAX_FRAME_PX} accepted")
+    return image
+
+
+def _read_array(path: Path) -> np.ndarray:
+    """Reads numbers that numpy has saved; objects, which could hold code, are refused."""
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if array.size > MAX_FRAME_PX or array.dtype.kind not in "fui":
+            raise ValueError(f"{array.dtype} {array.shape}")
+        return np.array(array)
+    except (OSError, ValueError, EOFError) as error:
+        raise EpisodeFormatError(f"{path}: not an array of depths that can be read ({error})") from None

@@ -1,0 +1,1 @@
+"""Matching, average precision of masks and boxes, calibration error, bootstrap intervals."""

@@ -1,0 +1,172 @@
+"""Ranked average precision of 3-D boxes, by category and by distance.
+
+The protocol is that of masks (``labeling.metrics.mask_ap``), with overlap of volumes: predictions of one category
+compete within one view; from the most confident down each takes the free ground-truth box of its category with the
+highest IoU, if that reaches the threshold; a prediction that lies on a box to be ignored (by the share of its own
+volume) is neither right nor wrong. Precision is made monotone and averaged over 101 recall points.
+"""
+
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.core.box_overlap import box_iou_3d, box_iou_bird, shared_volume
+from labeling.core.types import Box3d
+from labeling.metrics.mask_ap import AveragePrecision
+
+Kind = Literal["3d", "bird"]
+IOU_THRESHOLDS = (0.25, 0.5)
+RECALLS = np.linspace(0.0, 1.0, 101)
+_ROUNDING = 1e-7
+"""An overlap that falls short of a threshold by less has reached it."""
+
+
+@dataclass(frozen=True)
+class BoxInstance:
+    """One box of one object in one view."""
+
+    image: Hashable
+    """The view; sortable among the views of an evaluation."""
+    category: str
+    box: Box3d
+    confidence: float = 1.0
+    """Of a prediction."""
+    range_m: float = 0.0
+    """Distance of its centre from the camera."""
+    ignore: bool = False
+    """Of ground truth: neither to be found nor to be missed."""
+
+
+def average_precision_3d(
+    predictions: Sequence[BoxInstance],
+    ground_truth: Sequence[BoxInstance],
+    iou_thresholds: Sequence[float] = IOU_THRESHOLDS,
+    kind: Kind = "3d",
+) -> AveragePrecision:
+    """Ranked AP per category and its mean over categories.
+
+    Args:
+        predictions: ranked by ``confidence``; of equal ones the earlier in the sequence comes first.
+        ground_truth: what there is to find.
+        iou_thresholds: overlap from which on a prediction counts as right, each in (0, 1].
+        kind: overlap of volumes, or of footprints seen from above.
+
+    Raises:
+        ValueError: if a threshold lies outside (0, 1], or a confidence is not finite.
+    """
+    thresholds = [float(t) for t in iou_thresholds]
+    if not thresholds or not all(0 < t <= 1 for t in thresholds):
+        raise ValueError(f"IoU thresholds lie in (0, 1], and there is at least one; given: {list(iou_thresholds)}")
+    if not all(np.isfinite(item.confidence) for item in predictions):
+        raise ValueError("confidences of predictions must be finite numbers")
+    per_class: dict[str, dict[float, float | None]] = {}
+    for category in sorted({item.category for item in [*predictions, *ground_truth]}):
+        found = [item for item in predictions if item.category == category]
+        truths = [item for item in ground_truth if item.category == category]
+        overlaps = _overlaps(found, truths, kind)
+        per_class[category] = {t: _one_ap(found, truths, overlaps, t) for t in thresholds}
+    return AveragePrecision({t: _mean([one[t] for one in per_class.values()]) for t in thresholds}, per_class)
+
+
+def average_precision_by_range(
+    predictions: Sequence[BoxInstance],
+    ground_truth: Sequence[BoxInstance],
+    edges_m: Sequence[float],
+    iou_thresholds: Sequence[float] = IOU_THRESHOLDS,
+) -> dict[tuple[float, float], AveragePrecision]:
+    """AP of objects at several distances.
+
+    Ground truth at other distances is to be ignored, and so are predictions at other distances that find nothing.
+
+    Args:
+        predictions: of all distances.
+        ground_truth: of all distances.
+        edges_m: between the distances, rising.
+        iou_thresholds: as in ``average_precision_3d``.
+
+    Returns:
+        By the nearest and the farthest distance of each bin.
+    """
+    found = {}
+    for low, high in pairwise(edges_m):
+        truths = [item if low <= item.range_m < high else replace(item, ignore=True) for item in ground_truth]
+        least = min(iou_thresholds)
+        kept = [item for item in predictions if low <= item.range_m < high or _finds(item, ground_truth, least)]
+        found[low, high] = average_precision_3d(kept, truths, iou_thresholds)
+    return found
+
+
+def _finds(prediction: BoxInstance, truths: Sequence[BoxInstance], least: float) -> bool:
+    return any(
+        (truth.image, truth.category) == (prediction.image, prediction.category)
+        and box_iou_3d(prediction.box, truth.box) >= least - _ROUNDING
+        for truth in truths
+    )
+
+
+def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Kind) -> list[list[tuple[int, float]]]:
+    """For each prediction the truths of its view, and how far it overlaps them; where they are to be ignored, the share
+    of its own volume.
+    """
+    of_view: dict[Hashable, list[int]] = defaultdict(list)
+    for number, truth in enumerate(truths):
+        of_view[truth.image].append(number)
+    overlap = box_iou_3d if kind == "3d" else box_iou_bird
+    return [
+        [
+            (
+                number,
+                _share(one.box, truths[number].box) if truths[number].ignore else overlap(one.box, truths[number].box),
+            )
+            for number in of_view[one.image]
+        ]
+        for one in found
+    ]
+
+
+def _share(prediction: Box3d, truth: Box3d) -> float:
+    volume = float(np.prod(prediction.extent_m))
+    return shared_volume(prediction, truth) / volume if volume > 0 else 0.0
+
+
+def _one_ap(
+    found: Sequence[BoxInstance],
+    truths: Sequence[BoxInstance],
+    overlaps: Sequence[Sequence[tuple[int, float]]],
+    threshold: float,
+) -> float | None:
+    """AP of one category at one threshold; None without anything to find."""
+    wanted = sum(not truth.ignore for truth in truths)
+    if wanted == 0:
+        return None
+    taken: set[int] = set()
+    right: list[bool] = []
+    for place in np.argsort([-item.confidence for item in found], kind="stable"):
+        reached = [(number, value) for number, value in overlaps[place] if value >= threshold - _ROUNDING]
+        free = [(value, -number) for number, value in reached if not truths[number].ignore and number not in taken]
+        if free:
+            taken.add(-max(free)[1])
+            right.append(True)
+        elif not any(truths[number].ignore for number, _ in reached):
+            right.append(False)
+    return _area(np.array(right, bool), wanted)
+
+
+def _area(right: Bool[np.ndarray, "n"], wanted: int) -> float:
+    """Monotone precision, averaged over 101 recall points. Source: COCO."""
+    hits = np.cumsum(right)
+    precision: Float[np.ndarray, "n"] = hits / np.arange(1, len(right) + 1)
+    monotone = np.maximum.accumulate(precision[::-1])[::-1]
+    places = np.searchsorted(hits / wanted, RECALLS, side="left")
+    reached = places < len(right)
+    return float(np.sum(monotone[places[reached]]) / len(RECALLS))
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return float(np.mean(defined)) if defined else None

@@ -1,0 +1,200 @@
+"""Ranked average precision of masks and boxes at any IoU threshold, by COCO's protocol.
+
+The protocol, in full: predictions of one category compete within one picture; the 100 most confident are kept; from the
+most confident down each takes the free ground-truth instance of its category with the highest IoU, if that reaches the
+threshold (for ignored instances the overlap is counted relative to the prediction alone, any number of predictions may
+fall on one, and those are neither right nor wrong); objects of all sizes count. Precision is made monotone and averaged
+over 101 recall points 0, .01, ..., 1. A category without any counted ground truth has no AP and stays out of the mean.
+Sources: Lin et al. 2014 and the COCO API; all-point interpolation: Padilla et al. 2021 (used in the thesis).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.metrics.matching import Kind, MaskInstance
+
+Interpolation = Literal["101-point", "all-point"]
+
+COCO_IOU_THRESHOLDS = tuple(round(0.5 + 0.05 * step, 2) for step in range(10))
+"""The thresholds .50, .55, ..., .95 over which COCO averages its main figure."""
+
+MAX_DETECTIONS = 100
+"""Predictions of one category that count in one picture. Source: COCO."""
+
+
+@dataclass(frozen=True)
+class AveragePrecision:
+    """AP at each IoU threshold, in [0, 1]; None where there is no ground truth to find."""
+
+    mean: dict[float, float | None]
+    """Threshold -> mean over the categories that have ground truth."""
+    per_class: dict[str, dict[float, float | None]]
+    """Category -> threshold -> AP, for every category of ground truth or predictions, sorted by name."""
+
+
+def average_precision(
+    predictions: Sequence[MaskInstance],
+    ground_truth: Sequence[MaskInstance],
+    iou_thresholds: Sequence[float] = (0.5, 0.3),
+    kind: Kind = "mask",
+    interpolation: Interpolation = "101-point",
+) -> AveragePrecision:
+    """Ranked AP per category and its mean over categories.
+
+    Args:
+        predictions: ranked by ``confidence``; of equal ones the picture that sorts first, then the earlier in the
+            sequence comes first.
+        ground_truth: what there is to find.
+        iou_thresholds: overlap from which on a prediction counts as right, each in (0, 1].
+        kind: compare masks, or the tightest boxes around them.
+        interpolation: "101-point" (COCO, the default) or "all-point" (the area under the monotone precision curve,
+            Padilla et al.). Matching is COCO's in both.
+
+    Raises:
+        ValueError: if a threshold lies outside (0, 1] or a confidence is not finite.
+
+    Example:
+        >>> square = {"size": [2, 2], "counts": "04"}
+        >>> truth = [MaskInstance(1, "chair", square)]
+        >>> result = average_precision([MaskInstance(1, "chair", square, confidence=0.9)], truth)
+        >>> round(result.per_class["chair"][0.5], 6)
+        1.0
+    """
+    thresholds = [float(t) for t in iou_thresholds]
+    if not thresholds or not all(0 < t <= 1 for t in thresholds):
+        raise ValueError(f"IoU thresholds lie in (0, 1], and there is at least one; given: {list(iou_thresholds)}")
+    if not all(np.isfinite(item.confidence) for item in predictions):
+        raise ValueError("confidences of predictions must be finite numbers")
+    categories = sorted({item.category for item in [*predictions, *ground_truth]})
+    if not categories:
+        return AveragePrecision(dict.fromkeys(thresholds), {})
+    evaluation = _coco_evaluate(predictions, ground_truth, categories, thresholds, kind)
+    if interpolation == "101-point":
+        # Axes of hotcoco's (and pycocotools') table: threshold, recall, category, area range, detections a picture.
+        table = np.asarray(evaluation.eval["precision"])[:, :, :, 0, 0].mean(axis=1)
+    else:
+        table = _all_point_table(evaluation, len(thresholds), len(categories))
+    per_class = {
+        name: {t: None if table[row, column] < 0 else float(table[row, column]) for row, t in enumerate(thresholds)}
+        for column, name in enumerate(categories)
+    }
+    return AveragePrecision({t: _mean([per_class[name][t] for name in categories]) for t in thresholds}, per_class)
+
+
+def all_point_area(right: Bool[np.ndarray, "n"], num_truths: int) -> float:
+    """Area under the monotone precision-recall curve of ranked predictions. Source: Padilla et al. 2021, eq. 9-11.
+
+    Args:
+        right: for each prediction, the most confident first, whether it found a ground-truth instance of its own.
+        num_truths: how many instances there are to find, at least 1.
+    """
+    found = np.cumsum(right)
+    precision = found / np.arange(1, len(right) + 1)
+    monotone = np.maximum.accumulate(precision[::-1])[::-1]
+    # Recall rises by 1/num_truths at each right prediction and nowhere else.
+    return float(monotone[right].sum() / num_truths)
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Mean of what is defined."""
+    defined = [value for value in values if value is not None]
+    return float(np.mean(defined)) if defined else None
+
+
+def _coco_evaluate(
+    predictions: Sequence[MaskInstance],
+    ground_truth: Sequence[MaskInstance],
+    categories: list[str],
+    thresholds: list[float],
+    kind: Kind,
+) -> Any:
+    """Runs hotcoco's COCO evaluation; the only place that knows hotcoco's evaluator.
+
+    Categories are numbered from 1 in the order given, pictures from 1 in sorted order.
+    """
+    from hotcoco import COCO, COCOeval
+
+    images = {image: number for number, image in enumerate(_sorted_images(predictions, ground_truth), start=1)}
+    ids = {name: number for number, name in enumerate(categories, start=1)}
+    header = {
+        "images": [
+            {"id": number, "width": int(size[1]), "height": int(size[0])}
+            for number, size in zip(images.values(), _sizes(images, predictions, ground_truth), strict=True)
+        ],
+        "categories": [{"id": number, "name": name} for name, number in ids.items()],
+    }
+    truth = COCO({**header, "annotations": _records(ground_truth, images, ids)})
+    found = COCO({**header, "annotations": _records(predictions, images, ids, scored=True)})
+    evaluation = COCOeval(truth, found, "segm" if kind == "mask" else "bbox")
+    evaluation.params.iou_thrs = thresholds
+    evaluation.params.max_dets = [MAX_DETECTIONS]
+    evaluation.params.area_rng = [[0.0, 1e10]]
+    evaluation.params.area_rng_lbl = ["all"]
+    evaluation.evaluate()
+    evaluation.accumulate()
+    return evaluation
+
+
+def _sorted_images(predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance]) -> list[Any]:
+    return sorted({item.image for item in [*predictions, *ground_truth]})
+
+
+def _sizes(images: dict, predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance]) -> list[list[int]]:
+    """Height and width of each picture, from any of its masks.
+
+    Raises:
+        ValueError: if two masks of one picture differ in size.
+    """
+    sizes: dict[Any, list[int]] = {}
+    for item in [*predictions, *ground_truth]:
+        size = list(item.rle["size"])
+        if sizes.setdefault(item.image, size) != size:
+            raise ValueError(f"masks of picture {item.image!r} differ in size: {sizes[item.image]} and {size}")
+    return [sizes[image] for image in images]
+
+
+def _records(
+    items: Sequence[MaskInstance], images: dict[Any, int], ids: dict[str, int], scored: bool = False
+) -> list[dict]:
+    """Instances as COCO annotations."""
+    from hotcoco import mask as coco_mask
+
+    if not items:
+        return []
+    rles = [item.rle for item in items]
+    boxes, areas = coco_mask.to_bbox(rles).tolist(), coco_mask.area(rles).tolist()
+    records = []
+    for number, (item, box, area) in enumerate(zip(items, boxes, areas, strict=True), start=1):
+        record = {
+            "id": number,
+            "image_id": images[item.image],
+            "category_id": ids[item.category],
+            "segmentation": item.rle,
+            "bbox": box,
+            "area": area,
+            "iscrowd": int(item.ignore and not scored),
+        }
+        records.append({**record, "score": float(item.confidence)} if scored else record)
+    return records
+
+
+def _all_point_table(evaluation: Any, num_thresholds: int, num_categories: int) -> Float[np.ndarray, "t c"]:
+    """All-point AP from the matches of an evaluation; -1 where a category has no counted ground truth."""
+    table = np.full((num_thresholds, num_categories), -1.0)
+    pictures = [picture for picture in evaluation.eval_imgs if picture is not None]
+    for column in range(num_categories):
+        of_category = [picture for picture in pictures if picture["category_id"] == column + 1]
+        num_truths = sum(not ignored for picture in of_category for ignored in picture["gtIgnore"])
+        if num_truths == 0:
+            continue
+        scores = np.array([score for picture in of_category for score in picture["dtScores"]], float)
+        order = np.argsort(-scores, kind="stable")
+        for row in range(num_thresholds):
+            matched = np.array([m for p in of_category for m in p["dtMatched"][row]], bool)[order]
+            ignored = np.array([i for p in of_category for i in p["dtIgnore"][row]], bool)[order]
+            table[row, column] = all_point_area(matched[~ignored], num_truths)
+    return table

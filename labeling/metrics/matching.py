@@ -1,0 +1,148 @@
+"""Which prediction stands for which ground-truth instance: IoU of masks and boxes, one-to-one matching, mean IoU."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+Kind = Literal["mask", "box"]
+
+
+@dataclass(frozen=True)
+class MaskInstance:
+    """One object in one picture, predicted or true, as the metrics see it."""
+
+    image: Any
+    """Names the picture; any value that can be hashed and sorted, such as ``(episode, view)`` or an image id."""
+    category: str
+    rle: dict
+    """COCO RLE of the mask (``labeling.core.rle.encode_mask``). Boxes are the tightest ones around the mask."""
+    confidence: float = 1.0
+    """Ranks predictions; unused for ground truth."""
+    ignore: bool = False
+    """Ground truth only, COCO's iscrowd: neither rewarded nor punished."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """What was found of one ground-truth instance."""
+
+    truth: int
+    """Index into the ground truth."""
+    prediction: int | None
+    """Index into the predictions; None if nothing of this category overlaps the instance."""
+    iou: float
+    """0 where there is no prediction."""
+
+
+@dataclass(frozen=True)
+class MeanIou:
+    """Mask IoU averaged over ground-truth instances; None where there are none to average over."""
+
+    mean_iou: float | None
+    """Over all instances that are not ignored; one that nothing overlaps counts 0."""
+    mean_iou_matched: float | None
+    """Over the instances that some prediction overlaps (IoU above 0)."""
+    num_truths: int
+    num_matched: int
+
+
+def is_empty(rle: dict) -> bool:
+    """Whether a mask has no pixel."""
+    from hotcoco import mask as coco_mask
+
+    return int(coco_mask.area(rle)) == 0
+
+
+def pairwise_iou(
+    predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance], kind: Kind = "mask"
+) -> Float[np.ndarray, "p g"]:
+    """IoU of every prediction with every ground-truth instance of the same picture.
+
+    Args:
+        predictions: p instances of one picture.
+        ground_truth: g instances of the same picture; ``ignore`` is not looked at: this is plain IoU.
+        kind: compare masks, or the tightest boxes around them.
+    """
+    from hotcoco import mask as coco_mask
+
+    if not predictions or not ground_truth:
+        return np.zeros((len(predictions), len(ground_truth)))
+    p, g = [item.rle for item in predictions], [item.rle for item in ground_truth]
+    plain = [False] * len(g)
+    if kind == "mask":
+        iou = coco_mask.iou(p, g, plain)
+    else:
+        iou = coco_mask.bbox_iou(coco_mask.to_bbox(p), coco_mask.to_bbox(g), plain)
+    return np.asarray(iou, float).reshape(len(p), len(g))
+
+
+def assign(iou: Float[np.ndarray, "p g"]) -> list[tuple[int, int]]:
+    """One-to-one pairs (prediction, truth) with the greatest sum of IoU; pairs that do not overlap are left out.
+
+    Source: the assignment problem, Kuhn 1955.
+    """
+    if iou.size == 0:
+        return []
+    from hotcoco.primitives import lsap
+
+    rows, columns = lsap(np.ascontiguousarray(iou, float), maximize=True)
+    return [(int(p), int(g)) for p, g in zip(rows, columns, strict=True) if iou[int(p), int(g)] > 0]
+
+
+def match(predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance]) -> list[Match]:
+    """Matches predictions to ground truth one to one, within each picture and category, by greatest total mask IoU.
+
+    The best assignment is used rather than COCO's greedy one because it asks how well each object is outlined, whatever
+    the order of the confidences; where a category has at most one prediction and one instance in a picture the two
+    agree.
+
+    Args:
+        predictions: instances of any pictures; confidences play no part.
+        ground_truth: instances of any pictures; ignored ones are matched last, by what the others left over.
+
+    Returns:
+        One match for every ground-truth instance, in their order.
+    """
+    groups: dict[tuple[Any, str], tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
+    for index, item in enumerate(predictions):
+        groups[item.image, item.category][0].append(index)
+    for index, item in enumerate(ground_truth):
+        groups[item.image, item.category][1].append(index)
+    found: dict[int, Match] = {}
+    for candidates, truths in groups.values():
+        counted = [index for index in truths if not ground_truth[index].ignore]
+        ignored = [index for index in truths if ground_truth[index].ignore]
+        free = candidates
+        for wanted in (counted, ignored):
+            iou = pairwise_iou([predictions[i] for i in free], [ground_truth[i] for i in wanted])
+            for row, column in assign(iou):
+                found[wanted[column]] = Match(wanted[column], free[row], float(iou[row, column]))
+            taken = {found[index].prediction for index in wanted if index in found}
+            free = [index for index in free if index not in taken]
+    return [found.get(index, Match(index, None, 0.0)) for index in range(len(ground_truth))]
+
+
+def mean_iou(
+    ground_truth: Sequence[MaskInstance], matches: Sequence[Match], selected: Bool[np.ndarray, "g"] | None = None
+) -> MeanIou:
+    """Averages the IoU of matches over the ground-truth instances that are not ignored, each counting the same.
+
+    Args:
+        ground_truth: as given to ``match``.
+        matches: what ``match`` returned.
+        selected: restricts the average to these instances, such as those of one category.
+    """
+    ious = [
+        m.iou for m in matches if not ground_truth[m.truth].ignore and (selected is None or bool(selected[m.truth]))
+    ]
+    matched = [iou for iou in ious if iou > 0]
+    return MeanIou(
+        mean_iou=float(np.mean(ious)) if ious else None,
+        mean_iou_matched=float(np.mean(matched)) if matched else None,
+        num_truths=len(ious),
+        num_matched=len(matched),
+    )

@@ -1,0 +1,66 @@
+"""What all command lines of the project have in common: options from a dataclass, errors in one line, exit codes."""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import tyro
+
+from labeling.core.errors import SbmError, UsageError
+
+Config = TypeVar("Config")
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+def run_command(
+    config_type: type[Config] | Any,
+    run: Callable[[Config], object],
+    prog: str,
+    arguments: list[str] | None = None,
+    description: str | None = None,
+    start: Config | None = None,
+) -> int:
+    """Parses the command line into a config and runs it.
+
+    Args:
+        config_type: frozen dataclass of options; its docstrings are the help text. For subcommands a union of such,
+            each annotated with ``tyro.conf.subcommand``.
+        run: does the work; what it returns is ignored. Raises ``SbmError`` where something about the input is wrong.
+        prog: how the command is called, for the help text.
+        arguments: the command line; ``sys.argv`` if None.
+        description: of a command with subcommands, for the help text.
+        start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
+
+    Returns:
+        The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted.
+    """
+    given: dict[str, Any] = {} if start is None else {"default": start}
+    try:
+        config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
+        run(config)
+        sys.stdout.flush()
+    except SbmError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on with what is missing", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has closed it (`... | head`). Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def check_sources(labels: Sequence[Path], dataset: Path | None) -> None:
+    """Refuses a training command without anything to learn from, or with one ``--dataset`` for several label sets.
+
+    Raises:
+        UsageError: saying which.
+    """
+    if not labels:
+        raise UsageError("nothing to learn from was given: name one or several label sets, or episodes")
+    if dataset is not None and len(labels) > 1:
+        raise UsageError(f"--dataset says where the pictures of one label set lie, but {len(labels)} were given")

@@ -1,0 +1,137 @@
+"""What rooms are furnished from: a library that offers models for a use and loads them."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from labeling.core.errors import MissingAssetsError
+from sbm_gym.assets.catalog.catalog import CatalogEntry, Library, find_libraries, read_library
+from sbm_gym.assets.catalog.home3d import cached_model, cached_triangles
+from sbm_gym.assets.models.classes import QUARTER_TURNS, THINNED, USES
+from sbm_gym.assets.models.model import FurnitureModel
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """What is known about a model without loading it."""
+
+    model_id: str
+    use: str
+    """What it is for, such as ``dining_chair``."""
+    category: str | None
+    """Its class, None for furnishings without one."""
+    size_m: tuple[float, float, float]
+    """Width, depth and height, as it stands with its front towards -Y."""
+    top_m: float | None
+    """Height of the top that other things can stand on; None where nothing can."""
+    name: str
+    creator: str
+    licence: str
+    library: str
+
+
+class FurnitureLibrary(Protocol):
+    """A source of furniture models."""
+
+    def models(self, use: str) -> tuple[ModelCard, ...]:
+        """Models for a use, in a fixed order; empty if there are none."""
+        ...
+
+    def load(self, card: ModelCard) -> FurnitureModel:
+        """The model of a card that ``models`` gave."""
+        ...
+
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has; cheaper than loading it where that can be."""
+        ...
+
+
+class Home3dLibrary:
+    """The mapped models of Sweet Home 3D furniture libraries."""
+
+    def __init__(self, locations: Sequence[Path] | None = None, cache: Path | None = None):
+        """Reads the catalogues.
+
+        Args:
+            locations: library files or folders; by default ``SBM_FURNITURE``, else the system's folder.
+            cache: folder of converted models; by default the user's.
+
+        Raises:
+            MissingAssetsError: if there is no library, or none of them has a model of the class map.
+            ArchiveError: if a library is damaged.
+        """
+        self._cache = cache
+        self.libraries: tuple[Library, ...] = tuple(read_library(path) for path in find_libraries(locations))
+        entries = {e.model_id: (e, library.content_hash) for library in self.libraries for e in library.entries}
+        self._entries: dict[str, tuple[CatalogEntry, str]] = entries
+        self._cards = {
+            use: tuple(_card(entries[model_id][0], use) for model_id in described.models if model_id in entries)
+            for use, described in USES.items()
+        }
+        if not any(self._cards.values()):
+            found = ", ".join(library.name for library in self.libraries)
+            raise MissingAssetsError(
+                f"the furniture libraries found ({found}) hold none of the models rooms are made of: "
+                "run `sudo apt-get install sweethome3d-furniture`"
+            )
+        self._thin_to = {model_id: count for use, count in THINNED.items() for model_id in USES[use].models}
+        self._load = functools.lru_cache(maxsize=512)(self._load_uncached)
+        self._triangles: dict[str, int] = {}
+
+    def models(self, use: str) -> tuple[ModelCard, ...]:
+        """Models for a use, in the class map's order; empty if there are none."""
+        return self._cards.get(use, ())
+
+    def cards(self) -> tuple[ModelCard, ...]:
+        """All mapped models that are there."""
+        return tuple(card for cards in self._cards.values() for card in cards)
+
+    def load(self, card: ModelCard) -> FurnitureModel:
+        """The model of a card, from memory, from the cache, or converted now."""
+        return self._load(card.model_id)
+
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has, from the cache's notes."""
+        if card.model_id not in self._triangles:
+            thin_to = self._thin_to.get(card.model_id)
+            self._triangles[card.model_id] = cached_triangles(*self._place(card.model_id), thin_to=thin_to)
+        return self._triangles[card.model_id]
+
+    def install(self, report: Callable[[ModelCard], None]) -> None:
+        """Makes sure the cache holds every mapped model; calls ``report`` after each."""
+        for card in self.cards():
+            self._load_uncached(card.model_id)
+            report(card)
+
+    def _load_uncached(self, model_id: str) -> FurnitureModel:
+        return cached_model(*self._place(model_id), thin_to=self._thin_to.get(model_id))
+
+    def _place(self, model_id: str) -> tuple[CatalogEntry, str, int, Path | None]:
+        """What says where the cache keeps a model."""
+        entry, content_hash = self._entries[model_id]
+        return entry, content_hash, QUARTER_TURNS.get(model_id, 0), self._cache
+
+
+def _card(entry: CatalogEntry, use: str) -> ModelCard:
+    width, depth, height = entry.size_m
+    if QUARTER_TURNS.get(entry.model_id, 0) % 2:
+        width, depth = depth, width
+    return ModelCard(
+        model_id=entry.model_id,
+        use=use,
+        category=USES[use].category,
+        size_m=(width, depth, height),
+        top_m=entry.top_m,
+        name=entry.name,
+        creator=entry.creator,
+        licence=entry.licence,
+        library=entry.library,
+    )
+
+
+@functools.cache
+def default_library() -> Home3dLibrary:
+    """The library of this process: catalogues are read once, and models stay in memory."""
+    return Home3dLibrary()

@@ -1,0 +1,1 @@
+"""Furniture models as arrays, whatever they were made from."""

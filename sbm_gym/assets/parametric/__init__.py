@@ -1,0 +1,1 @@
+"""The builtin library: furniture made from a seed."""

@@ -1,0 +1,91 @@
+"""Lamps that stand or hang."""
+
+import numpy as np
+
+from sbm_gym.assets.parametric.parts import paints
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_x
+
+
+def floor_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A standard lamp with a shade."""
+    w, _, h = size
+    _lamp(kit, rng, w, h, 0.3 * w + 0.04, 0.28)
+
+
+def table_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A table lamp with a shade."""
+    w, _, h = size
+    _lamp(kit, rng, w, h, 0.32 * w, 0.45 * h)
+
+
+def _lamp(kit: Kit, rng, w: float, h: float, foot: float, shade_h: float) -> None:
+    stand = paints.metal(rng) if rng.random() < 0.6 else paints.wood(rng)
+    shade = paints.plain(
+        tuple(
+            float(c)
+            for c in np.clip(np.array([0.95, 0.9, 0.8]) * rng.uniform(0.75, 1.05) + rng.normal(0, 0.04, 3), 0, 1)
+        ),
+        0.0,
+    )
+    low = h - shade_h
+    if h < 0.8 and rng.random() < 0.5:
+        b = 0.3 * w
+        kit.lathe(
+            stand,
+            [
+                (0, 0),
+                (0.7 * b, 0),
+                (b, 0.3 * low),
+                (0.8 * b, 0.65 * low),
+                (0.2 * b, 0.95 * low),
+                (0.1 * b, low + 0.02),
+                (0, low + 0.02),
+            ],
+            sides=16,
+        )
+    else:
+        kit.lathe(
+            stand, [(0, 0), (foot, 0), (foot, 0.012), (0.012, 0.03), (0.011, low + 0.02), (0, low + 0.02)], sides=16
+        )
+    top = float(rng.uniform(0.55, 1.0)) * w / 2
+    kit.lathe(
+        shade,
+        [(w / 2, low), (top, h), (0.9 * top, h), (0.2 * top, h - 0.01), (0.96 * w / 2, low + 0.004), (w / 2, low)],
+        sides=22,
+    )
+
+
+def desk_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A lamp with a jointed arm."""
+    w, d, h = size
+    paint = paints.board(rng) if rng.random() < 0.5 else paints.metal(rng)
+    r = 0.32 * min(w, d)
+    y = d / 2 - r
+    kit.lathe(paint, [(0, 0), (r, 0), (r, 0.015), (0.02, 0.03), (0, 0.03)], (0, y), 16)
+    kit.tube(paint, [(0, y, 0.02), (0, d / 2 - 0.01, 0.55 * h)], 0.008, sides=6)
+    kit.tube(paint, [(0, d / 2 - 0.01, 0.55 * h), (0, -0.1 * d, h - 0.03)], 0.008, sides=6)
+    with kit.placed((0, -0.1 * d, h - 0.05), turn_x(-0.7)):
+        kit.lathe(paint, [(0.42 * w, -0.11), (0.3 * w, -0.03), (0.1 * w, 0.02), (0, 0.03)], sides=14)
+        kit.lathe(paint, [(0, 0.0), (0.28 * w, -0.035), (0.4 * w, -0.11), (0.42 * w, -0.11)], sides=14)
+
+
+def hanging_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A lamp on a cord from the ceiling."""
+    w, _, h = size
+    shade = paints.board(rng) if rng.random() < 0.6 else paints.metal(rng)
+    bulb = paints.plain((1.0, 0.96, 0.86), 0.0)
+    high = min(0.3, 0.45 * h)
+    kit.tube(paints.BLACK, [(0, 0, high), (0, 0, h - 0.01)], 0.005, sides=5)
+    kit.lathe(shade, [(0, h - 0.03), (0.05, h - 0.03), (0.05, h), (0, h)], sides=12)
+    if rng.random() < 0.3:
+        kit.lathe(
+            bulb, [(w / 2 * np.sin(t), high / 2 - high / 2 * np.cos(t)) for t in np.linspace(0, np.pi, 10)], sides=18
+        )
+        return
+    kit.lathe(shade, [(w / 2, 0), (0.42 * w, 0.4 * high), (0.18 * w, 0.8 * high), (0.03, high), (0, high)], sides=20)
+    kit.lathe(
+        paints.plain((0.95, 0.93, 0.88), 0.0),
+        [(0, 0.9 * high), (0.17 * w, 0.78 * high), (0.41 * w, 0.38 * high), (w / 2, 0)],
+        sides=20,
+    )
+    kit.lathe(bulb, [(0.045 * np.sin(t), 0.45 * high - 0.045 * np.cos(t)) for t in np.linspace(0, np.pi, 7)], sides=10)

@@ -1,0 +1,154 @@
+"""Rugs, radiators, bins, and what stands on tables and desks."""
+
+import numpy as np
+
+from sbm_gym.assets.models import surfaces
+from sbm_gym.assets.parametric.parts import paints
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_z
+
+
+def rug(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A rug."""
+    w, d, h = size
+    picture = surfaces.rug(rng)
+    paint = paints.Paint(texture=picture, tile_m=None)
+    tone = picture[0, 0] / 255.0
+    kit.card(paint, [(-w / 2, -d / 2, h), (w / 2, -d / 2, h), (w / 2, d / 2, h), (-w / 2, d / 2, h)])
+    kit.box(
+        paints.plain((float(tone[0]), float(tone[1]), float(tone[2])), 0.0),
+        (-w / 2, -d / 2, 0),
+        (w / 2, d / 2, 0.8 * h),
+    )
+
+
+def radiator(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A radiator: a ribbed panel or a row of columns."""
+    w, d, h = size
+    white = paints.plain((0.92, 0.92, 0.9), 0.25)
+    if rng.random() < 0.5:
+        kit.box(white, (-w / 2, -d / 2, 0.08), (w / 2, d / 2 - 0.02, h), bevel=0.006)
+        for x in np.arange(-w / 2 + 0.04, w / 2 - 0.02, 0.05):
+            kit.box(white, (x - 0.012, -d / 2 - 0.006, 0.13), (x + 0.012, -d / 2 + 0.004, h - 0.04), bevel=0.004)
+    else:
+        for x in np.linspace(-w / 2 + 0.03, w / 2 - 0.03, max(4, round(w / 0.065))):
+            kit.box(white, (x - 0.024, -d / 2, 0.09), (x + 0.024, d / 2 - 0.02, h), bevel=0.02)
+    for sx in (-1, 1):
+        kit.box(white, (sx * 0.4 * w - 0.015, -0.2 * d, 0), (sx * 0.4 * w + 0.015, d / 2, 0.14))
+
+
+def waste_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A bin, open or with a domed lid."""
+    w, _, h = size
+    paint = paints.metal(rng) if rng.random() < 0.5 else paints.board(rng)
+    r = w / 2
+    if rng.random() < 0.5:
+        kit.lathe(paint, [(0, 0), (0.75 * r, 0), (r, h), (0.96 * r, h), (0.72 * r, 0.02), (0, 0.02)], sides=20)
+    else:
+        kit.lathe(
+            paint,
+            [(0, 0), (r, 0), (r, 0.78 * h), (0.97 * r, 0.8 * h), (0.85 * r, 0.92 * h), (0.45 * r, 0.985 * h), (0, h)],
+            sides=20,
+        )
+
+
+def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A vase, a bowl with fruit, a bottle or a cup."""
+    w, _, h = size
+    r = w / 2
+    paint = paints.plain(tuple(rng.uniform(0.15, 0.9, 3)), 0.5, 0.6)
+    kind = 0 if h > 0.2 else 1
+    if kind == 0 and rng.random() < 0.5:
+        kit.lathe(
+            paint,
+            [
+                (0, 0),
+                (0.6 * r, 0),
+                (r, 0.35 * h),
+                (0.8 * r, 0.65 * h),
+                (0.4 * r, 0.85 * h),
+                (0.5 * r, h),
+                (0.42 * r, h),
+                (0.3 * r, 0.85 * h),
+                (0, 0.8 * h),
+            ],
+            sides=18,
+        )
+    elif kind == 0:
+        kit.lathe(
+            paint,
+            [
+                (0, 0),
+                (r, 0),
+                (r, 0.6 * h),
+                (0.35 * r, 0.74 * h),
+                (0.33 * r, 0.97 * h),
+                (0.38 * r, 0.975 * h),
+                (0.38 * r, h),
+                (0, h),
+            ],
+            sides=16,
+        )
+    else:
+        kit.lathe(
+            paint,
+            [
+                (0, 0),
+                (0.4 * r, 0),
+                (0.75 * r, 0.35 * h),
+                (r, 0.75 * h),
+                (0.96 * r, 0.75 * h),
+                (0.7 * r, 0.36 * h),
+                (0, 0.15 * h),
+            ],
+            sides=18,
+        )
+        for i in range(4):
+            fruit = paints.plain(
+                ((0.75, 0.15, 0.1), (0.9, 0.55, 0.1), (0.5, 0.65, 0.15), (0.92, 0.8, 0.2))[rng.integers(4)], 0.2
+            )
+            a, f = i * 1.6, 0.33 * r
+            kit.lathe(
+                fruit,
+                [(f * np.sin(t), h - f - f * np.cos(t)) for t in np.linspace(0, np.pi, 7)],
+                (0.42 * r * np.cos(a), 0.42 * r * np.sin(a)),
+                10,
+            )
+
+
+def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
+    """A pile of books or papers, or a cup of pens."""
+    w, d, h = size
+    if rng.random() < 0.6:
+        z, count = 0.0, int(rng.integers(2, 5))
+        for i in range(count):
+            top = h * (i + 1) / count
+            paint = paints.plain(tuple(rng.uniform(0.1, 0.85, 3)), 0.1)
+            with kit.placed(rotation=turn_z(0.0 if i == 0 else float(rng.normal(0, 0.12)))):
+                s = 1.0 if i == 0 else 0.82
+                kit.box(paint, (-s * w / 2, -s * d / 2, z), (s * w / 2, s * d / 2, z + 0.003))
+                kit.box(paint, (-s * w / 2, -s * d / 2, top - 0.003), (s * w / 2, s * d / 2, top))
+                kit.box(
+                    paints.plain((0.9, 0.88, 0.82), 0.0),
+                    (-s * w / 2 + 0.004, -s * d / 2 + 0.003, z + 0.003),
+                    (s * w / 2 - 0.004, s * d / 2 - 0.003, top - 0.003),
+                )
+                kit.box(paint, (-s * w / 2, s * d / 2 - 0.004, z), (s * w / 2, s * d / 2, top))
+            z = top
+        return
+    r = 0.3 * min(w, d)
+    kit.lathe(
+        paints.board(rng),
+        [(0, 0), (r, 0), (r, 0.65 * h), (0.9 * r, 0.65 * h), (0.9 * r, 0.1 * h), (0, 0.1 * h)],
+        sides=14,
+    )
+    for i in range(5):
+        a = i * 1.26
+        kit.tube(
+            paints.plain(tuple(rng.uniform(0.05, 0.9, 3)), 0.2),
+            [
+                (0.2 * r * np.cos(a), 0.2 * r * np.sin(a), 0.1 * h),
+                (0.95 * w / 2 * np.cos(a), 0.95 * d / 2 * np.sin(a), h),
+            ],
+            0.004,
+            sides=5,
+        )

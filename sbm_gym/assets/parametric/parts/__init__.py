@@ -1,0 +1,1 @@
+"""What parametric models are put together from."""

@@ -1,0 +1,1 @@
+"""Recipes of vehicles, trees and street furniture."""

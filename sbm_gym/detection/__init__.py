@@ -1,0 +1,1 @@
+"""The simulated detector, and what it is driven by."""

@@ -1,0 +1,1 @@
+"""The Gymnasium environment: episodes, observations, rewards, recording."""

@@ -1,0 +1,117 @@
+"""Full frames for the recorder: what one view shows, exactly, and how views become an episode on disk."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Float32, Int32, UInt8
+
+from labeling.core.episode import Episode
+from labeling.core.types import Detection, GroundTruth
+from sbm_gym.rendering.base import Renderer
+from sbm_gym.worlds.world import World
+
+SLIVER_AREA_SHARE = 32 / 256**2
+"""Objects of which a view shows less than this share of the picture are marked ``ignore``."""
+SLIVER_VISIBLE_SHARE = 0.05
+"""... and objects of which it shows less than this share of what it would show if nothing stood before them."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One full frame."""
+
+    rgb: UInt8[np.ndarray, "h w 3"]
+    depth_m: Float32[np.ndarray, "h w"]
+    """z-depth, 0 = no return."""
+    intrinsics: Float[np.ndarray, "3 3"]
+    camera_to_world: Float[np.ndarray, "4 4"]
+    """OpenCV axes."""
+    detections: tuple[Detection, ...]
+    """Of the env's detector in this very frame."""
+    ground_truth: tuple[GroundTruth, ...]
+    """What the simulator knows, for the recorder only: neither policies nor rewards may look at it."""
+
+
+def ground_truth_of_view(
+    world: World,
+    renderer: Renderer,
+    data: mujoco.MjData,
+    instance_map: Int32[np.ndarray, "h w"],
+    geoms_of_instance: Mapping[int, Sequence[int]],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+    view_index: int,
+) -> tuple[GroundTruth, ...]:
+    """Modal and amodal masks and 3-D boxes of every object of which at least one pixel shows.
+
+    Args:
+        world: the scene.
+        renderer: draws the amodal masks.
+        data: state of the scene.
+        instance_map: instance id of every pixel, 0 for none.
+        geoms_of_instance: the drawn geoms of every object.
+        intrinsics: K of the view.
+        camera_to_world: pose of the view.
+        view_index: number of the view in its episode.
+    """
+    height_px, width_px = instance_map.shape
+    found = []
+    shown = set(np.unique(instance_map).tolist())
+    for instance in world.objects:
+        if instance.instance_id not in shown:
+            continue
+        modal = instance_map == instance.instance_id
+        geoms = geoms_of_instance[instance.instance_id]
+        # What is seen belongs to the whole by definition; rays cast a second time may differ in a rim pixel.
+        amodal = modal | renderer.amodal_mask(data, geoms, intrinsics, camera_to_world, height_px, width_px)
+        modal_px, amodal_px = np.count_nonzero(modal), np.count_nonzero(amodal)
+        sliver = modal_px < SLIVER_AREA_SHARE * modal.size or modal_px < SLIVER_VISIBLE_SHARE * amodal_px
+        found.append(
+            GroundTruth(
+                view_index=view_index,
+                instance_id=instance.instance_id,
+                category=instance.category,
+                modal=modal,
+                amodal=amodal,
+                box_3d=instance.box_3d,
+                ignore=bool(sliver),
+            )
+        )
+    return tuple(found)
+
+
+def episode_of_captures(
+    captures: Sequence[Capture], categories: Sequence[str], metadata: dict[str, Any], name: str = ""
+) -> Episode:
+    """The episode that these frames make, in order; view indices are numbered anew.
+
+    Args:
+        captures: at least one frame, all of one size.
+        categories: what detector and ground truth may speak of.
+        metadata: content of ``episode.json``.
+        name: name of the episode's folder.
+
+    Raises:
+        ValueError: if there is no frame.
+    """
+    if not captures:
+        raise ValueError("an episode needs at least one frame")
+    return Episode(
+        name=name,
+        rgb=np.stack([capture.rgb for capture in captures]),
+        depth_m=np.stack([capture.depth_m for capture in captures]),
+        intrinsics=np.stack([capture.intrinsics for capture in captures]),
+        camera_to_world=np.stack([capture.camera_to_world for capture in captures]),
+        file_names=tuple(f"rgb/{view:03d}.png" for view in range(len(captures))),
+        detections=tuple(
+            replace(detection, view_index=view) for view, c in enumerate(captures) for detection in c.detections
+        ),
+        ground_truth=tuple(
+            replace(label, view_index=view) for view, c in enumerate(captures) for label in c.ground_truth
+        ),
+        categories=tuple(categories),
+        metadata=metadata,
+    )

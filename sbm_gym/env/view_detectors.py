@@ -1,0 +1,116 @@
+"""What looks at views on the robot's behalf: the simulated detector, or any detector of ``labeling.detectors``."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int32
+
+from labeling.core.detector import Detector
+from labeling.core.types import Detection
+from sbm_gym.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
+from sbm_gym.rendering.base import Frame
+from sbm_gym.scenes.compiled import Scene
+
+SIMULATED, SIMULATED_WEAK = "simulated", "simulated_weak"
+WEAKER_LOGIT, WEAK_SPREAD = 1.9, 1.0
+"""How much less sure the weak simulated detector is, and how much that differs from episode to episode. Chosen so that
+``spin`` confirms about as many objects as it does with ``compact`` in training homes."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A picture and what the simulator knows about it."""
+
+    frame: Frame
+    instance_map: Int32[np.ndarray, "h w"]
+    """Instance id of every pixel, 0 for none."""
+    intrinsics: Float[np.ndarray, "3 3"]
+
+
+class ViewDetector(Protocol):
+    """Detects objects in views of a scene."""
+
+    name: str
+    categories: tuple[str, ...]
+    """What it can say, as far as it is known."""
+    needs_detail: bool
+    """Whether it looks at large, smooth pictures; else at those of the observation."""
+
+    def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
+        """Detections of one view; the same view, step and entropy give the same detections.
+
+        Args:
+            scene: in which the view was taken; its camera has not moved since.
+            view: the view.
+            step_index: number of the step, which becomes the detections' view index.
+            entropy: seeds an episode's noise.
+        """
+        ...
+
+
+class SimulatedViewDetector:
+    """The simulated detector, which is told what is in view. Looking twice at a view is no help."""
+
+    name, needs_detail = SIMULATED, False
+
+    def __init__(self, config: SimulatedDetectorConfig) -> None:
+        self._detector = SimulatedDetector(config)
+        self._spread = config.episode_sigma > 0.0
+        self.categories = config.categories
+
+    def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
+        """See ``ViewDetector``."""
+        observed = scene.surfaces.observe(view.instance_map, view.intrinsics, scene.body.camera_to_world)
+        luck = float(np.random.default_rng([entropy, 0, 1]).normal()) if self._spread else 0.0
+        seen = SimulatedView(step_index, view.instance_map, view.frame.depth_m, tuple(observed), luck)
+        return self._detector.detect(np.random.default_rng([entropy, step_index]), seen)
+
+
+class PictureDetector:
+    """A real detector: it gets colour and depth, and nothing that the simulator knows."""
+
+    needs_detail = True
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+        self.name, self.categories = detector.name, detector.categories or ()
+
+    def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
+        """See ``ViewDetector``.
+
+        Raises:
+            DetectorError: if the detector fails.
+        """
+        found = self._detector.detect(view.frame.rgb[None], view.frame.depth_m[None])
+        return list(found[0].as_detections(step_index))
+
+
+def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig) -> ViewDetector:
+    """The detector that an env was asked for.
+
+    Args:
+        detector: "simulated", "simulated_weak", settings of the simulated detector, or what
+            ``labeling.detectors.registry`` knows.
+        fitting: the simulated detector's settings that fit the kind of world.
+
+    Raises:
+        ValueError: if there is no such detector, naming those there are.
+        DetectorError: if its files are missing or damaged.
+    """
+    if isinstance(detector, SimulatedDetectorConfig):
+        return SimulatedViewDetector(detector)
+    if detector == SIMULATED:
+        return SimulatedViewDetector(fitting)
+    if detector == SIMULATED_WEAK:
+        weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
+        return SimulatedViewDetector(weaker)
+    from labeling.core.errors import UsageError
+    from labeling.detectors.registry import check_name
+    from labeling.detectors.run_detector import detector_by_name
+
+    try:
+        check_name(detector)
+    except UsageError as error:
+        raise ValueError(f"{error}, {SIMULATED}, {SIMULATED_WEAK}, or a SimulatedDetectorConfig") from None
+    return PictureDetector(detector_by_name(detector))

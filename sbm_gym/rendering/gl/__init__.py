@@ -1,0 +1,1 @@
+"""The ``gl`` renderer: MuJoCo's own OpenGL."""

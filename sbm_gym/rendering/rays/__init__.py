@@ -1,0 +1,1 @@
+"""The ``rays`` renderer: Embree ray casting and compiled shading, no OpenGL."""

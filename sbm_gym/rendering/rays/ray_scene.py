@@ -1,0 +1,195 @@
+"""The geometry of a model as the ray renderer follows it from picture to picture."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int64
+
+from sbm_gym.rendering.rays.lamp_reach import lamp_reach
+from sbm_gym.rendering.rays.lighting import Illumination
+from sbm_gym.rendering.rays.raycast import Caster, TriangleScene
+from sbm_gym.rendering.rays.workers import Workers
+from sbm_gym.rendering.tables.light_tables import LampReach, LightTable
+from sbm_gym.rendering.tables.lights import LightLevel, ambient_light, light_level, light_table
+from sbm_gym.rendering.tables.occupancy import bounds_of, fill_space
+from sbm_gym.rendering.tables.scene_tables import HOLES, SceneTables
+from sbm_gym.rendering.tables.texture_sampling import TextureTable
+from sbm_gym.rendering.tables.textures import fill_textures, lay_out_textures
+
+_One = TypeVar("_One")
+_Other = TypeVar("_Other")
+
+MAX_CACHED_GEOM_SETS = 256
+"""Objects whose own ray-casting scenes are kept for amodal masks."""
+STORE_BELOW_M = -20.0
+"""Moving things wholly below this height wait their turn out of the world, and no ray looks for them there."""
+
+
+class FollowedScene:
+    """Tables and search trees of a model. What stands still is prepared once, what moves is placed anew."""
+
+    def __init__(self, model: mujoco.MjModel, workers: Workers) -> None:
+        """Reads geometry, materials and textures of a model.
+
+        Args:
+            model: the compiled model.
+            workers: threads.
+        """
+        store = lay_out_textures(model)
+        self._model = model
+        self._workers = workers
+        _, self.tables = self._side_by_side(lambda: fill_textures(model, store), lambda: SceneTables(model, store))
+        self.textures = TextureTable(
+            store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
+        )
+        self.caster = Caster(self.tables, self.textures, workers)
+        self.caster.plane_rows = self.tables.first_plane + np.arange(len(self.tables.plane_geoms))
+        self._still = Caster(self.tables, self.textures, workers)
+        self._scenes: dict[tuple[bool, bool], TriangleScene] = {}
+        self._followed = {
+            moving: np.array(self.tables.spans[moving, False].geoms + self.tables.spans[moving, True].geoms, np.int64)
+            for moving in (False, True)
+        }
+        # Planes have no tree to rebuild: they are followed with the moving geometry.
+        self._followed[True] = np.append(self._followed[True], np.array(self.tables.plane_geoms, np.int64))
+        self._placed: dict[bool, Float[np.ndarray, "g 12"]] = {}
+        self._filled = fill_space(np.zeros((0, 3, 3), np.float32))
+        self._far_m = 1.0
+        self._bounds = np.zeros((2, 3))
+        self._level: LightLevel | None = None
+        self._reach: tuple[bytes, LampReach] | None = None
+        self._geom_sets: OrderedDict[tuple[int, ...], tuple[Float[np.ndarray, "g 12"], Caster]] = OrderedDict()
+
+    def follow(self, data: mujoco.MjData) -> None:
+        """Brings the world-frame tables up to date with ``data``.
+
+        Static geometry moves only when somebody edits the model in place; it is compared too, which costs little.
+        """
+        for moving, geoms in self._followed.items():
+            pose = _poses(data, geoms)
+            moved = np.ones(len(geoms), bool)
+            if moving in self._placed:
+                moved = (self._placed[moving] != pose).any(axis=1)
+                if not moved.any():
+                    continue
+            self.tables.place(data, geoms[moved].tolist())
+            self._placed[moving] = pose
+            if moving:
+                self._rebuild(moving)
+            else:
+                self._side_by_side(self._measure_world, self._rebuild_still)
+
+    def illumination(
+        self, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"], shadows: bool
+    ) -> Illumination:
+        """The light of the scene as it was last followed.
+
+        Args:
+            data: where lamps are.
+            camera_to_world: the headlight shines from here.
+            shadows: whether any light casts shadows.
+        """
+        if self._level is None:
+            self._level = light_level(self._model, data)
+        lights = light_table(self._model, data, camera_to_world, shadows)
+        ambient = ambient_light(self._model, self._filled, self._level)
+        return Illumination(lights, self._lamp_reach(lights), ambient, self._far_m)
+
+    def _lamp_reach(self, lights: LightTable) -> LampReach:
+        """Where light can arrive, worked out anew when lamps or walls have moved."""
+        key = lights.position[lights.is_fixed].tobytes() + lights.shadow_slot.tobytes()
+        if self._reach is None or self._reach[0] != key:
+            self._reach = (key, lamp_reach(lights, self._still, self._bounds))
+        return self._reach[1]
+
+    def _side_by_side(self, one: Callable[[], _One], other: Callable[[], _Other]) -> tuple[_One, _Other]:
+        """What two functions that have nothing to do with each other return; run at a time if there are threads."""
+        tasks: tuple[Callable[[], Any], ...] = (one, other)
+        results: list[Any] = [None, None]
+
+        def work(start: int, stop: int) -> None:
+            for index in range(start, stop):
+                results[index] = tasks[index]()
+
+        self._workers.split(work, 2, least=1)
+        return results[0], results[1]
+
+    def _rebuild_still(self) -> None:
+        self._rebuild(False)
+        # Search trees grow with the first ray, which here takes the longest.
+        for scene in (*self._still.opaque, *self.caster.special):
+            scene.cast(np.array([[0, 0, 0, 0, 0, 1]], np.float32))
+
+    def _rebuild(self, moving: bool) -> None:
+        for special in (False, True):
+            span = self.tables.spans[moving, special]
+            rows = np.arange(span.start, span.stop)
+            if moving:
+                rows = rows[self.tables.corners[rows, :, 2].max(axis=1, initial=-np.inf) > STORE_BELOW_M]
+            self._scenes.pop((moving, special), None)
+            if len(rows):
+                self._scenes[moving, special] = self._triangle_scene(rows)
+        order = [(False, False), (True, False)]
+        # What moves may clear the way for a lamp, so it does not count there.
+        self._still.opaque = [scene for key, scene in self._scenes.items() if key == (False, False)]
+        self.caster.opaque = [self._scenes[key] for key in order if key in self._scenes]
+        self.caster.special = [self._scenes[m, True] for m, _ in order if (m, True) in self._scenes]
+
+    def _triangle_scene(self, rows: Int64[np.ndarray, "n"]) -> TriangleScene:
+        geoms = self.tables.triangles.geom[rows]
+        kinds = self.tables.geoms.kind[geoms]
+        corners = self.tables.corners[rows]
+        if not kinds.any():
+            return TriangleScene(corners, rows, self._workers.threads)
+        return TriangleScene(corners, rows, self._workers.threads, geoms, kinds == HOLES)
+
+    def _measure_world(self) -> None:
+        still = self.tables.spans[False, False]
+        corners = self.tables.corners[still.start : still.stop]
+        self._filled = fill_space(corners)
+        self._reach, self._level = None, None
+        if len(corners):
+            bounds = bounds_of(corners)
+            self._bounds = bounds.astype(float)
+            # Far enough for a shadow ray to leave the world from anywhere in it.
+            self._far_m = float(4.0 * np.abs(bounds).max() + 10.0)
+        else:
+            self._far_m = 1000.0
+
+    def geom_set(self, data: mujoco.MjData, geoms: tuple[int, ...]) -> tuple[Caster, Float[np.ndarray, "2 3"] | None]:
+        """Casts rays against a few geoms alone; and their bounding box (None: infinite).
+
+        Args:
+            data: the same that was last followed.
+            geoms: drawn geoms, sorted.
+        """
+        pose = _poses(data, np.array(geoms, np.int64))
+        cached = self._geom_sets.get(geoms)
+        if cached is None or not np.array_equal(cached[0], pose):
+            caster = Caster(self.tables, self.textures, self._workers)
+            rows = {False: [], True: []}
+            planes = []
+            for geom in geoms:
+                span = np.arange(*self.tables.geom_span[geom])
+                if span[0] >= self.tables.first_plane:
+                    planes.append(span)
+                else:
+                    rows[bool(self.tables.geoms.kind[geom])].append(span)
+            for special, scenes in ((False, caster.opaque), (True, caster.special)):
+                if rows[special]:
+                    chosen = np.concatenate(rows[special])
+                    scenes.append(self._triangle_scene(chosen))
+            caster.plane_rows = np.concatenate(planes) if planes else caster.plane_rows
+            self._geom_sets[geoms] = cached = (pose, caster)
+            while len(self._geom_sets) > MAX_CACHED_GEOM_SETS:
+                self._geom_sets.popitem(last=False)
+        self._geom_sets.move_to_end(geoms)
+        caster = cached[1]
+        return caster, caster.bounds()
+
+
+def _poses(data: mujoco.MjData, geoms: Int64[np.ndarray, "g"]) -> Float[np.ndarray, "g 12"]:
+    return np.concatenate([data.geom_xpos[geoms], data.geom_xmat[geoms]], axis=1)

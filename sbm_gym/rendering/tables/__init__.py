@@ -1,0 +1,1 @@
+"""A MuJoCo model as flat tables that both renderers read: triangles, textures, lights."""

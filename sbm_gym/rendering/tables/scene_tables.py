@@ -1,0 +1,316 @@
+"""Flat per-triangle and per-geom tables of everything in a model that is drawn."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32
+from numba import njit
+
+from sbm_gym.rendering.tables.tessellate import (
+    Surface,
+    TextureMapping,
+    plane_texture_coordinates,
+    tessellate_geom,
+    twice_areas,
+)
+from sbm_gym.rendering.tables.textures import TextureStore, srgb_decode, textures_with_holes
+
+FIRST_HIDDEN_GROUP = 3
+"""MuJoCo's viewers hide geom groups from here on."""
+OPAQUE_ALPHA = 0.995
+"""Geoms below this opacity are drawn as glass. Source: MuJoCo, ``render_gl3.c``, the list of transparent geoms."""
+SOLID, HOLES, GLASS = 0, 1, 2
+_DEFAULT_GEOM_RGBA = np.array([0.5, 0.5, 0.5, 1.0])
+_DEFAULT_GLOSS = (0.5, 0.5)
+"""Specular and shininess of geoms without a material, as MuJoCo's visualiser sets them."""
+
+
+class TriangleTable(NamedTuple):
+    """What kernels need to know about triangles, world frame. The last rows stand for planes."""
+
+    normals: Float32[np.ndarray, "n 3 3"]
+    face_normals: Float32[np.ndarray, "n 3"]
+    texture_coordinates: Float32[np.ndarray, "n 3 3"]
+    log2_texels_per_m: Float32[np.ndarray, "n"]
+    geom: Int32[np.ndarray, "n"]
+
+
+class GeomTable(NamedTuple):
+    """How each geom looks."""
+
+    colour: Float32[np.ndarray, "g 3"]
+    """Linear light."""
+    alpha: Float32[np.ndarray, "g"]
+    emission: Float32[np.ndarray, "g"]
+    specular: Float32[np.ndarray, "g"]
+    gloss_exponent: Float32[np.ndarray, "g"]
+    gloss_cosine: Float32[np.ndarray, "g"]
+    """Where the half-way direction leaves the normal by more, gloss is below a thousandth."""
+    texture: Int32[np.ndarray, "g"]
+    """-1 for none."""
+    kind: Int32[np.ndarray, "g"]
+    """0 solid, 1 with holes where its texture is transparent, 2 glass."""
+
+
+class PlaneTable(NamedTuple):
+    """Plane geoms, which are intersected exactly. One-sided, as in ``mj_ray``."""
+
+    origin: Float[np.ndarray, "p 3"]
+    axes: Float[np.ndarray, "p 3 3"]
+    """Rows: the plane's x and y axes and its normal, in the world."""
+    half_size: Float[np.ndarray, "p 2"]
+    """Infinite where the plane is."""
+
+
+@dataclass
+class GeomSpan:
+    """Where the triangles of a run of geoms stand in the tables."""
+
+    geoms: list[int]
+    start: int
+    stop: int
+
+
+class SceneTables:
+    """Every drawn triangle of a model; world-frame columns follow the bodies through ``place``."""
+
+    def __init__(self, model: mujoco.MjModel, textures: TextureStore) -> None:
+        """Tessellates the model's visible geoms.
+
+        Args:
+            model: the compiled model.
+            textures: its textures.
+        """
+        self.geoms = _geom_table(model, textures)
+        visible = visible_geoms(model)
+        self.plane_geoms = [
+            geom
+            for geom in np.flatnonzero(visible).tolist()
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE and self.geoms.kind[geom] == SOLID
+        ]
+        moving = _moves(model)
+        surfaces: dict[int, Surface] = {}
+        for geom in np.flatnonzero(visible).tolist():
+            if geom not in self.plane_geoms:
+                surface = _surface(model, geom, _mapping(model, textures, geom))
+                if surface is not None and len(surface.corners):
+                    surfaces[geom] = surface
+        self.spans: dict[tuple[bool, bool], GeomSpan] = {}
+        self.geom_span: dict[int, tuple[int, int]] = {}
+        order: list[int] = []
+        row = 0
+        for is_moving in (False, True):
+            for is_special in (False, True):
+                members = [
+                    g for g in surfaces if moving[g] == is_moving and (self.geoms.kind[g] != SOLID) == is_special
+                ]
+                start = row
+                for geom in members:
+                    self.geom_span[geom] = (row, row + len(surfaces[geom].corners))
+                    row += len(surfaces[geom].corners)
+                order += members
+                self.spans[is_moving, is_special] = GeomSpan(members, start, row)
+        self.first_plane = row
+        ordered = [surfaces[geom] for geom in order]
+        ordered += [_plane_triangle(model, geom, _mapping(model, textures, geom)) for geom in self.plane_geoms]
+        for index, geom in enumerate(self.plane_geoms):
+            self.geom_span[geom] = (row + index, row + index + 1)
+        if not ordered:
+            ordered = [_surface_of(*(np.zeros((0, 3, 3)) for _ in range(3)))]
+        self._local_corners = np.concatenate([s.corners for s in ordered])
+        self._local_normals = np.concatenate([s.normals for s in ordered])
+        coordinates = np.concatenate([s.texture_coordinates for s in ordered])
+        count = len(coordinates)
+        geom_column = np.zeros(count, np.int32)
+        for geom, (start, stop) in self.geom_span.items():
+            geom_column[start:stop] = geom
+        self.corners: Float32[np.ndarray, "n 3 3"] = np.zeros((count, 3, 3), np.float32)
+        self.triangles = TriangleTable(
+            normals=np.zeros((count, 3, 3), np.float32),
+            face_normals=np.zeros((count, 3), np.float32),
+            texture_coordinates=coordinates,
+            log2_texels_per_m=_log2_density(
+                self._local_corners, coordinates, self.geoms.texture[geom_column], textures
+            ),
+            geom=geom_column,
+        )
+        half_size = np.asarray(model.geom_size[self.plane_geoms, :2], float).reshape(-1, 2)
+        planes = len(self.plane_geoms)
+        self.planes = PlaneTable(
+            np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.where(half_size > 0, half_size, np.inf)
+        )
+
+    def place(self, data: mujoco.MjData, geoms: list[int]) -> None:
+        """Moves the triangles of these geoms to where ``data`` has them."""
+        for geom in geoms:
+            start, stop = self.geom_span[geom]
+            rotation = np.asarray(data.geom_xmat[geom], float).reshape(3, 3)
+            position = np.asarray(data.geom_xpos[geom], float)
+            corners = _turned(self._local_corners[start:stop], rotation) + position
+            self.corners[start:stop] = corners
+            self.triangles.normals[start:stop] = _turned(self._local_normals[start:stop], rotation)
+            _face_normals(corners, self.triangles.face_normals[start:stop])
+            if start >= self.first_plane:
+                self.planes.origin[start - self.first_plane] = position
+                self.planes.axes[start - self.first_plane] = rotation.T
+
+
+CHUNK = 2048
+"""Triangles that are turned at a time: products of larger matrices start threads, which cost more than they gain."""
+
+
+def _turned(triangles: Float32[np.ndarray, "n 3 3"], rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """The vectors of triangles, turned."""
+    turned = np.empty(triangles.shape)
+    flat = triangles.reshape(-1, 3)
+    for start in range(0, len(flat), 3 * CHUNK):
+        rows = slice(start, start + 3 * CHUNK)
+        turned.reshape(-1, 3)[rows] = flat[rows].astype(float) @ rotation.T
+    return turned
+
+
+@njit(cache=True, nogil=True)
+def _face_normals(corners, normals):
+    """Unit normals of triangles, 0 where a triangle has no area."""
+    for n in range(len(corners)):
+        ax, ay, az = corners[n, 0, 0], corners[n, 0, 1], corners[n, 0, 2]
+        ux, uy, uz = corners[n, 1, 0] - ax, corners[n, 1, 1] - ay, corners[n, 1, 2] - az
+        vx, vy, vz = corners[n, 2, 0] - ax, corners[n, 2, 1] - ay, corners[n, 2, 2] - az
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = max(math.sqrt(x * x + y * y + z * z), 1e-30)
+        normals[n, 0], normals[n, 1], normals[n, 2] = x / length, y / length, z / length
+
+
+def visible_geoms(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
+    """Which geoms are drawn: groups 0 to 2 that are not wholly transparent."""
+    groups = np.clip(model.geom_group, 0, mujoco.mjNGROUP - 1)
+    return (groups < FIRST_HIDDEN_GROUP) & (_geom_rgba(model)[:, 3] > 0)
+
+
+def geom_kinds(model: mujoco.MjModel) -> Int32[np.ndarray, "ngeom"]:
+    """Whether each geom is solid, has holes where its texture is transparent, or is glass."""
+    return _geom_kinds(_geom_rgba(model), _geom_textures(model), np.array(textures_with_holes(model), bool))
+
+
+def _geom_kinds(rgba, texture, has_holes) -> Int32[np.ndarray, "ngeom"]:
+    kind = np.full(len(rgba), SOLID, np.int32)
+    if len(has_holes):
+        kind[(texture >= 0) & has_holes[np.maximum(texture, 0)]] = HOLES
+    kind[rgba[:, 3] < OPAQUE_ALPHA] = GLASS
+    return kind
+
+
+def _geom_textures(model: mujoco.MjModel) -> Int32[np.ndarray, "ngeom"]:
+    """The texture of each geom, -1 for none."""
+    texture = np.full(model.ngeom, -1, np.int32)
+    has_material = model.geom_matid >= 0
+    if has_material.any():
+        roles = model.mat_texid.reshape(model.nmat, -1)[model.geom_matid[has_material]]
+        plain, with_alpha = (roles[:, int(getattr(mujoco.mjtTextureRole, f"mjTEXROLE_{r}"))] for r in ("RGB", "RGBA"))
+        texture[has_material] = np.where(plain >= 0, plain, with_alpha)
+    return texture
+
+
+def _geom_rgba(model: mujoco.MjModel) -> Float[np.ndarray, "ngeom 4"]:
+    """The geom's own colour where it is set, else its material's. Source: MuJoCo, ``setMaterial``."""
+    rgba = np.asarray(model.geom_rgba, float).copy()
+    inherits = (model.geom_matid >= 0) & np.all(rgba == _DEFAULT_GEOM_RGBA, axis=1)
+    rgba[inherits] = model.mat_rgba[model.geom_matid[inherits]]
+    return rgba
+
+
+def _geom_table(model: mujoco.MjModel, textures: TextureStore) -> GeomTable:
+    rgba = _geom_rgba(model)
+    material = model.geom_matid
+    has_material = material >= 0
+    specular, shininess = (np.full(model.ngeom, value) for value in _DEFAULT_GLOSS)
+    emission, texture = np.zeros(model.ngeom), _geom_textures(model)
+    if has_material.any():
+        chosen = material[has_material]
+        specular[has_material] = model.mat_specular[chosen]
+        shininess[has_material] = model.mat_shininess[chosen]
+        emission[has_material] = model.mat_emission[chosen]
+    return GeomTable(
+        colour=srgb_decode(np.clip(rgba[:, :3], 0.0, 1.0)).astype(np.float32),
+        alpha=rgba[:, 3].astype(np.float32),
+        emission=emission.astype(np.float32),
+        specular=specular.astype(np.float32),
+        # OpenGL's exponent is 128 times MuJoCo's shininess. Source: MuJoCo, render_gl3.c.
+        gloss_exponent=(128.0 * shininess).astype(np.float32),
+        gloss_cosine=np.where(shininess > 0, 1e-3 ** (1.0 / np.maximum(128.0 * shininess, 1e-6)), 0).astype(np.float32),
+        texture=texture,
+        kind=_geom_kinds(rgba, texture, textures.has_holes > 0),
+    )
+
+
+def _mapping(model: mujoco.MjModel, textures: TextureStore, geom: int) -> TextureMapping:
+    material = int(model.geom_matid[geom])
+    if material < 0:
+        return TextureMapping()
+    roles = model.mat_texid.reshape(model.nmat, -1)[material]
+    plain = int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
+    texture = plain if plain >= 0 else int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)])
+    return TextureMapping(
+        is_cube=texture >= 0 and bool(textures.is_cube[texture]),
+        repeat=(float(model.mat_texrepeat[material, 0]), float(model.mat_texrepeat[material, 1])),
+        uniform=bool(model.mat_texuniform[material]),
+    )
+
+
+def _moves(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
+    """Geoms on bodies with a joint up the tree, or below a mocap body."""
+    on_joint = model.body_weldid != 0
+    on_mocap = model.body_mocapid[model.body_rootid] >= 0
+    return (on_joint | on_mocap)[model.geom_bodyid]
+
+
+INFINITE_GLASS_HALF_SIZE_M = 1000.0
+
+
+def _surface(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -> Surface | None:
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
+        return tessellate_geom(model, geom, mapping)
+    # Planes that rays may pass through become two triangles, since only triangles take part in that loop.
+    size = np.asarray(model.geom_size[geom], float)
+    half = np.where(size[:2] > 0, size[:2], INFINITE_GLASS_HALF_SIZE_M)
+    corners = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]]) * [*half, 1.0]
+    coordinates = plane_texture_coordinates(size, corners.reshape(-1, 3), mapping).reshape(-1, 3, 3)
+    return _surface_of(corners, np.broadcast_to([0.0, 0.0, 1.0], corners.shape), coordinates)
+
+
+def _surface_of(corners, normals, coordinates) -> Surface:
+    return Surface(*(np.asarray(column, np.float32) for column in (corners, normals, coordinates)))
+
+
+def _plane_triangle(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -> Surface:
+    """One triangle with legs of one metre; a plane's hits have barycentric coordinates far outside it."""
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    coordinates = plane_texture_coordinates(np.asarray(model.geom_size[geom], float), corners, mapping)
+    return _surface_of(corners[None], np.broadcast_to([0.0, 0.0, 1.0], (1, 3, 3)), coordinates[None])
+
+
+def _log2_density(
+    corners: Float32[np.ndarray, "n 3 3"],
+    coordinates: Float32[np.ndarray, "n 3 3"],
+    texture: Int[np.ndarray, "n"],
+    textures: TextureStore,
+) -> Float32[np.ndarray, "n"]:
+    """log2 of texels per metre: the square root of the ratio of a triangle's areas on the texture and in space."""
+    log2_density = np.zeros(len(texture), np.float32)
+    textured = np.flatnonzero(texture >= 0)
+    texture = texture[textured]
+    scaled = coordinates[textured].astype(float)
+    size = textures.level_size[texture, 0].astype(float)
+    cube = textures.is_cube[texture] > 0
+    if cube.any():
+        # A direction's place on a cube of half size one: a face of w texels is two units wide.
+        on_cube = scaled[cube] / np.maximum(np.abs(scaled[cube]).max(axis=-1, keepdims=True), 1e-12)
+        scaled[cube] = 0.5 * on_cube * size[cube, :1, None]
+    scaled[~cube, :, 0] *= size[~cube, :1]
+    scaled[~cube, :, 1] *= size[~cube, 1:]
+    density = np.sqrt(twice_areas(scaled) / np.maximum(twice_areas(corners[textured]), 1e-18))
+    log2_density[textured] = np.log2(np.maximum(density, 1e-6))
+    return log2_density

@@ -1,0 +1,1 @@
+"""The robot's body, and what it knows from its own senses."""

@@ -1,0 +1,340 @@
+"""What the agent knows about objects, from its own senses: a detector, a depth camera and odometry.
+
+Nothing here looks at the simulator's ground truth: rewards are computed from this memory, and a robot could keep the
+same.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from labeling.core.geometry import project, unproject
+from labeling.core.types import CONFIDENT, Detection
+
+Cell = tuple[int, int, int]
+"""A view bin: azimuth, range and elevation index."""
+
+
+@dataclass(frozen=True)
+class ViewBins:
+    """How directions from which an object is seen are told apart."""
+
+    num_azimuths: int = 18
+    """Azimuth sectors around the object: 18 of 20 degrees, as the thesis' ring of views."""
+    range_edges_m: tuple[float, ...] = (0.4, 1.5, 3.0)
+    """Edges between horizontal ranges, metres; nearer or farther views are not counted (cut off, or too small)."""
+    elevation_edges_rad: tuple[float, ...] = (0.35, 0.70)
+    """Edges between elevations of the camera above the centroid: level, from above, from steeply above."""
+
+    def cell(self, camera_m: Float[np.ndarray, "3"], centroid_m: Float[np.ndarray, "3"]) -> Cell | None:
+        """The bin of a camera that looks at a centroid, None beyond the outermost ranges."""
+        offset = camera_m - centroid_m
+        range_m = float(np.hypot(offset[0], offset[1]))
+        ring = int(np.searchsorted(self.range_edges_m, range_m, side="right")) - 1
+        if ring < 0 or ring >= len(self.range_edges_m) - 1:
+            return None
+        elevation_rad = float(np.arctan2(offset[2], range_m))
+        layer = int(np.searchsorted(self.elevation_edges_rad, elevation_rad, side="right"))
+        return self.azimuth_bin(float(np.arctan2(offset[1], offset[0]))), ring, layer
+
+    def cells(
+        self, cameras_m: Float[np.ndarray, "*#n 3"], centroids_m: Float[np.ndarray, "*#n 3"]
+    ) -> tuple[Bool[np.ndarray, "*n"], tuple[Int[np.ndarray, "*n"], Int[np.ndarray, "*n"], Int[np.ndarray, "*n"]]]:
+        """``cell`` of many cameras and centroids.
+
+        Args:
+            cameras_m: where they are.
+            centroids_m: what they look at; shapes are broadcast.
+
+        Returns:
+            Which of them are within the outermost ranges, and sector, range and elevation of all; what lies beyond the
+            outermost ranges is counted to the nearest.
+        """
+        offsets = cameras_m - centroids_m
+        ranges_m = np.hypot(offsets[..., 0], offsets[..., 1])
+        rings = np.searchsorted(self.range_edges_m, ranges_m, side="right") - 1
+        layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[..., 2], ranges_m), side="right")
+        turns = (np.arctan2(offsets[..., 1], offsets[..., 0]) / (2.0 * np.pi)) % 1.0
+        azimuths = np.minimum((turns * self.num_azimuths).astype(np.int64), self.num_azimuths - 1)
+        last = len(self.range_edges_m) - 2
+        return (rings >= 0) & (rings <= last), (azimuths, np.clip(rings, 0, last), layers)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """How many sectors, ranges and elevations are told apart."""
+        return self.num_azimuths, len(self.range_edges_m) - 1, len(self.elevation_edges_rad) + 1
+
+    def azimuth_bin(self, azimuth_rad: float) -> int:
+        """The sector of an azimuth (of the camera as seen from the object, counter-clockwise from +X)."""
+        turn = (azimuth_rad / (2.0 * np.pi)) % 1.0
+        return min(int(turn * self.num_azimuths), self.num_azimuths - 1)
+
+
+@dataclass(frozen=True)
+class MemoryConfig:
+    """When a detection becomes a known object, and when two of them are one."""
+
+    confident: float = CONFIDENT
+    """Confidence from which a detection is believed (thesis A.2.2: 0.9)."""
+    merge_radius_m: float = 0.2
+    """Centroids at most this far apart are one object (the thesis' heuristic, from its published code)."""
+    merge_extent_share: float = 0.5
+    """Large objects show different parts to different views, so the radius is at least this share of the known part's
+    horizontal extent; of the category's own kind also if the centroid falls into the box around the known part, grown
+    by ``merge_radius_m``. Where the category differs, less: furniture of different kinds stands close together."""
+    other_category_factor: float = 0.7
+    """Shrinks the share of the extent where the category differs."""
+    max_depth_m: float = 8.0
+    """Detections farther away are left for later: their centroids are too uncertain."""
+    min_mask_share: float = 32 / 256**2
+    """Smaller masks are dropped, as a share of the picture (the thesis drops less than 32 of 256x256 pixels)."""
+    min_visible_share: float = 0.34
+    """A known object counts as seen if this share of its remembered points is in the picture and not hidden."""
+    max_own_size_m: float = 1.0
+    """An object's near side may hide its own far side by up to its size, at most this."""
+    num_points: int = 96
+    """Surface points remembered of each object."""
+    bins: ViewBins = field(default_factory=ViewBins)
+    """View directions told apart."""
+
+
+@dataclass
+class KnownObject:
+    """An object the agent believes in."""
+
+    object_id: int
+    """Position in the order of discovery, from 0."""
+    category: str
+    """Of its most confident detection."""
+    best_confidence: float
+    """Of all confident detections merged into it."""
+    centroid_m: Float[np.ndarray, "3"]
+    """Mean of the centroids of its confident masks."""
+    points_m: Float[np.ndarray, "n 3"]
+    """A sample of its surface as far as seen."""
+    num_detections: int = 1
+    """Confident detections merged into it."""
+    cells: set[Cell] = field(default_factory=set)
+    """View bins from which it has been seen."""
+    _bounds_m: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None = None
+
+    @property
+    def azimuths(self) -> set[int]:
+        """Azimuth sectors from which it has been seen."""
+        return {cell[0] for cell in self.cells}
+
+    @property
+    def extent_m(self) -> Float[np.ndarray, "3"]:
+        """Full size of the seen part along the world's axes, without the outermost 2 % of points."""
+        low, high = self._bounds()
+        return high - low
+
+    def surrounds(self, point_m: Float[np.ndarray, "3"], margin_m: float) -> bool:
+        """Whether a point lies in the upright box around the seen part, grown by a margin on all sides."""
+        return bool(self.surround(point_m[None], margin_m)[0])
+
+    def surround(self, points_m: Float[np.ndarray, "n 3"], margin_m: float) -> Bool[np.ndarray, "n"]:
+        """``surrounds`` of several points."""
+        low, high = self._bounds()
+        return np.all((points_m >= low - margin_m) & (points_m <= high + margin_m), axis=1)
+
+    def _bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        if self._bounds_m is None:
+            ordered = np.sort(self.points_m, axis=0)
+            margin = int(0.02 * len(ordered))
+            self._bounds_m = (ordered[margin], ordered[-1 - margin])
+        return self._bounds_m
+
+    def remember(self, points_m: Float[np.ndarray, "n 3"], limit: int) -> None:
+        """Adds points of its surface; if there are more than ``limit`` in all, evenly picked ones are kept."""
+        self.points_m = _thin(np.concatenate([self.points_m, points_m]), limit)
+        self._bounds_m = None
+
+
+@dataclass(frozen=True)
+class MemoryUpdate:
+    """What one view has taught."""
+
+    new_objects: tuple[int, ...]
+    """Ids of objects confirmed for the first time."""
+    confidence_gain: float
+    """Sum over known objects of the increase of their best confidence, as a share of what was left above
+    ``confident``."""
+    num_new_azimuths: int
+    """Azimuth sectors of known objects seen for the first time."""
+    num_new_cells: int
+    """Range and elevation bins seen for the first time within known azimuth sectors."""
+    visible: tuple[int, ...]
+    """Ids of known objects that this view shows."""
+    confidence_now: dict[int, float]
+    """By id of known object: the best confidence with which this view detects it, where it does."""
+    doubtful: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
+    """Confidence and world points of every detection that is not to be believed, the most confident first."""
+
+
+class ObjectMemory:
+    """Keeps the objects of one episode."""
+
+    def __init__(self, config: MemoryConfig | None = None) -> None:
+        """Starts empty.
+
+        Args:
+            config: None takes the defaults.
+        """
+        self.config = config or MemoryConfig()
+        self.objects: list[KnownObject] = []
+
+    def observe(
+        self,
+        detections: Sequence[Detection],
+        depth_m: Float[np.ndarray, "h w"],
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+    ) -> MemoryUpdate:
+        """Takes in one view.
+
+        Args:
+            detections: what the detector says about it; masks have the size of ``depth_m``.
+            depth_m: z-depth, metres, 0 = no return.
+            intrinsics: K of the view.
+            camera_to_world: pose of the view from odometry.
+
+        Returns:
+            What is new.
+        """
+        new_objects, gain = [], 0.0
+        confidence_now: dict[int, float] = {}
+        doubtful = []
+        for detection in sorted(detections, key=lambda d: -d.confidence):
+            points = mask_points(detection.mask, depth_m, intrinsics, camera_to_world, self.config)
+            if points is None:
+                continue
+            centroid_m = points.mean(axis=0)
+            known = self._match(detection.category, centroid_m)
+            if detection.confidence >= self.config.confident:
+                if known is None:
+                    known = self._add(detection, points)
+                    new_objects.append(known.object_id)
+                else:
+                    gain += self._merge(known, detection, points)
+            else:
+                doubtful.append((detection.confidence, points))
+            if known is not None:
+                confidence_now.setdefault(known.object_id, detection.confidence)
+        visible, new_azimuths, new_cells = self._look(depth_m, intrinsics, camera_to_world)
+        return MemoryUpdate(tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, tuple(doubtful))
+
+    def _match(self, category: str, centroid_m: Float[np.ndarray, "3"]) -> KnownObject | None:
+        """The nearest known object whose merge radius reaches the centroid (thesis 4.2: centroid NMS)."""
+        best, best_distance_m = None, np.inf
+        for known in self.objects:
+            same = known.category == category
+            share = self.config.merge_extent_share * (1.0 if same else self.config.other_category_factor)
+            reach_m = max(self.config.merge_radius_m, share * float(known.extent_m[:2].max()))
+            distance_m = float(np.linalg.norm(known.centroid_m - centroid_m))
+            close = distance_m <= reach_m or (same and known.surrounds(centroid_m, self.config.merge_radius_m))
+            if close and distance_m < best_distance_m:
+                best, best_distance_m = known, distance_m
+        return best
+
+    def _add(self, detection: Detection, points: Float[np.ndarray, "n 3"]) -> KnownObject:
+        known = KnownObject(
+            object_id=len(self.objects),
+            category=detection.category,
+            best_confidence=detection.confidence,
+            centroid_m=points.mean(axis=0),
+            points_m=_thin(points, self.config.num_points),
+        )
+        self.objects.append(known)
+        return known
+
+    def _merge(self, known: KnownObject, detection: Detection, points: Float[np.ndarray, "n 3"]) -> float:
+        """Adds a confident detection to a known object; returns the normalised gain of confidence."""
+        known.centroid_m = (known.centroid_m * known.num_detections + points.mean(axis=0)) / (known.num_detections + 1)
+        known.num_detections += 1
+        known.remember(points, self.config.num_points)
+        gain = max(0.0, detection.confidence - known.best_confidence)
+        if gain > 0.0:
+            known.best_confidence, known.category = detection.confidence, detection.category
+        return gain / max(1.0 - self.config.confident, 1e-6)
+
+    def _look(self, depth_m, intrinsics, camera_to_world) -> tuple[tuple[int, ...], int, int]:
+        """Notes from where the known objects are seen; returns those visible, new azimuths and other new cells."""
+        visible, new_azimuths, new_cells = [], 0, 0
+        for known in self.objects:
+            share = visible_share(known, depth_m, intrinsics, camera_to_world, self.config.max_own_size_m)
+            if share < self.config.min_visible_share:
+                continue
+            visible.append(known.object_id)
+            cell = self.config.bins.cell(camera_to_world[:3, 3], known.centroid_m)
+            if cell is None or cell in known.cells:
+                continue
+            if cell[0] in known.azimuths:
+                new_cells += 1
+            else:
+                new_azimuths += 1
+            known.cells.add(cell)
+        return tuple(visible), new_azimuths, new_cells
+
+
+def mask_points(
+    mask: Bool[np.ndarray, "h w"],
+    depth_m: Float[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+    config: MemoryConfig,
+) -> Float[np.ndarray, "n 3"] | None:
+    """World points of a detection's mask, None if it is too small, too far or without depth.
+
+    The mask's rim is left out where enough remains inside (its pixels often belong to the background), and so are
+    points more than three standard deviations from the mean, as in the thesis' published code.
+    """
+    if np.count_nonzero(mask) < config.min_mask_share * mask.size:
+        return None
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    chosen = inner if np.count_nonzero(inner) >= 0.3 * np.count_nonzero(mask) else mask
+    y, x = np.nonzero(chosen & (depth_m > 0.0) & (depth_m < config.max_depth_m))
+    if len(x) < 3:
+        return None
+    points = unproject(np.stack([x, y], axis=1).astype(float), depth_m[y, x].astype(float), intrinsics, camera_to_world)
+    deviation = np.abs(points - points.mean(axis=0))
+    kept = points[np.all(deviation <= 3.0 * points.std(axis=0) + 1e-9, axis=1)]
+    return kept if len(kept) else points
+
+
+def visible_share(
+    known: KnownObject,
+    depth_m: Float[np.ndarray, "h w"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    camera_to_world: Float[np.ndarray, "4 4"],
+    max_own_size_m: float = MemoryConfig.max_own_size_m,
+) -> float:
+    """Share of an object's remembered points that a view shows: in the picture, and nothing foreign before them.
+
+    What stands before a point is foreign if it is nearer to the camera than the object reaches: from behind, an object
+    hides its own front, so depth may fall short of a remembered point by the object's own size. What lies clearly
+    behind a point means that the object is not there.
+    """
+    height_px, width_px = depth_m.shape
+    pixels, point_depth_m = project(known.points_m, intrinsics, camera_to_world)
+    inside = point_depth_m > 0.05
+    x = np.rint(np.where(inside, pixels[:, 0], -1.0)).astype(np.int64)
+    y = np.rint(np.where(inside, pixels[:, 1], -1.0)).astype(np.int64)
+    inside &= (x >= 0) & (x < width_px) & (y >= 0) & (y < height_px)
+    if not inside.any():
+        return 0.0
+    seen_m = depth_m[y[inside], x[inside]]
+    own_size_m = min(max_own_size_m, float(np.max(known.extent_m[:2])))
+    nearer_m = point_depth_m[inside] - seen_m
+    agrees = (seen_m > 0.0) & (nearer_m < 0.15 + own_size_m) & (nearer_m > -0.3 - 0.5 * min(own_size_m, 1.0))
+    return float(np.count_nonzero(agrees) / len(known.points_m))
+
+
+def _thin(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
+    """At most ``count`` points, evenly picked from the list."""
+    if len(points) <= count:
+        return points.copy()
+    return points[np.linspace(0, len(points) - 1, count).round().astype(int)]

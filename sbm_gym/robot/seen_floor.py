@@ -1,0 +1,162 @@
+"""Which part of the floor depth has shown."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from labeling.core.geometry import project
+from sbm_gym.worlds.geometry.navigable import NavigableMap
+
+NEVER = -1
+
+
+class SeenFloor:
+    """The places where the robot can stand, and when each was seen last."""
+
+    def __init__(self, navigable: NavigableMap, start_m: Float[np.ndarray, "2"], stride_m: float, reach_m: float):
+        """Starts with nothing seen but the floor under the robot.
+
+        Args:
+            navigable: the map; floor that the robot cannot get to is left out.
+            start_m: where it stands.
+            stride_m: its longest move; the scale of everything here.
+            reach_m: floor farther from the camera than this does not count as seen.
+        """
+        self._factor = max(1, round(0.3 * stride_m / navigable.cell_m))
+        self._cell_m = self._factor * navigable.cell_m
+        self._origin_m, self._stride_m, self._reach_m = navigable.origin_m, stride_m, reach_m
+        self._open = _reachable(_coarse(navigable.free, self._factor), self.cell(navigable.nearest_free(start_m)))
+        self._cells = np.argwhere(self._open)
+        self._centres_m = self._origin_m + self._cell_m * (self._cells[:, ::-1] + 0.5)
+        self._seen_at = np.full(self._open.shape, NEVER, np.int32)
+        self.num_views = 0
+        """Depth images added so far."""
+        self._pass_by(start_m, 0.75 * stride_m)
+
+    @property
+    def seen_share(self) -> float:
+        """Share of the floor that has been seen."""
+        return 1.0 - float(np.count_nonzero(self.unseen()) / max(1, len(self._cells)))
+
+    @property
+    def is_floor(self) -> Bool[np.ndarray, "my mx"]:
+        """The cells that can be seen at all: where the robot can get to."""
+        return self._open
+
+    @property
+    def stride_m(self) -> float:
+        """The robot's longest move."""
+        return self._stride_m
+
+    @property
+    def cell_m(self) -> float:
+        """Edge length of a cell."""
+        return self._cell_m
+
+    def unseen(self, since: int = 0) -> Bool[np.ndarray, "my mx"]:
+        """The cells of the floor that have not been seen.
+
+        Args:
+            since: only views from this one on count.
+        """
+        return self._open & (self._seen_at < since)
+
+    def add(
+        self,
+        depth_m: Float[np.ndarray, "h w"],
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Notes the floor that a depth image shows: where it says nothing nearer stands before a place."""
+        self.num_views += 1
+        self._pass_by(camera_to_world[:2, 3], self._blind_m(len(depth_m), intrinsics, camera_to_world))
+        points = np.concatenate([self._centres_m, np.zeros((len(self._centres_m), 1))], axis=1)
+        pixels, floor_m = project(points, intrinsics, camera_to_world)
+        height_px, width_px = depth_m.shape
+        shown = (floor_m > 0.05) & (floor_m < self._reach_m)
+        x = np.rint(np.where(shown, pixels[:, 0], -1.0)).astype(np.int64)
+        y = np.rint(np.where(shown, pixels[:, 1], -1.0)).astype(np.int64)
+        shown &= (x >= 0) & (x < width_px) & (y >= 0) & (y < height_px)
+        x, y, floor_m = x[shown], y[shown], floor_m[shown]
+        # The floor runs away from grazing eyes: one pixel up it is so much farther.
+        slope_m = floor_m**2 / (intrinsics[1, 1] * camera_to_world[2, 3])
+        returned = depth_m[y, x] > 0.0
+        visible = returned & (floor_m - depth_m[y, x] < 0.5 * self._cell_m + slope_m)
+        rows, columns = self._cells[np.flatnonzero(shown)[visible]].T
+        self._seen_at[rows, columns] = self.num_views
+
+    def is_unseen(self, place_m: Float[np.ndarray, "2"]) -> bool:
+        """Whether a place is floor that has not been seen."""
+        return bool(self.unseen()[self.cell(place_m)])
+
+    def unseen_around(
+        self,
+        place_m: Float[np.ndarray, "2"],
+        yaw_rad: float,
+        rings_strides: tuple[tuple[float, float], ...],
+        num_directions: int,
+    ) -> Float[np.ndarray, "rings directions"]:
+        """How much unseen floor lies around a place.
+
+        Args:
+            place_m: the place.
+            yaw_rad: the middle of the first direction; the others follow counter-clockwise.
+            rings_strides: least and greatest distance of each ring, strides.
+            num_directions: pieces that each ring is cut into.
+
+        Returns:
+            For each piece of each ring, the share of its area that is unseen floor.
+        """
+        unseen = self.unseen()[self._cells[:, 0], self._cells[:, 1]]
+        offsets = self._centres_m[unseen] - place_m
+        distances = np.hypot(offsets[:, 0], offsets[:, 1]) / self._stride_m
+        turns = (np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad) / (2.0 * np.pi) + 0.5 / num_directions
+        directions = np.minimum((turns % 1.0 * num_directions).astype(np.int64), num_directions - 1)
+        cell = (self._cell_m / self._stride_m) ** 2
+        shares = np.zeros((len(rings_strides), num_directions))
+        for ring, (low, high) in enumerate(rings_strides):
+            within = (distances >= low) & (distances < high)
+            area = np.pi * (high**2 - low**2) / num_directions
+            shares[ring] = np.bincount(directions[within], minlength=num_directions) * cell / area
+        return np.minimum(shares, 1.0)
+
+    def cells_near(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> Int[np.ndarray, "n 2"]:
+        """Row and column of the cells of the floor whose middle is so near to a place."""
+        return self._cells[np.linalg.norm(self._centres_m - place_m, axis=1) < radius_m]
+
+    def cell(self, place_m: Float[np.ndarray, "2"]) -> tuple[int, int]:
+        """Row and column of the cell that a place lies in."""
+        column, row = np.floor((np.asarray(place_m) - self._origin_m) / self._cell_m).astype(int)
+        return int(row), int(column)
+
+    def centre_m(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """The middle of cells given by row and column."""
+        return self._origin_m + self._cell_m * (cells[:, ::-1] + 0.5)
+
+    def _blind_m(self, height_px: int, intrinsics, camera_to_world) -> float:
+        """How far away the floor begins in the picture, two strides at most."""
+        down_rad = np.arctan(0.5 * height_px / intrinsics[1, 1]) - np.arcsin(np.clip(camera_to_world[2, 2], -1.0, 1.0))
+        most_m = 2.0 * self._stride_m
+        return most_m if down_rad <= 0.0 else min(most_m, camera_to_world[2, 3] / float(np.tan(min(down_rad, 1.5))))
+
+    def _pass_by(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> None:
+        """Counts the floor around the robot's feet, which its camera cannot show, as seen."""
+        rows, columns = self.cells_near(place_m, radius_m).T
+        self._seen_at[rows, columns] = self.num_views
+
+
+def _coarse(free: Bool[np.ndarray, "ny nx"], factor: int) -> Bool[np.ndarray, "my mx"]:
+    """The grid in larger cells, free where the middle of the cell is."""
+    ny, nx = (-(-side // factor) * factor for side in free.shape)
+    padded = np.pad(free, ((0, ny - free.shape[0]), (0, nx - free.shape[1])))
+    return padded[factor // 2 :: factor, factor // 2 :: factor]
+
+
+def _reachable(free: Bool[np.ndarray, "ny nx"], start: tuple[int, int]) -> Bool[np.ndarray, "ny nx"]:
+    """The part of the grid that hangs together with a cell, or the largest one if that cell is not free."""
+    from scipy.ndimage import label
+
+    labels, count = label(free, np.ones((3, 3), int))  # type: ignore[misc]
+    if count == 0:
+        return free
+    mine = labels[start] or 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    return labels == mine

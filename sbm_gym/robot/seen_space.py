@@ -1,0 +1,61 @@
+"""Which parts of space a robot has seen to be filled, from its depth images: a coarse grid of occupied cells."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.core.geometry import unproject_depth
+from sbm_gym.robot.line_of_sight import unhidden
+
+HEIGHT_M = 3.0
+CLEAR_M = 0.2
+"""Nothing closer to the eye than the body is wide can be an obstacle."""
+
+
+class SeenSpace:
+    """Collects the surfaces seen during an episode; what has not been seen counts as empty."""
+
+    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"], cell_m: float = 0.1) -> None:
+        """Starts with nothing seen.
+
+        Args:
+            low_m: least x and y of the floor that matters.
+            high_m: greatest x and y.
+            cell_m: edge length of a cell.
+        """
+        self._cell_m = cell_m
+        self._origin_m = np.array([low_m[0], low_m[1], 0.0]) - cell_m
+        size_m = np.array([high_m[0] - low_m[0], high_m[1] - low_m[1], HEIGHT_M]) + 2.0 * cell_m
+        self._filled = np.zeros(tuple(np.ceil(size_m / cell_m).astype(int)), bool)
+
+    def add(
+        self,
+        depth_m: Float[np.ndarray, "h w"],
+        intrinsics: Float[np.ndarray, "3 3"],
+        camera_to_world: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Notes the surfaces of a depth image."""
+        points, _ = unproject_depth(depth_m, intrinsics, camera_to_world)
+        cells, inside = self._cells(points)
+        self._filled[tuple(cells[inside].T)] = True
+
+    def sees(
+        self, eyes_m: Float[np.ndarray, "n 3"], target_m: Float[np.ndarray, "3"], stop_short_m: float
+    ) -> Bool[np.ndarray, "n"]:
+        """From which places nothing known stands between the eye and a target.
+
+        Args:
+            eyes_m: places to look from.
+            target_m: what to look at.
+            stop_short_m: the last piece of the way that is not checked: the target itself fills it.
+        """
+        eyes_m, target_m = np.ascontiguousarray(eyes_m, float), np.asarray(target_m, float)
+        return unhidden(*self.grid, eyes_m, target_m, float(stop_short_m), CLEAR_M)
+
+    @property
+    def grid(self) -> tuple[Bool[np.ndarray, "nx ny nz"], Float[np.ndarray, "3"], float]:
+        """The filled cells, the grid's lower corner and the edge length of a cell."""
+        return self._filled, self._origin_m, self._cell_m
+
+    def _cells(self, points_m: Float[np.ndarray, "n 3"]):
+        cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)
+        return cells, np.all((cells >= 0) & (cells < self._filled.shape), axis=1)

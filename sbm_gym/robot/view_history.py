@@ -1,0 +1,96 @@
+"""What a policy has looked at: from which sides each object and each unconfirmed candidate has been seen or tried."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from sbm_gym.robot.object_memory import Cell, KnownObject, MemoryConfig
+
+IN_VIEW_RAD = np.deg2rad(38.0)
+"""What is at most this far to the side of where the camera points is well inside its 90 degrees."""
+
+
+@dataclass
+class Candidate:
+    """Something that may be an object."""
+
+    centroid_m: Float[np.ndarray, "3"]
+    size_m: float
+    """Largest extent of what has been seen of it."""
+    confidence: float
+    """The best that a view has given it."""
+    looks: set[Cell] = field(default_factory=set)
+    """View bins from which it has been looked at in vain."""
+
+
+class LookedAt:
+    """Remembers where looking was tried, so that no look is expected to give twice what it gave once."""
+
+    def __init__(self, config: MemoryConfig) -> None:
+        """Starts with nothing.
+
+        Args:
+            config: how the env's own memory tells objects and views apart.
+        """
+        self._config = config
+        self.candidates: list[Candidate] = []
+        self._tried: dict[int, set[Cell]] = {}
+
+    def tried(self, object_id: int) -> set[Cell]:
+        """View bins from which the camera has been pointed at a confirmed object, seen or not."""
+        return self._tried.setdefault(object_id, set())
+
+    def add(
+        self,
+        doubtful: Sequence[tuple[float, Float[np.ndarray, "_ 3"]]],
+        objects: Sequence[KnownObject],
+        camera_to_world: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Takes in one view.
+
+        Args:
+            doubtful: its detections that are not to be believed, as ``MemoryUpdate.doubtful``.
+            objects: the confirmed ones.
+            camera_to_world: its pose.
+        """
+        for confidence, points in doubtful:
+            self._note(confidence, points)
+        self._forget_parts_of(objects)
+        camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
+        yaw_rad = float(np.arctan2(forward[1], forward[0]))
+        for centroid_m, cells in (
+            *((known.centroid_m, self.tried(known.object_id)) for known in objects),
+            *((one.centroid_m, one.looks) for one in self.candidates),
+        ):
+            offset = centroid_m - camera_m
+            side_rad = (np.arctan2(offset[1], offset[0]) - yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+            cell = self._config.bins.cell(camera_m, centroid_m)
+            if cell is not None and abs(side_rad) < IN_VIEW_RAD:
+                cells.add(cell)
+
+    def _note(self, confidence: float, points: Float[np.ndarray, "n 3"]) -> None:
+        centroid_m, size_m = points.mean(axis=0), float(np.max(np.ptp(points, axis=0)))
+        for one in self.candidates:
+            if np.linalg.norm(one.centroid_m - centroid_m) <= self._reach_m(max(size_m, one.size_m)):
+                # The newest view is mostly the nearest one; its centroid is as good as any.
+                one.centroid_m, one.size_m = centroid_m, max(size_m, one.size_m)
+                one.confidence = max(one.confidence, confidence)
+                return
+        self.candidates.append(Candidate(centroid_m, size_m, confidence))
+
+    def _forget_parts_of(self, objects: Sequence[KnownObject]) -> None:
+        """Drops the candidates that have turned out to be confirmed objects."""
+        if not objects or not self.candidates:
+            return
+        centroids_m = np.stack([one.centroid_m for one in self.candidates])
+        is_part = np.zeros(len(centroids_m), bool)
+        for known in objects:
+            reach_m = self._reach_m(float(np.max(known.extent_m)))
+            is_part |= np.linalg.norm(centroids_m - known.centroid_m, axis=1) <= reach_m
+            is_part |= known.surround(centroids_m, self._config.merge_radius_m)
+        self.candidates = [one for one, part in zip(self.candidates, is_part, strict=True) if not part]
+
+    def _reach_m(self, size_m: float) -> float:
+        return max(self._config.merge_radius_m, self._config.merge_extent_share * size_m)

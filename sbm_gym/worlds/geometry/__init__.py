@@ -1,0 +1,1 @@
+"""Where things and agents can stand: floor grids, footprints, placement."""

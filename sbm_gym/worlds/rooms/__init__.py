@@ -1,0 +1,1 @@
+"""Furnished interiors: floor plans, shells, fittings."""

@@ -1,0 +1,125 @@
+"""Couches with what stands before them, televisions, and single seats."""
+
+import numpy as np
+
+from sbm_gym.worlds.geometry.placing import Placement
+from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
+from sbm_gym.worlds.rooms.furnishing.cushions import scatter_cushions
+
+
+def sitting(a: Arranger, *, lounge: float = 0.6, television: bool = True, second: float = 0.0) -> None:
+    """A couch against a wall, a low table and a rug before it, a television opposite, perhaps more seats.
+
+    Args:
+        a: the room.
+        lounge: how likely an armchair stands at one end of the low table.
+        television: whether there is one.
+        second: how likely a second couch stands there instead.
+    """
+    couch = a.along_wall("couch", front_m=1.0)
+    if couch is None:
+        return
+    if a.chance(0.9):
+        scatter_cushions(a.layout, a.library, couch, int(a.rng.integers(2, 6)))
+    zones = tuple(a.layout.zones)
+    low = a.pick("coffee_table")
+    reach = couch.card.size_m[1] / 2
+    table = None
+    if low is not None and not a.full() and a.chance(0.85):
+        x, y = couch.at(a.rng.uniform(-0.15, 0.15), -(reach + 0.38 + low.size_m[1] / 2))
+        piece = Placement(low, float(x), float(y), couch.yaw_rad)
+        if a.layout.fits(piece, ignore_zones=zones):
+            table = a.layout.add(piece)
+            a.decorate(table, ("table_thing", "small_plant"), 0.6)
+    a.rug_before(couch)
+    if television:
+        put_television(a, couch)
+    if a.chance(second) and _second_couch(a, couch, table):
+        return
+    if table is not None and a.chance(lounge):
+        _seat_at(a, "lounge_chair", table, couch)
+
+
+def _second_couch(a: Arranger, couch: Placement, table: Placement | None) -> bool:
+    """A small couch at one end of the low table, or along another wall."""
+    other = None if table is None else _seat_at(a, "couch", table, couch)
+    if other is None:
+        other = a.along_wall("couch", front_m=0.8)
+    if other is None:
+        return False
+    if a.chance(0.8):
+        scatter_cushions(a.layout, a.library, other, int(a.rng.integers(1, 4)))
+    return True
+
+
+def _seat_at(a: Arranger, use: str, table: Placement, couch: Placement) -> Placement | None:
+    """A seat at one end of the low table: an armchair half turned to the couch, a couch square to it."""
+    card = a.pick(use, lambda card: card.size_m[0] < 1.9 and card.size_m[1] < 1.1)
+    if card is None or a.full():
+        return None
+    for side in a.rng.permutation([-1, 1]):
+        away = table.card.size_m[0] / 2 + card.size_m[1] / 2 + a.rng.uniform(0.25, 0.45)
+        x, y = table.at(side * away, -0.1)
+        # To its right (+x) the table lies at the left: the front must turn from -Y of the couch towards -x.
+        yaw = couch.yaw_rad - side * (0.5 * np.pi)
+        if use != "couch":
+            yaw += side * a.rng.uniform(-0.5, 0.1)
+        piece = Placement(card, float(x), float(y), float(yaw))
+        if a.layout.fits(piece, ignore_zones=a.layout.zones[-1:]):
+            return a.layout.add(piece)
+    return None
+
+
+def put_television(
+    a: Arranger, watcher: Placement | None = None, supports: tuple[str, ...] = ("tv_stand",)
+) -> Placement | None:
+    """A television on a low cabinet or on the wall, opposite ``watcher`` where that is possible."""
+    if a.full():
+        return None
+    walls, centre, spread = None, None, 0.0
+    if watcher is not None:
+        opposite = a.layout.room.walls()[(a.wall_behind(watcher)[0].index + 2) % 4]
+        walls = [opposite.index]
+        centre = float((np.array([watcher.x_m, watcher.y_m]) - opposite.origin) @ opposite.along)
+        spread = 0.5
+    on_wall = a.chance(0.35)
+    for attempt in range(5):
+        if attempt == 2:
+            walls, centre, spread, on_wall = None, None, 0.0, False
+        if on_wall:
+            card = a.pick("wall_tv")
+            if card is not None:
+                height = a.rng.uniform(0.95, 1.2)
+                hung = a.layout.against_wall(card, walls=walls, centre_m=centre, spread_m=spread, elevation_m=height)
+                if hung is not None:
+                    return hung
+        before = a.layout.mark()
+        card, screen = a.pick(str(a.rng.choice(supports))), a.pick("tv")
+        stand = card and a.layout.against_wall(card, walls=walls, centre_m=centre, spread_m=spread)
+        if stand is None or screen is None:
+            continue
+        placed = a.layout.on_top(screen, stand, 0.0, 0.02)
+        if placed is not None:
+            return placed
+        a.layout.undo(before)  # under a window, or too narrow: no place for a screen
+    return None
+
+
+def lounging(a: Arranger, use: str = "lounge_chair") -> None:
+    """An armchair or beanbag near a wall, turned into the room."""
+    card = None if a.full() else a.pick(use)
+    if card is None:
+        return
+    low, high = np.array(a.layout.room.low_m), np.array(a.layout.room.high_m)
+    for _ in range(100):
+        x, y = a.rng.uniform(low + 0.5, high - 0.5)
+        edge = min(x - low[0], high[0] - x, y - low[1], high[1] - y)
+        if edge >= 1.1:
+            continue
+        centre = 0.5 * (low + high) - [x, y]
+        yaw = np.arctan2(centre[0], -centre[1]) + a.rng.normal(0, 0.35)
+        piece = Placement(card, float(x), float(y), float(yaw))
+        zone = piece.front_zone(0.6)
+        if a.layout.fits(piece, margin_m=0.1) and a.layout.is_clear(zone):
+            a.layout.add(piece, zone)
+            return

@@ -1,0 +1,334 @@
+"""Furnished homes and offices: from a name or a seed to a world."""
+
+import hashlib
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.core.types import Box3d
+from sbm_gym.assets.catalog.library import FurnitureLibrary
+from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
+from sbm_gym.worlds.geometry.placing import Layout, Placement, Room, rotation
+from sbm_gym.worlds.rooms.fittings import hang_lamps, hang_pictures, lay_rug
+from sbm_gym.worlds.rooms.floor_plan import PROGRAMMES, FloorPlan, PlannedRoom, complement, draw_plan
+from sbm_gym.worlds.rooms.room_kinds import ROOM_KINDS, furnish
+from sbm_gym.worlds.rooms.shell import Style, build_shell, build_walls, draw_finish, draw_style
+from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.splits import scene_seed
+from sbm_gym.worlds.world import ObjectInstance, World
+
+AGENT_HEIGHT_M = 1.6
+"""What hangs higher than this is not in the agent's way."""
+RING_M = (1.0, 1.25, 1.5, 1.75, 2.0)
+"""Distances from an object at which it is looked at. Source: thesis section 4.1 (1 to 2 m)."""
+BEARINGS = 18
+"""Directions from an object that are told apart. Source: the published code (yaw bins of 20 degrees)."""
+CELL_M = 0.05
+"""Of the map of where one can stand."""
+MIN_BEARINGS = 2
+"""An object that can be looked at from fewer directions is taken out of the room."""
+MIN_VIEWPOINTS = 8
+"""Likewise for places on its rings; 8 viewpoints make a ring."""
+ROOM_ATTEMPTS = 8
+"""How often a room is furnished until it has what its kind needs."""
+PLAN_ATTEMPTS = 4
+"""How often a floor plan is drawn until every room has what its kind needs."""
+MAX_TRIANGLES = 440_000
+"""Of all furniture in a scene; renderers hold every triangle."""
+MAX_LAMPS = 7
+"""OpenGL's fixed pipeline knows eight lights."""
+
+
+@dataclass(frozen=True)
+class _Furnished:
+    """One room with its furniture."""
+
+    planned: PlannedRoom
+    layout: Layout
+    rugs: list[Placement]
+    missing: int
+    """Classes its kind needs that found no place."""
+    unmet: int
+    """Uses without a class that it should have and that found none."""
+
+
+def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
+    """Builds a furnished home or office.
+
+    The same scene gives the same world in any process, given the same furniture libraries.
+
+    Args:
+        scene: a named scene (``train/00``), ``seed/N`` or N.
+        library: where the furniture comes from; the installed catalogues with builtin cushions if None.
+        unseen_models: keep the models that validation and test scenes show out of every other scene. Validation and
+            test scenes are the same either way.
+
+    Returns:
+        The world, without an agent.
+
+    Raises:
+        UsageError: if there is no such scene.
+        MissingAssetsError: if the furniture is not installed.
+    """
+    name, source = scene_seed(scene)
+    if library is None:
+        from sbm_gym.assets.mixed import indoor_library
+
+        library = indoor_library()
+    library = _part(name, library, unseen_models)
+    # A home in which something a room needs found no place is drawn again; the attempt is part of the seed.
+    best: tuple[FloorPlan, list[_Furnished]] | None = None
+    for attempt in range(PLAN_ATTEMPTS):
+        rng = np.random.default_rng((*source.seed, attempt))
+        kinds = list(PROGRAMMES)
+        kind = source.kind or kinds[rng.integers(len(kinds))]
+        plan = draw_plan(kind, rng)
+        rooms = _furnish_all(plan, library, rng)
+        if best is None or _missing(rooms) < _missing(best[1]):
+            best = plan, rooms
+        if _missing(rooms) == 0:
+            break
+    assert best is not None
+    style_seed = int.from_bytes(hashlib.sha256(repr(source.seed).encode()).digest()[:8], "little")
+    return _assemble(name, *best, library, np.random.default_rng(style_seed))
+
+
+def _part(name: str, library: FurnitureLibrary, unseen_models: bool) -> FurnitureLibrary:
+    """The models that a scene may show."""
+    from sbm_gym.assets.unseen import PartLibrary
+
+    if name.startswith(("val/", "test/")):
+        return PartLibrary(library, training=False)
+    return PartLibrary(library, training=True) if unseen_models else library
+
+
+def _missing(rooms: list[_Furnished]) -> int:
+    return sum(room.missing for room in rooms)
+
+
+def _furnish_all(plan: FloorPlan, library: FurnitureLibrary, rng: np.random.Generator) -> list[_Furnished]:
+    """Furnishes every room of a plan, each with its share of the triangles that are left."""
+    area = np.array([np.prod(planned.room.size_m) for planned in plan.rooms])
+    left = MAX_TRIANGLES
+    rooms = []
+    for index in range(len(plan.rooms)):
+        budget = int(left * area[index] / area[index:].sum())
+        best: _Furnished | None = None
+        for stream in rng.spawn(ROOM_ATTEMPTS):
+            furnished = _furnish(plan, index, library, stream, budget)
+            if best is None or (furnished.missing, furnished.unmet) < (best.missing, best.unmet):
+                best = furnished
+            if best.missing == best.unmet == 0:
+                break
+        assert best is not None
+        left -= sum(library.load(piece.card).num_triangles for piece in best.layout.placements)
+        rooms.append(best)
+    return rooms
+
+
+def _furnish(
+    plan: FloorPlan, index: int, library: FurnitureLibrary, rng: np.random.Generator, max_triangles: int
+) -> _Furnished:
+    """Furnishes one room once."""
+    planned = plan.rooms[index]
+    layout = Layout(planned.room, rng)
+    rugs = furnish(planned.kind, layout, library, max_triangles)
+    _make_approachable(plan, index, layout, library)
+    kind = ROOM_KINDS[planned.kind]
+    missing = set(kind.needed) - {piece.card.category for piece in layout.placements}
+    unmet = set(kind.expected) - {piece.card.use for piece in layout.placements}
+    return _Furnished(planned, layout, rugs, len(missing), len(unmet))
+
+
+def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: FurnitureLibrary) -> None:
+    """Takes pieces out of a room until its doorways are joined and every object can be looked at from several sides."""
+    room = plan.rooms[index].room
+    doorways = [passage for passage in plan.passages if index in passage.rooms]
+    margin = 0.5
+    # Its cells are cells of the whole home's map.
+    origin = np.array(plan.bounds[:2])
+    low = origin + CELL_M * np.floor((np.array(room.low_m) - margin - origin) / CELL_M)
+    high = np.array(room.high_m) + margin
+    # The room and its doorways are all there is: what one sees an object from is never behind a wall.
+    open_floor = [(*room.low_m, *room.high_m), *(passage.through(margin) for passage in doorways)]
+    walls = np.concatenate([_rows(complement(open_floor, (*low.tolist(), *high.tolist()))), _leaf_rows(room)])
+    while True:
+        everything = navigable_map(
+            low, high, np.concatenate([walls, _obstacles(layout.placements, library)]), cell_m=CELL_M
+        )
+        navigable = NavigableMap(everything.largest_component, everything.origin_m, everything.cell_m)
+        shut = [passage for passage in doorways if not navigable.is_free(passage.middle_m)]
+        hidden = [
+            piece
+            for piece in layout.placements
+            if piece.card.category is not None and not _can_be_looked_at(navigable, np.array([piece.x_m, piece.y_m]))
+        ]
+        if shut:
+            # Doors have free floor before them, so what shuts one in stands farther off: the newest piece nearby goes.
+            middle = shut[0].middle_m
+            standing = [piece for piece in layout.placements if piece.on is None and piece.z_m <= AGENT_HEIGHT_M]
+            gone = min(standing, key=lambda piece: float(np.hypot(piece.x_m - middle[0], piece.y_m - middle[1])))
+        elif hidden:
+            # Whatever blocks an object is usually the last thing put near it; the object goes with what it carries.
+            gone = hidden[-1]
+        else:
+            return
+        layout.placements[:] = [piece for piece in layout.placements if piece is not gone and piece.on is not gone]
+
+
+def _rows(rectangles) -> Float[np.ndarray, "n 5"]:
+    """Rectangles as rows of ``navigable_map``."""
+    r = np.array(rectangles, float).reshape(-1, 4)
+    middle, half = 0.5 * (r[:, :2] + r[:, 2:]), 0.5 * (r[:, 2:] - r[:, :2])
+    return np.concatenate([middle, half, np.zeros((len(r), 1))], axis=1)
+
+
+def _leaf_rows(room: Room) -> Float[np.ndarray, "n 5"]:
+    """Open door leaves as rows of ``navigable_map``."""
+    rows = [(leaf.x_m, leaf.y_m, leaf.half_x_m, leaf.half_y_m, leaf.yaw_rad) for leaf in room.leaves]
+    return np.array(rows, float).reshape(-1, 5)
+
+
+def ring_viewpoints(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> Bool[np.ndarray, "bearings radii"]:
+    """From which of ``BEARINGS`` directions and ``RING_M`` distances an object can be looked at."""
+    bearing = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
+    away = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)[:, None] * np.array(RING_M)[:, None]
+    column, row = np.moveaxis(np.floor((centre_m + away - navigable.origin_m) / navigable.cell_m).astype(int), -1, 0)
+    inside = (row >= 0) & (column >= 0) & (row < navigable.free.shape[0]) & (column < navigable.free.shape[1])
+    free = np.zeros(row.shape, bool)
+    free[inside] = navigable.free[row[inside], column[inside]]
+    return free
+
+
+def _can_be_looked_at(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> bool:
+    free = ring_viewpoints(navigable, centre_m)
+    return bool(free.sum() >= MIN_VIEWPOINTS and free.any(axis=1).sum() >= MIN_BEARINGS)
+
+
+def _obstacles(placements: list[Placement], library: FurnitureLibrary) -> Float[np.ndarray, "n 5"]:
+    """What stands in the agent's way, as rows of ``navigable_map``."""
+    rows = []
+    for piece in placements:
+        if not _is_touched(piece):
+            continue
+        for x0, y0, x1, y1 in library.load(piece.card).footprint_m:
+            x, y = piece.at((x0 + x1) / 2, (y0 + y1) / 2)
+            rows.append((x, y, (x1 - x0) / 2, (y1 - y0) / 2, piece.yaw_rad))
+    return np.array(rows, float).reshape(-1, 5)
+
+
+def _is_touched(piece: Placement) -> bool:
+    """Whether the agent can run into a piece; cushions lie within what carries them."""
+    return piece.z_m <= AGENT_HEIGHT_M and piece.card.category != "cushion"
+
+
+def _assemble(
+    name: str, plan: FloorPlan, rooms: list[_Furnished], library: FurnitureLibrary, rng: np.random.Generator
+) -> World:
+    """Turns furnished rooms into MuJoCo geometry."""
+    spec = mujoco.MjSpec()
+    spec.modelname = name.replace("/", "_")
+    spec.visual.headlight.active = 0
+    # Light from lamps that has bounced about the rooms; the lamps themselves give the shadows.
+    spec.visual.headlight.ambient = [0.3, 0.3, 0.3]
+    spec.visual.map.znear, spec.visual.map.zfar = 0.01, 40.0
+    x0, y0, x1, y1 = plan.bounds
+    spec.stat.extent = max(3.0, 0.5 * float(np.hypot(x1 - x0, y1 - y0)))
+    spec.stat.center = [0.0, 0.0, 1.0]
+    builder = SceneBuilder(spec)
+    build_walls(builder, plan, rooms[0].planned.room.height_m)
+    style = draw_style(rng)
+    lamps = _lamps([room.planned for room in rooms])
+    obstacles = [_rows(plan.solid_rectangles())]
+    objects: list[ObjectInstance] = []
+    pieces = 0
+    for number, room in enumerate(rooms):
+        _finish_room(builder, room, number, style, lamps[number], library, rng)
+        obstacles += [_leaf_rows(room.planned.room), _obstacles(room.layout.placements, library)]
+        for piece in room.layout.placements:
+            body_name = f"{piece.card.category or piece.card.use}_{pieces:03d}"
+            pieces += 1
+            body = _body(spec, body_name, piece)
+            model = library.load(piece.card)
+            builder.furniture(body, model)
+            if _is_touched(piece):
+                for rectangle in model.footprint_m:
+                    builder.touched_box(body, rectangle, (0.0, piece.card.size_m[2]))
+            if piece.card.category is not None:
+                objects.append(_instance(len(objects) + 1, piece, body_name))
+    everywhere = navigable_map(np.array([x0, y0]), np.array([x1, y1]), np.concatenate(obstacles), cell_m=CELL_M)
+    # Pockets that cannot be reached are not free.
+    navigable = NavigableMap(everywhere.largest_component, everywhere.origin_m, everywhere.cell_m)
+    return World(name, spec, tuple(objects), navigable)
+
+
+def _lamps(rooms: list[PlannedRoom]) -> list[int]:
+    """How many lamps each room has: large rooms two, as long as there are no more than ``MAX_LAMPS`` in all."""
+    counts = [1] * len(rooms)
+    area = np.array([np.prod(planned.room.size_m) for planned in rooms])
+    for index in np.argsort(-area):
+        if area[index] > 17.0 and sum(counts) < MAX_LAMPS:
+            counts[index] = 2
+    return counts
+
+
+def _finish_room(
+    builder: SceneBuilder,
+    furnished: _Furnished,
+    number: int,
+    style: Style,
+    lamps: int,
+    library: FurnitureLibrary,
+    rng: np.random.Generator,
+) -> None:
+    """Adds what belongs to the room itself: its surfaces, lamps, pictures and rugs."""
+    planned, layout = furnished.planned, furnished.layout
+    name = f"room_{number}_{planned.kind}"
+    curtains = (
+        planned.kind not in ("bathroom", "wash_room", "kitchen", "office", "meeting_room") and rng.random() < 0.75
+    )
+    build_shell(builder, planned.room, draw_finish(planned.kind, style, rng), rng, name, curtains)
+    hang_lamps(builder, planned.room, rng, f"lamps_{number}", lamps)
+    hang_pictures(
+        builder, planned.room, _taken_wall(layout), rng, f"pictures_{number}", ROOM_KINDS[planned.kind].pictures
+    )
+    for index, rug in enumerate(furnished.rugs):
+        body = _body(builder.spec, f"rug_{number}_{index}", rug)
+        if rng.random() < 0.6:
+            builder.furniture(body, library.load(rug.card))
+        else:
+            lay_rug(builder, body, rug.card.size_m, rng)
+
+
+def _body(spec: mujoco.MjSpec, name: str, piece: Placement) -> mujoco.MjsBody:
+    half = piece.yaw_rad / 2
+    return spec.worldbody.add_body(
+        name=name, pos=[piece.x_m, piece.y_m, piece.z_m], quat=[np.cos(half), 0.0, 0.0, np.sin(half)]
+    )
+
+
+def _instance(instance_id: int, piece: Placement, body_name: str) -> ObjectInstance:
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(piece.yaw_rad)
+    extent = np.array(piece.card.size_m)
+    centre = np.array([piece.x_m, piece.y_m, piece.z_m + extent[2] / 2])
+    assert piece.card.category is not None
+    return ObjectInstance(instance_id, piece.card.category, body_name, Box3d(centre, extent, turn), piece.card.model_id)
+
+
+def _taken_wall(layout: Layout) -> list[tuple[int, float, float]]:
+    """Stretches of wall at eye level that have an opening or tall furniture before them."""
+    # Curtains hang beside windows.
+    taken = [
+        (o.wall, o.start_m - beside, o.end_m + beside)
+        for o in layout.room.openings
+        for beside in [0.35 if o.kind == "window" else 0.08]
+    ]
+    for wall in layout.room.walls():
+        for box in (*layout.room.leaves, *(piece.box() for piece in layout.placements)):
+            low, high, out = wall.shadow(box)
+            if box.high_m > 1.2 and out < 0.3:
+                taken.append((wall.index, low, high))
+    return taken

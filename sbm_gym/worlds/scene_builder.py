@@ -1,0 +1,191 @@
+"""Putting models, quads and boxes into an ``MjSpec``: geometry that is only drawn, and boxes that are only touched."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from sbm_gym.assets.models.model import FurnitureModel
+from sbm_gym.assets.models.surfaces import Material
+from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
+
+
+class SceneBuilder:
+    """Adds things to one ``MjSpec``. Meshes of a model and pictures are added once, however often they are used."""
+
+    def __init__(self, spec: mujoco.MjSpec):
+        """Builds into ``spec``."""
+        self.spec = spec
+        self._meshes: dict[str, list[tuple[str, str]]] = {}
+        self._textures: dict[int, tuple[str, np.ndarray]] = {}
+        self._count = 0
+
+    def _name(self, stem: str) -> str:
+        self._count += 1
+        return f"{stem}_{self._count}"
+
+    def texture(self, picture: UInt8[np.ndarray, "h w c"]) -> str:
+        """Adds a picture (RGB or RGBA); the same array is added once."""
+        if id(picture) not in self._textures:
+            texture = self.spec.add_texture(name=self._name("texture"), type=mujoco.mjtTexture.mjTEXTURE_2D)
+            texture.height, texture.width, texture.nchannel = picture.shape
+            texture.data = np.ascontiguousarray(picture).tobytes()
+            self._textures[id(picture)] = (texture.name, picture)  # the array is kept, so its id stays its own
+        return self._textures[id(picture)][0]
+
+    def material(
+        self,
+        *,
+        rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
+        picture: UInt8[np.ndarray, "h w c"] | None = None,
+        specular: float = 0.0,
+        shininess: float = 0.3,
+        emission: float = 0.0,
+    ) -> str:
+        """Adds a material and returns its name."""
+        material = self.spec.add_material(
+            name=self._name("material"), rgba=rgba, specular=specular, shininess=shininess, emission=emission
+        )
+        if picture is not None:
+            role = (
+                mujoco.mjtTextureRole.mjTEXROLE_RGBA if picture.shape[2] == 4 else mujoco.mjtTextureRole.mjTEXROLE_RGB
+            )
+            material.textures[role] = self.texture(picture)
+        return material.name
+
+    def mesh(
+        self,
+        vertices_m: Float[np.ndarray, "v 3"],
+        normals: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "t 3"],
+        texcoords: Float[np.ndarray, "v 2"] | None,
+    ) -> str:
+        """Adds a mesh with one normal (and texture coordinate) for each vertex, and returns its name."""
+        mesh = self.spec.add_mesh(name=self._name("mesh"))
+        # Drawn only: a shell's inertia is defined for open and flat meshes too, and needs no convex hull.
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        # Lists, because MjSpec takes arrays entry by entry too, and making numbers of an array's entries is slow.
+        indices = np.ravel(faces).tolist()
+        mesh.uservert = np.asarray(vertices_m, np.float32).ravel().tolist()
+        mesh.usernormal = np.asarray(normals, np.float32).ravel().tolist()
+        mesh.userface = indices
+        mesh.userfacenormal = indices
+        if texcoords is not None:
+            mesh.usertexcoord = np.asarray(texcoords, np.float32).ravel().tolist()
+            mesh.userfacetexcoord = indices
+        return mesh.name
+
+    def drawn(self, body: mujoco.MjsBody, mesh: str, material: str, **where) -> None:
+        """Adds a mesh to a body as a geom that is drawn and never touched."""
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=mesh,
+            material=material,
+            group=GEOM_GROUP_VISUAL,
+            contype=0,
+            conaffinity=0,
+            mass=0,
+            **where,
+        )
+
+    def drawn_box(
+        self, body: mujoco.MjsBody, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], material: str
+    ) -> None:
+        """Adds an axis-aligned box that is drawn and never touched."""
+        low, high = np.minimum(low, high), np.maximum(low, high)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=0.5 * (low + high),
+            size=np.maximum(0.5 * (high - low), 1e-4),
+            material=material,
+            group=GEOM_GROUP_VISUAL,
+            contype=0,
+            conaffinity=0,
+            mass=0,
+        )
+
+    def touched_box(
+        self,
+        body: mujoco.MjsBody,
+        rectangle: Float[np.ndarray, "4"],
+        height_m: tuple[float, float],
+    ) -> None:
+        """Adds an upright box (min x, min y, max x, max y) that is touched and never drawn."""
+        low, high = np.asarray(rectangle[:2]), np.asarray(rectangle[2:])
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[*(0.5 * (low + high)), 0.5 * (height_m[0] + height_m[1])],
+            size=[*(0.5 * (high - low)), 0.5 * (height_m[1] - height_m[0])],
+            group=GEOM_GROUP_COLLISION,
+            contype=1,
+            conaffinity=1,
+            mass=0,
+            rgba=[0.8, 0.3, 0.3, 0.3],
+        )
+
+    def quads(
+        self,
+        body: mujoco.MjsBody,
+        corners_m: Float[np.ndarray, "q 4 3"],
+        texcoords: Float[np.ndarray, "q 4 2"],
+        material: str,
+        name: str = "",
+    ) -> None:
+        """Adds flat quads, corners counter-clockwise as seen from their front."""
+        across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 0])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        faces = (np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(len(corners_m))[:, None, None]).reshape(-1, 3)
+        mesh = self.mesh(corners_m.reshape(-1, 3), np.repeat(across, 4, axis=0), faces, texcoords.reshape(-1, 2))
+        self.drawn(body, mesh, material, **({"name": name} if name else {}))
+
+    def tiled_quads(
+        self,
+        body: mujoco.MjsBody,
+        corners_m: Float[np.ndarray, "q 4 3"],
+        material: Material,
+        name: str,
+        emission: float = 0.0,
+    ) -> None:
+        """Adds flat quads covered with a building material, in step across quads of the same plane."""
+        flat_normal = np.abs(np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 0]))
+        axis = np.argmax(flat_normal, axis=1)
+        pick = {0: [1, 2], 1: [0, 2], 2: [0, 1]}
+        plan = np.stack([quad[:, pick[int(a)]] for quad, a in zip(corners_m, axis, strict=True)])
+        texcoords = plan / np.array(material.size_m) * [1.0, -1.0]
+        look = self.material(
+            picture=material.texture, specular=material.specular, shininess=material.shininess, emission=emission
+        )
+        self.quads(body, corners_m, texcoords, look, name)
+
+    def furniture(
+        self,
+        body: mujoco.MjsBody,
+        model: FurnitureModel,
+        repaint: Mapping[tuple[float, float, float], tuple[float, float, float, float]] | None = None,
+    ) -> None:
+        """Adds what is seen of a model to a body.
+
+        Args:
+            body: where it goes.
+            model: the model; its meshes are shared by all bodies that have them.
+            repaint: other colours (RGBA) for surfaces of these display colours (RGB) that have no picture.
+        """
+        if model.model_id not in self._meshes:
+            self._meshes[model.model_id] = [
+                (
+                    self.mesh(surface.vertices_m, surface.normals, surface.faces, surface.texcoords),
+                    self.material(
+                        rgba=surface.rgba,
+                        picture=surface.texture,
+                        specular=surface.specular,
+                        shininess=surface.shininess,
+                    ),
+                )
+                for surface in model.surfaces
+            ]
+        for surface, (mesh, material) in zip(model.surfaces, self._meshes[model.model_id], strict=True):
+            rgba = (repaint or {}).get(surface.rgba[:3]) if surface.texture is None else None
+            if rgba is not None:
+                material = self.material(rgba=rgba, specular=surface.specular, shininess=surface.shininess)
+            self.drawn(body, mesh, material)

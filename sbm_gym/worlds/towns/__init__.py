@@ -1,0 +1,1 @@
+"""Towns: streets, houses, vehicles, weather."""

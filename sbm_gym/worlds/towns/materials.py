@@ -1,0 +1,309 @@
+"""Pictures of what towns are made of: asphalt, paving, brick, render, roof tiles, grass, glass, signs.
+
+Pictures of materials tile without a seam. Their seeds are fixed by name, so that all towns share one set.
+"""
+
+import functools
+import zlib
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from sbm_gym.assets.models.surfaces import Material, periodic_noise
+
+Colour = tuple[int, int, int]
+
+
+def _rng(name: str) -> np.random.Generator:
+    return np.random.default_rng((7, zlib.crc32(name.encode())))
+
+
+def _bytes(colour: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    return np.clip(np.rint(colour), 0, 255).astype(np.uint8)
+
+
+@functools.cache
+def asphalt() -> Material:
+    """Worn asphalt: fine stones, darker patches, a few sealed cracks."""
+    rng, side = _rng("asphalt"), 512
+    stones = periodic_noise(rng, (side, side), (0.8, 0.8)) * 0.10
+    patches = periodic_noise(rng, (side, side), (40, 40)) * 0.06 + periodic_noise(rng, (side, side), (9, 9)) * 0.03
+    wander = periodic_noise(rng, (side, side), (18, 18))
+    cracks = np.exp(-((wander / 0.035) ** 2)) * (periodic_noise(rng, (side, side), (45, 45)) > 0.6)
+    shade = (1 + stones + patches) * (1 - 0.22 * cracks)
+    return Material(
+        _bytes(np.array([104.0, 104.0, 106.0]) * shade[..., None]), (7.0, 7.0), specular=0.03, shininess=0.1
+    )
+
+
+@functools.cache
+def paving() -> Material:
+    """Concrete slabs of 60 by 40 cm in running bond."""
+    rng = _rng("paving")
+    rows, columns, tall, wide = 6, 4, 64, 96
+    height, width = rows * tall, columns * wide
+    tone = np.zeros((height, width))
+    joint = np.zeros((height, width), bool)
+    for row in range(rows):
+        shift = (row % 2) * wide // 2
+        line = np.repeat(1 + rng.normal(0, 0.045, columns), wide)
+        tone[row * tall : (row + 1) * tall] = np.roll(line, shift)[None]
+        joint[row * tall : row * tall + 2] = True
+        for column in range(columns):
+            at = (column * wide + shift) % width
+            joint[row * tall : (row + 1) * tall, at : at + 2] = True
+    grain = (
+        periodic_noise(rng, (height, width), (1.2, 1.2)) * 0.03 + periodic_noise(rng, (height, width), (25, 25)) * 0.04
+    )
+    shade = tone + grain
+    shade[joint] *= 0.72
+    return Material(_bytes(np.array([184.0, 178.0, 168.0]) * shade[..., None]), (2.4, 2.4))
+
+
+@functools.cache
+def concrete() -> Material:
+    """Kerb stones and plain concrete."""
+    rng, side = _rng("concrete"), 256
+    shade = 1 + periodic_noise(rng, (side, side), (1, 1)) * 0.04 + periodic_noise(rng, (side, side), (20, 20)) * 0.05
+    return Material(_bytes(np.array([176.0, 173.0, 166.0]) * shade[..., None]), (2.0, 2.0))
+
+
+@functools.cache
+def grass() -> Material:
+    """Mown grass."""
+    rng, side = _rng("grass"), 512
+    blades = periodic_noise(rng, (side, side), (1.6, 0.7)) * 0.16 + periodic_noise(rng, (side, side), (4, 4)) * 0.07
+    patches = periodic_noise(rng, (side, side), (50, 50)) * 0.09
+    dry = np.clip(periodic_noise(rng, (side, side), (30, 30)), 0, 2)[..., None] * 0.12
+    colour = np.array([86.0, 116.0, 52.0]) * (1 - dry) + np.array([140.0, 132.0, 70.0]) * dry
+    return Material(_bytes(colour * (1 + blades + patches)[..., None]), (4.0, 4.0))
+
+
+@functools.cache
+def leaves() -> Material:
+    """A clipped hedge."""
+    rng, side = _rng("leaves"), 256
+    light = np.clip(periodic_noise(rng, (side, side), (2.2, 2.2)), -1.6, 1.6) * 0.34
+    fine = periodic_noise(rng, (side, side), (0.8, 0.8)) * 0.10 + periodic_noise(rng, (side, side), (14, 14)) * 0.08
+    return Material(_bytes(np.array([58.0, 84.0, 36.0]) * (1 + light + fine)[..., None]), (1.1, 1.1))
+
+
+@functools.cache
+def gravel() -> Material:
+    """The path of a park."""
+    rng, side = _rng("gravel"), 384
+    shade = (
+        1 + periodic_noise(rng, (side, side), (1.3, 1.3)) * 0.12 + periodic_noise(rng, (side, side), (30, 30)) * 0.04
+    )
+    return Material(_bytes(np.array([186.0, 168.0, 138.0]) * shade[..., None]), (2.5, 2.5))
+
+
+def _courses(
+    rng: np.random.Generator,
+    rows: int,
+    columns: int,
+    tall: int,
+    wide: int,
+    joint_px: int,
+    spread: float,
+) -> tuple[Float[np.ndarray, "h w"], np.ndarray]:
+    """Tones of blocks in running bond, and where the joints are."""
+    height, width = rows * tall, columns * wide
+    tone, joint = np.zeros((height, width)), np.zeros((height, width), bool)
+    for row in range(rows):
+        shift = (row % 2) * wide // 2
+        tone[row * tall : (row + 1) * tall] = np.roll(np.repeat(rng.normal(0, spread, columns), wide), shift)[None]
+        joint[row * tall : row * tall + joint_px] = True
+        for column in range(columns):
+            at = (column * wide + shift) % width
+            joint[row * tall : (row + 1) * tall, at : at + joint_px] = True
+    return tone, joint
+
+
+@functools.cache
+def brick(colour: Colour, mortar: Colour = (186, 180, 170)) -> Material:
+    """Brickwork, courses of 7.5 cm."""
+    rng = _rng(f"brick{colour}")
+    tone, joint = _courses(rng, 24, 8, 21, 64, 3, 0.10)
+    grain = periodic_noise(rng, tone.shape, (1.0, 1.5)) * 0.06 + periodic_noise(rng, tone.shape, (40, 40)) * 0.05
+    picture = np.array(colour, float) * (1 + tone + grain)[..., None]
+    # A few bricks were burnt darker.
+    picture[(tone > 0.17)] *= 0.72
+    picture[joint] = np.array(mortar, float) * (1 + grain[joint])[:, None]
+    return Material(_bytes(picture), (1.8, 1.8))
+
+
+@functools.cache
+def ashlar(colour: Colour) -> Material:
+    """Dressed stone in courses of 40 cm."""
+    rng = _rng(f"ashlar{colour}")
+    tone, joint = _courses(rng, 6, 4, 80, 120, 2, 0.045)
+    grain = periodic_noise(rng, tone.shape, (1.5, 2.5)) * 0.03 + periodic_noise(rng, tone.shape, (20, 30)) * 0.035
+    picture = np.array(colour, float) * (1 + tone + grain)[..., None]
+    picture[joint] *= 0.7
+    return Material(_bytes(picture), (3.2, 2.4))
+
+
+@functools.cache
+def render(colour: Colour) -> Material:
+    """Rendered and painted wall with rain streaks."""
+    rng, side = _rng(f"render{colour}"), 384
+    rough = periodic_noise(rng, (side, side), (1.2, 1.2)) * 0.018 + periodic_noise(rng, (side, side), (35, 35)) * 0.03
+    streaks = periodic_noise(rng, (side, side), (40, 2.5)) * 0.014
+    return Material(_bytes(np.array(colour, float) * (1 + rough + streaks)[..., None]), (4.0, 4.0))
+
+
+@functools.cache
+def panels(colour: Colour) -> Material:
+    """Concrete panels of 3 by 1.5 metres with open joints."""
+    rng = _rng(f"panels{colour}")
+    tone, joint = _courses(rng, 2, 2, 160, 320, 3, 0.03)
+    grain = periodic_noise(rng, tone.shape, (1.2, 1.2)) * 0.025 + periodic_noise(rng, tone.shape, (50, 12)) * 0.04
+    picture = np.array(colour, float) * (1 + tone + grain)[..., None]
+    picture[joint] *= 0.6
+    return Material(_bytes(picture), (6.0, 3.0))
+
+
+@functools.cache
+def roof_tiles(colour: Colour) -> Material:
+    """Rows of curved tiles, seen along the slope."""
+    rng = _rng(f"tiles{colour}")
+    rows, columns, tall, wide = 12, 12, 32, 32
+    tone, _ = _courses(rng, rows, columns, tall, wide, 1, 0.09)
+    y, x = np.mgrid[0 : rows * tall, 0 : columns * wide]
+    shift = ((y // tall) % 2) * wide // 2
+    curve = 0.78 + 0.22 * np.sin(np.pi * ((x + shift) % wide) / wide)
+    shade = curve * (0.72 + 0.28 * ((y % tall) / tall)) * (1 + tone)
+    return Material(_bytes(np.array(colour, float) * shade[..., None]), (3.0, 3.6))
+
+
+@functools.cache
+def flat_roof() -> Material:
+    """Roofing felt with gravel."""
+    rng, side = _rng("felt"), 256
+    shade = 1 + periodic_noise(rng, (side, side), (1, 1)) * 0.1 + periodic_noise(rng, (side, side), (20, 20)) * 0.06
+    return Material(_bytes(np.array([98.0, 96.0, 94.0]) * shade[..., None]), (4.0, 4.0))
+
+
+@functools.cache
+def window_panes() -> tuple[UInt8[np.ndarray, "h w 3"], ...]:
+    """What window panes show in daylight: the sky's reflection above, dark rooms below, curtains, blinds, a lamp."""
+    pictures = []
+    for number in range(6):
+        rng = _rng(f"pane{number}")
+        height, width = 160, 112
+        y, x = np.mgrid[0:height, 0:width] / np.array([height, width]).reshape(2, 1, 1)
+        sky = np.array([96.0, 116.0, 136.0]) * (0.55 + 0.35 * (1 - y) ** 1.5)[..., None]
+        room = np.array([34.0, 36.0, 40.0]) * (1 + 0.25 * periodic_noise(rng, (height, width), (14, 14)))[..., None]
+        slant = np.clip((0.62 + 0.25 * rng.normal() - y + 0.25 * (x - 0.5)) * 5, 0, 1)[..., None]
+        picture = room * (1 - 0.75 * slant) + sky * 0.75 * slant
+        if number in (1, 3):  # curtains drawn to the sides
+            reach = rng.uniform(0.16, 0.3)
+            inside = (x < reach) | (x > 1 - reach)
+            folds = 0.8 + 0.2 * np.sin(x * rng.uniform(60, 90))
+            cloth = np.array([(196, 188, 172), (170, 120, 104)][number // 2], float) * folds[..., None]
+            picture = np.where(inside[..., None], 0.72 * cloth + 0.28 * picture, picture)
+        if number == 2:  # a roller blind, half down
+            blind = y < rng.uniform(0.3, 0.55)
+            picture = np.where(blind[..., None], 0.75 * np.array([206.0, 200.0, 186.0]) + 0.25 * picture, picture)
+        if number == 4:  # slats
+            slats = (np.sin(y * 130) > -0.2)[..., None]
+            picture = np.where(slats, 0.6 * np.array([190.0, 190.0, 186.0]) + 0.4 * picture, picture)
+        pictures.append(_bytes(picture))
+    return tuple(pictures)
+
+
+@functools.cache
+def door(colour: Colour) -> UInt8[np.ndarray, "h w 3"]:
+    """A panelled front door with a fanlight, knob and letter slot."""
+    height, width = 240, 110
+    picture = np.full((height, width, 3), colour, np.float64)
+    picture[:38] = (70, 82, 94)
+    picture[36:42] = np.array(colour) * 0.7
+    for row in range(3):
+        for column in range(2):
+            top, left = 54 + row * 60, 12 + column * 48
+            picture[top : top + 48, left : left + 38] *= 0.86
+            picture[top : top + 3, left : left + 38] *= 0.7
+            picture[top : top + 48, left : left + 3] *= 0.7
+    picture[146:152, 44:66] = (196, 176, 110)
+    cv2.circle(picture, (98, 152), 5, (206, 188, 120), -1)
+    picture[:, :4] *= 0.75
+    picture[:, -4:] *= 0.75
+    return _bytes(picture)
+
+
+@functools.cache
+def manhole() -> UInt8[np.ndarray, "h w 3"]:
+    """The iron cover of a manhole in its asphalt."""
+    side = 96
+    y, x = np.mgrid[0:side, 0:side] - side / 2
+    radius = np.hypot(x, y)
+    picture = np.broadcast_to(np.array([104.0, 104.0, 106.0]), (side, side, 3)).copy()
+    lozenge = ((x.astype(int) // 6 + y.astype(int) // 6) % 2) * 14.0
+    iron = np.array([66.0, 64.0, 62.0]) + lozenge[..., None]
+    picture = np.where((radius < 44)[..., None], iron, picture)
+    picture = np.where(((radius > 38) & (radius < 41))[..., None], 40.0, picture)
+    return _bytes(picture)
+
+
+ROAD_SIGNS = ("stop", "no_entry", "limit", "crossing", "parking", "yield")
+
+
+@functools.cache
+def road_sign(kind: str) -> UInt8[np.ndarray, "h w 4"]:
+    """A road sign with a transparent surround."""
+    side = 160
+    centre = (side // 2, side // 2)
+    picture = np.zeros((side, side, 4), np.uint8)
+    red, white, blue, black = (188, 24, 32, 255), (244, 244, 240, 255), (24, 78, 160, 255), (20, 20, 20, 255)
+
+    def text(label: str, scale: float, colour) -> None:
+        (wide, tall), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_DUPLEX, scale, 4)
+        at = (centre[0] - wide // 2, centre[1] + tall // 2)
+        cv2.putText(picture, label, at, cv2.FONT_HERSHEY_DUPLEX, scale, colour, 4, cv2.LINE_AA)
+
+    if kind == "stop":
+        angles = np.deg2rad(22.5 + 45 * np.arange(8))
+        for radius, colour in ((78, white), (72, red)):
+            corners = np.stack([centre[0] + radius * np.cos(angles), centre[1] + radius * np.sin(angles)], axis=1)
+            cv2.fillPoly(picture, [corners.astype(np.int32)], colour)
+        text("STOP", 1.35, white)
+    elif kind == "no_entry":
+        cv2.circle(picture, centre, 76, red, -1)
+        cv2.rectangle(picture, (28, 66), (132, 94), white, -1)
+    elif kind == "limit":
+        cv2.circle(picture, centre, 76, red, -1)
+        cv2.circle(picture, centre, 58, white, -1)
+        text("30", 2.2, black)
+    elif kind == "crossing":
+        cv2.rectangle(picture, (6, 6), (154, 154), blue, -1)
+        cv2.fillPoly(picture, [np.array([[80, 22], [26, 132], [134, 132]], np.int32)], white)
+        cv2.circle(picture, (82, 62), 9, black, -1)
+        cv2.line(picture, (80, 72), (76, 98), black, 10)
+        cv2.line(picture, (76, 98), (62, 124), black, 8)
+        cv2.line(picture, (76, 98), (94, 122), black, 8)
+    elif kind == "parking":
+        cv2.rectangle(picture, (6, 6), (154, 154), blue, -1)
+        text("P", 3.4, white)
+    else:
+        for inset, colour in ((0, red), (16, white)):
+            corners = np.array([[4 + 1.7 * inset, 14 + inset], [156 - 1.7 * inset, 14 + inset], [80, 150 - 2 * inset]])
+            cv2.fillPoly(picture, [corners.astype(np.int32)], colour)
+    # Transparent texels take a neighbouring colour, so that filtering never draws a dark rim.
+    picture[picture[..., 3] == 0, :3] = 200
+    return picture
+
+
+@functools.cache
+def wall_materials(style: str) -> tuple[Material, ...]:
+    """The walls that a style of building can have."""
+    if style == "brick":
+        return tuple(brick(c) for c in ((150, 82, 64), (132, 74, 58), (172, 120, 88), (112, 66, 56)))
+    if style == "stone":
+        return tuple(ashlar(c) for c in ((198, 186, 162), (170, 166, 158), (186, 170, 146)))
+    if style == "modern":
+        return tuple(panels(c) for c in ((176, 176, 172), (150, 152, 154), (196, 190, 180)))
+    colours = ((220, 208, 182), (206, 170, 132), (198, 200, 196), (184, 196, 180), (214, 186, 160), (188, 150, 130))
+    return tuple(render(c) for c in colours)

@@ -1,0 +1,318 @@
+"""Towns: from a name or a seed to a world of streets, with two more vehicles in every episode.
+
+What belongs to a town for ever: its plan, houses, trees, and the vehicles that are parked or wait there. What an
+episode adds: two vehicles of the town's visitors at free places where vehicles naturally stand (thesis A.2.2),
+and the weather. All vehicles are objects: a label of a parked car is as right as one of a visitor.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.core.errors import MissingAssetsError
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.mixed import town_library
+from sbm_gym.assets.unseen import PartLibrary
+from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
+from sbm_gym.worlds.geometry.placing import Box, overlap
+from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.splits import town_seed
+from sbm_gym.worlds.static_meshes import QuadSoup
+from sbm_gym.worlds.towns.furnisher import Furnisher, add_solid
+from sbm_gym.worlds.towns.furniture import furnish_town
+from sbm_gym.worlds.towns.ground import build_ground
+from sbm_gym.worlds.towns.houses import build_houses, house_rows
+from sbm_gym.worlds.towns.plan import Spawn, TownPlan, draw_plan
+from sbm_gym.worlds.towns.vehicles import VEHICLE_USES, Standing, add_vehicle, fits, park
+from sbm_gym.worlds.towns.weather import Weather, draw_weather
+from sbm_gym.worlds.world import Arrangement, ObjectInstance, World
+
+CELL_M = 0.2
+"""Of the navigable map."""
+RING_M = (3.0, 15.0)
+"""Distances from which a vehicle is looked at. Source: thesis A.2.2."""
+NEARBY_M = 24.0
+"""An episode takes place within this distance (along x and y) of its first vehicle."""
+START_CLEARANCE_M, START_DEPTH_M = 2.0, 7.0
+"""Episodes start this far from the end of the first vehicle, and up to this much farther."""
+BEARINGS = 18
+MIN_BEARINGS = 8
+"""A place from around which fewer of ``BEARINGS`` directions can be looked from is left empty."""
+MIN_APART_M = 3.0
+"""Between the two vehicles of an episode. Source: thesis A.2.2."""
+MAX_PARKED = 16
+"""Vehicles that belong to a town."""
+VISITORS = {"car": 4, "van": 1, "truck": 1, "bus": 1, "motorcycle": 2, "bicycle": 1}
+"""Of which an episode shows two; roads have about these shares."""
+HEAVY_TRIANGLES = 16_000
+"""Of models with more triangles a town has one at most."""
+VISITOR_TRIANGLES = 6_000
+"""Visitors have no more triangles than this where there is a choice: they move between episodes, which costs time."""
+_UNDERGROUND_M = -60.0
+
+
+def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
+    """Builds a town.
+
+    The same scene gives the same world in any process, given the same libraries.
+
+    Args:
+        scene: a named town (``town/train/00``), ``town/seed/N`` or N.
+        library: where vehicles, trees and street furniture come from; the installed catalogues with some builtin
+            street furniture if None.
+        unseen_models: keep the vehicle models that validation and test towns show out of every other town. Validation
+            and test towns are the same either way.
+
+    Returns:
+        The world, without an agent. Its ``stage`` places the vehicles of an episode.
+
+    Raises:
+        UsageError: if there is no such town.
+        MissingAssetsError: if there are no models of vehicles.
+    """
+    name, seed = town_seed(scene)
+    library = _part(name, library or town_library(), unseen_models)
+    rng = np.random.default_rng(seed)
+    plan = draw_plan(rng)
+    spec = mujoco.MjSpec()
+    spec.modelname = name.replace("/", "_")
+    spec.visual.map.znear, spec.visual.map.zfar = 0.002, 12.0
+    spec.stat.extent, spec.stat.center = 40.0, [0.0, 0.0, 2.0]
+    draw_weather(rng).add_to(spec)
+    builder = SceneBuilder(spec)
+    soup = QuadSoup(builder, spec.worldbody.add_body(name="town"))
+    build_ground(soup, plan, rng)
+    houses = house_rows(plan, rng)
+    build_houses(soup, houses, rng)
+    solid = [
+        add_solid(spec, builder, house.rect, house.eaves_m, f"house_{number}") for number, house in enumerate(houses)
+    ]
+    furnisher = Furnisher(builder, soup, library, rng, [spawn.area() for spawn in plan.spawns], list(solid))
+    furnish_town(furnisher, plan)
+    soup.build()
+    walkable = plan.walkable
+    low, high = np.array([walkable.x0, walkable.y0]), np.array([walkable.x1, walkable.y1])
+    still = navigable_map(low, high, _rows(furnisher.obstacles), cell_m=CELL_M)
+    spawns = [spawn for spawn in plan.spawns if _in_the_open(spawn, furnisher.obstacles)]
+    parked, taken = _park_vehicles(plan, spawns, still, library, rng)
+    objects: list[ObjectInstance] = []
+    for number, standing in enumerate(parked, start=1):
+        body = add_vehicle(builder, library, standing, f"{standing.card.category}_{number:02d}", rng)
+        objects.append(standing.instance(number, body.name))
+    navigable = _with_vehicles(still.free, low, parked, library)
+    visitors = _add_visitors(builder, library, len(objects) + 1, rng)
+    left = tuple(spawn for spawn in spawns if spawn not in taken)
+    stage = TownStage(navigable, left, visitors, tuple(objects), tuple(standing.box() for standing in parked), library)
+    return World(name, spec, tuple(objects), navigable, stage=stage)
+
+
+def _part(name: str, library: FurnitureLibrary, unseen_models: bool) -> FurnitureLibrary:
+    """The models that a town may show."""
+    if name.startswith(("town/val/", "town/test/")):
+        return PartLibrary(library, training=False)
+    return PartLibrary(library, training=True) if unseen_models else library
+
+
+def _rows(boxes: Sequence[Box]) -> Float[np.ndarray, "n 5"]:
+    return np.array([(b.x_m, b.y_m, b.half_x_m, b.half_y_m, b.yaw_rad) for b in boxes], float).reshape(-1, 5)
+
+
+def _in_the_open(spawn: Spawn, obstacles: Sequence[Box]) -> bool:
+    """Whether nothing of the street furniture stands where the vehicle would."""
+    area = spawn.area()
+    return not any(overlap(area, obstacle, 0.05) for obstacle in obstacles)
+
+
+def _park_vehicles(
+    plan: TownPlan, spawns: list[Spawn], still: NavigableMap, library: FurnitureLibrary, rng: np.random.Generator
+) -> tuple[list[Standing], set[Spawn]]:
+    """The vehicles that belong to a town: some parked, some waiting, at most about a third of all places taken."""
+    cards = {use: library.models(use) for use in VEHICLE_USES}
+    if not any(cards.values()):
+        raise MissingAssetsError(
+            "the furniture libraries hold no vehicles: run `sudo apt-get install sweethome3d-furniture`"
+        )
+    heavy: set[str] = set()
+    parked: list[Standing] = []
+    taken: set[Spawn] = set()
+    limit = min(MAX_PARKED, max(len(spawns) // 3, 2))
+    shares = {"bay": 0.75, "loading": 0.9, "bus": 0.9, "lane": 0.45, "rack": 0.45}
+    for index in rng.permutation(len(spawns)):
+        spawn = spawns[index]
+        if len(parked) >= limit:
+            break
+        choices = [
+            card
+            for use in VEHICLE_USES
+            for card in cards[use]
+            if fits(card, spawn) and not (heavy and library.triangles(card) > HEAVY_TRIANGLES)
+        ]
+        # Nobody parks a motorcycle where a car fits as often as a car.
+        weights = np.array([VISITORS[card.use] / len(cards[card.use]) for card in choices])
+        if not choices or rng.random() > shares[spawn.kind]:
+            continue
+        standing = park(choices[int(rng.choice(len(choices), p=weights / weights.sum()))], spawn, rng)
+        if any(overlap(standing.box(), other.box(), 0.25) for other in parked):
+            continue
+        if approach_bearings(still, np.array([spawn.x_m, spawn.y_m])) < MIN_BEARINGS:
+            continue
+        if library.triangles(standing.card) > HEAVY_TRIANGLES:
+            heavy.add(standing.card.model_id)
+        parked.append(standing)
+        taken.add(spawn)
+    return parked, taken
+
+
+def approach_bearings(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> int:
+    """From how many of ``BEARINGS`` directions a vehicle can be looked at from 3 to 15 m away."""
+    count = 0
+    for bearing in np.arange(BEARINGS) * (2 * np.pi / BEARINGS):
+        direction = np.array([np.cos(bearing), np.sin(bearing)])
+        count += any(
+            navigable.is_free(centre_m + distance * direction) for distance in np.arange(RING_M[0], RING_M[1], 0.5)
+        )
+    return count
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """A vehicle that episodes put somewhere; elsewhile it waits below the ground."""
+
+    card: ModelCard
+    body_name: str
+    instance_id: int
+
+
+def _add_visitors(
+    builder: SceneBuilder, library: FurnitureLibrary, first_id: int, rng: np.random.Generator
+) -> tuple[Visitor, ...]:
+    visitors: list[Visitor] = []
+    for use, count in VISITORS.items():
+        cards = sorted(library.models(use), key=library.triangles)
+        cards = [card for card in cards if library.triangles(card) <= VISITOR_TRIANGLES] or cards[:1]
+        for k in rng.permutation(len(cards))[:count]:
+            number = len(visitors)
+            card = cards[int(k)]
+            below = Standing(card, 0.0, 0.0, _UNDERGROUND_M - 10.0 * number, 0.0)
+            body = add_vehicle(builder, library, below, f"visitor_{number}", rng, moves=True)
+            visitors.append(Visitor(card, body.name, first_id + number))
+    return tuple(visitors)
+
+
+@dataclass(frozen=True)
+class TownStage:
+    """Places two vehicles for an episode and draws its weather. Implements ``Stage``."""
+
+    navigable: NavigableMap
+    spawns: tuple[Spawn, ...]
+    """Places that the town's own vehicles leave free."""
+    visitors: tuple[Visitor, ...]
+    objects: tuple[ObjectInstance, ...]
+    parked: tuple[Box, ...]
+    library: FurnitureLibrary
+
+    def arrange(self, rng: np.random.Generator) -> Arrangement:
+        """Draws the two vehicles, where they stand, where the agent may start, and the weather.
+
+        Source: thesis A.2.2: a random natural place, and the nearest other one at least 3 m away.
+        """
+        while True:
+            placed = self._draw(rng)
+            if placed is None:
+                continue
+            navigable = self._around(placed)
+            centre = np.array([placed[0][1].x_m, placed[0][1].y_m])
+            # Right beside a bus nothing of it can be made out.
+            nearest_m = max(RING_M[0], 0.5 * max(placed[0][1].card.size_m[:2]) + START_CLEARANCE_M)
+            ring = _within(navigable, centre, (nearest_m, min(nearest_m + START_DEPTH_M, RING_M[1])))
+            starts = NavigableMap(navigable.free & ring, navigable.origin_m, CELL_M)
+            reached = min(approach_bearings(navigable, np.array([s.x_m, s.y_m])) for _, s in placed)
+            if starts.free.any() and reached >= MIN_BEARINGS:
+                break
+        weather = draw_weather(rng)
+        instances = tuple(standing.instance(v.instance_id, v.body_name) for v, standing in placed)
+        return Arrangement(self.objects + instances, navigable, starts, _Change(self.visitors, placed, weather))
+
+    def _draw(self, rng: np.random.Generator) -> tuple[tuple[Visitor, Standing], tuple[Visitor, Standing]] | None:
+        first = self._place(self.spawns[int(rng.integers(len(self.spawns)))], (), rng)
+        if first is None:
+            return None
+        at = np.array([first[1].x_m, first[1].y_m])
+        others = [(float(np.hypot(s.x_m - at[0], s.y_m - at[1])), k) for k, s in enumerate(self.spawns)]
+        for distance_m, k in sorted(others):
+            second = self._place(self.spawns[k], (first,), rng) if distance_m >= MIN_APART_M else None
+            if second is not None:
+                apart = np.hypot(second[1].x_m - at[0], second[1].y_m - at[1])
+                return (first, second) if apart >= MIN_APART_M else None
+        return None
+
+    def _place(self, spawn: Spawn, others: tuple, rng: np.random.Generator) -> tuple[Visitor, Standing] | None:
+        """One of the visitors that fit a place and are not there yet; None if none does."""
+        gone = {visitor.instance_id for visitor, _ in others}
+        choices = [v for v in self.visitors if v.instance_id not in gone and fits(v.card, spawn)]
+        if not choices:
+            return None
+        visitor = choices[int(rng.integers(len(choices)))]
+        standing = park(visitor.card, spawn, rng)
+        boxes = (*self.parked, *(other.box() for _, other in others))
+        return None if any(overlap(standing.box(), box, 0.2) for box in boxes) else (visitor, standing)
+
+    def _around(self, placed: Sequence[tuple[Visitor, Standing]]) -> NavigableMap:
+        """The part of the map around the first vehicle, with both in it."""
+        centre = np.array([placed[0][1].x_m, placed[0][1].y_m])
+        whole = self.navigable
+        low = np.floor((centre - NEARBY_M - whole.origin_m) / CELL_M).astype(int)
+        high = np.ceil((centre + NEARBY_M - whole.origin_m) / CELL_M).astype(int)
+        low = np.maximum(low, 0)
+        free = whole.free[low[1] : max(high[1], 1), low[0] : max(high[0], 1)]
+        vehicles = [standing for _, standing in placed]
+        return _with_vehicles(free, whole.origin_m + CELL_M * low, vehicles, self.library)
+
+
+def _with_vehicles(
+    free: Bool[np.ndarray, "ny nx"],
+    origin_m: Float[np.ndarray, "2"],
+    vehicles: Sequence[Standing],
+    library: FurnitureLibrary,
+) -> NavigableMap:
+    """The connected part of a map that is left when vehicles stand on it."""
+    rows = np.concatenate([standing.obstacles(library) for standing in vehicles])
+    # A rim of two cells keeps the walls that a map has at its edges away from the cells that count.
+    rim = 2 * CELL_M
+    size_m = CELL_M * np.array(free.shape[::-1])
+    around = navigable_map(origin_m - rim, origin_m + size_m + rim, rows, cell_m=CELL_M).free[2:-2, 2:-2]
+    navigable = NavigableMap(free & around, origin_m, CELL_M)
+    return NavigableMap(navigable.largest_component, origin_m, CELL_M)
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Brings the visitors of an episode to their places, the others below the ground, and changes the weather."""
+
+    visitors: tuple[Visitor, ...]
+    placed: tuple[tuple[Visitor, Standing], ...]
+    weather: Weather
+
+    def __call__(self, model: mujoco.MjModel) -> None:
+        for number, visitor in enumerate(self.visitors):
+            body = model.body(visitor.body_name).id
+            model.body_pos[body] = [0.0, 0.0, _UNDERGROUND_M - 10.0 * number]
+        for visitor, standing in self.placed:
+            body = model.body(visitor.body_name).id
+            model.body_pos[body] = [standing.x_m, standing.y_m, standing.z_m]
+            model.body_quat[body] = standing.quaternion()
+        self.weather.apply(model)
+
+
+def _within(
+    navigable: NavigableMap, centre_m: Float[np.ndarray, "2"], ring_m: tuple[float, float]
+) -> Bool[np.ndarray, "ny nx"]:
+    """Cells whose centres lie on a ring."""
+    rows, columns = navigable.free.shape
+    x = navigable.origin_m[0] + CELL_M * (np.arange(columns) + 0.5) - centre_m[0]
+    y = navigable.origin_m[1] + CELL_M * (np.arange(rows) + 0.5) - centre_m[1]
+    distance = np.hypot(x[None], y[:, None])
+    return (distance >= ring_m[0]) & (distance <= ring_m[1])

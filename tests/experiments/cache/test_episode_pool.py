@@ -1,0 +1,55 @@
+"""Episodes of several pools as one dataset."""
+
+from pathlib import Path
+
+import pytest
+
+from experiments.cache import episode_pool
+from experiments.cache.episode_pool import gather
+from experiments.cache.stages import Workplace
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> dict[str, Path]:
+    """Two folders of one name, as pools have them."""
+    found = {}
+    for pool in ("first", "second"):
+        folder = tmp_path / pool / "0000"
+        (folder / "rgb").mkdir(parents=True)
+        (folder / "rgb" / "0.txt").write_text(pool)
+        found[pool] = folder
+    return found
+
+
+def contents(folders: list[Path]) -> dict[str, str]:
+    return {folder.name: (folder / "rgb" / "0.txt").read_text() for folder in folders}
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_episodes_of_several_pools_come_together(
+    sources: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    def refuse(source: str, target: str) -> None:
+        raise OSError("no links here")
+
+    if not links:
+        monkeypatch.setattr(episode_pool.os, "link", refuse)
+    place = Workplace("smoke", (0,), 1, tmp_path / "cache")
+    wanted = {"b": sources["first"], "a": sources["second"]}
+    folders = gather("both", wanted, place)
+    assert contents(folders) == {"a": "second", "b": "first"}
+    assert [folder.parent.name for folder in folders] == ["both", "both"]
+    assert contents(gather("both", wanted, place)) == contents(folders)
+
+
+def test_what_is_not_asked_for_goes_and_what_was_cut_short_is_made_anew(
+    sources: dict[str, Path], tmp_path: Path
+) -> None:
+    place = Workplace("smoke", (0,), 1, tmp_path / "cache")
+    (first,) = gather("some", {"old": sources["first"]}, place)
+    (first.parent / ".new").mkdir()
+    (first.parent / ".new" / "half").write_text("")
+    folders = gather("some", {"new": sources["second"]}, place)
+    assert contents(folders) == {"new": "second"}
+    assert [path.name for path in first.parent.iterdir()] == ["new"]
+    assert contents([sources["first"]]) == {"0000": "first"}

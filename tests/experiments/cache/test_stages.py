@@ -1,0 +1,124 @@
+import importlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.cache import stages
+from experiments.cache.stages import Store, digest, folder_digest, run_tasks
+from labeling.core.errors import SbmError
+from labeling.metrics.bootstrap import mean_of, paired_difference
+from labeling.runtime.code_digest import code_digest, reached_files
+
+WORK = """
+import os
+from pathlib import Path
+from labeling.core.errors import SbmError
+
+def write_square(path):
+    number = int(Path(path).name)
+    if number == 13:
+        raise SbmError("13 is unlucky")
+    Path(path).write_text(f"{number**2} {os.environ['NUMBA_NUM_THREADS']}")
+"""
+
+
+def test_digests_follow_content_not_order() -> None:
+    assert digest({"a": 1, "b": [2]}) == digest({"b": [2], "a": 1})
+    assert digest({"a": 1}) != digest({"a": 2})
+    assert digest("ab", "c") != digest("a", "bc")
+    with pytest.raises(ValueError):
+        digest(float("nan"))
+
+
+def test_folder_digest_changes_with_names_and_bytes(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("1")
+    before = folder_digest(tmp_path)
+    (tmp_path / "a").write_text("2")
+    changed = folder_digest(tmp_path)
+    (tmp_path / "a").rename(tmp_path / "b")
+    assert len({before, changed, folder_digest(tmp_path)}) == 3
+
+
+def test_code_reaches_what_is_imported_in_functions_and_through_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "labeling"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "a.py").write_text("def f():\n    from labeling import b\n    import numpy\n")
+    (package / "b.py").write_text("from labeling.c import x\n")
+    (package / "c.py").write_text("import labeling.a\nx = 1\n")
+    (package / "d.py").write_text("x = 2\n")
+    monkeypatch.setattr(stages, "ROOT", tmp_path)
+    (package / "learnt.json").write_text("{}")
+    names = {path.name for path in reached_files(["labeling.a"])}
+    assert names == {"__init__.py", "a.py", "b.py", "c.py", "learnt.json"}
+    code_digest.cache_clear()
+    before = code_digest("labeling.a")
+    (package / "d.py").write_text("x = 3\n")
+    code_digest.cache_clear()
+    assert code_digest("labeling.a") == before
+    (package / "c.py").write_text("import labeling.a\nx = 2\n")
+    code_digest.cache_clear()
+    assert code_digest("labeling.a") != before
+    code_digest.cache_clear()
+
+
+def test_labels_depend_on_the_code_that_makes_them() -> None:
+    names = {path.stem for path in reached_files(["labeling.generator.propagate"])}
+    assert {"fusion", "crf", "lattice", "unary_choices", "per_detection", "published_defects"} <= names
+    assert not names & {"report", "viewer"}
+
+
+def test_store_keeps_and_reports_damage(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    assert not store.has("stage", "abcd")
+    store.write("stage", "abcd", {"x": [1, None]})
+    assert store.read("stage", "abcd") == {"x": [1, None]}
+    store.path("stage", "abcd").write_text("{")
+    with pytest.raises(SbmError, match="delete it"):
+        store.read("stage", "abcd")
+
+
+def test_tasks_run_in_single_threaded_processes_and_one_failure_does_not_stop_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "sbm_squares.py").write_text(WORK)
+    (tmp_path / "out").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    write_square = importlib.import_module("sbm_squares").write_square
+    before = os.environ.get("NUMBA_NUM_THREADS")
+    with pytest.raises(SbmError, match=r"1 of 3 tasks failed.*13 is unlucky"):
+        run_tasks(write_square, [str(tmp_path / "out" / name) for name in ("3", "13", "4")], 2, "squares")
+    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"3": "9 1", "4": "16 1"}
+    assert os.environ.get("NUMBA_NUM_THREADS") == before
+    run_tasks(write_square, [], 2, "nothing")
+    assert "squares" in capsys.readouterr().err
+
+
+def test_paired_difference_is_of_pairs_and_its_interval_covers_the_truth() -> None:
+    rng = np.random.default_rng(0)
+    hits = 0
+    for trial in range(60):
+        level = rng.normal(0, 10, 30)  # episodes differ far more than settings
+        ours, theirs = level + 0.5 + rng.normal(0, 1, 30), level + rng.normal(0, 1, 30)
+        found = paired_difference(ours.tolist(), theirs.tolist(), trial)
+        assert found is not None
+        assert found.low is not None
+        assert found.high is not None
+        assert found.mean == pytest.approx(np.mean(ours - theirs))
+        assert found.low <= found.mean <= found.high
+        assert found.high - found.low < 2
+        hits += found.low <= 0.5 <= found.high
+    assert hits >= 50
+
+
+def test_undefined_figures_stay_out_of_pairs() -> None:
+    found = paired_difference([1.0, None, 3.0], [0.5, 2.0, None])
+    assert found is not None
+    assert (found.mean, found.low, found.high, found.episodes) == (0.5, None, None, 1)
+    assert paired_difference([None], [1.0]) is None
+    assert mean_of([None, 1.0, 2.0]) == 1.5
+    assert mean_of([None]) is None

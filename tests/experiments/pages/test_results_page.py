@@ -1,0 +1,223 @@
+"""The page of results says what the figures say, each in its place, and is the one that is committed."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.figures.result_values import gap_share, gap_shares, thesis_gap_share, values
+from experiments.figures.thesis_values import MEANS, PER_CLASS, ROOM_CATEGORIES, of_category
+from experiments.pages.boxes_section import read_boxes
+from experiments.pages.results import (
+    PAGE,
+    above_sentence,
+    gap_sentences,
+    loop_sentences,
+    page,
+    read_pairs,
+    read_results,
+    section,
+    write_page,
+)
+from experiments.results_page import main
+from labeling.core.errors import SbmError
+
+ROOT = Path(__file__).resolve().parents[3]
+RESULTS, DOCS = ROOT / "experiments" / "results", ROOT / "docs"
+CATEGORIES = ("bed", "tv", "lamp")
+
+
+def run(seed: int, ap50: float) -> dict[str, Any]:
+    per_class = {name: ap50 + 0.01 * place + 0.001 * seed for place, name in enumerate(CATEGORIES)}
+    return {
+        "seed": seed,
+        "mask_ap50": ap50 + 0.001 * seed,
+        "mask_ap30": ap50 + 0.1,
+        "per_class_ap50": {**per_class, "lamp": None},
+        "per_class_ap30": per_class,
+        "instances": {"bed": 31, "tv": 7, "lamp": 0},
+    }
+
+
+GAP = ["pre-trained", "SbM fine-tuned", "GT fine-tuned"]
+
+
+def table(ceiling: float = 0.6) -> dict[str, Any]:
+    """As ``table_5_3.json``."""
+    rows = {"pre-trained": 0.2, "SbM fine-tuned": 0.3, "GT fine-tuned": ceiling}
+    return {
+        "description": "rooms: pre-trained and SbM",
+        "scale": "quick",
+        "seeds": [0, 1, 2],
+        "gaps": [GAP],
+        "pools": {"learn": {"episodes": 20}, "test": {"episodes": 1}},
+        "settings": {"train": {"iterations": 90, "batch_size": 8, "learning_rate": 3e-4}},
+        "rows": [
+            {
+                "name": name,
+                "part": "test",
+                "teacher": None if name == "pre-trained" else "sbm",
+                "runs": [run(seed, ap50) for seed in range(3)],
+            }
+            for name, ap50 in rows.items()
+        ],
+    }
+
+
+def cells(text: str, row: str) -> list[list[str]]:
+    """The cells of all lines of tables that begin with a row's name."""
+    lines = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")
+    ]
+    return [line[1:] for line in lines if line[0] == row]
+
+
+def test_every_figure_stands_in_its_cell_beside_the_thesis() -> None:
+    content = table()
+    text = "\n\n".join(section("table_5_3", content))
+    for row in content["rows"]:
+        means, categories = cells(text, row["name"])
+        ap50, ap30 = ([100 * one[f"mask_{figure}"] for one in row["runs"]] for figure in ("ap50", "ap30"))
+        theirs = MEANS["table_5_3"][row["name"]]
+        shown = [f"{np.mean(one):.1f} ± {np.std(one, ddof=1):.1f}" for one in (ap50, ap30)]
+        assert means == ["unseen test scenes", shown[0], f"{theirs['ap50']:.1f}", shown[1], f"{theirs['ap30']:.1f}"]
+        beds = [100 * one["per_class_ap50"]["bed"] for one in row["runs"]]
+        assert categories[0] == f"{np.mean(beds):.1f} ± {np.std(beds, ddof=1):.1f}"
+        tv = of_category("table_5_3", row["name"], "ap50", "tv")
+        assert categories[1].endswith(f"[{tv:.1f}]")
+    assert "| bed (31) | tv (7) |" in text
+    assert "20 episodes to learn from, 1 episode of unseen scenes" in text
+    assert "lamp" not in text
+
+
+def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:
+    assert gap_share(table(), GAP) == pytest.approx(0.25)
+    text = "\n".join(section("table_5_3", table()))
+    assert "**0.25** (thesis: 0.13). By seed: 0.25, 0.25, 0.25." in text
+    assert gap_share(table(ceiling=0.1), GAP) is None
+    assert gap_sentences("table_5_3", {**table(), "gaps": []}) == []
+
+
+def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
+    content = table()
+    before, ours, ceiling = (row["runs"] for row in content["rows"])
+    for place, (low, our, high) in enumerate(((0.2, 0.3, 0.6), (0.2, 0.3, 0.1), (0.2, 0.3, 0.8))):
+        before[place]["mask_ap50"], ours[place]["mask_ap50"], ceiling[place]["mask_ap50"] = low, our, high
+    assert gap_share(content, GAP) == pytest.approx(0.1 / 0.3)
+    assert gap_shares(content, GAP) == [pytest.approx(0.25), None, pytest.approx(1 / 6)]
+    assert "By seed: 0.25, no gap, 0.17." in "\n".join(section("table_5_3", content))
+
+
+def test_rows_are_above_others_only_where_their_means_are_and_instances_enough() -> None:
+    content = table()
+    sentence = above_sentence(content, "SbM fine-tuned", "pre-trained")
+    assert sentence == "SbM fine-tuned are above pre-trained on 1 of 1 categories with 10 instances or more."
+    sentence = above_sentence(content, "pre-trained", "pre-trained")
+    assert sentence.endswith("on 0 of 1 categories with 10 instances or more (not on bed).")
+    assert sentence in section("table_5_3", {**content, "above": [["pre-trained", "pre-trained"]]})
+
+
+def test_the_thesis_figures_are_as_the_design_notes_sum_them_up() -> None:
+    assert thesis_gap_share("table_5_1", GAP) == pytest.approx(0.41, abs=0.005)
+    assert thesis_gap_share("table_5_3", GAP) == pytest.approx(0.13, abs=0.005)
+    for name, rows in PER_CLASS.items():
+        for row, figures in rows.items():
+            for figure, found in figures.items():
+                known = [value for value in found if value is not None]
+                assert len(found) in (len(ROOM_CATEGORIES), 4)
+                # The thesis' own means are not always those of its columns: off by up to 2.4 points.
+                assert np.mean(known) == pytest.approx(MEANS[name][row][figure], abs=2.5), (name, row, figure)
+
+
+def test_what_has_not_been_run_is_said_with_its_command() -> None:
+    text = page({"table_5_3": table()})
+    assert "`python -m experiments.run table_5_1` does it" in text
+    assert "`python -m experiments.run never_ending` does it" in text
+    assert "run table_5_3` does it" not in text
+
+
+def test_a_loop_tells_how_far_it_rises() -> None:
+    tests = [[0.50, 0.52], [0.56, 0.54], [0.53, 0.55]]  # means: 51, 55, 54
+    content = {
+        "size": {"rounds": 4},
+        "before": {"mask_ap50": 0.48, "photographs_ap50": 0.60},
+        "loops": [
+            {"rounds": [{"test": {"mask_ap50": one[seed], "photographs_ap50": 0.59}} for one in tests]}
+            for seed in range(2)
+        ],
+    }
+    (sentence,) = loop_sentences(content)
+    assert "rises in 2 of 3 rounds, and ends **+3.0** points" in sentence
+    assert "(+6.0 from the pre-trained one)" in sentence
+    assert "on photographs it ends -1.0 points" in sentence
+    assert loop_sentences({**content, "loops": []}) == []
+
+
+def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SbmError, match="no figures of any table"):
+        read_results(tmp_path)
+    assert main(["--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (tmp_path / "docs").exists()
+
+
+def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
+    (tmp_path / "table_5_3.json").write_text(json.dumps(table()))
+    written = write_page(tmp_path, tmp_path / "docs")
+    text = (tmp_path / "docs" / PAGE).read_text()
+    for path in written:
+        assert path.stat().st_size > 1000
+        assert path.name == PAGE or f"pictures/{path.name}" in text
+
+
+def test_views_before_and_after_are_named_with_their_picture(tmp_path: Path) -> None:
+    record = {
+        "scale": "quick",
+        "labels": "shared",
+        "seed": 3,
+        "views": [],
+        "all_views": {"gained": 51, "same": 42, "lost": 7},
+    }
+    (tmp_path / "before_after_streets.json").write_text(json.dumps(record))
+    text = page({"table_5_3": table()}, read_pairs(tmp_path))
+    assert "Before and after: streets" in text
+    assert "fine-tuned on shared SbM labels (seed 3" in text
+    assert "51 gained, 42 stayed and 7 lost" in text
+    assert "(pictures/before_after_streets.png)" in text
+    assert "Before and after" not in page({"table_5_3": table()})
+
+
+def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) -> None:
+    modes = {"description": "presets", "scale": "full", "seeds": [0, 1, 2], "pools": {}, "results": {}}
+    (tmp_path / "label_modes.json").write_text(json.dumps(modes))
+    with pytest.raises(SbmError):
+        read_results(tmp_path)
+    taught = {name: part for name, part in table().items() if name in ("gaps", "pools", "settings", "rows")}
+    (tmp_path / "label_modes.json").write_text(json.dumps({**modes, "taught": taught}))
+    text = page(read_results(tmp_path))
+    assert "Scale `full`" in text
+    assert "Fine-tuned on at most 90 batches of 8 at a learning rate of 0.0003." in text
+    assert cells(text, "SbM fine-tuned")[0][:2] == ["unseen test scenes", "30.1 ± 0.1"]
+
+
+def test_the_committed_page_is_that_of_the_committed_figures() -> None:
+    try:
+        contents = read_results(RESULTS)
+    except SbmError:
+        assert not (DOCS / PAGE).exists()
+        return
+    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(contents, read_pairs(RESULTS), read_boxes(RESULTS))
+
+
+def test_the_gains_in_the_readme_are_those_of_the_presets() -> None:
+    told = re.search(
+        r"gains ([\d.]+) points of AP in unseen homes, by those\s+of `paper` ([\d.]+) ",
+        (ROOT / "README.md").read_text(),
+    )
+    assert told is not None
+    rows = {row["name"]: np.mean(values(row, "ap50")) for row in read_results(RESULTS)["label_modes"]["rows"]}
+    gains = [rows[f"fine-tuned on {preset}"] - rows["pre-trained"] for preset in ("default", "paper")]
+    assert list(told.groups()) == [f"{gain:.1f}" for gain in gains]

@@ -1,0 +1,80 @@
+"""The fine-tuning experiment: runs, resumes, never looks at test scenes, and its page says what its figures say."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from experiments.pages.fine_tuning_page import gap_closed
+from experiments.run import main
+from experiments.tables import policies
+from experiments.tables.fine_tuning import SIZES
+from labeling.detectors.finetuning import training_run
+
+
+def test_the_experiment_runs_resumes_and_reports(
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run() -> int:
+        places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
+        return main(["fine_tuning", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places])
+
+    assert run() == 0
+    written = tmp_path / "results" / "fine_tuning.json"
+    content = json.loads(written.read_text())
+    room = content["worlds"]["rooms"]
+    assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [("labels", 0), ("truth", 0)]
+    assert set(room["before"]) == {"validation", "photographs"}
+    pools = {pool.name: pool for pool in small_rooms if pool.name.startswith("rooms")}
+    assert {pool.split for pool in pools.values()} == {"train", "val"}
+    assert {pool.detector for pool in pools.values()} == {"compact"}
+    assert (pools["rooms_learn"].split, pools["rooms_choose"].split) == ("train", "train")
+    assert pools["rooms_learn"].seed != pools["rooms_choose"].seed
+    page = (tmp_path / "docs" / "fine-tuning.md").read_text()
+    assert f"AP50 of the detector is {100 * room['labels'][0]['detector']['mask_ap50']:.1f}" in page
+    assert (tmp_path / "docs" / "pictures" / "fine_tuning.png").stat().st_size > 1000
+    monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
+    assert run() == 0
+    assert json.loads(written.read_text()) == content
+    capsys.readouterr()
+
+
+def test_every_policy_teaches_from_as_many_episodes_of_its_own(
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(policies, "POLICIES", ("ring", "random"))
+    places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
+    assert main(["policies", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
+    room = json.loads((tmp_path / "results" / "policies.json").read_text())["worlds"]["rooms"]
+    assert [(one["policy"], one["seed"]) for one in room["runs"]] == [
+        (policy, seed) for policy in ("ring", "random") for seed in (0, 1)
+    ]
+    asked = {(pool.policy, pool.name): pool for pool in small_rooms if pool.name != "photographs"}
+    assert set(asked) == {
+        ("ring", "rooms_val"),
+        *((policy, f"rooms_{part}") for policy in ("ring", "random") for part in ("learn", "choose")),
+    }
+    assert asked["ring", "rooms_learn"] == replace(asked["random", "rooms_learn"], policy="ring")
+    assert "after labels of `random`" in (tmp_path / "docs" / "policies-results.md").read_text()
+    capsys.readouterr()
+
+
+def test_the_share_of_the_gap_is_that_of_means_over_seeds() -> None:
+    def scored(ap50: float) -> dict:
+        return {"validation": {"mask_ap50": ap50}}
+
+    runs = [("labels", 0.4), ("labels", 0.5), ("truth", 0.7), ("truth", 0.8)]
+    world = {"before": scored(0.3), "runs": [{"teacher": name, **scored(ap50)} for name, ap50 in runs]}
+    assert gap_closed(world) == pytest.approx(0.15 / 0.45)
+    world["before"] = scored(0.9)
+    assert gap_closed(world) is None
+
+
+def test_every_scale_learns_and_chooses_on_something() -> None:
+    for size in SIZES.values():
+        assert all(min(counts) >= 1 for counts in size.episodes.values())
+        size.train.check()
+        assert set(size.episodes) <= set(size.augment)
+        for augmentation in size.augment.values():
+            augmentation.check()

@@ -1,0 +1,107 @@
+"""The experiments about policies run, resume, never look at test scenes, and sum up what the episodes say."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.evaluation.run import Player
+from agents.evaluation.store import read_result
+from experiments.ablations import reward_ablation
+from experiments.run import main
+from experiments.tables import policy_evaluation
+from experiments.tables.trained_policies import training_command
+from labeling.metrics.bootstrap import paired_difference
+
+from ..box_env import ENV_ID, SHORT_ENV_ID
+
+
+def run(name: str, folder: Path, seeds: int = 1) -> int:
+    places = [f"--{place}={folder / place}" for place in ("cache", "results", "docs")]
+    return main([name, "--scale", "smoke", "--seeds", str(seeds), "--workers", "1", *places])
+
+
+def test_policies_are_compared_and_results_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(policy_evaluation, "WORLDS", {"boxes": ENV_ID})
+    monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
+    monkeypatch.setattr(policy_evaluation, "POLICIES", ("ring", "random", "spin", "ppo"))
+    monkeypatch.setattr(policy_evaluation, "LABELLED", ("ring", "random", "ppo"))
+    assert run("policy_evaluation", tmp_path) == 0
+    content = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
+    boxes = content["worlds"]["boxes"]
+    assert boxes["settings"]["split"] == "val"
+    assert boxes["settings"]["scenes"] == ["box_3"]
+    assert list(boxes["policies"]) == ["ring", "random", "spin"]
+    assert boxes["policies"]["spin"]["labels"] is None
+    assert "no trained policy" in boxes["left_out"]["ppo"]
+    assert boxes["trained"] == {}
+    assert list(boxes["policies"]["ring"]["labels"]) == ["5", "10", "12", "15", "20", "25"]
+    (file,) = (tmp_path / "cache" / "policy_evaluation").rglob("random/*.json")
+    figures = boxes["policies"]["random"]["figures"]
+    for name, value in read_result(file)["figures"].items():
+        assert figures[name]["mean"] == pytest.approx(value, abs=1e-4)
+    early = boxes["policies"]["random"]["early"]
+    assert (early["views"], early["base_views"]) == (12, 25)
+    labels = {policy: found["labels"] for policy, found in boxes["policies"].items() if found["labels"]}
+    expected = labels["random"]["12"]["right"]["mean"] - labels["ring"]["25"]["right"]["mean"]
+    assert early["difference"]["right"]["mean"] == pytest.approx(expected)
+    page = (tmp_path / "docs" / "policies-results.md").read_text()
+    assert "`ppo` is left out" in page
+    monkeypatch.setattr(Player, "play", None)  # a second run has nothing left to do
+    assert run("policy_evaluation", tmp_path) == 0
+    again = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
+    assert again["worlds"] == content["worlds"]
+    capsys.readouterr()
+
+
+def test_parts_of_the_reward_are_compared_from_the_same_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(reward_ablation, "WORLDS", {"boxes": SHORT_ENV_ID})
+    assert run("reward_ablation", tmp_path, seeds=2) == 0
+    content = json.loads((tmp_path / "results" / "reward_ablation.json").read_text())
+    policies = content["worlds"]["boxes"]["policies"]
+    assert list(policies) == list(reward_ablation.POLICIES)
+    for policy, found in policies.items():
+        files = sorted((tmp_path / "cache" / "reward_ablation").rglob(f"{policy.replace(':', '-')}/*.json"))
+        played = [read_result(file)["figures"] for file in files]
+        for name, figure in found["figures"].items():
+            assert figure["per_seed"] == pytest.approx([one[name] for one in played], abs=1e-4)
+    assert "parts of the reward" in (tmp_path / "docs" / "policies-results.md").read_text()
+    monkeypatch.setattr(Player, "play", None)  # a second run has nothing left to do
+    assert run("reward_ablation", tmp_path, seeds=2) == 0
+    assert json.loads((tmp_path / "results" / "reward_ablation.json").read_text())["worlds"] == content["worlds"]
+    capsys.readouterr()
+
+
+def test_no_policy_is_compared_on_test_scenes() -> None:
+    assert policy_evaluation.SPLIT == reward_ablation.SPLIT == "val"
+
+
+def test_commands_name_what_differs_from_the_defaults() -> None:
+    description = {
+        "env": "sbm_gym/Outdoor-v0",
+        "seed": 0,
+        "detector": "compact",
+        "reward": "both",
+        "imitate_episodes": 0,
+        "hyperparameters": {"n_timesteps": 1000, "n_envs": 2},
+        "validation": {"episodes": 7},
+        "git_commit": "abc",
+    }
+    command = "python -m agents.train --env sbm_gym/Outdoor-v0 --steps 1000 --seed 0 --envs 2 --detector compact"
+    assert training_command(description) == f"{command} --eval-episodes 7"
+    assert "--eval-every 30" in training_command({**description, "eval_every": 30})
+
+
+def test_bootstrap_interval_by_brute_force() -> None:
+    rng = np.random.default_rng(5)
+    ours, theirs = rng.normal(size=12), rng.normal(size=12)
+    found = paired_difference(ours.tolist(), theirs.tolist())
+    assert found is not None
+    means = [np.mean(rng.choice(ours - theirs, 12)) for _ in range(20_000)]
+    assert found.low == pytest.approx(np.quantile(means, 0.025), abs=0.05)
+    assert found.high == pytest.approx(np.quantile(means, 0.975), abs=0.05)

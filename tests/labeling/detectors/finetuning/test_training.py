@@ -1,0 +1,209 @@
+"""Training: it learns, it goes on after a kill as if nothing had been, and it refuses what makes no sense."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from labeling.core.errors import SbmError, UsageError
+from labeling.core.rle import encode_mask
+from labeling.detectors.data.annotated_pictures import read_pictures, with_annotations
+from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
+from labeling.detectors.finetuning.epochs import calibrate, evaluate, learning_rate
+from labeling.detectors.finetuning.train_config import TrainConfig
+from labeling.detectors.finetuning.training_run import best_of, train
+from labeling.detectors.networks.calibration import calibrated, fit_calibration, outcomes
+from labeling.detectors.networks.mask_rcnn import build_from_imagenet, build_network
+from labeling.detectors.networks.network_detector import NetworkDetector
+from labeling.detectors.networks.spec import Calibration, NetworkSpec
+from labeling.metrics.matching import MaskInstance
+from labeling.training.run_files import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
+
+from ..toy_pictures import CATEGORIES, write_coco_folder
+
+SPEC = NetworkSpec("compact", CATEGORIES, short_side_px=(64, 320))
+PLAIN = replace(NO_AUGMENTATION, short_side_px=(64, 320))
+SHORT = TrainConfig(iterations=4, batch_size=1, learning_rate=1e-4, warmup=0, validate_every=2, optimizer="adamw")
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    return read_pictures(write_coco_folder(tmp_path / "photos", 4))
+
+
+def network():
+    torch.manual_seed(0)
+    return build_from_imagenet(SPEC)
+
+
+def quietly(*arguments, **keywords):
+    return train(*arguments, **keywords, say=lambda text: None)
+
+
+def test_the_loss_falls(pictures, tmp_path):
+    config = replace(SHORT, iterations=24, learning_rate=1e-3, validate_every=8)
+    state = quietly(network(), tmp_path / "run", pictures, [], config, PLAIN)
+    first, _, last = (record["loss"] for record in state.history)
+    assert last < 0.8 * first
+
+
+@pytest.mark.slow
+def test_a_tiny_set_is_learnt_by_heart(tmp_path):
+    pictures = read_pictures(write_coco_folder(tmp_path / "photos", 6, side=96))
+    config = replace(SHORT, iterations=100, batch_size=4, learning_rate=1e-3, warmup=10, validate_every=50)
+    quietly(network(), tmp_path / "run", pictures, pictures, config, AugmentConfig(crop=0.0, short_side_px=(96, 96)))
+    best = best_of(tmp_path / "run")
+    scores = evaluate(NetworkDetector(best, "toy"), pictures)
+    assert scores.mask_ap50 is not None
+    assert scores.mask_ap50 > 0.95
+    calibration = calibrate(best, pictures)
+    assert calibration.temperature > 0
+
+
+def test_a_killed_run_goes_on_as_if_it_had_never_stopped(pictures, tmp_path):
+    config = replace(SHORT, average=0.9, replay_share=0.25)
+    source = read_pictures(write_coco_folder(tmp_path / "source", 2, first_seed=50))
+
+    def run(name, iterations):
+        return quietly(network(), tmp_path / name, pictures, [], replace(config, iterations=iterations), PLAIN, source)
+
+    run("whole", 4)
+    run("broken", 2)
+    leftover = tmp_path / "broken" / f".{CHECKPOINT_FILE}.1.tmp"
+    leftover.write_bytes(b"half a checkpoint")
+    state = run("broken", 4)
+    assert state.iteration == 4
+    whole, broken = (tmp_path / name / WEIGHTS_FILE for name in ("whole", "broken"))
+    assert whole.read_bytes() == broken.read_bytes()
+    history = [json.loads((tmp_path / name / HISTORY_FILE).read_text()) for name in ("whole", "broken")]
+    assert history[0] == history[1]
+
+
+def test_a_folder_with_another_run_is_left_alone(pictures, tmp_path):
+    one_step = replace(SHORT, iterations=1)
+    quietly(network(), tmp_path / "run", pictures, [], one_step, PLAIN)
+    with pytest.raises(UsageError, match="another --out"):
+        quietly(network(), tmp_path / "run", pictures, [], replace(one_step, learning_rate=1e-2), PLAIN)
+    (tmp_path / "run" / CHECKPOINT_FILE).write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(SbmError, match="is damaged"):
+        quietly(network(), tmp_path / "run", pictures, [], one_step, PLAIN)
+
+
+def test_checkpoints_that_would_run_code_are_not_opened(pictures, tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (shutil.rmtree, (str(tmp_path / "precious"),))
+
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "run").mkdir()
+    torch.save({"identity": Trap()}, tmp_path / "run" / CHECKPOINT_FILE)
+    with pytest.raises(SbmError, match="is damaged"):
+        quietly(network(), tmp_path / "run", pictures, [], replace(SHORT, iterations=1), PLAIN)
+    assert (tmp_path / "precious").is_dir()
+
+
+def test_training_stops_early_and_keeps_the_best(pictures, tmp_path):
+    # So small a rate changes nothing: no validation is better than the first.
+    config = replace(SHORT, iterations=40, learning_rate=1e-12, validate_every=1, patience=2)
+    state = quietly(network(), tmp_path / "run", pictures, pictures[:1], config, PLAIN)
+    assert state.best_iteration == 1
+    assert state.iteration == 3
+    assert best_of(tmp_path / "run").spec.about["trained"]["iteration"] == 1
+
+
+def test_pictures_without_labels_teach_background(pictures, tmp_path):
+    empty = with_annotations(pictures, lambda one: None)
+    state = quietly(network(), tmp_path / "run", empty, [], replace(SHORT, iterations=2), PLAIN)
+    assert state.history[0]["loss_box_reg"] == state.history[0]["loss_mask"] == 0.0
+    assert state.history[0]["loss_objectness"] > 0
+
+
+def test_a_loss_that_is_no_number_ends_training(pictures, tmp_path):
+    broken = network()
+    with torch.no_grad():
+        broken.roi_heads.box_predictor.cls_score.bias.fill_(float("nan"))
+    with pytest.raises(SbmError, match="training broke down in step 0"):
+        quietly(broken, tmp_path / "run", pictures, [], SHORT, PLAIN)
+
+
+@pytest.mark.parametrize("change", [{"iterations": 0}, {"learning_rate": -1.0}, {"replay_share": 1.0}, {"seed": -1}])
+def test_settings_of_training_that_make_no_sense_are_refused(change):
+    with pytest.raises(UsageError, match=f"--{next(iter(change)).replace('_', '-')} must be"):
+        replace(TrainConfig(), **change).check()
+
+
+def test_learning_rates_rise_and_then_stay_or_fall():
+    constant = TrainConfig(iterations=100, warmup=10, learning_rate=0.5)
+    assert learning_rate(0, constant) == pytest.approx(0.05)
+    assert {learning_rate(step, constant) for step in range(9, 100)} == {0.5}
+    rates = [learning_rate(step, replace(constant, schedule="cosine")) for step in range(101)]
+    assert np.all(np.diff(rates[10:]) < 0)
+    assert rates[100] == pytest.approx(0.005)
+
+
+# Scores --------------------------------------------------------------------------------------------------------------
+
+
+class Oracle:
+    """Finds what is annotated, half as sure of balls, and a category that nobody annotated."""
+
+    name, batch_size, digest = "oracle", 2, ""
+    categories = (*CATEGORIES, "vase")
+
+    def __init__(self, pictures):
+        self.of_picture = {picture.rgb().tobytes(): picture for picture in pictures}
+
+    def detect(self, rgb, depth_m=None):
+        from labeling.core.detector import stack_detections
+        from labeling.core.rle import decode_mask
+
+        found = []
+        for picture in rgb:
+            known = self.of_picture[picture.tobytes()].annotations
+            every = [(one.category, 0.5 if one.category == "ball" else 1.0, decode_mask(one.rle)) for one in known]
+            found.append(stack_detections([*every, ("vase", 0.9, np.ones(picture.shape[:2], bool))], picture.shape[:2]))
+        return found
+
+
+def test_a_perfect_detector_scores_one_and_a_random_one_does_not(pictures):
+    scores = evaluate(Oracle(pictures), pictures)
+    assert (scores.mask_ap50, scores.mask_ap30, scores.box_ap50, scores.box_ap30) == pytest.approx((1.0,) * 4)
+    assert set(scores.per_class_ap50) == set(scores.per_class_ap30) == set(CATEGORIES)
+    assert (scores.pictures, scores.objects) == (4, 8)
+    torch.manual_seed(0)
+    guess = evaluate(NetworkDetector(build_network(SPEC), "guess"), pictures)
+    assert guess.mask_ap50 is not None
+    assert guess.mask_ap50 < 0.3
+
+
+def test_calibration_recovers_the_temperature_that_outcomes_were_drawn_with():
+    rng = np.random.default_rng(0)
+    z = rng.normal(0, 2, 20_000)
+    right = rng.random(len(z)) < 1 / (1 + np.exp(-(z / 2.5 - 0.7)))
+    scores = 1 / (1 + np.exp(-z))
+    fitted = fit_calibration(scores.tolist(), right.tolist())
+    assert fitted.temperature == pytest.approx(2.5, rel=0.1)
+    assert fitted.bias == pytest.approx(-0.7, abs=0.1)
+    confident = calibrated(scores.astype(np.float32), fitted)
+    assert np.all(np.diff(confident[np.argsort(scores)]) >= 0)
+    assert right[confident > 0.6].mean() == pytest.approx(confident[confident > 0.6].mean(), abs=0.02)
+
+
+@pytest.mark.parametrize("right", [[True] * 50, [False] * 50, [True, False]])
+def test_too_little_to_calibrate_on_changes_nothing(right):
+    assert fit_calibration([0.5] * len(right), right) == Calibration()
+
+
+def test_outcomes_follow_cocos_rule():
+    def one(category, left, confidence=1.0, ignore=False):
+        mask = np.zeros((10, 40), bool)
+        mask[:, left : left + 10] = True
+        return MaskInstance("a", category, encode_mask(mask), confidence, ignore)
+
+    truths = [one("box", 0), one("ball", 20), one("box", 30, ignore=True)]
+    found = [one("box", 1, 0.6), one("box", 0, 0.8), one("box", 20, 0.7), one("ball", 25, 0.4), one("box", 30, 0.9)]
+    scores, right = outcomes(found, truths)
+    assert sorted(zip(scores, right, strict=True)) == [(0.4, False), (0.6, False), (0.7, False), (0.8, True)]

@@ -1,0 +1,81 @@
+import numba
+import numpy as np
+import pytest
+
+from labeling.core.types import Detection
+from labeling.generator.cloud.free_space import MIN_WITNESSES, Cameras, phantom_points, without_phantoms
+from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
+from labeling.generator.propagate import propagate
+from labeling.generator.settings.label_config import LabelConfig
+
+from ...synthetic_room import make_episode
+
+VOXEL_M = 0.05
+
+
+@pytest.fixture(scope="module")
+def room():
+    return make_episode(3, num_views=8, size=(90, 120), num_objects=4, confident_share=0.5)
+
+
+def cloud_of(room, depth_m) -> tuple[Cloud, Cameras]:
+    cloud = build_cloud(room.rgb, depth_m, room.intrinsics, room.camera_to_world, VOXEL_M)
+    return cloud, Cameras(depth_m, room.intrinsics, room.camera_to_world)
+
+
+def spoilt(room, share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
+    """Depth in which single pixels of every view report something half as far away."""
+    bad = np.random.default_rng(0).random(room.depth_m.shape) < share
+    bad &= room.depth_m > 0
+    return np.where(bad, 0.5 * room.depth_m, room.depth_m).astype(np.float32), bad
+
+
+def test_exact_depth_has_no_phantoms(room) -> None:
+    cloud, cameras = cloud_of(room, room.depth_m)
+    assert phantom_points(cloud, cameras).mean() < 1e-3
+    assert without_phantoms(cloud, cameras) is cameras.depth_m
+
+
+def test_points_in_front_of_what_others_see_are_found(room) -> None:
+    depth_m, bad = spoilt(room)
+    cloud, cameras = cloud_of(room, depth_m)
+    cleared = without_phantoms(cloud, cameras) == 0
+    assert np.mean(cleared[bad]) > 0.6
+    assert np.mean(cleared[~bad & (room.depth_m > 0)]) < 0.003
+
+
+def test_too_few_witnesses_prove_nothing(room) -> None:
+    depth_m, _ = spoilt(room)
+    few = slice(0, MIN_WITNESSES)
+    cloud = build_cloud(room.rgb[few], depth_m[few], room.intrinsics[few], room.camera_to_world[few], VOXEL_M)
+    cameras = Cameras(depth_m[few], room.intrinsics[few], room.camera_to_world[few])
+    assert not phantom_points(cloud, cameras).any()
+
+
+def test_the_number_of_threads_does_not_matter(room) -> None:
+    cloud, cameras = cloud_of(room, spoilt(room)[0])
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        alone = phantom_points(cloud, cameras)
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(alone, phantom_points(cloud, cameras))
+
+
+def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(room) -> None:
+    """A person walks through one view: the room behind is known from the others, so the person is no object."""
+    depth_m = room.depth_m.copy()
+    mask = np.zeros(room.size, bool)
+    mask[20:75, 45:75] = True
+    depth_m[0][mask] = 0.45 * depth_m[0][mask]
+    person = Detection(0, "person", 0.97, mask)
+
+    def objects(free_space: bool):
+        config = LabelConfig(free_space=free_space, calibrate=False, weak_evidence=False, agreeing_views=0)
+        return propagate(room.rgb, depth_m, room.intrinsics, room.camera_to_world, (person,), config).labels
+
+    without = {one.view_index for one in objects(False) if one.modal.any()}
+    held = [one for one in objects(True) if one.view_index == 0]
+    assert 0 in without
+    assert sum(np.count_nonzero(one.modal) for one in held) < 0.3 * np.count_nonzero(mask)

@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from labeling.generator.draw.edge_filter import edge_aware_fill
+from labeling.generator.draw.view_masks import BORROWED_TRUST, MIN_TRUST, modal_masks, view_probabilities
+
+
+def view(seed: int, holes: float = 0.0):
+    """A picture of three voxel patches and their objects' probabilities; the last object is out of view."""
+    rng = np.random.default_rng(seed)
+    voxels = np.zeros((90, 120), np.int32)
+    voxels[20:50, 30:60], voxels[40:80, 70:100] = 1, 2
+    rgb = np.array([[90, 90, 90], [200, 80, 70], [60, 90, 190]], np.uint8)[voxels]
+    rgb = np.clip(rgb.astype(int) + rng.integers(-8, 9, rgb.shape), 0, 255).astype(np.uint8)
+    voxels[rng.random(voxels.shape) < holes] = -1
+    probability = np.array([[0, 0, 0, 0], [0.9, 0.05, 0, 0], [0, 0.1, 0.8, 0], [0, 0, 0, 1]], np.float32)
+    return rgb, voxels, probability
+
+
+@pytest.mark.parametrize(("holes", "reach"), [(0.0, 2.0), (0.6, 4.0)])
+def test_filling_around_objects_is_filling_the_whole_picture(holes: float, reach: float) -> None:
+    rgb, voxels, probability = view(0, holes)
+    chance, known = view_probabilities(rgb, voxels, None, probability, reach, 0.3)
+    values = np.where((voxels >= 0)[:, :, None], probability[np.maximum(voxels, 0)], 0).astype(np.float32)
+    filled, total = edge_aware_fill(values, (voxels >= 0).astype(np.float32), rgb, reach, 0.3)
+    np.testing.assert_array_equal(known, total > MIN_TRUST)
+    np.testing.assert_allclose(chance[known], filled[known], atol=0.01)
+    assert not chance[:, :, 3].any()
+
+
+def test_what_other_views_show_counts_less() -> None:
+    rgb, voxels, probability = view(1)
+    hole = np.zeros(voxels.shape, bool)
+    hole[25:45, 35:55] = True
+    borrowed = np.where(hole, np.int32(0), np.int32(-1))
+    own = np.where(hole, np.int32(-1), voxels)
+    chance, known = view_probabilities(rgb, own, borrowed, probability, 3.0, 0.3)
+    assert known.all()
+    values = np.where(hole[:, :, None], probability[0], probability[voxels]).astype(np.float32)
+    trust = np.where(hole, BORROWED_TRUST, np.float32(1))
+    np.testing.assert_allclose(chance, edge_aware_fill(values, trust, rgb, 3.0, 0.3)[0], atol=0.01)
+
+
+@pytest.mark.parametrize("exclusive", [True, False])
+def test_pixels_go_to_the_likeliest_object_or_the_background(exclusive: bool) -> None:
+    rng = np.random.default_rng(2)
+    probability = rng.dirichlet([0.4] * 4, (30, 40)).astype(np.float32)[:, :, :3]
+    known = rng.random((30, 40)) < 0.9
+    masks = modal_masks(probability, known, exclusive)
+    for y in range(30):
+        for x in range(40):
+            p = probability[y, x]
+            background = 1 - p.sum() if exclusive else 1 - p.max()
+            assert masks[y, x] == (int(p.argmax()) if known[y, x] and p.max() > background else -1)
+
+
+def test_without_objects_there_is_background_only() -> None:
+    masks = modal_masks(np.zeros((4, 5, 0), np.float32), np.ones((4, 5), bool), True)
+    assert masks.shape == (4, 5)
+    assert np.all(masks == -1)

@@ -1,0 +1,131 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.quality.label_quality import (
+    FEATURES,
+    MODEL_FILE,
+    fit_model,
+    iou_table,
+    label_features,
+    load_model,
+)
+from labeling.metrics.calibration_error import reliability
+
+NAMES = list(FEATURES)
+
+
+def label(view: int, category: str = "chair", side: int = 10, left: int = 5, instance_id: int = 1) -> PseudoLabel:
+    mask = np.zeros((40, 60), bool)
+    mask[10 : 10 + side, left : left + side] = True
+    return PseudoLabel(view, instance_id, category, 0.5, mask, mask, 0, 0.9)
+
+
+def feature(rows: np.ndarray, name: str) -> np.ndarray:
+    return rows[:, NAMES.index(name)]
+
+
+def seen(one: PseudoLabel, confidence: float, category: str = "chair") -> Detection:
+    return Detection(one.view_index, category, confidence, one.modal)
+
+
+def test_views_where_the_detector_finds_nothing_count_against_an_object() -> None:
+    labels = [label(view) for view in range(4)]
+    all_views = label_features(labels, [0.9] * 4, [seen(one, 0.8) for one in labels])
+    one_view = label_features(labels, [0.9] * 4, [seen(labels[0], 0.8)])
+    assert np.allclose(feature(all_views, "agreement"), 0.8, atol=1e-4)
+    assert np.allclose(feature(one_view, "agreement"), 0.2, atol=1e-4)
+    assert np.allclose(feature(one_view, "agreeing_views"), 1)
+    assert np.allclose(feature(one_view, "best_detection"), feature(all_views, "best_detection"))
+    assert feature(one_view, "own_detection").tolist() == pytest.approx([0.8, 0, 0, 0])
+
+
+def test_another_name_contradicts_and_another_place_says_nothing() -> None:
+    labels = [label(0), label(1)]
+    rows = label_features(labels, [0.9, 0.9], [seen(labels[0], 0.6, "bed"), seen(label(1, left=40), 0.9)])
+    assert np.allclose(feature(rows, "contradiction"), 0.3, atol=1e-4)
+    assert np.allclose(feature(rows, "agreement"), 0)
+
+
+def test_a_view_of_a_sliver_counts_less_than_a_view_from_near() -> None:
+    labels = [label(0, side=20), label(1, side=5)]
+    near = label_features(labels, [0.9, 0.9], [seen(labels[0], 0.8)])
+    far = label_features(labels, [0.9, 0.9], [seen(labels[1], 0.8)])
+    assert np.allclose(feature(near, "agreement"), 0.64, atol=1e-3)
+    assert np.allclose(feature(far, "agreement"), 0.16, atol=1e-3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_the_order_of_the_detections_does_not_matter(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    labels = [label(int(v), left=int(x), instance_id=k) for k, (v, x) in enumerate(rng.integers(0, 3, (5, 2)), 1)]
+    found = [seen(labels[i], float(rng.random()), str(rng.choice(["chair", "bed"]))) for i in rng.integers(0, 5, 8)]
+    order = rng.permutation(len(found))
+    sure = rng.random(5).tolist()
+    assert np.allclose(label_features(labels, sure, found), label_features(labels, sure, [found[i] for i in order]))
+
+
+def test_overlaps_are_those_of_single_masks() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.random((3, 8, 9)) < 0.5, rng.random((4, 8, 9)) < 0.5
+    b[0] = False
+    expected = [[np.sum(x & y) / max(np.sum(x | y), 1) for y in b] for x in a]
+    assert np.allclose(iou_table(a, b), expected)
+
+
+def test_a_fit_recovers_the_model_that_made_the_data() -> None:
+    rng = np.random.default_rng(0)
+    features = rng.normal(2, 3, (4000, len(NAMES)))
+    true = np.array([*FEATURES.values()]) * np.linspace(0.1, 0.8, len(NAMES))
+    chance = 1 / (1 + np.exp(-((features - 2) @ true / 3 + 0.4)))
+    fitted = fit_model(features, chance, ridge=0)
+    assert np.allclose(fitted.expected_iou(features), chance, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_feature_can_count_the_wrong_way(name: str) -> None:
+    """Whatever the data say, more agreement never makes a label less trusted."""
+    rng = np.random.default_rng(1)
+    features = rng.normal(0, 1, (300, len(NAMES)))
+    column = NAMES.index(name)
+    fitted = fit_model(features, (features[:, column] * FEATURES[name] < 0).astype(float))
+    assert fitted.weight[column] == 0
+    assert np.all(fitted.weight * [*FEATURES.values()] >= 0)
+
+
+def test_the_model_that_is_shipped_is_monotone_and_says_where_it_comes_from() -> None:
+    model = load_model()
+    assert np.all(model.weight * [*FEATURES.values()] >= 0)
+    assert model.weight[NAMES.index("agreement")] > 0
+    about = json.loads(MODEL_FILE.read_text())["fitted_to"]
+    assert about["labels"] > 500
+    assert all("train" in origin for origin in about["episodes"])
+
+
+def test_no_labels_have_no_features() -> None:
+    assert label_features([], [], []).shape == (0, len(NAMES))
+
+
+def test_a_hidden_object_has_finite_features() -> None:
+    hidden = replace(label(0), modal=np.zeros((40, 60), bool))
+    rows = label_features([hidden], [0.9], [seen(label(0), 0.8)])
+    assert np.isfinite(rows).all()
+    assert feature(rows, "visible_share")[0] == 0
+
+
+def test_honest_confidences_have_no_calibration_error() -> None:
+    confidence = np.repeat(np.linspace(0.05, 0.95, 10), 100)
+    honest = reliability(confidence, confidence)
+    boastful = reliability(confidence, 0.5 * confidence)
+    assert honest is not None
+    assert boastful is not None
+    assert honest.expected_calibration_error == pytest.approx(0)
+    assert boastful.expected_calibration_error == pytest.approx(0.25)
+    assert honest.count.tolist() == [100] * 10
+    assert reliability(np.zeros(0), np.zeros(0)) is None

@@ -1,0 +1,240 @@
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+
+from labeling.core.episode import Episode
+from labeling.core.masks import mask_iou
+from labeling.core.types import Detection
+from labeling.generator.propagate import EpisodeLabels, propagate
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.io.episodes import read_episode
+
+from ..synthetic_room import make_episode
+
+
+@pytest.fixture(scope="module")
+def room() -> Episode:
+    return make_episode(3, num_views=8, size=(90, 120), num_objects=4, confident_share=0.5)
+
+
+def label(episode: Episode, config: LabelConfig | None = None, **changes) -> EpisodeLabels:
+    episode = replace(episode, **changes)
+    assert episode.detections is not None
+    return propagate(
+        episode.rgb, episode.depth_m, episode.intrinsics, episode.camera_to_world, episode.detections, config
+    )
+
+
+def mean_iou(episode: Episode, labels, kind: str = "modal") -> float:
+    best = [
+        max(
+            (
+                mask_iou(getattr(one, kind) if hasattr(one, kind) else one.mask, getattr(truth, kind))
+                for one in labels
+                if one.view_index == truth.view_index and one.category == truth.category
+            ),
+            default=0.0,
+        )
+        for truth in episode.ground_truth or ()
+    ]
+    return float(np.mean(best))
+
+
+def true_sources(episode: Episode, share: int = 3) -> tuple[Detection, ...]:
+    """One perfect detection of every object in every third view it is seen in."""
+    seen: dict[int, int] = {}
+    found = []
+    for truth in episode.ground_truth or ():
+        seen[truth.instance_id] = seen.get(truth.instance_id, -1) + 1
+        if seen[truth.instance_id] % share == 0:
+            found.append(Detection(truth.view_index, truth.category, 0.95, truth.modal))
+    return tuple(found)
+
+
+def test_labels_beat_the_detector_by_far(room: Episode) -> None:
+    labels = label(room).labels
+    assert mean_iou(room, labels) > 0.85
+    assert mean_iou(room, labels) > mean_iou(room, room.detections) + 0.25
+
+
+def test_amodal_masks_hold_the_modal_ones_and_what_is_hidden(room: Episode) -> None:
+    labels = label(room).labels
+    assert all(not np.any(one.modal & ~one.amodal) for one in labels)
+    assert mean_iou(room, labels, "amodal") > 0.65
+
+
+def test_modal_masks_of_a_view_do_not_overlap(room: Episode) -> None:
+    labels = label(room).labels
+    for view in range(room.num_views):
+        masks = [one.modal for one in labels if one.view_index == view]
+        if masks:
+            assert np.sum(masks, axis=0).max() <= 1
+
+
+def test_every_object_is_found_once(room: Episode) -> None:
+    objects = label(room).objects
+    truth = {t.instance_id: t.category for t in room.ground_truth or () if t.instance_id}
+    assert sorted(one.category for one in objects) == sorted(truth.values())
+    assert [one.instance_id for one in objects] == list(range(1, len(objects) + 1))
+
+
+def test_confidences_are_honest_probabilities(room: Episode) -> None:
+    labels = label(room).labels
+    assert all(0 < one.confidence <= 1 for one in labels)
+    assert len({round(one.confidence, 4) for one in labels}) > len(labels) // 2
+
+
+def test_duplicates_of_a_detection_change_identity_nowhere(room: Episode) -> None:
+    doubled = tuple(d for d in room.detections or () for _ in range(2))
+    assert len(label(room, detections=doubled).objects) == len(label(room).objects)
+
+
+def test_a_confusion_is_outvoted(room: Episode) -> None:
+    truths = [t for t in room.ground_truth or () if t.modal.sum() > 100]
+    target = max({t.instance_id for t in truths}, key=lambda i: sum(t.instance_id == i for t in truths))
+    views = [t for t in truths if t.instance_id == target][:3]
+    names = ["submarine", views[0].category, views[0].category]
+    sources = tuple(Detection(t.view_index, n, 0.95, t.modal) for t, n in zip(views, names, strict=True))
+    objects = label(room, LabelConfig(calibrate=False), detections=sources).objects
+    assert [one.category for one in objects] == [views[0].category]
+    assert len(objects[0].sources) == 3
+    assert objects[0].confidence < 0.7
+
+
+def test_many_weak_votes_correct_a_confident_wrong_name(room: Episode) -> None:
+    truths = [t for t in room.ground_truth or () if t.modal.sum() > 100]
+    target = max({t.instance_id for t in truths}, key=lambda i: sum(t.instance_id == i for t in truths))
+    views = [t for t in truths if t.instance_id == target]
+    wrong = Detection(views[0].view_index, "submarine", 0.95, views[0].modal)
+    weak = tuple(Detection(t.view_index, t.category, 0.6, t.modal) for t in views[1:])
+    assert label(room, detections=(wrong, *weak)).objects[0].category == views[0].category
+    plain = LabelConfig(weak_evidence=False, agreeing_views=0)
+    assert label(room, plain, detections=(wrong, *weak)).objects[0].category == "submarine"
+
+
+def test_settings_scale_with_the_scene(room: Episode) -> None:
+    """A doll's house: everything twenty times smaller gives the same masks."""
+    poses = room.camera_to_world.copy()
+    poses[:, :3, 3] /= 20
+    small = label(room, depth_m=(room.depth_m / 20).astype(np.float32), camera_to_world=poses)
+    full = label(room)
+    assert small.scale is not None
+    assert full.scale is not None
+    assert small.scale.object_m == pytest.approx(full.scale.object_m / 20, rel=1e-5)
+    assert mean_iou(room, small.labels) == pytest.approx(mean_iou(room, full.labels), abs=0.05)
+
+
+def test_holes_in_depth_are_filled(room: Episode) -> None:
+    rng = np.random.default_rng(0)
+    depth = np.where(rng.random(room.depth_m.shape) < 0.5, room.depth_m, 0).astype(np.float32)
+    depth[::2, 30:50, 40:60] = 0
+    assert mean_iou(room, label(room, depth_m=depth).labels) > 0.75
+
+
+def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(room: Episode) -> None:
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in (1, before):
+            numba.set_num_threads(threads)
+            results.append(label(room))
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(results[0].cloud.probability, results[1].cloud.probability)
+    for a, b in zip(results[0].labels, results[1].labels, strict=True):
+        assert a.confidence == b.confidence
+        assert np.array_equal(a.modal, b.modal)
+        assert np.array_equal(a.amodal, b.amodal)
+
+
+@pytest.mark.parametrize("agreeing_views", [0, 99])
+def test_without_a_confident_detection_there_are_no_labels(room: Episode, agreeing_views: int) -> None:
+    labels = label(room, LabelConfig(confident=0.999, agreeing_views=agreeing_views))
+    assert labels.objects == ()
+    assert labels.labels == ()
+    assert len(labels.cloud.confidence) == len(labels.cloud.points) == 0
+
+
+def test_views_that_agree_make_up_for_confidence(room: Episode) -> None:
+    unsure = tuple(replace(d, confidence=0.7) for d in true_sources(room, share=2))
+    several = {d.category for d in unsure if sum(other.category == d.category for other in unsure) > 1}
+    objects = label(room, LabelConfig(agreeing_views=2, calibrate=False), detections=unsure).objects
+    assert {one.category for one in objects} == several
+    assert all(one.confidence == pytest.approx(0.7) for one in objects)
+    assert label(room, LabelConfig(agreeing_views=0), detections=unsure).objects == ()
+
+
+def test_detections_on_pixels_without_depth_are_passed_over(room: Episode) -> None:
+    blind = np.zeros_like(room.depth_m)
+    assert label(room, depth_m=blind).labels == ()
+    source = next(d for d in room.detections or () if d.confidence >= 0.9)
+    depth = room.depth_m.copy()
+    depth[source.view_index] = 0
+    lone = label(room, depth_m=depth, detections=(source,))
+    assert lone.objects == ()
+
+
+def test_detections_beyond_range_are_passed_over(room: Episode) -> None:
+    assert label(room, LabelConfig(max_range_m=0.2)).labels == ()
+
+
+def test_a_single_view_is_enough(room: Episode) -> None:
+    view = max(range(room.num_views), key=lambda v: sum(t.view_index == v for t in room.ground_truth or ()))
+    truths = tuple(replace(t, view_index=0) for t in room.ground_truth or () if t.view_index == view)
+    one = replace(
+        room,
+        rgb=room.rgb[[view]],
+        depth_m=room.depth_m[[view]],
+        intrinsics=room.intrinsics[[view]],
+        camera_to_world=room.camera_to_world[[view]],
+        ground_truth=truths,
+        detections=tuple(Detection(0, t.category, 0.95, t.modal) for t in truths),
+    )
+    assert mean_iou(one, label(one).labels) > 0.8
+
+
+def test_one_true_view_in_three_labels_the_others(room: Episode) -> None:
+    labels = label(room, detections=true_sources(room)).labels
+    assert mean_iou(room, labels) > 0.85
+
+
+def test_masks_that_fill_the_picture_do_no_harm(room: Episode) -> None:
+    full = Detection(0, "chair", 0.95, np.ones(room.size, bool))
+    assert isinstance(label(room, detections=(full,)), EpisodeLabels)
+    both = label(room, detections=(*(room.detections or ()), full))
+    assert len(both.objects) >= 1
+
+
+def test_boxes_hold_their_objects(room: Episode) -> None:
+    labels = label(room)
+    for one in labels.objects:
+        assert one.box_3d is not None
+        own = labels.cloud.points[labels.cloud.instance_id == one.instance_id]
+        local = (own - one.box_3d.centre_m) @ one.box_3d.rotation
+        assert np.mean(np.all(np.abs(local) <= 0.5 * one.box_3d.extent_m + 1e-6, axis=1)) > 0.9
+
+
+@pytest.mark.parametrize("exclusive", [True, False])
+@pytest.mark.parametrize("weak_evidence", [True, False])
+def test_every_mode_labels_the_room(room: Episode, exclusive: bool, weak_evidence: bool) -> None:
+    config = LabelConfig(exclusive=exclusive, weak_evidence=weak_evidence)
+    assert mean_iou(room, label(room, config).labels) > 0.8
+
+
+def test_arrays_that_do_not_belong_together_are_refused(room: Episode) -> None:
+    with pytest.raises(ValueError, match="depth_m"):
+        label(room, depth_m=room.depth_m[:, :-1])
+    with pytest.raises(ValueError, match="poses"):
+        label(room, camera_to_world=room.camera_to_world[:-1])
+    with pytest.raises(ValueError, match="view 99"):
+        label(room, detections=(Detection(99, "chair", 0.9, np.ones(room.size, bool)),))
+    with pytest.raises(ValueError, match="does not belong"):
+        label(room, detections=(Detection(0, "chair", 0.9, np.ones((3, 3), bool)),))
+
+
+def test_a_real_capture_is_labelled_better_than_its_network_saw_it(apc_shelf) -> None:
+    episode = read_episode(apc_shelf)
+    labels = label(episode, LabelConfig(confident=0.6)).labels
+    assert mean_iou(episode, labels) > 0.5
+    assert len({one.instance_id for one in labels}) == 4

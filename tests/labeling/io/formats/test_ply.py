@@ -1,0 +1,50 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labeling.io.formats.ply import hues, read_ply, write_ply
+
+
+def write(path: Path, count: int = 50):
+    rng = np.random.default_rng(0)
+    points, colours = rng.normal(size=(count, 3)), rng.random((count, 3))
+    labels, probability = rng.integers(0, 4, count), rng.random(count)
+    write_ply(path, points, colours, labels, probability)
+    return points, colours, labels, probability
+
+
+def test_another_program_reads_the_points_and_colours(tmp_path: Path) -> None:
+    import trimesh
+
+    points, colours, labels, _ = write(tmp_path / "cloud.ply")
+    cloud = trimesh.load(tmp_path / "cloud.ply")
+    np.testing.assert_allclose(cloud.vertices, points, atol=1e-6)
+    plain = labels == 0
+    np.testing.assert_allclose(np.asarray(cloud.colors)[plain, :3], 255 * colours[plain], atol=1)
+
+
+def test_labels_come_back(tmp_path: Path) -> None:
+    _, _, labels, probability = write(tmp_path / "cloud.ply")
+    back = read_ply(tmp_path / "cloud.ply")
+    np.testing.assert_array_equal(back["label"], labels)
+    np.testing.assert_allclose(back["probability"], probability, atol=1e-7)
+
+
+def test_an_empty_cloud_is_a_file_too(tmp_path: Path) -> None:
+    write_ply(tmp_path / "e.ply", np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int), np.zeros(0))
+    assert len(read_ply(tmp_path / "e.ply")) == 0
+
+
+def test_objects_have_colours_that_differ() -> None:
+    colours = hues(np.arange(1, 9))
+    distance = np.abs(colours[:, None] - colours[None]).sum(axis=-1) + 9 * np.eye(8)
+    assert distance.min() > 0.25
+
+
+def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / "cloud.ply")
+    content = (tmp_path / "cloud.ply").read_bytes()
+    (tmp_path / "cut.ply").write_bytes(content[:-3])
+    with pytest.raises(ValueError, match="truncated"):
+        read_ply(tmp_path / "cut.ply")

@@ -1,0 +1,58 @@
+"""Laws of the reward terms."""
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sbm_gym.env.rewards import RewardWeights, collision, discovery, diversity, reward_terms
+from sbm_gym.robot.object_memory import MemoryUpdate
+
+NOTHING = MemoryUpdate((), 0.0, 0, 0, (), {}, ())
+updates = st.builds(
+    MemoryUpdate,
+    st.lists(st.integers(0, 50), max_size=5).map(tuple),
+    st.floats(0, 3),
+    st.integers(0, 5),
+    st.integers(0, 5),
+    st.just(()),
+    st.just({}),
+    st.none(),
+)
+weights = st.builds(RewardWeights, *[st.floats(0, 5)] * 6)
+
+
+def test_learning_nothing_earns_nothing():
+    assert all(value == 0.0 for value in reward_terms(NOTHING, False, RewardWeights()).values())
+
+
+def test_each_event_earns_its_weight_in_its_own_term():
+    w = RewardWeights(1.0, 0.5, 0.25, 0.05, 0.1, 0.01)
+    assert discovery(dataclasses.replace(NOTHING, new_objects=(3, 4)), w) == 2.0
+    assert discovery(dataclasses.replace(NOTHING, confidence_gain=1.0), w) == 0.5
+    assert diversity(dataclasses.replace(NOTHING, num_new_azimuths=2, num_new_cells=1), w) == pytest.approx(0.55)
+    assert collision(True, w) == -0.1
+    assert collision(False, w) == 0.0
+    assert reward_terms(NOTHING, False, w)["step"] == -0.01
+
+
+@given(updates, weights, st.booleans())
+def test_only_collisions_and_steps_cost(update, w, collided):
+    terms = reward_terms(update, collided, w)
+    assert terms["discovery"] >= 0.0
+    assert terms["diversity"] >= 0.0
+    assert terms["collision"] <= 0.0
+    assert terms["step"] <= 0.0
+
+
+@given(updates, weights, st.booleans())
+def test_a_weight_of_zero_switches_its_event_off(update, w, collided):
+    off = RewardWeights(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert all(value == 0.0 for value in reward_terms(update, collided, off).values())
+    no_discovery = dataclasses.replace(w, new_object=0.0, better_view=0.0)
+    changed = reward_terms(update, collided, no_discovery)
+    assert changed.pop("discovery") == 0.0
+    unchanged = reward_terms(update, collided, w)
+    del unchanged["discovery"]
+    assert changed == unchanged
