@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from labeling.core.errors import MissingAssetsError
+from sbm_gym.assets.catalog import archive as archive_module
 from sbm_gym.assets.catalog.archive import ArchiveError, FurnitureArchive, resolve
 from sbm_gym.assets.catalog.catalog import FURNITURE_VARIABLE, find_libraries, read_library
-from sbm_gym.assets.catalog import archive as archive_module
 from sbm_gym.assets.catalog.home3d import cached_model, cached_triangles, convert, model_folder
 from sbm_gym.assets.catalog.wavefront import ModelFormatError, parse_obj
 from sbm_gym.assets.models.model import footprint_rectangles, load_model

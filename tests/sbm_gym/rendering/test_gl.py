@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
+from sbm_gym.rendering.gl import context as gl_context
 from sbm_gym.rendering.gl.context import NoOpenGlError
 from sbm_gym.rendering.gl.renderer import FAR_M, GlRenderer
-from sbm_gym.rendering.gl import context as gl_context
 from sbm_gym.rendering.gl.sheets import sheets
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.scenes.compiled import make_renderer

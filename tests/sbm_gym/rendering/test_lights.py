@@ -7,10 +7,10 @@ import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from sbm_gym.rendering.gl.renderer import GlRenderer
+from sbm_gym.rendering.rays import ray_scene as scene_module
 from sbm_gym.rendering.rays.lamp_reach import everywhere
 from sbm_gym.rendering.rays.lighting import Shader
 from sbm_gym.rendering.rays.renderer import RaysRenderer
-from sbm_gym.rendering.rays import ray_scene as scene_module
 from sbm_gym.rendering.tables.light_tables import NOWHERE, WHOLLY
 from sbm_gym.rendering.tables.lights import is_in_sight, light_level
 
