@@ -1,6 +1,5 @@
 """Recipes of furniture and furnishings."""
 
-from sbm_gym.assets.parametric.fixtures import appliances, bathroom, fridges, kitchen
 from sbm_gym.assets.parametric.furniture import (
     beds,
     cabinets,
@@ -15,6 +14,7 @@ from sbm_gym.assets.parametric.furniture import (
     tables,
     wall_things,
 )
+from sbm_gym.assets.parametric.kitchen_bath import appliances, bathroom, fridges, kitchen
 from sbm_gym.assets.parametric.parts.recipe import Recipe
 
 HOUSEHOLD: dict[str, Recipe] = {
