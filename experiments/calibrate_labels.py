@@ -11,7 +11,7 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.generator.quality.label_quality import TrustModel
+    from labeling.generator.quality.label_quality import LabelQualityModel
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def run(config: CalibrateConfig) -> None:
     print(f"figures: {config.results}")
 
 
-def _figures(samples, model: "TrustModel") -> dict[str, Any]:
+def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
     """How honest and how good a ranking the confidences are, without the model and with it."""
     import numpy as np
 

@@ -19,7 +19,7 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    from labeling.generator.label_writer import EpisodeState
+    from labeling.generator.label_writer import EpisodeResult
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def run(config: GenerateConfig) -> None:
         raise SbmError(f"{failed} of {len(states)} episodes could not be labelled, for the reasons above")
 
 
-def _tell(state: "EpisodeState") -> None:
+def _tell(state: "EpisodeResult") -> None:
     """Says on stderr, beside the progress bar, what a user should know about an episode."""
     from tqdm import tqdm
 
@@ -125,7 +125,7 @@ def _check_out(out: Path, dataset: Path) -> None:
         raise UsageError(f"--out {out}: cannot make this folder ({error})") from None
 
 
-def _report(config: GenerateConfig, states: "list[EpisodeState]") -> None:
+def _report(config: GenerateConfig, states: "list[EpisodeResult]") -> None:
     records = [state.record for state in states if state.record is not None]
     views = sum(len(record["file_names"]) for record in records)
     objects = sum(len(record["objects"]) for record in records)

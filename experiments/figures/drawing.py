@@ -17,7 +17,7 @@ from labeling.core.geometry import splat
 from labeling.core.masks import mask_iou
 from labeling.core.types import CONFIDENT, Detection, GroundTruth, PseudoLabel
 from labeling.generator.cloud.object_scale import voxel_edge_m
-from labeling.generator.objects.seeds import split_mask
+from labeling.generator.objects.seeds import mask_trimap
 from labeling.generator.propagate import EpisodeLabels, propagate
 from labeling.generator.settings.label_config import LabelConfig
 
@@ -25,7 +25,7 @@ matplotlib.use("Agg")
 
 COLOURS = np.array(plt.get_cmap("tab10").colors)
 DPI = 100
-FAINT = 0.1
+NEGLIGIBLE_PROBABILITY = 0.1
 """Networks offer dozens of detections fainter than this, which would hide all others in a picture."""
 
 
@@ -91,8 +91,12 @@ def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
         truth = [t for t in episode.ground_truth or () if t.view_index == view and not t.ignore]
         rows: list[tuple[str, Sequence[Detection | PseudoLabel | GroundTruth]]] = [
             (
-                f"detector (confidence ≥ {FAINT})",
-                [d for d in episode.detections or () if d.view_index == view and d.confidence >= FAINT],
+                f"detector (confidence ≥ {NEGLIGIBLE_PROBABILITY})",
+                [
+                    d
+                    for d in episode.detections or ()
+                    if d.view_index == view and d.confidence >= NEGLIGIBLE_PROBABILITY
+                ],
             ),
             ("pseudo-labels", [m for m in labels.labels if m.view_index == view and m.modal.any()]),
             ("ground truth", truth),
@@ -201,7 +205,7 @@ def _probability(episode: Episode, label: PseudoLabel, config: LabelConfig) -> U
 
 def _seeds(rgb: UInt8[np.ndarray, "h w 3"], detection: Detection) -> UInt8[np.ndarray, "h w 3"]:
     config = LabelConfig()
-    foreground, background, _ = split_mask(detection.mask, config.erode, config.dilate)
+    foreground, background, _ = mask_trimap(detection.mask, config.erode, config.dilate)
     return _tinted(_tinted(rgb, background, COLOURS[0], 0.45), foreground, COLOURS[1], 0.6)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
 from labeling.core.rle import encode_mask
-from labeling.generator.sources import with_detections_used
+from labeling.generator.sources import with_source_detections
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.label_set import LabelSet, View, recording_config
 from labeling.metrics.matching import MaskInstance
@@ -53,7 +53,7 @@ def read_records(
             continue
         unseen.discard(folder.resolve().name)
         try:
-            episode = with_detections_used(
+            episode = with_source_detections(
                 read_episode(folder, recording_config(labels.provenance)), labels.folder, labels.provenance
             )
         except EpisodeFormatError as error:

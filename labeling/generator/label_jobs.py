@@ -20,7 +20,7 @@ from labeling.runtime.worker_process import serve_parent
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
-    from labeling.generator.label_writer import EpisodeState
+    from labeling.generator.label_writer import EpisodeResult
 
 _PATIENCE_S = 10.0
 """So long a worker may take to clean up."""
@@ -41,9 +41,9 @@ class Job:
     inputs: tuple[Any, ...] = ()
     """Whatever else decides what the labels are, as JSON; part of the fingerprint."""
 
-    def label_episode(self, folder: Path) -> "EpisodeState":
+    def label_episode(self, folder: Path) -> "EpisodeResult":
         """Labels one episode and writes its record and cloud, or takes what an earlier run has left."""
-        from labeling.generator.label_writer import EpisodeState, episode_record, fingerprint, read_record
+        from labeling.generator.label_writer import EpisodeResult, episode_record, fingerprint, read_record
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
         from labeling.io.episodes import read_episode
@@ -77,17 +77,17 @@ class Job:
                     record = with_amodal_boxes(record)
                 write_json(record_file, record)
         except SbmError as error:
-            return EpisodeState(name, relative, None, str(error))
+            return EpisodeResult(name, relative, None, str(error))
         except OSError as error:
-            return EpisodeState(name, relative, None, f"{folder}: cannot be read or written ({error})")
-        return EpisodeState(name, relative, record)
+            return EpisodeResult(name, relative, None, f"{folder}: cannot be read or written ({error})")
+        return EpisodeResult(name, relative, record)
 
     def relative(self, folder: Path) -> str:
         """An episode's folder as seen from the dataset; ``.`` if it is the dataset."""
         return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
 
 
-def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator["EpisodeState", None, None]:
+def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator["EpisodeResult", None, None]:
     """Labels episodes.
 
     Args:
@@ -121,9 +121,9 @@ class _Crew:
         self._doing: dict[connection.Connection, int] = {}
         self._size = size
 
-    def work(self, folders: Sequence[Path]) -> Iterator["EpisodeState"]:
+    def work(self, folders: Sequence[Path]) -> Iterator["EpisodeResult"]:
         """Hands out episodes as workers get free, and yields their states in order."""
-        states: dict[int, EpisodeState] = {}
+        states: dict[int, EpisodeResult] = {}
         given, told = 0, 0
         while len(self._workers) < self._size:
             self._hire()
@@ -169,14 +169,16 @@ class _Crew:
         theirs.close()
         self._workers[ours] = process
 
-    def _lost(self, pipe: connection.Connection, folder: Path) -> "EpisodeState":
-        from labeling.generator.label_writer import EpisodeState
+    def _lost(self, pipe: connection.Connection, folder: Path) -> "EpisodeResult":
+        from labeling.generator.label_writer import EpisodeResult
 
         process = self._workers.pop(pipe)
         process.join()
         pipe.close()
         problem = f"{folder}: its worker process ended with exit code {process.exitcode}; memory may have run out"
-        return EpisodeState(folder.resolve().name, self._job.relative(folder), None, f"{problem} (try fewer --workers)")
+        return EpisodeResult(
+            folder.resolve().name, self._job.relative(folder), None, f"{problem} (try fewer --workers)"
+        )
 
 
 def _serve(job: Job, pipe: connection.Connection) -> None:

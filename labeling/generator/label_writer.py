@@ -31,7 +31,7 @@ _LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scikit-learn")
 
 
 @dataclass(frozen=True)
-class EpisodeState:
+class EpisodeResult:
     """How it went with one episode."""
 
     name: str
@@ -158,7 +158,7 @@ def write_label_set(
     out: Path,
     dataset: Path,
     config: LabelConfig,
-    states: Sequence[EpisodeState],
+    states: Sequence[EpisodeResult],
     inputs: dict[str, Any] | None = None,
 ) -> None:
     """Puts the records of all episodes together and writes the label set; ``label_set.json`` comes last.
@@ -230,7 +230,7 @@ def write_label_set(
     write_json(out / "label_set.json", {**_summary(out, dataset, config, states), **(inputs or {})})
 
 
-def _images(state: EpisodeState, record: dict[str, Any], first_image: int) -> list[dict[str, Any]]:
+def _images(state: EpisodeResult, record: dict[str, Any], first_image: int) -> list[dict[str, Any]]:
     prefix = "" if state.folder == "." else f"{state.folder}/"
     return [
         {
@@ -245,7 +245,7 @@ def _images(state: EpisodeState, record: dict[str, Any], first_image: int) -> li
     ]
 
 
-def _summary(out: Path, dataset: Path, config: LabelConfig, states: Sequence[EpisodeState]) -> dict[str, Any]:
+def _summary(out: Path, dataset: Path, config: LabelConfig, states: Sequence[EpisodeResult]) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "dataset": Path(os.path.relpath(dataset.resolve(), out.resolve())).as_posix(),

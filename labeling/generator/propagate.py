@@ -16,30 +16,30 @@ from jaxtyping import Float, Float32, Int32, UInt8
 from labeling.core.boxes3d import fit_box
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
 from labeling.core.types import Detection, PseudoLabel
-from labeling.generator.cloud.free_space import Cameras, without_phantoms
+from labeling.generator.cloud.free_space import Cameras, clear_free_space
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 from labeling.generator.draw.splatting import nearest_points, silhouettes
 from labeling.generator.draw.view_masks import modal_masks, view_probabilities
-from labeling.generator.draw.visibility import Views, fill_reach_px, voxels_shown
+from labeling.generator.draw.visibility import Views, fill_reach_px, visible_voxels
 from labeling.generator.objects.association import (
     Candidate,
-    agreed_objects,
-    attach_weak,
-    group_detections,
-    merge_segments,
+    assign_weak_detections,
+    associate_detections,
+    group_segments,
+    objects_by_agreement,
 )
 from labeling.generator.objects.consistency import is_consistent
-from labeling.generator.objects.seeds import Evidence, gather_evidence
-from labeling.generator.quality.finalise import judged
-from labeling.generator.segment.active_points import Near
+from labeling.generator.objects.seeds import DetectionSeeds, detection_seeds
+from labeling.generator.quality.finalise import finalise_labels
+from labeling.generator.segment.active_points import ActivePoints
 from labeling.generator.segment.pairwise_kernels import crf_kernels
-from labeling.generator.segment.unary_potentials import FAR_LOG_ODDS, object_log_odds
+from labeling.generator.segment.unary_potentials import UNREACHABLE_LOG_ODDS, object_log_odds
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.generator.settings.published_defects import damaged, last_write_wins
-from labeling.generator.thesis.per_detection import label_per_detection, lone_detections
-from labeling.runtime.threads import beside, in_threads
+from labeling.generator.settings.published_defects import paint_in_order, with_label_defects
+from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
+from labeling.runtime.threads import in_background, in_threads
 
 FINE_PX = 2.0
 """Spacing of the points that masks are drawn from, in pixels: as fine as depth sensors sample."""
@@ -80,31 +80,33 @@ def propagate(
     sized = confident or (usable if config.agreeing_views else [])
     scale = measure_scale(sized, depth_m, intrinsics, config.max_range_m)
     if scale is None:
-        return _nothing()
+        return _empty_labels()
     cloud = build_cloud(
         rgb, depth_m, intrinsics, camera_to_world, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels
     )
     if config.free_space:
-        cleared_m = without_phantoms(cloud, Cameras(depth_m, intrinsics, camera_to_world))
+        cleared_m = clear_free_space(cloud, Cameras(depth_m, intrinsics, camera_to_world))
         if cleared_m is not depth_m:
             depth_m, voxel_m = cleared_m, cloud.voxel_m
             cloud = build_cloud(
                 rgb, depth_m, intrinsics, camera_to_world, voxel_m, config.max_range_m, config.max_voxels
             )
     scene = rgb, depth_m, intrinsics, camera_to_world
-    with beside(lambda: build_cloud(*scene, FINE_PX * scale.pixel_m, config.max_range_m, MAX_FINE_POINTS)) as fine:
-        find = _find_objects if config.fuse_views else lone_detections
+    with in_background(
+        lambda: build_cloud(*scene, FINE_PX * scale.pixel_m, config.max_range_m, MAX_FINE_POINTS)
+    ) as fine:
+        find = _associate if config.fuse_views else single_detection_candidates
         candidates = find(cloud, usable, config)
         if not candidates:
-            return judged(_nothing(scale), usable, cloud, config)
+            return finalise_labels(_empty_labels(scale), usable, cloud, config)
         if not config.fuse_views:
             views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
             return label_per_detection(views, candidates, scale, config)
         candidates, probability = _segment(cloud, candidates, scale, config)
-        objects, kept = _describe(cloud, candidates, probability, config)
+        objects, kept = _describe_objects(cloud, candidates, probability, config)
         views = Views(rgb, intrinsics, camera_to_world, cloud, fine())
-    labels = judged(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud, config)
-    return replace(labels, labels=damaged(labels.labels, config.published))
+    labels = finalise_labels(_label_views(views, objects, probability[:, kept], scale, config), usable, cloud, config)
+    return replace(labels, labels=with_label_defects(labels.labels, config.published))
 
 
 def _check(rgb, depth_m, intrinsics, camera_to_world, detections) -> None:
@@ -125,29 +127,29 @@ def _check(rgb, depth_m, intrinsics, camera_to_world, detections) -> None:
             )
 
 
-def _nothing(scale: Scale | None = None) -> EpisodeLabels:
+def _empty_labels(scale: Scale | None = None) -> EpisodeLabels:
     empty = np.zeros((0, 3), np.float32)
     cloud = SegmentedCloud(empty, empty, np.zeros(0, np.int32), np.zeros((0, 0), np.float32))
     return EpisodeLabels((), (), cloud, scale)
 
 
-def _find_objects(cloud: Cloud, detections: Sequence[Detection], config: LabelConfig) -> list[Candidate]:
+def _associate(cloud: Cloud, detections: Sequence[Detection], config: LabelConfig) -> list[Candidate]:
     """Which objects there are, and which detections speak for each."""
-    strong: list[Evidence] = []
-    weak: list[Evidence] = []
+    strong: list[DetectionSeeds] = []
+    weak: list[DetectionSeeds] = []
     if not (config.weak_evidence or config.agreeing_views):
         detections = [one for one in detections if one.confidence >= config.confident]
-    for evidence in in_threads(lambda one: gather_evidence(cloud, one, config), detections):
-        if len(evidence.foreground) > 0:
-            (strong if evidence.detection.confidence >= config.confident else weak).append(evidence)
-    candidates = group_detections(strong, cloud.num_points, config.merge_overlap)
-    homeless = attach_weak(candidates, weak, cloud.num_points, config.merge_overlap)
+    for seeds in in_threads(lambda one: detection_seeds(cloud, one, config), detections):
+        if len(seeds.foreground) > 0:
+            (strong if seeds.detection.confidence >= config.confident else weak).append(seeds)
+    candidates = associate_detections(strong, cloud.num_points, config.merge_overlap)
+    unassigned = assign_weak_detections(candidates, weak, cloud.num_points, config.merge_overlap)
     if not config.weak_evidence:
         for candidate in candidates:
             candidate.weak.clear()
     if config.agreeing_views:
-        candidates += agreed_objects(
-            homeless, cloud.num_points, config.merge_overlap, config.agreeing_views, config.confident
+        candidates += objects_by_agreement(
+            unassigned, cloud.num_points, config.merge_overlap, config.agreeing_views, config.confident
         )
     return candidates
 
@@ -157,10 +159,10 @@ def _segment(
 ) -> tuple[list[Candidate], Float32[np.ndarray, "n k"]]:
     """Probability of every object at every point, after objects that turn out to be one have been merged."""
     log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
-    near = Near.of(log_odds > FAR_LOG_ODDS)
+    near = ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS)
     kernels = crf_kernels(cloud, near, scale.object_m, config)
     alone = near.marginals(log_odds, kernels, config.iterations, exclusive=False)
-    groups = merge_segments(candidates, alone, config.merge_overlap)
+    groups = group_segments(candidates, alone, config.merge_overlap)
     if len(groups) < len(candidates):
         merged = []
         for first, *others in groups:
@@ -171,7 +173,7 @@ def _segment(
             merged.append(candidates[first])
         candidates = merged
         log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
-        near = Near.of(log_odds > FAR_LOG_ODDS)
+        near = ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS)
         kernels = crf_kernels(cloud, near, scale.object_m, config)
         alone = None
     if alone is not None and not config.exclusive:
@@ -179,13 +181,13 @@ def _segment(
     return candidates, near.marginals(log_odds, kernels, config.iterations, exclusive=config.exclusive)
 
 
-def _describe(
+def _describe_objects(
     cloud: Cloud, candidates: list[Candidate], probability, config: LabelConfig
 ) -> tuple[list[LabelledObject], list[int]]:
     """Objects that kept any point, numbered from 1, and their columns; clears strays out of ``probability``."""
     owner = _owner(probability, config.exclusive)
-    support = _support(owner, candidates)
-    strays = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config, support)
+    votes_for = _support(owner, candidates)
+    strays = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config, votes_for)
     probability[strays] = 0
     owner[strays] = -1
     objects, kept = [], []
@@ -212,12 +214,12 @@ def _describe(
 
 def _support(owner: Int32[np.ndarray, "n"], candidates: Sequence[Candidate]) -> Float32[np.ndarray, "n"]:
     """Sum of the confidences of the detections of its own object that a point lies in."""
-    support = np.zeros(len(owner), np.float32)
+    votes_for = np.zeros(len(owner), np.float32)
     for k, candidate in enumerate(candidates):
-        for evidence in (*candidate.sources, *candidate.weak):
-            own = evidence.foreground[owner[evidence.foreground] == k]
-            support[own] += np.float32(evidence.detection.confidence)
-    return support
+        for seeds in (*candidate.sources, *candidate.weak):
+            own = seeds.foreground[owner[seeds.foreground] == k]
+            votes_for[own] += np.float32(seeds.detection.confidence)
+    return votes_for
 
 
 def _owner(probability: Float32[np.ndarray, "n k"], exclusive: bool) -> Int32[np.ndarray, "n"]:
@@ -249,7 +251,7 @@ def _label_views(
     def labels_of(view: int) -> list[PseudoLabel]:
         labels = []
         camera = (views.intrinsics[view], views.camera_to_world[view], views.rgb.shape[1:3], fine.voxel_m)
-        own = voxels_shown(views, view, voxel_of_fine, config)
+        own = visible_voxels(views, view, voxel_of_fine, config)
         borrowed = None
         if (own < 0).any():
             nearest = nearest_points(fine.points, *camera)
@@ -258,7 +260,7 @@ def _label_views(
         modal = modal_masks(chance, known, config.exclusive)
         whole = silhouettes(fine.points, owner_of_fine, len(objects), *camera)
         if config.published.missing_z_buffer:
-            modal = last_write_wins(whole)
+            modal = paint_in_order(whole)
         for k, one in enumerate(objects):
             visible = modal == k
             amodal = whole[k] | visible

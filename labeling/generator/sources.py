@@ -110,7 +110,7 @@ def detections_record(episode: Episode, detections: tuple[Detection, ...], info:
     }
 
 
-def with_detections_used(episode: Episode, labels: Path, provenance: dict[str, Any]) -> Episode:
+def with_source_detections(episode: Episode, labels: Path, provenance: dict[str, Any]) -> Episode:
     """The episode with the detections that its labels were made from, where the label set keeps these.
 
     Args:

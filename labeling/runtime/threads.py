@@ -27,7 +27,7 @@ def num_threads() -> int:
 
 
 @contextmanager
-def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+def in_background(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
     """Starts ``work`` on another thread, if there is one; yields a function that waits for its result."""
     if num_threads() == 1:
         yield work

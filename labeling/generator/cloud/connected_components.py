@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float32, Int32
 MAX_CELLS = 4_000_000
 
 
-def stray_points(
+def detached_points(
     points: Float32[np.ndarray, "n 3"],
     object_of_point: Int32[np.ndarray, "n"],
     num_objects: int,

@@ -9,9 +9,9 @@ from numba import njit, prange
 from labeling.core.geometry import invert_rigid
 from labeling.generator.cloud.voxel_cloud import Cloud
 
-MIN_WITNESSES = 2
+MIN_MISSES = 2
 """Views that must look through a point: one alone may itself be the one that is wrong."""
-WITNESSES_PER_HIT = 3
+MISSES_PER_HIT = 3
 """Views that look through a point, for each view that measured it, from which on the point is no surface. Thin things
 (a chair's leg, leaves) are looked past by many views, but measured by many as well."""
 NEGLIGIBLE = 5e-4
@@ -30,7 +30,7 @@ class Cameras:
     camera_to_world: Float[np.ndarray, "views 4 4"]
 
 
-def phantom_points(cloud: Cloud, cameras: Cameras) -> Bool[np.ndarray, "n"]:
+def free_space_points(cloud: Cloud, cameras: Cameras) -> Bool[np.ndarray, "n"]:
     """Points that too many views look through: mixed pixels at edges, sensor noise, things that moved on.
 
     A view looks through a point if all depths around the pixel where the point would lie are greater than the point's
@@ -41,12 +41,12 @@ def phantom_points(cloud: Cloud, cameras: Cameras) -> Bool[np.ndarray, "n"]:
         cameras: the views that the cloud was made from.
     """
     views = len(cameras.depth_m)
-    if views <= MIN_WITNESSES:
+    if views <= MIN_MISSES:
         return np.zeros(cloud.num_points, bool)
     nearest = np.stack([_least_around(depth) for depth in cameras.depth_m])
     world_to_camera = np.stack([invert_rigid(pose) for pose in cameras.camera_to_world])
-    hits = _hits(cloud.voxel_of_pixel, cloud.num_points)
-    witnesses = _witnesses(
+    hits = _count_hits(cloud.voxel_of_pixel, cloud.num_points)
+    misses = _count_misses(
         cloud.points,
         nearest,
         np.ascontiguousarray(cameras.intrinsics, np.float64),
@@ -54,13 +54,13 @@ def phantom_points(cloud: Cloud, cameras: Cameras) -> Bool[np.ndarray, "n"]:
         np.float64(np.sqrt(3.0) * cloud.voxel_m),
         MARGIN_SHARE,
     )
-    return (witnesses >= MIN_WITNESSES) & (witnesses >= WITNESSES_PER_HIT * hits)
+    return (misses >= MIN_MISSES) & (misses >= MISSES_PER_HIT * hits)
 
 
-def without_phantoms(cloud: Cloud, cameras: Cameras) -> Float32[np.ndarray, "views h w"]:
-    """The depth of the views without the pixels that measured phantom points; the same array if hardly any did."""
-    phantom = phantom_points(cloud, cameras)
-    bad = (cloud.voxel_of_pixel >= 0) & phantom[np.maximum(cloud.voxel_of_pixel, 0)]
+def clear_free_space(cloud: Cloud, cameras: Cameras) -> Float32[np.ndarray, "views h w"]:
+    """The depth of the views without the pixels that measured free points; the same array if hardly any did."""
+    free = free_space_points(cloud, cameras)
+    bad = (cloud.voxel_of_pixel >= 0) & free[np.maximum(cloud.voxel_of_pixel, 0)]
     if np.count_nonzero(bad) < NEGLIGIBLE * bad.size:
         return cameras.depth_m
     return np.where(bad, np.float32(0), cameras.depth_m)
@@ -76,7 +76,7 @@ def _least_around(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h
 
 
 @njit(cache=True)
-def _hits(voxel_of_pixel, count):  # pragma: no cover - compiled
+def _count_hits(voxel_of_pixel, count):  # pragma: no cover - compiled
     """In how many views each voxel was measured."""
     views, height, width = voxel_of_pixel.shape
     hits = np.zeros(count, np.int32)
@@ -92,7 +92,7 @@ def _hits(voxel_of_pixel, count):  # pragma: no cover - compiled
 
 
 @njit(cache=True, parallel=True)
-def _witnesses(points, nearest, intrinsics, world_to_camera, margin_m, share):  # pragma: no cover - compiled
+def _count_misses(points, nearest, intrinsics, world_to_camera, margin_m, share):  # pragma: no cover - compiled
     """How many views look through each point."""
     views, height, width = nearest.shape
     found = np.zeros(len(points), np.int32)

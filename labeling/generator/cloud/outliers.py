@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-from labeling.generator.cloud.connected_components import stray_points
+from labeling.generator.cloud.connected_components import detached_points
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.generator.settings.published_defects import first_two
+from labeling.generator.settings.published_defects import first_two_points
 
-STRAY_GAP_VOXELS = 2.0
+COMPONENT_GAP_VOXELS = 2.0
 """Pieces of a segment closer than this are one piece."""
 
 
@@ -41,16 +41,16 @@ def segment_outliers(
         support: how far detections say of each point that it is its object's, if that is known.
     """
     if config.segment_outliers == "pieces" and not config.published.first_two_outliers:
-        gap_m = STRAY_GAP_VOXELS * voxel_m
+        gap_m = COMPONENT_GAP_VOXELS * voxel_m
         shares = config.min_piece, config.piece_reach
-        return stray_points(points, object_of_point, num_objects, gap_m, *shares, support)
+        return detached_points(points, object_of_point, num_objects, gap_m, *shares, support)
     removed = np.zeros(len(points), bool)
     if config.segment_outliers == "off":
         return removed
     for k in range(num_objects):
         members = np.flatnonzero(object_of_point == k)
         far = (
-            first_two(len(members))
+            first_two_points(len(members))
             if config.published.first_two_outliers
             else far_from_mean(points[members], config.outlier_spread)
         )

@@ -6,11 +6,11 @@ from numba import njit
 
 from labeling.generator.draw.edge_filter import REACH_FACTOR, feedback_maps, smooth
 
-BORROWED_TRUST = np.float32(0.3)
+OTHER_VIEW_WEIGHT = np.float32(0.3)
 """Weight of what other views show where a view has no depth: poses are less exact than a view's own depth."""
-MIN_TRUST = 1e-4
+MIN_WEIGHT = 1e-4
 """Below this total weight nothing is known near a pixel, and it belongs to no object."""
-FAINT = np.float32(0.005)
+NEGLIGIBLE_PROBABILITY = np.float32(0.005)
 """Probabilities below this are taken for 0 where a view shows nothing likelier of the object nearby."""
 
 
@@ -41,20 +41,20 @@ def view_probabilities(
     """
     trust = (voxels >= 0).astype(np.float32)
     if borrowed is not None:
-        trust[(voxels < 0) & (borrowed >= 0)] = BORROWED_TRUST
+        trust[(voxels < 0) & (borrowed >= 0)] = OTHER_VIEW_WEIGHT
         voxels = np.where(voxels >= 0, voxels, borrowed)
     across, down = feedback_maps(rgb, reach_px, edge)
     total = trust.copy()
     smooth(total, across, down)
     margin = int(np.ceil(REACH_FACTOR * reach_px)) + 1
-    windows = _windows(np.ascontiguousarray(voxels), probability, FAINT, margin)
+    windows = _windows(np.ascontiguousarray(voxels), probability, NEGLIGIBLE_PROBABILITY, margin)
     planes = np.zeros((probability.shape[1], *voxels.shape), np.float32)
     for k, (top, bottom, left, right) in enumerate(windows.tolist()):
         if bottom > top:
             window = slice(top, bottom), slice(left, right)
             maps = across[:, *window], down[:, *window]
             planes[k][window] = _fill(voxels[window], trust[window], total[window], probability[:, k], *maps)
-    return np.moveaxis(planes, 0, -1), total > MIN_TRUST
+    return np.moveaxis(planes, 0, -1), total > MIN_WEIGHT
 
 
 @njit(cache=True, nogil=True)
@@ -111,11 +111,11 @@ def modal_masks(
     if probability.shape[2] == 0:
         return np.full(known.shape, -1, np.int32)
     planes = np.ascontiguousarray(np.moveaxis(probability, -1, 0), np.float32)
-    return _likeliest(planes, np.ascontiguousarray(known), exclusive)
+    return _argmax_masks(planes, np.ascontiguousarray(known), exclusive)
 
 
 @njit(cache=True, nogil=True)
-def _likeliest(planes, known, exclusive):  # pragma: no cover - compiled
+def _argmax_masks(planes, known, exclusive):  # pragma: no cover - compiled
     objects, height, width = planes.shape
     best = np.full((height, width), -1, np.int32)
     highest, total = np.empty(width, np.float32), np.empty(width, np.float32)

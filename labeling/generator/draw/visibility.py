@@ -25,7 +25,7 @@ class Views:
     """The same points at the resolution of the pictures, so that what is drawn from them has sharp outlines."""
 
 
-def voxels_shown(
+def visible_voxels(
     views: Views, view: int, voxel_of_fine: Int32[np.ndarray, "m"], config: LabelConfig
 ) -> Int32[np.ndarray, "h w"]:
     """The voxel that each pixel with depth shows, -1 for pixels without.

@@ -6,29 +6,29 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float32, Int
 
-from labeling.generator.objects.seeds import Evidence
+from labeling.generator.objects.seeds import DetectionSeeds
 
 
 @dataclass
 class Candidate:
     """An object in the making: the detections that speak for it, and the votes they cast on each voxel."""
 
-    sources: list[Evidence]
-    support: Float32[np.ndarray, "n"]
+    sources: list[DetectionSeeds]
+    votes_for: Float32[np.ndarray, "n"]
     """Sum of the confidences of the sources that saw the voxel inside their mask."""
-    denial: Float32[np.ndarray, "n"]
+    votes_against: Float32[np.ndarray, "n"]
     """Sum of the confidences of the sources that saw it outside."""
-    weak: list[Evidence] = field(default_factory=list)
+    weak: list[DetectionSeeds] = field(default_factory=list)
 
     @cached_property
     def foreground(self) -> Bool[np.ndarray, "n"]:
         """Voxels that more sources place inside than outside."""
-        return self.support > self.denial
+        return self.votes_for > self.votes_against
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, "n"]:
         """Voxels that some source has an opinion on."""
-        return (self.support > 0) | (self.denial > 0)
+        return (self.votes_for > 0) | (self.votes_against > 0)
 
     @cached_property
     def front(self) -> Int[np.ndarray, "f"]:
@@ -44,24 +44,24 @@ class Candidate:
     def category_votes(self) -> dict[str, float]:
         """Sum of the confidences of all detections that speak for the object, by category."""
         votes: dict[str, float] = {}
-        for evidence in [*self.sources, *self.weak]:
-            detection = evidence.detection
+        for seeds in [*self.sources, *self.weak]:
+            detection = seeds.detection
             votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
         return votes
 
-    def add(self, evidence: Evidence) -> None:
+    def add(self, seeds: DetectionSeeds) -> None:
         """Lets one more detection vote."""
-        self.sources.append(evidence)
-        self.support[evidence.foreground] += evidence.detection.confidence
-        self.denial[evidence.background] += evidence.detection.confidence
+        self.sources.append(seeds)
+        self.votes_for[seeds.foreground] += seeds.detection.confidence
+        self.votes_against[seeds.background] += seeds.detection.confidence
         for known in ("foreground", "seen", "front"):
             self.__dict__.pop(known, None)
 
 
-def new_candidate(evidence: Evidence, num_voxels: int) -> Candidate:
+def candidate_of(seeds: DetectionSeeds, num_voxels: int) -> Candidate:
     """An object that one detection speaks for."""
     candidate = Candidate([], np.zeros(num_voxels, np.float32), np.zeros(num_voxels, np.float32))
-    candidate.add(evidence)
+    candidate.add(seeds)
     return candidate
 
 
@@ -89,26 +89,26 @@ def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
     return bool((inside if a.category == b.category else union) >= threshold)
 
 
-def group_detections(evidence: list[Evidence], num_voxels: int, threshold: float) -> list[Candidate]:
+def associate_detections(seeds: list[DetectionSeeds], num_voxels: int, threshold: float) -> list[Candidate]:
     """Groups detections into objects: the most confident first, then unions until nothing changes.
 
     Args:
-        evidence: confident detections.
+        seeds: confident detections.
         num_voxels: size of the cloud.
         threshold: share of the commonly seen space that makes two candidates one object.
 
     Returns:
         Objects, the one with the most confident source first.
     """
-    order = sorted(range(len(evidence)), key=lambda i: (-evidence[i].detection.confidence, i))
+    order = sorted(range(len(seeds)), key=lambda i: (-seeds[i].detection.confidence, i))
     candidates: list[Candidate] = []
     for index in order:
-        one = new_candidate(evidence[index], num_voxels)
+        one = candidate_of(seeds[index], num_voxels)
         home = next((c for c in candidates if same_object(c, one, threshold)), None)
         if home is None:
             candidates.append(one)
         else:
-            home.add(evidence[index])
+            home.add(seeds[index])
     return _merge_until_stable(candidates, threshold)
 
 
@@ -126,44 +126,44 @@ def _merge_until_stable(candidates: list[Candidate], threshold: float) -> list[C
     return candidates
 
 
-def attach_weak(
-    candidates: list[Candidate], evidence: list[Evidence], num_voxels: int, threshold: float
-) -> list[Evidence]:
+def assign_weak_detections(
+    candidates: list[Candidate], seeds: list[DetectionSeeds], num_voxels: int, threshold: float
+) -> list[DetectionSeeds]:
     """Lets detections below the confidence threshold speak for the object they overlap most.
 
     Args:
-        candidates: the objects; gain ``weak`` evidence.
-        evidence: detections below the threshold.
+        candidates: the objects; gain ``weak`` seeds.
+        seeds: detections below the threshold.
         num_voxels: size of the cloud.
-        threshold: as in ``group_detections``.
+        threshold: as in ``associate_detections``.
 
     Returns:
         The detections that overlap no object.
     """
-    homeless = []
+    unassigned = []
     # The objects are compared as their sources left them, so that the order of the weak detections does not matter.
-    joined: list[tuple[Candidate, Evidence]] = []
-    for one in evidence:
-        candidate = new_candidate(one, num_voxels)
-        homes = [home for home in candidates if same_object(home, candidate, threshold)]
-        if homes:
-            joined.append((max(homes, key=lambda home: overlap(home, candidate)), one))
+    joined: list[tuple[Candidate, DetectionSeeds]] = []
+    for one in seeds:
+        candidate = candidate_of(one, num_voxels)
+        matches = [home for home in candidates if same_object(home, candidate, threshold)]
+        if matches:
+            joined.append((max(matches, key=lambda home: overlap(home, candidate)), one))
         elif all(overlap(home, candidate)[0] < threshold for home in candidates):
-            homeless.append(one)
+            unassigned.append(one)
     for home, one in joined:
         home.weak.append(one)
-    return homeless
+    return unassigned
 
 
-def agreed_objects(
-    evidence: list[Evidence], num_voxels: int, threshold: float, min_views: int, confident: float
+def objects_by_agreement(
+    seeds: list[DetectionSeeds], num_voxels: int, threshold: float, min_views: int, confident: float
 ) -> list[Candidate]:
     """Objects that no view is sure of, but that several views agree on.
 
     Args:
-        evidence: detections below the confidence threshold that overlap no object.
+        seeds: detections below the confidence threshold that overlap no object.
         num_voxels: size of the cloud.
-        threshold: as in ``group_detections``.
+        threshold: as in ``associate_detections``.
         min_views: how many different views must place an object of one category there.
         confident: what the chance that not all of them are wrong (``1 - prod(1 - score)``) must reach.
 
@@ -171,7 +171,7 @@ def agreed_objects(
         Those objects; their sources are the agreeing detections.
     """
     accepted = []
-    for candidate in group_detections(evidence, num_voxels, threshold):
+    for candidate in associate_detections(seeds, num_voxels, threshold):
         category = candidate.category
         agreeing = [s for s in candidate.sources if s.detection.category == category]
         views = {s.detection.view_index for s in agreeing}
@@ -181,7 +181,7 @@ def agreed_objects(
     return accepted
 
 
-def merge_segments(
+def group_segments(
     candidates: list[Candidate], probability: Float32[np.ndarray, "n k"], threshold: float
 ) -> list[list[int]]:
     """Groups objects whose segments in space turn out to be one, such as the front and the back of a chair.

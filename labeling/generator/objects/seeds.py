@@ -14,7 +14,7 @@ from labeling.generator.settings.label_config import LabelConfig
 
 
 @dataclass(frozen=True)
-class Evidence:
+class DetectionSeeds:
     """One detection, moved into the cloud."""
 
     detection: Detection
@@ -26,7 +26,7 @@ class Evidence:
     """The part of the background nearest to the mask, from which hard examples are drawn."""
 
 
-def split_mask(
+def mask_trimap(
     mask: Bool[np.ndarray, "h w"], erode: float, dilate: float
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Safe foreground, safe background and the hard rim of the background of a mask.
@@ -71,16 +71,16 @@ def _around(mask: Bool[np.ndarray, "h w"], margin_px: int) -> tuple[slice, slice
     return sides[0], sides[1]
 
 
-def rim_widths(confidence: float, config: LabelConfig) -> tuple[float, float]:
+def trimap_widths(confidence: float, config: LabelConfig) -> tuple[float, float]:
     """Shares of a mask's size that its uncertain rim takes inside and outside: the less sure, the wider."""
     doubt = 1.0 - confidence
     return config.erode + config.erode_doubt * doubt, config.dilate + config.dilate_doubt * doubt
 
 
-def gather_evidence(cloud: Cloud, detection: Detection, config: LabelConfig) -> Evidence:
+def detection_seeds(cloud: Cloud, detection: Detection, config: LabelConfig) -> DetectionSeeds:
     """Moves a detection into the cloud, without the outliers in space that a mask over an object's edge picks up."""
     seen, ranks = cloud.seen_in(detection.view_index)
-    foreground, background, rim = split_mask(detection.mask, *rim_widths(detection.confidence, config))
+    foreground, background, rim = mask_trimap(detection.mask, *trimap_widths(detection.confidence, config))
     if config.erosions is not None:
         foreground = eroded(detection.mask, config.erosions)
     if config.dilations is not None:
@@ -89,7 +89,7 @@ def gather_evidence(cloud: Cloud, detection: Detection, config: LabelConfig) -> 
     if detection.exact:
         foreground = detection.mask
     front, back, near = (seen[chosen] for chosen in split_voxels(ranks, foreground, background, rim, len(seen)))
-    return Evidence(
+    return DetectionSeeds(
         detection=detection,
         foreground=front[~_seed_outliers(cloud.points[front], config)],
         background=back,

@@ -28,7 +28,7 @@ def floor_height(points: Float32[np.ndarray, "n 3"], voxel_m: float) -> float:
     return float(np.median(heights[inside]))
 
 
-def stand(
+def extend_to_support(
     box: Box3d,
     points: Float32[np.ndarray, "n 3"],
     own: Bool[np.ndarray, "n"],

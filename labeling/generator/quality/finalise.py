@@ -8,13 +8,13 @@ import numpy as np
 from labeling.core.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject
 from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.voxel_cloud import Cloud
-from labeling.generator.quality.box_completion import floor_height, stand
-from labeling.generator.quality.ignore_regions import doubtful_regions
+from labeling.generator.quality.box_completion import extend_to_support, floor_height
+from labeling.generator.quality.ignore_regions import unconfirmed_regions
 from labeling.generator.quality.label_quality import features_of, load_model
 from labeling.generator.settings.label_config import LabelConfig
 
 
-def judged(
+def finalise_labels(
     labels: EpisodeLabels,
     detections: Sequence[Detection],
     cloud: Cloud,
@@ -29,19 +29,19 @@ def judged(
         config: settings.
     """
     if config.complete_boxes and labels.objects:
-        labels = replace(labels, objects=_with_whole_boxes(labels, cloud.voxel_m))
+        labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
     if config.calibrate and not any(detection.exact for detection in detections):
         labels = _calibrated(labels, detections)
-    return _without_the_untrusted(labels, detections, cloud, config)
+    return _with_ignored_regions(labels, detections, cloud, config)
 
 
-def _with_whole_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
+def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
     points, owner = labels.cloud.points, labels.cloud.instance_id
     floor_m = floor_height(points, voxel_m)
     return tuple(
         one
         if one.box_3d is None
-        else replace(one, box_3d=stand(one.box_3d, points, owner == one.instance_id, voxel_m, floor_m))
+        else replace(one, box_3d=extend_to_support(one.box_3d, points, owner == one.instance_id, voxel_m, floor_m))
         for one in labels.objects
     )
 
@@ -62,7 +62,7 @@ def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) ->
     return replace(one, confidence=float(np.average([label.confidence for label in own], weights=sizes)))
 
 
-def _without_the_untrusted(
+def _with_ignored_regions(
     labels: EpisodeLabels, detections: Sequence[Detection], cloud: Cloud, config: LabelConfig
 ) -> EpisodeLabels:
     trusted = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
@@ -72,5 +72,5 @@ def _without_the_untrusted(
         if one.confidence < config.min_confidence and one.modal.any()
     ]
     if config.ignore_unconfirmed < 1:
-        ignored += doubtful_regions(cloud, detections, labels.labels, config)
+        ignored += unconfirmed_regions(cloud, detections, labels.labels, config)
     return replace(labels, labels=trusted, ignored=tuple(sorted(ignored, key=lambda region: region.view_index)))

@@ -16,11 +16,11 @@ from labeling.generator.settings.label_config import LabelConfig
 
 EXPLAINED = 0.5
 """Share of a detection that labels must cover for it to be no suspicion."""
-FAINTEST = 0.05
+MIN_CONFIDENCE = 0.05
 """Detections less confident than this are no suspicion either: a detector has some of them everywhere."""
 
 
-def doubtful_regions(
+def unconfirmed_regions(
     cloud: Cloud, detections: Sequence[Detection], labels: Sequence[PseudoLabel], config: LabelConfig
 ) -> list[IgnoredRegion]:
     """Regions in which detections that no label explains add up to ``config.ignore_unconfirmed`` or more.
@@ -36,7 +36,7 @@ def doubtful_regions(
         left out.
     """
     labelled = _labelled(labels)
-    suspicions = list(_suspicions(detections, labelled))
+    unexplained = list(_unexplained_detections(detections, labelled))
     least = config.ignore_unconfirmed
     drawn: dict[tuple[int, str], Bool[np.ndarray, "h w"]] = {}
     sure: dict[tuple[int, str], float] = {}
@@ -46,12 +46,12 @@ def doubtful_regions(
         drawn[place] = drawn[place] | mask if place in drawn else mask
         sure[place] = max(sure.get(place, 0.0), min(1.0, confidence))
 
-    for one, rest in suspicions:
+    for one, rest in unexplained:
         if one.confidence >= least:
             draw(one.view_index, one.category, rest, one.confidence)
-    if config.doubt_across_views and suspicions:
-        names = sorted({one.category for one, _ in suspicions})
-        support, category = _support(cloud, suspicions, names)
+    if config.doubt_across_views and unexplained:
+        names = sorted({one.category for one, _ in unexplained})
+        support, category = _support(cloud, unexplained, names)
         doubtful = np.flatnonzero(support >= least)
         number = np.full(cloud.num_points + 1, -1, np.int64)  # the last one is that of pixels without a voxel
         number[doubtful] = category[doubtful]
@@ -76,12 +76,12 @@ def _labelled(labels: Sequence[PseudoLabel]) -> dict[int, Bool[np.ndarray, "h w"
     return found
 
 
-def _suspicions(
+def _unexplained_detections(
     detections: Sequence[Detection], labelled: dict[int, Bool[np.ndarray, "h w"]]
 ) -> Iterator[tuple[Detection, Bool[np.ndarray, "h w"]]]:
     """Detections that labels do not explain, and what labels leave of them."""
     for one in detections:
-        if one.confidence < FAINTEST:
+        if one.confidence < MIN_CONFIDENCE:
             continue
         rest = one.mask & ~labelled[one.view_index] if one.view_index in labelled else one.mask
         left = np.count_nonzero(rest)
@@ -90,14 +90,14 @@ def _suspicions(
 
 
 def _support(
-    cloud: Cloud, suspicions: Sequence[tuple[Detection, Bool[np.ndarray, "h w"]]], names: Sequence[str]
+    cloud: Cloud, unexplained: Sequence[tuple[Detection, Bool[np.ndarray, "h w"]]], names: Sequence[str]
 ) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"]]:
     """For every voxel the sum over views of the highest confidence there, and the category with the highest sum."""
     total = np.zeros(cloud.num_points, np.float32)
     of_name = np.zeros((len(names), cloud.num_points), np.float32)
-    for view in sorted({one.view_index for one, _ in suspicions}):
+    for view in sorted({one.view_index for one, _ in unexplained}):
         highest = np.zeros(cloud.num_points, np.float32)
-        for one, rest in suspicions:
+        for one, rest in unexplained:
             if one.view_index != view:
                 continue
             voxels = np.unique(cloud.voxel_of_pixel[view][rest])

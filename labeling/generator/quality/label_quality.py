@@ -48,7 +48,7 @@ picture's. visible_share: of the whole object, what is visible."""
 
 
 @dataclass(frozen=True)
-class TrustModel:
+class LabelQualityModel:
     """Expected IoU of a label: a logistic function of its standardised features."""
 
     mean: Float[np.ndarray, "f"]
@@ -62,11 +62,11 @@ class TrustModel:
 
 
 @cache
-def load_model() -> TrustModel:
+def load_model() -> LabelQualityModel:
     """The model that is shipped."""
     content = json.loads(MODEL_FILE.read_text(encoding="utf-8"))
     rows = [content["features"][name] for name in FEATURES]
-    return TrustModel(
+    return LabelQualityModel(
         *(np.array([row[key] for row in rows], float) for key in ("mean", "scale", "weight")),
         intercept=float(content["intercept"]),
     )
@@ -74,7 +74,7 @@ def load_model() -> TrustModel:
 
 def fit_model(
     features: Float[np.ndarray, "n f"], iou: Float[np.ndarray, "n"], ridge: float = 0.03, steps: int = 4000
-) -> TrustModel:
+) -> LabelQualityModel:
     """Fits the model to measured IoU by maximum likelihood of a fractional logistic regression.
 
     Args:
@@ -98,7 +98,7 @@ def fit_model(
         moved = np.where(sign * moved < 0, 0.0, moved)
         ahead = moved + i / (i + 3) * (moved - weight)
         weight = moved
-    return TrustModel(mean, scale, weight[:-1], float(weight[-1]))
+    return LabelQualityModel(mean, scale, weight[:-1], float(weight[-1]))
 
 
 def features_of(labels: "EpisodeLabels", detections: Sequence[Detection]) -> Float[np.ndarray, "n f"]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
-from labeling.generator.segment.mean_field import Kernel, mean_field_near
+from labeling.generator.segment.mean_field import Kernel, mean_field_active
 
 
 @dataclass(frozen=True)
-class Near:
+class ActivePoints:
     """One row for every object and every point near it: object after object, and rising points within one."""
 
     shape: tuple[int, int]
@@ -19,7 +19,7 @@ class Near:
     """Where the rows of each object start; the last entry is the number of rows."""
 
     @classmethod
-    def of(cls, near: Bool[np.ndarray, "n k"]) -> "Near":
+    def of(cls, near: Bool[np.ndarray, "n k"]) -> "ActivePoints":
         """Rows of the true entries."""
         points = [np.flatnonzero(near[:, k]) for k in range(near.shape[1])]
         start = np.cumsum([0, *(len(one) for one in points)])
@@ -54,5 +54,5 @@ class Near:
         """
         if len(self.point) == 0:
             return np.zeros(self.shape, np.float32)
-        rows = mean_field_near(self.rows(log_odds), self.point, kernels, iterations, exclusive=exclusive)
+        rows = mean_field_active(self.rows(log_odds), self.point, kernels, iterations, exclusive=exclusive)
         return self.table(rows)

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from labeling.generator.segment.gaussian_classifier import train_mixed
+from labeling.generator.segment.gaussian_classifier import train_mixed_classifier
 from labeling.generator.segment.svm_classifier import fit_platt
 from labeling.generator.settings.label_config import UnaryName
 
@@ -62,7 +62,7 @@ def train_classifier(
     if name == "votes":
         return None
     if name == "svm":
-        return train_mixed(foreground, background, rng, gaussian_share)
+        return train_mixed_classifier(foreground, background, rng, gaussian_share)
     held_front, front = _split(foreground, rng)
     held_back, back = _split(background, rng)
     rough = fit_plane(front, back)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from labeling.generator.segment.svm_classifier import Unary, train_unary
+from labeling.generator.segment.svm_classifier import SvmClassifier, train_svm_classifier
 
 RIDGE = 0.005
 """Added to the variances of standardised features: a flat object has a covariance that can be inverted."""
@@ -18,7 +18,7 @@ HELD_LOG_ODDS = float(np.log(0.99 / 0.01))
 
 
 @dataclass(frozen=True)
-class Gaussians:
+class GaussianClassifier:
     """Quadratic discriminant analysis: ``x' A x + b' x + c`` on scaled features, both classes equally likely before."""
 
     scale: Float64[np.ndarray, "d"]
@@ -39,11 +39,11 @@ class Gaussians:
 
 
 @dataclass(frozen=True)
-class Mixed:
+class MixedClassifier:
     """Weighted mean of the log-odds of both classifiers."""
 
-    gaussians: Gaussians
-    machine: Unary
+    gaussians: GaussianClassifier
+    machine: SvmClassifier
     share: float
     """Weight of the Gaussians."""
 
@@ -54,7 +54,9 @@ class Mixed:
         return np.float32(self.share) * smooth + np.float32(1 - self.share) * exact
 
 
-def train_gaussians(foreground: Float[np.ndarray, "f d"], background: Float[np.ndarray, "b d"]) -> Gaussians:
+def train_gaussian_classifier(
+    foreground: Float[np.ndarray, "f d"], background: Float[np.ndarray, "b d"]
+) -> GaussianClassifier:
     """Fits a Gaussian to each class (at least 1 point each)."""
     scale = np.concatenate([foreground, background]).astype(float).std(axis=0)
     scale = np.where(scale > 1e-9, scale, 1.0)
@@ -68,12 +70,12 @@ def train_gaussians(foreground: Float[np.ndarray, "f d"], background: Float[np.n
         vector = inverse @ centre
         forms.append((-0.5 * inverse, vector, -0.5 * centre @ vector - 0.5 * np.linalg.slogdet(covariance)[1]))
     (a, b, c), (d, e, f) = forms
-    return Gaussians(scale, (a - d).astype(np.float32), (b - e).astype(np.float32), float(c - f))
+    return GaussianClassifier(scale, (a - d).astype(np.float32), (b - e).astype(np.float32), float(c - f))
 
 
-def train_mixed(
+def train_mixed_classifier(
     foreground: Float[np.ndarray, "f d"], background: Float[np.ndarray, "b d"], rng: np.random.Generator, share: float
-) -> Unary | Gaussians | Mixed:
+) -> SvmClassifier | GaussianClassifier | MixedClassifier:
     """Trains the classifier of one object.
 
     Args:
@@ -83,6 +85,10 @@ def train_mixed(
         share: weight of the Gaussians; 0 for the machine alone (thesis 4.3), 1 for them alone.
     """
     if share <= 0:
-        return train_unary(foreground, background, rng)
-    gaussians = train_gaussians(foreground, background)
-    return gaussians if share >= 1 else Mixed(gaussians, train_unary(foreground, background, rng), share)
+        return train_svm_classifier(foreground, background, rng)
+    gaussians = train_gaussian_classifier(foreground, background)
+    return (
+        gaussians
+        if share >= 1
+        else MixedClassifier(gaussians, train_svm_classifier(foreground, background, rng), share)
+    )

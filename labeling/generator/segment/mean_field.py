@@ -68,7 +68,7 @@ def mean_field(
     )
 
 
-def mean_field_near(
+def mean_field_active(
     unary: Float32[np.ndarray, "m"],
     point: Int[np.ndarray, "m"],
     kernels: Sequence[Kernel],

@@ -3,14 +3,14 @@
 import numpy as np
 
 from labeling.generator.cloud.voxel_cloud import Cloud
-from labeling.generator.segment.active_points import Near
+from labeling.generator.segment.active_points import ActivePoints
 from labeling.generator.segment.mean_field import Kernel
 from labeling.generator.segment.permutohedral_lattice import build_lattice
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.generator.settings.published_defects import Everywhere
+from labeling.generator.settings.published_defects import ConstantKernel
 
 
-def crf_kernels(cloud: Cloud, near: Near, object_m: float, config: LabelConfig) -> list[Kernel]:
+def crf_kernels(cloud: Cloud, near: ActivePoints, object_m: float, config: LabelConfig) -> list[Kernel]:
     """The kernels between the points near each object.
 
     Args:
@@ -22,7 +22,7 @@ def crf_kernels(cloud: Cloud, near: Near, object_m: float, config: LabelConfig) 
     Source: thesis equation 4.1.
     """
     if config.published.empty_kernel:
-        return [Kernel(Everywhere(near.block_start), config.smoothness_weight)]
+        return [Kernel(ConstantKernel(near.block_start), config.smoothness_weight)]
     appearance_m = config.appearance_width_m or config.appearance_width * object_m
     smoothness_m = config.smoothness_width_m or config.smoothness_width_voxels * cloud.voxel_m
     points, kernels = cloud.points[near.point], []

@@ -9,7 +9,7 @@ from labeling.generator.segment.svm import decide, train_svm
 
 
 @dataclass(frozen=True)
-class Unary:
+class SvmClassifier:
     """A trained classifier of one object."""
 
     mean: Float64[np.ndarray, "d"]
@@ -29,9 +29,9 @@ class Unary:
         return (self.platt[0] * decision + self.platt[1]).astype(np.float32)
 
 
-def train_unary(
+def train_svm_classifier(
     foreground: Float[np.ndarray, "f d"], background: Float[np.ndarray, "b d"], rng: np.random.Generator
-) -> Unary:
+) -> SvmClassifier:
     """Trains the classifier of one object.
 
     Args:
@@ -62,7 +62,7 @@ def train_unary(
     else:
         decision = decide(features[held].astype(np.float32), support, coefficient, gamma, intercept)
         platt = fit_platt(decision.astype(float), labels[held] > 0)
-    return Unary(mean, std, support, coefficient, intercept, gamma, platt)
+    return SvmClassifier(mean, std, support, coefficient, intercept, gamma, platt)
 
 
 def fit_platt(decision: Float64[np.ndarray, "n"], positive: np.ndarray) -> tuple[float, float]:

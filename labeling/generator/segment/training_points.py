@@ -43,7 +43,7 @@ def crop_around(
     return centre, reach <= half
 
 
-def sample_front(
+def sample_foreground(
     points: Float32[np.ndarray, "n 3"],
     front: Int[np.ndarray, "f"],
     centre: Float32[np.ndarray, "3"],
@@ -61,7 +61,7 @@ def sample_front(
     return np.concatenate([outer, _sample(front, config.svm_samples - len(outer), rng)])
 
 
-def sample_back(
+def sample_background(
     back: Int[np.ndarray, "b"], rim: Bool[np.ndarray, "n"], config: LabelConfig, rng: np.random.Generator
 ) -> Int[np.ndarray, "s"]:
     """Background to learn from: a share of it from the rim around the masks, the rest from anywhere."""

@@ -8,11 +8,11 @@ from jaxtyping import Float32
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
 from labeling.generator.segment.classifiers import train_classifier
-from labeling.generator.segment.training_points import crop_around, sample_back, sample_front
+from labeling.generator.segment.training_points import crop_around, sample_background, sample_foreground
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.threads import in_threads
 
-FAR_LOG_ODDS = -8.0
+UNREACHABLE_LOG_ODDS = -8.0
 """Given to points out of an object's reach: they can never join it."""
 MAX_LOG_ODDS = float(np.log(0.99 / 0.01))
 """Classifier outputs are held in [.01, .99]. Source: field notes (published code)."""
@@ -36,7 +36,7 @@ def object_log_odds(
     Returns:
         Log-odds per point and object.
     """
-    log_odds = np.full((cloud.num_points, len(candidates)), FAR_LOG_ODDS, np.float32)
+    log_odds = np.full((cloud.num_points, len(candidates)), UNREACHABLE_LOG_ODDS, np.float32)
 
     def fill_column(k: int) -> None:
         rng = np.random.default_rng([config.seed, k])
@@ -47,18 +47,18 @@ def object_log_odds(
 
 
 def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfig, rng, log_odds) -> None:
-    support, denial, rim = _votes(cloud.num_points, candidate, config)
-    front = np.flatnonzero(support > denial)
+    votes_for, votes_against, rim = _votes(cloud.num_points, candidate, config)
+    front = np.flatnonzero(votes_for > votes_against)
     if len(front) == 0:
         return
-    against = (denial >= support) & (denial > 0)
+    against = (votes_against >= votes_for) & (votes_against > 0)
     centre, near = crop_around(cloud, front, against, object_m, config)
     back = np.flatnonzero(near & against)
     reachable = np.flatnonzero(near)
-    log_odds[reachable] = _vote_log_odds(support, denial, candidate)[reachable] if config.votes else 0.0
+    log_odds[reachable] = _vote_log_odds(votes_for, votes_against, candidate)[reachable] if config.votes else 0.0
     if len(back) > 0:
-        learnt_back = sample_back(back, rim, config, rng)
-        learnt_front = sample_front(cloud.points, front, centre, config, rng)
+        learnt_back = sample_background(back, rim, config, rng)
+        learnt_front = sample_foreground(cloud.points, front, centre, config, rng)
         front_rows, back_rows = (_features(cloud, rows, centre) for rows in (learnt_front, learnt_back))
         unary = train_classifier(config.unary, front_rows, back_rows, rng, config.gaussian_share)
         if unary is not None:
@@ -76,22 +76,22 @@ def _features(cloud: Cloud, rows, centre) -> Float32[np.ndarray, "n 6"]:
 
 def _votes(num_points: int, candidate: Candidate, config: LabelConfig):
     """Confidence-weighted votes for and against every point, and the hard rim around the masks."""
-    support, denial = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
+    votes_for, votes_against = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
     rim = np.zeros(num_points, bool)
     sources = candidate.sources
     if config.max_sources:
         sources = sorted(sources, key=lambda one: -one.detection.confidence)[: config.max_sources]
-    for evidence in [*sources, *(candidate.weak if config.weak_evidence else [])]:
-        support[evidence.foreground] += evidence.detection.confidence
-        denial[evidence.background] += evidence.detection.confidence
-        rim[evidence.rim] = True
-    return support, denial, rim
+    for seeds in [*sources, *(candidate.weak if config.weak_evidence else [])]:
+        votes_for[seeds.foreground] += seeds.detection.confidence
+        votes_against[seeds.background] += seeds.detection.confidence
+        rim[seeds.rim] = True
+    return votes_for, votes_against, rim
 
 
-def _vote_log_odds(support, denial, candidate: Candidate) -> Float32[np.ndarray, "n"]:
+def _vote_log_odds(votes_for, votes_against, candidate: Candidate) -> Float32[np.ndarray, "n"]:
     """Votes as log-odds: an honest score is the chance that a vote is right."""
-    total = support + denial
-    balance = (support - denial) / np.maximum(total, 1e-9)
+    total = votes_for + votes_against
+    balance = (votes_for - votes_against) / np.maximum(total, 1e-9)
     confidence = np.mean([source.detection.confidence for source in candidate.sources])
     reliability = float(np.clip(confidence, 0.5, 0.99))
     strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(reliability / (1 - reliability))

@@ -48,7 +48,7 @@ usual examples of the dense CRF that the thesis builds on (3; 10 and 13/255), th
 wide ones fared best in a first trial (design notes); seeds are calibrated on a fifth of the training points held out
 instead of scikit-learn's five folds; points are gathered in the same voxels as by default, since that concerns cost,
 not method; outliers are told along each axis, from seeds and again from finished segments, as that code means to;
-"the same object" is told by the published code's rule (``per_detection.SAME_MASK``).
+"the same object" is told by the published code's rule (``per_detection.NMS_OVERLAP``).
 """
 
 RELEASED = replace(

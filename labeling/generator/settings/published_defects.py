@@ -46,7 +46,7 @@ class PublishedDefects:
 
 
 @dataclass(frozen=True)
-class Everywhere:
+class ConstantKernel:
     """The filter of a kernel matrix of zeros: no two points differ, so every point receives the sum over all points."""
 
     block_start: Int[np.ndarray, "b1"] | None = None
@@ -61,14 +61,14 @@ class Everywhere:
         return sums
 
 
-def first_two(count: int) -> Bool[np.ndarray, "n"]:
+def first_two_points(count: int) -> Bool[np.ndarray, "n"]:
     """What ``segmentation[outlier.astype(int)] = 0`` removes of ``count`` points."""
     removed = np.zeros(count, bool)
     removed[:2] = True
     return removed
 
 
-def damaged(labels: Sequence[PseudoLabel], defects: PublishedDefects) -> tuple[PseudoLabel, ...]:
+def with_label_defects(labels: Sequence[PseudoLabel], defects: PublishedDefects) -> tuple[PseudoLabel, ...]:
     """The labels as the defects of writing leave them.
 
     Args:
@@ -149,7 +149,7 @@ def with_amodal_boxes(record: dict[str, Any]) -> dict[str, Any]:
     return {**record, "labels": labels}
 
 
-def last_write_wins(drawn: Bool[np.ndarray, "k h w"]) -> Int32[np.ndarray, "h w"]:
+def paint_in_order(drawn: Bool[np.ndarray, "k h w"]) -> Int32[np.ndarray, "h w"]:
     """What each pixel shows when objects are drawn one after the other whatever their depth: the last, -1 for none."""
     shown = np.full(drawn.shape[1:], -1, np.int32)
     for k in range(len(drawn)):

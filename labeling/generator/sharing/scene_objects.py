@@ -1,4 +1,4 @@
-"""The objects of a scene across its episodes: what one visit saw well, another may see from afar.
+"""The objects of a scene across its episodes: what one observation saw well, another may see from afar.
 
 A detector finds little of what is far away, and an episode that stays there cannot teach it: nothing confirms what it
 missed. An episode elsewhere in the same scene may have walked around the very object. So segments of all episodes of a
@@ -27,7 +27,7 @@ MARGIN_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Visit:
+class ObjectObservation:
     """An object as one episode found it."""
 
     episode: str
@@ -49,49 +49,49 @@ class Visit:
 class SceneObject:
     """An object of a scene, from all episodes that found it."""
 
-    visits: tuple[Visit, ...]
+    observations: tuple[ObjectObservation, ...]
     """The most confident first: it names the object and says how large it is."""
     points: Float32[np.ndarray, "n 3"]
-    """Of all visits; metres, world."""
+    """Of all observations; metres, world."""
     spacing_m: float
     """Distance between neighbouring points of a segment."""
 
     @property
-    def best(self) -> Visit:
-        """The most confident visit."""
-        return self.visits[0]
+    def best(self) -> ObjectObservation:
+        """The most confident observation."""
+        return self.observations[0]
 
     def is_known_to(self, episode: str) -> bool:
         """Whether an episode has found the object itself."""
-        return any(visit.episode == episode for visit in self.visits)
+        return any(observation.episode == episode for observation in self.observations)
 
 
 @dataclass(frozen=True, eq=False)
-class Glimpse:
+class ObjectMasks:
     """What a view shows of an object."""
 
     modal: Bool[np.ndarray, "h w"]
     amodal: Bool[np.ndarray, "h w"]
 
 
-def same_objects(visits: Sequence[Visit]) -> list[SceneObject]:
-    """Puts together visits that found one and the same object.
+def associate_observations(observations: Sequence[ObjectObservation]) -> list[SceneObject]:
+    """Puts together observations that found one and the same object.
 
     Args:
-        visits: of all episodes of a scene; those of fewer than two points are left out.
+        observations: of all episodes of a scene; those of fewer than two points are left out.
 
     Returns:
         The objects, the most confident first.
     """
     found: list[SceneObject] = []
-    usable = [visit for visit in visits if len(visit.points) > 1]
-    for visit in sorted(usable, key=lambda one: (-one.confidence, one.episode, one.instance_id)):
-        alone = SceneObject((visit,), visit.points, _spacing_m(visit.points))
+    usable = [observation for observation in observations if len(observation.points) > 1]
+    for observation in sorted(usable, key=lambda one: (-one.confidence, one.episode, one.instance_id)):
+        alone = SceneObject((observation,), observation.points, _spacing_m(observation.points))
         for place, known in enumerate(found):
             if _overlap(known, alone) >= OVERLAP:
                 found[place] = SceneObject(
-                    (*known.visits, visit),
-                    np.concatenate([known.points, visit.points]),
+                    (*known.observations, observation),
+                    np.concatenate([known.points, observation.points]),
                     max(known.spacing_m, alone.spacing_m),
                 )
                 break
@@ -100,12 +100,12 @@ def same_objects(visits: Sequence[Visit]) -> list[SceneObject]:
     return found
 
 
-def glimpses(
+def project_objects(
     objects: Sequence[SceneObject],
     depth_m: Float32[np.ndarray, "h w"],
     intrinsics: Float[np.ndarray, "3 3"],
     camera_to_world: Float[np.ndarray, "4 4"],
-) -> list[Glimpse | None]:
+) -> list[ObjectMasks | None]:
     """Where a view shows objects that its episode may not have found itself.
 
     Args:
@@ -119,7 +119,7 @@ def glimpses(
         out of view, hidden, or not there (any more): if these pixels are not those that its points cover.
     """
     view = _View(depth_m, intrinsics, camera_to_world)
-    return [_glimpse(one, view) for one in objects]
+    return [_project_object(one, view) for one in objects]
 
 
 class _View:
@@ -146,7 +146,7 @@ class _View:
         return found.reshape(self.depth_m.shape)
 
 
-def _glimpse(one: SceneObject, view: _View) -> Glimpse | None:
+def _project_object(one: SceneObject, view: _View) -> ObjectMasks | None:
     modal = view.in_box(one.best.box_3d, one.spacing_m)
     if not modal.any():
         return None
@@ -157,7 +157,7 @@ def _glimpse(one: SceneObject, view: _View) -> Glimpse | None:
     margin_m = REACH * one.spacing_m + MARGIN_SHARE * expected_m
     hidden = drawn & ~modal & (view.depth_m > 0) & (view.depth_m < expected_m - margin_m)
     agreement = np.count_nonzero(modal & drawn) / np.count_nonzero(modal | (drawn & ~hidden))
-    return Glimpse(modal, modal | drawn) if agreement >= AGREEMENT else None
+    return ObjectMasks(modal, modal | drawn) if agreement >= AGREEMENT else None
 
 
 def _spacing_m(points) -> float:

@@ -14,21 +14,27 @@ from labeling.core.errors import EpisodeFormatError
 from labeling.core.rle import decode_mask
 from labeling.core.types import Box3d, PseudoLabel
 from labeling.generator.label_jobs import Job
-from labeling.generator.label_writer import EpisodeState, label_record, object_record
-from labeling.generator.sharing.scene_objects import Glimpse, SceneObject, Visit, glimpses, same_objects
+from labeling.generator.label_writer import EpisodeResult, label_record, object_record
+from labeling.generator.sharing.scene_objects import (
+    ObjectMasks,
+    ObjectObservation,
+    SceneObject,
+    associate_observations,
+    project_objects,
+)
 from labeling.io.episodes import read_episode
 from labeling.io.formats.checked_json import read_json
 from labeling.io.formats.ply import read_ply
 
-LEAST_SURE = 0.6
+MIN_CONFIDENCE = 0.6
 """Objects less sure than this stay with the episode that found them."""
 EXPLAINED = 0.3
 """Share of an object's pixels in a view from which on the labels that are there already explain it."""
 
 
 def share_scenes(
-    job: Job, states: Sequence[EpisodeState], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
-) -> list[EpisodeState]:
+    job: Job, states: Sequence[EpisodeResult], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
+) -> list[EpisodeResult]:
     """Labels what one episode of a scene has found in the others, too.
 
     Args:
@@ -45,12 +51,12 @@ def share_scenes(
     """
     folders = {state.name: job.dataset / state.folder for state in states}
     scene_of = {state.name: _scene(folders[state.name]) for state in states if state.record is not None}
-    visits: dict[tuple[str, ...], list[Visit]] = defaultdict(list)
+    observations: dict[tuple[str, ...], list[ObjectObservation]] = defaultdict(list)
     for state in states:
         scene = scene_of.get(state.name)
         if scene is not None:
-            visits[scene].extend(_visits(job, state))
-    objects = {scene: same_objects(found) for scene, found in visits.items()}
+            observations[scene].extend(_observations(job, state))
+    objects = {scene: associate_observations(found) for scene, found in observations.items()}
     return [_with_shared(job, state, folders[state.name], objects, scene_of) for state in progress(states)]
 
 
@@ -65,7 +71,7 @@ def _scene(folder: Path) -> tuple[str, ...] | None:
     return (about.text("world") if about.has("world") else "", about.text("scene"))
 
 
-def _visits(job: Job, state: EpisodeState) -> Iterator[Visit]:
+def _observations(job: Job, state: EpisodeResult) -> Iterator[ObjectObservation]:
     """The objects of an episode that are sure enough to be told to others."""
     file = job.out / "clouds" / f"{state.name}.ply"
     try:
@@ -74,11 +80,11 @@ def _visits(job: Job, state: EpisodeState) -> Iterator[Visit]:
         raise EpisodeFormatError(f"{error}; delete {file} and label again") from None
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
     for one in (state.record or {})["objects"]:
-        if one["score"] >= LEAST_SURE:
+        if one["score"] >= MIN_CONFIDENCE:
             box = Box3d(*(np.asarray(one[name], float) for name in ("centre", "extent", "rotation")))
             own = points[cloud["label"] == one["instance_id"]]
             source = one["sources"][0]
-            yield Visit(
+            yield ObjectObservation(
                 state.name,
                 one["instance_id"],
                 one["category"],
@@ -92,11 +98,11 @@ def _visits(job: Job, state: EpisodeState) -> Iterator[Visit]:
 
 def _with_shared(
     job: Job,
-    state: EpisodeState,
+    state: EpisodeResult,
     folder: Path,
     objects: dict[tuple[str, ...], list[SceneObject]],
     scene_of: dict[str, tuple[str, ...] | None],
-) -> EpisodeState:
+) -> EpisodeResult:
     scene = scene_of.get(state.name)
     missing = [] if scene is None else [one for one in objects[scene] if not one.is_known_to(state.name)]
     if state.record is None or not missing:
@@ -105,9 +111,9 @@ def _with_shared(
     record = state.record
     own = _labelled(record, episode.num_views, episode.size)
     next_id = 1 + max((one["instance_id"] for one in record["objects"]), default=0)
-    found: dict[int, list[tuple[int, Glimpse]]] = defaultdict(list)
+    found: dict[int, list[tuple[int, ObjectMasks]]] = defaultdict(list)
     for view, known in enumerate(own):
-        seen = glimpses(missing, episode.depth_m[view], episode.intrinsics[view], episode.camera_to_world[view])
+        seen = project_objects(missing, episode.depth_m[view], episode.intrinsics[view], episode.camera_to_world[view])
         for number, one in enumerate(seen):
             if one is None or np.count_nonzero(one.modal) < job.label.min_mask_px or _is_explained(one, known):
                 continue
@@ -134,7 +140,7 @@ def _labelled(record: dict[str, Any], views: int, size: tuple[int, int]) -> Bool
     return found
 
 
-def _is_explained(found: Glimpse, known: Bool[np.ndarray, "h w"]) -> bool:
+def _is_explained(found: ObjectMasks, known: Bool[np.ndarray, "h w"]) -> bool:
     return bool(np.count_nonzero(found.modal & known) > EXPLAINED * np.count_nonzero(found.modal))
 
 
@@ -144,7 +150,7 @@ def _object(one: SceneObject, instance_id: int) -> dict[str, Any]:
     return {**object_record(here), "shared_from": {"episode": best.episode, "instance_id": best.instance_id}}
 
 
-def _label(one: SceneObject, view: int, instance_id: int, found: Glimpse) -> dict[str, Any]:
+def _label(one: SceneObject, view: int, instance_id: int, found: ObjectMasks) -> dict[str, Any]:
     best = one.best
     here = PseudoLabel(
         view,

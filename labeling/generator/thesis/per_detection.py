@@ -18,23 +18,23 @@ from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.draw.splatting import silhouettes
 from labeling.generator.draw.view_masks import view_probabilities
-from labeling.generator.draw.visibility import Views, fill_reach_px, voxels_shown
-from labeling.generator.objects.association import Candidate, group_detections, new_candidate
+from labeling.generator.draw.visibility import Views, fill_reach_px, visible_voxels
+from labeling.generator.objects.association import Candidate, associate_detections, candidate_of
 from labeling.generator.objects.consistency import is_consistent
-from labeling.generator.objects.seeds import gather_evidence
-from labeling.generator.segment.active_points import Near
+from labeling.generator.objects.seeds import detection_seeds
+from labeling.generator.segment.active_points import ActivePoints
 from labeling.generator.segment.pairwise_kernels import crf_kernels
-from labeling.generator.segment.unary_potentials import FAR_LOG_ODDS, object_log_odds
+from labeling.generator.segment.unary_potentials import UNREACHABLE_LOG_ODDS, object_log_odds
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.generator.settings.published_defects import damaged
+from labeling.generator.settings.published_defects import with_label_defects
 
-SAME_MASK = 0.5
+NMS_OVERLAP = 0.5
 """Masks of one class of which one covers this share of the other, and masks of two classes whose boxes have this IoU,
 show the same thing. Source: published code."""
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SegmentMasks:
     """What one segment looks like in one view."""
 
     segment: int
@@ -44,7 +44,7 @@ class Drawn:
     amodal: Bool[np.ndarray, "h w"]
 
 
-def lone_detections(cloud: Cloud, detections: Sequence[Detection], config: LabelConfig) -> list[Candidate]:
+def single_detection_candidates(cloud: Cloud, detections: Sequence[Detection], config: LabelConfig) -> list[Candidate]:
     """Every confident detection as an object of its own, the most confident first.
 
     Args:
@@ -55,14 +55,14 @@ def lone_detections(cloud: Cloud, detections: Sequence[Detection], config: Label
     found = []
     for detection in detections:
         if detection.confidence >= config.confident:
-            evidence = gather_evidence(cloud, detection, config)
-            if len(evidence.foreground) > 0:
-                found.append(evidence)
+            seeds = detection_seeds(cloud, detection, config)
+            if len(seeds.foreground) > 0:
+                found.append(seeds)
     if config.consistency:
-        groups = group_detections(found, cloud.num_points, config.merge_overlap)
+        groups = associate_detections(found, cloud.num_points, config.merge_overlap)
         found = [one for group in groups if is_consistent(group, config.confident) for one in group.sources]
     found.sort(key=lambda one: (-one.detection.confidence, one.detection.view_index))
-    return [new_candidate(one, cloud.num_points) for one in found]
+    return [candidate_of(one, cloud.num_points) for one in found]
 
 
 def label_per_detection(
@@ -72,7 +72,7 @@ def label_per_detection(
 
     Args:
         views: the views and their cloud.
-        candidates: of one detection each, as ``lone_detections`` returns them.
+        candidates: of one detection each, as ``single_detection_candidates`` returns them.
         scale: of the episode.
         config: settings. ``exclusive``, ``weak_evidence`` and ``merge_overlap`` play no part: segments do not know of
             each other.
@@ -95,7 +95,7 @@ def label_per_detection(
     final = [replace(label, instance_id=number[label.instance_id]) for label in labels]
     chance = probability[:, [old - 1 for old in kept]]
     cloud = SegmentedCloud(views.cloud.points, views.cloud.colours, _first_owner(chance), chance)
-    return EpisodeLabels(tuple(objects), damaged(final, config.published), cloud, scale)
+    return EpisodeLabels(tuple(objects), with_label_defects(final, config.published), cloud, scale)
 
 
 def _segment_each(
@@ -104,7 +104,7 @@ def _segment_each(
     """Probability of each segment at every point; 0 outside its crop, whose points have a CRF of their own."""
     cloud = views.cloud
     log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
-    near = Near.of(log_odds > FAR_LOG_ODDS)
+    near = ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS)
     kernels = crf_kernels(cloud, near, scale.object_m, config)
     probability = near.marginals(log_odds, kernels, config.iterations, exclusive=False)
     for k in range(len(candidates)):
@@ -130,7 +130,7 @@ def _draw_all(
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     labels = []
     for view in range(len(views.rgb)):
-        shown = voxels_shown(views, view, voxel_of_fine, config)
+        shown = visible_voxels(views, view, voxel_of_fine, config)
         chance, known = view_probabilities(views.rgb[view], shown, None, probability, reach_px, config.fill_edge)
         camera = (views.intrinsics[view], views.camera_to_world[view], views.rgb.shape[1:3], fine.voxel_m)
         drawn = []
@@ -141,7 +141,7 @@ def _draw_all(
             if config.published.missing_z_buffer:
                 modal = amodal
             if modal.any():
-                drawn.append(Drawn(k, source.category, modal, amodal))
+                drawn.append(SegmentMasks(k, source.category, modal, amodal))
         for one in suppress(drawn, last_wins=config.published.missing_z_buffer):
             confidence = float(sources[one.segment].confidence)
             labels.append(
@@ -159,7 +159,7 @@ def _draw_all(
     return labels
 
 
-def suppress(drawn: Sequence[Drawn], last_wins: bool = False) -> list[Drawn]:
+def suppress(drawn: Sequence[SegmentMasks], last_wins: bool = False) -> list[SegmentMasks]:
     """What is left of the masks of one view when the more confident of two that show the same thing is kept.
 
     Pixels that two of the kept masks claim go to the more confident one.
@@ -168,7 +168,7 @@ def suppress(drawn: Sequence[Drawn], last_wins: bool = False) -> list[Drawn]:
         drawn: the most confident first.
         last_wins: give them to the last one drawn instead.
     """
-    kept: list[Drawn] = []
+    kept: list[SegmentMasks] = []
     for one in drawn:
         if any(_same_thing(one, other) for other in kept):
             continue
@@ -180,20 +180,20 @@ def suppress(drawn: Sequence[Drawn], last_wins: bool = False) -> list[Drawn]:
         modal = one.modal & ~taken
         taken = taken | one.modal
         if modal.any():
-            left.append(Drawn(one.segment, one.category, modal, one.amodal | modal))
+            left.append(SegmentMasks(one.segment, one.category, modal, one.amodal | modal))
     return sorted(left, key=lambda one: one.segment)
 
 
-def _same_thing(a: Drawn, b: Drawn) -> bool:
+def _same_thing(a: SegmentMasks, b: SegmentMasks) -> bool:
     if a.category == b.category:
         shared = np.count_nonzero(a.modal & b.modal)
-        return bool(shared >= SAME_MASK * min(np.count_nonzero(a.modal), np.count_nonzero(b.modal)))
+        return bool(shared >= NMS_OVERLAP * min(np.count_nonzero(a.modal), np.count_nonzero(b.modal)))
     left_a, top_a, width_a, height_a = box_xywh(a.amodal)
     left_b, top_b, width_b, height_b = box_xywh(b.amodal)
     across = min(left_a + width_a, left_b + width_b) - max(left_a, left_b)
     down = min(top_a + height_a, top_b + height_b) - max(top_a, top_b)
     shared = max(0.0, across) * max(0.0, down)
-    return shared > SAME_MASK * (width_a * height_a + width_b * height_b - shared)
+    return shared > NMS_OVERLAP * (width_a * height_a + width_b * height_b - shared)
 
 
 def _first_owner(probability: Float32[np.ndarray, "n k"]) -> Int32[np.ndarray, "n"]:

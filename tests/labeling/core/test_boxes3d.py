@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.boxes3d import fit_box
-from labeling.generator.cloud.connected_components import stray_points
+from labeling.generator.cloud.connected_components import detached_points
 
 
 def box_surface(extent, yaw: float, centre, count: int = 4000, seed: int = 0) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_small_pieces_far_from_the_object_are_strays() -> None:
     far = np.random.default_rng(1).uniform(3, 3.1, (10, 3)).astype(np.float32)
     half = np.random.default_rng(2).uniform(5, 6, (900, 3)).astype(np.float32)
     points = np.concatenate([body, far, half])
-    strays = stray_points(points, np.zeros(1910, np.int32), 1, gap_m=0.2, min_share=0.05)
+    strays = detached_points(points, np.zeros(1910, np.int32), 1, gap_m=0.2, min_share=0.05)
     np.testing.assert_array_equal(np.flatnonzero(strays), np.arange(1000, 1010))
 
 
@@ -70,7 +70,7 @@ def test_pieces_out_of_reach_of_the_body_are_strays_whatever_their_size() -> Non
     beyond = lump([4, 0, 0], [5, 1, 1], 800)  # 1 m from the piece that is part of the body: .15 * 2.45 m is .37 m
     points, owner = np.concatenate([body, behind_a_pole, beyond]), np.zeros(3700, np.int32)
     for reach, gone in ((np.inf, 0), (0.15, 800), (0.1, 1700), (0.42, 0)):
-        strays = stray_points(points, owner, 1, gap_m=0.2, min_share=0.05, reach=reach)
+        strays = detached_points(points, owner, 1, gap_m=0.2, min_share=0.05, reach=reach)
         np.testing.assert_array_equal(np.flatnonzero(strays), np.arange(3700 - gone, 3700))
 
 
@@ -78,13 +78,13 @@ def test_the_body_is_what_detections_speak_for_not_what_is_largest() -> None:
     lawn, car = lump([10, 10, 0], [20, 20, 0.1], 20_000), lump([0, 0, 0], [4, 2, 1.5], 700)
     points, owner = np.concatenate([lawn, car]), np.zeros(20_700, np.int32)
     support = np.where(np.arange(20_700) < 20_000, 0.001, 0.9).astype(np.float32)
-    strays = stray_points(points, owner, 1, gap_m=0.6, min_share=0.05, reach=0.15, support=support)
+    strays = detached_points(points, owner, 1, gap_m=0.6, min_share=0.05, reach=0.15, support=support)
     np.testing.assert_array_equal(strays, np.arange(20_700) < 20_000)
-    by_size = stray_points(points, owner, 1, gap_m=0.6, min_share=0.05, reach=0.15)
+    by_size = detached_points(points, owner, 1, gap_m=0.6, min_share=0.05, reach=0.15)
     np.testing.assert_array_equal(by_size, ~strays)
 
 
 def test_points_of_no_object_and_of_others_are_not_judged_together() -> None:
     points = np.array([[0, 0, 0], [0.1, 0, 0], [9, 9, 9], [5, 5, 5]], np.float32)
-    strays = stray_points(points, np.array([0, 0, 1, -1], np.int32), 2, gap_m=0.2, min_share=0.9)
+    strays = detached_points(points, np.array([0, 0, 1, -1], np.int32), 2, gap_m=0.2, min_share=0.9)
     assert not strays.any()

@@ -21,7 +21,7 @@ from labeling.detectors.registry import load_detector
 from labeling.detectors.run_detector import run_detector
 from labeling.generate import main
 from labeling.generator.detection_pooling import pooled
-from labeling.generator.sources import detections_record, with_detections_used
+from labeling.generator.sources import detections_record, with_source_detections
 from labeling.io.episodes import read_episode, write_episode
 
 from ..synthetic_room import make_episode
@@ -229,7 +229,7 @@ def test_recorded_detections_speak_beside_those_of_a_detector(detector, dataset,
     assert about["episodes"][0]["sources"] == f"detector {name} and detections.json"
     found = run_detector(load_detector(name), rooms[0])
     folder = dataset / rooms[0].name
-    used = with_detections_used(read_episode(folder), out, about).detections
+    used = with_source_detections(read_episode(folder), out, about).detections
     assert used is not None
     assert len(used) == len(pooled(found, read_episode(folder).detections or ()))
     assert len(used) > max(len(found), len(rooms[0].detections or ()))

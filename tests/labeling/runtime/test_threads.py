@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from labeling.runtime.threads import beside, in_threads, num_threads
+from labeling.runtime.threads import in_background, in_threads, num_threads
 
 
 def test_threads_follow_numbas_variable_and_else_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,12 +30,12 @@ def test_errors_come_out(monkeypatch: pytest.MonkeyPatch, threads: str) -> None:
     monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
     with pytest.raises(ZeroDivisionError):
         list(in_threads(lambda item: 1 / item, [1, 0, 2]))
-    with pytest.raises(ZeroDivisionError), beside(lambda: 1 // 0) as result:
+    with pytest.raises(ZeroDivisionError), in_background(lambda: 1 // 0) as result:
         result()
 
 
 def test_work_beside_runs_on_another_thread_only_if_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     for threads, other in (("1", False), ("2", True)):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        with beside(threading.get_ident) as result:
+        with in_background(threading.get_ident) as result:
             assert (result() != threading.get_ident()) == other

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from labeling.core.types import Detection
-from labeling.generator.cloud.free_space import MIN_WITNESSES, Cameras, phantom_points, without_phantoms
+from labeling.generator.cloud.free_space import MIN_MISSES, Cameras, clear_free_space, free_space_points
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
@@ -32,24 +32,24 @@ def spoilt(room, share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
 
 def test_exact_depth_has_no_phantoms(room) -> None:
     cloud, cameras = cloud_of(room, room.depth_m)
-    assert phantom_points(cloud, cameras).mean() < 1e-3
-    assert without_phantoms(cloud, cameras) is cameras.depth_m
+    assert free_space_points(cloud, cameras).mean() < 1e-3
+    assert clear_free_space(cloud, cameras) is cameras.depth_m
 
 
 def test_points_in_front_of_what_others_see_are_found(room) -> None:
     depth_m, bad = spoilt(room)
     cloud, cameras = cloud_of(room, depth_m)
-    cleared = without_phantoms(cloud, cameras) == 0
+    cleared = clear_free_space(cloud, cameras) == 0
     assert np.mean(cleared[bad]) > 0.6
     assert np.mean(cleared[~bad & (room.depth_m > 0)]) < 0.003
 
 
 def test_too_few_witnesses_prove_nothing(room) -> None:
     depth_m, _ = spoilt(room)
-    few = slice(0, MIN_WITNESSES)
+    few = slice(0, MIN_MISSES)
     cloud = build_cloud(room.rgb[few], depth_m[few], room.intrinsics[few], room.camera_to_world[few], VOXEL_M)
     cameras = Cameras(depth_m[few], room.intrinsics[few], room.camera_to_world[few])
-    assert not phantom_points(cloud, cameras).any()
+    assert not free_space_points(cloud, cameras).any()
 
 
 def test_the_number_of_threads_does_not_matter(room) -> None:
@@ -57,10 +57,10 @@ def test_the_number_of_threads_does_not_matter(room) -> None:
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        alone = phantom_points(cloud, cameras)
+        alone = free_space_points(cloud, cameras)
     finally:
         numba.set_num_threads(before)
-    assert np.array_equal(alone, phantom_points(cloud, cameras))
+    assert np.array_equal(alone, free_space_points(cloud, cameras))
 
 
 def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(room) -> None:

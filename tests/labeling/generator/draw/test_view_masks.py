@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from labeling.generator.draw.edge_filter import edge_aware_fill
-from labeling.generator.draw.view_masks import BORROWED_TRUST, MIN_TRUST, modal_masks, view_probabilities
+from labeling.generator.draw.view_masks import MIN_WEIGHT, OTHER_VIEW_WEIGHT, modal_masks, view_probabilities
 
 
 def view(seed: int, holes: float = 0.0):
@@ -23,7 +23,7 @@ def test_filling_around_objects_is_filling_the_whole_picture(holes: float, reach
     chance, known = view_probabilities(rgb, voxels, None, probability, reach, 0.3)
     values = np.where((voxels >= 0)[:, :, None], probability[np.maximum(voxels, 0)], 0).astype(np.float32)
     filled, total = edge_aware_fill(values, (voxels >= 0).astype(np.float32), rgb, reach, 0.3)
-    np.testing.assert_array_equal(known, total > MIN_TRUST)
+    np.testing.assert_array_equal(known, total > MIN_WEIGHT)
     np.testing.assert_allclose(chance[known], filled[known], atol=0.01)
     assert not chance[:, :, 3].any()
 
@@ -37,7 +37,7 @@ def test_what_other_views_show_counts_less() -> None:
     chance, known = view_probabilities(rgb, own, borrowed, probability, 3.0, 0.3)
     assert known.all()
     values = np.where(hole[:, :, None], probability[0], probability[voxels]).astype(np.float32)
-    trust = np.where(hole, BORROWED_TRUST, np.float32(1))
+    trust = np.where(hole, OTHER_VIEW_WEIGHT, np.float32(1))
     np.testing.assert_allclose(chance, edge_aware_fill(values, trust, rgb, 3.0, 0.3)[0], atol=0.01)
 
 

@@ -2,22 +2,24 @@ import numpy as np
 
 from labeling.core.types import Detection
 from labeling.generator.objects.association import (
-    agreed_objects,
-    attach_weak,
-    group_detections,
-    merge_segments,
-    new_candidate,
+    assign_weak_detections,
+    associate_detections,
+    candidate_of,
+    group_segments,
+    objects_by_agreement,
     overlap,
 )
-from labeling.generator.objects.seeds import Evidence
+from labeling.generator.objects.seeds import DetectionSeeds
 
 NUM_VOXELS = 1000
 
 
-def evidence(view: int, category: str, confidence: float, inside: range, seen: range) -> Evidence:
+def seeds(view: int, category: str, confidence: float, inside: range, seen: range) -> DetectionSeeds:
     foreground = np.array([v for v in inside if v in seen], np.int32)
     background = np.array([v for v in seen if v not in inside], np.int32)
-    return Evidence(Detection(view, category, confidence, np.ones((1, 1), bool)), foreground, background, background)
+    return DetectionSeeds(
+        Detection(view, category, confidence, np.ones((1, 1), bool)), foreground, background, background
+    )
 
 
 def categories(candidates) -> list[tuple[str, list[int]]]:
@@ -26,24 +28,22 @@ def categories(candidates) -> list[tuple[str, list[int]]]:
 
 def test_views_of_one_object_become_one_object() -> None:
     seen = range(0, 500)
-    found = group_detections(
-        [evidence(v, "chair", 0.9, range(100 + 5 * v, 200), seen) for v in range(4)], NUM_VOXELS, 0.5
+    found = associate_detections(
+        [seeds(v, "chair", 0.9, range(100 + 5 * v, 200), seen) for v in range(4)], NUM_VOXELS, 0.5
     )
     assert categories(found) == [("chair", [0, 1, 2, 3])]
 
 
 def test_front_and_back_are_joined_through_the_views_between() -> None:
     """Views 0 and 3 share no voxel, but 1 and 2 link them."""
-    views = [
-        evidence(v, "chair", 0.9 + 0.01 * v, range(100, 300), range(50 + 50 * v, 180 + 50 * v)) for v in (0, 3, 1, 2)
-    ]
-    assert categories(group_detections(views, NUM_VOXELS, 0.5)) == [("chair", [0, 1, 2, 3])]
+    views = [seeds(v, "chair", 0.9 + 0.01 * v, range(100, 300), range(50 + 50 * v, 180 + 50 * v)) for v in (0, 3, 1, 2)]
+    assert categories(associate_detections(views, NUM_VOXELS, 0.5)) == [("chair", [0, 1, 2, 3])]
 
 
 def test_neighbours_stay_apart() -> None:
     seen = range(0, 500)
-    found = group_detections(
-        [evidence(0, "chair", 0.9, range(100, 200), seen), evidence(1, "chair", 0.95, range(195, 300), seen)],
+    found = associate_detections(
+        [seeds(0, "chair", 0.9, range(100, 200), seen), seeds(1, "chair", 0.95, range(195, 300), seen)],
         NUM_VOXELS,
         0.5,
     )
@@ -52,68 +52,68 @@ def test_neighbours_stay_apart() -> None:
 
 def test_a_cushion_is_not_its_couch_but_a_misnamed_couch_is() -> None:
     seen = range(0, 500)
-    couch = evidence(0, "couch", 0.99, range(100, 300), seen)
-    cushion = evidence(1, "cushion", 0.95, range(120, 150), seen)
-    misnamed = evidence(2, "bed", 0.91, range(105, 300), seen)
-    found = group_detections([couch, cushion, misnamed], NUM_VOXELS, 0.5)
+    couch = seeds(0, "couch", 0.99, range(100, 300), seen)
+    cushion = seeds(1, "cushion", 0.95, range(120, 150), seen)
+    misnamed = seeds(2, "bed", 0.91, range(105, 300), seen)
+    found = associate_detections([couch, cushion, misnamed], NUM_VOXELS, 0.5)
     assert categories(found) == [("couch", [0, 2]), ("cushion", [1])]
 
 
 def test_the_name_is_voted_with_confidences() -> None:
     seen = range(0, 500)
-    views = [evidence(0, "bed", 0.99, range(100, 200), seen)]
-    views += [evidence(v, "couch", 0.9, range(100, 200), seen) for v in (1, 2)]
-    assert categories(group_detections(views, NUM_VOXELS, 0.5)) == [("couch", [0, 1, 2])]
+    views = [seeds(0, "bed", 0.99, range(100, 200), seen)]
+    views += [seeds(v, "couch", 0.9, range(100, 200), seen) for v in (1, 2)]
+    assert categories(associate_detections(views, NUM_VOXELS, 0.5)) == [("couch", [0, 1, 2])]
 
 
 def test_what_a_view_cannot_see_does_not_count_against_overlap() -> None:
-    whole = new_candidate(evidence(0, "chair", 0.9, range(100, 200), range(0, 500)), NUM_VOXELS)
-    part = new_candidate(evidence(1, "chair", 0.9, range(100, 200), range(150, 500)), NUM_VOXELS)
+    whole = candidate_of(seeds(0, "chair", 0.9, range(100, 200), range(0, 500)), NUM_VOXELS)
+    part = candidate_of(seeds(1, "chair", 0.9, range(100, 200), range(150, 500)), NUM_VOXELS)
     assert overlap(whole, part) == (1.0, 1.0)
 
 
 def test_views_that_share_too_little_decide_nothing() -> None:
-    a = new_candidate(evidence(0, "chair", 0.9, range(100, 200), range(0, 200)), NUM_VOXELS)
-    b = new_candidate(evidence(1, "chair", 0.9, range(195, 300), range(195, 500)), NUM_VOXELS)
+    a = candidate_of(seeds(0, "chair", 0.9, range(100, 200), range(0, 200)), NUM_VOXELS)
+    b = candidate_of(seeds(1, "chair", 0.9, range(195, 300), range(195, 500)), NUM_VOXELS)
     assert overlap(a, b) == (0.0, 0.0)
 
 
 def test_weak_detections_join_the_object_in_their_place() -> None:
     seen = range(0, 500)
-    found = group_detections([evidence(0, "chair", 0.9, range(100, 200), seen)], NUM_VOXELS, 0.5)
+    found = associate_detections([seeds(0, "chair", 0.9, range(100, 200), seen)], NUM_VOXELS, 0.5)
     weak = [
-        evidence(1, "chair", 0.4, range(110, 200), seen),
-        evidence(2, "couch", 0.4, range(110, 200), seen),
-        evidence(3, "chair", 0.4, range(300, 400), seen),
+        seeds(1, "chair", 0.4, range(110, 200), seen),
+        seeds(2, "couch", 0.4, range(110, 200), seen),
+        seeds(3, "chair", 0.4, range(300, 400), seen),
     ]
-    homeless = attach_weak(found, weak, NUM_VOXELS, 0.5)
+    unassigned = assign_weak_detections(found, weak, NUM_VOXELS, 0.5)
     assert [w.detection.view_index for w in found[0].weak] == [1, 2]
-    assert [w.detection.view_index for w in homeless] == [3]
+    assert [w.detection.view_index for w in unassigned] == [3]
     assert found[0].category == "chair"
 
 
 def test_weak_detections_of_a_part_under_another_name_are_nobodys() -> None:
     seen = range(0, 500)
-    found = group_detections([evidence(0, "couch", 0.9, range(100, 200), seen)], NUM_VOXELS, 0.5)
-    assert attach_weak(found, [evidence(1, "cushion", 0.4, range(110, 130), seen)], NUM_VOXELS, 0.5) == []
+    found = associate_detections([seeds(0, "couch", 0.9, range(100, 200), seen)], NUM_VOXELS, 0.5)
+    assert assign_weak_detections(found, [seeds(1, "cushion", 0.4, range(110, 130), seen)], NUM_VOXELS, 0.5) == []
     assert found[0].weak == []
 
 
 def test_views_that_agree_make_an_object_nobody_is_sure_of() -> None:
     seen = range(0, 500)
-    views = [evidence(v, "chair", 0.7, range(100, 200), seen) for v in (1, 2)]
-    twice = [evidence(1, "chair", 0.7, range(100, 200), seen)] * 2
-    assert categories(agreed_objects(views, NUM_VOXELS, 0.5, 2, 0.9)) == [("chair", [1, 2])]
-    assert agreed_objects(views, NUM_VOXELS, 0.5, 2, 0.95) == []  # 1 - .3 * .3 = .91
-    assert agreed_objects(views, NUM_VOXELS, 0.5, 3, 0.9) == []
-    assert agreed_objects(twice, NUM_VOXELS, 0.5, 2, 0.9) == []
+    views = [seeds(v, "chair", 0.7, range(100, 200), seen) for v in (1, 2)]
+    twice = [seeds(1, "chair", 0.7, range(100, 200), seen)] * 2
+    assert categories(objects_by_agreement(views, NUM_VOXELS, 0.5, 2, 0.9)) == [("chair", [1, 2])]
+    assert objects_by_agreement(views, NUM_VOXELS, 0.5, 2, 0.95) == []  # 1 - .3 * .3 = .91
+    assert objects_by_agreement(views, NUM_VOXELS, 0.5, 3, 0.9) == []
+    assert objects_by_agreement(twice, NUM_VOXELS, 0.5, 2, 0.9) == []
 
 
 def test_segments_that_turn_out_to_be_one_object_are_merged() -> None:
     seen = range(0, 500)
-    found = [new_candidate(evidence(v, "chair", 0.9, range(100, 200), seen), NUM_VOXELS) for v in range(2)]
-    found.append(new_candidate(evidence(2, "tv", 0.9, range(100, 200), seen), NUM_VOXELS))
+    found = [candidate_of(seeds(v, "chair", 0.9, range(100, 200), seen), NUM_VOXELS) for v in range(2)]
+    found.append(candidate_of(seeds(2, "tv", 0.9, range(100, 200), seen), NUM_VOXELS))
     probability = np.zeros((NUM_VOXELS, 3), np.float32)
     probability[100:200, 0] = probability[140:260, 1] = probability[190:210, 2] = 0.9
-    assert merge_segments(found, probability, 0.5) == [[0, 1], [2]]
-    assert merge_segments(found, probability, 0.9) == [[0], [1], [2]]
+    assert group_segments(found, probability, 0.5) == [[0, 1], [2]]
+    assert group_segments(found, probability, 0.9) == [[0], [1], [2]]

@@ -8,7 +8,7 @@ import pytest
 from labeling.core.types import Detection
 from labeling.generator.objects.association import Candidate
 from labeling.generator.objects.consistency import is_consistent
-from labeling.generator.objects.seeds import Evidence
+from labeling.generator.objects.seeds import DetectionSeeds
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
 
@@ -20,10 +20,10 @@ NOTHING = np.zeros(0, np.int32)
 def candidate(*sources: tuple[int, str, float]) -> Candidate:
     """An object with sources (view, category, confidence)."""
     mask = np.ones((1, 1), bool)
-    evidence = [
-        Evidence(Detection(view, name, score, mask), NOTHING, NOTHING, NOTHING) for view, name, score in sources
+    seeds = [
+        DetectionSeeds(Detection(view, name, score, mask), NOTHING, NOTHING, NOTHING) for view, name, score in sources
     ]
-    return Candidate(evidence, np.zeros(0, np.float32), np.zeros(0, np.float32))
+    return Candidate(seeds, np.zeros(0, np.float32), np.zeros(0, np.float32))
 
 
 FOUR = [(view, "chair", 0.95) for view in range(4)]

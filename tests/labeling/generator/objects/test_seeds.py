@@ -7,7 +7,7 @@ from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Detection
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.voxel_cloud import build_cloud
-from labeling.generator.objects.seeds import gather_evidence, outliers, rim_widths, split_mask
+from labeling.generator.objects.seeds import detection_seeds, mask_trimap, outliers, trimap_widths
 from labeling.generator.settings.label_config import LabelConfig
 
 
@@ -18,7 +18,7 @@ def test_parts_of_a_mask_do_not_overlap(seed: int, erode: float, dilate: float) 
     top, left = rng.integers(0, 20, 2)
     mask = np.zeros((30, 40), bool)
     mask[top : top + rng.integers(1, 25), left : left + rng.integers(1, 25)] = True
-    front, back, rim = split_mask(mask, erode, dilate)
+    front, back, rim = mask_trimap(mask, erode, dilate)
     assert front.any()
     assert not np.any(front & ~mask)
     assert not np.any(back & mask)
@@ -28,7 +28,7 @@ def test_parts_of_a_mask_do_not_overlap(seed: int, erode: float, dilate: float) 
 def test_safe_parts_keep_their_distance_from_the_outline() -> None:
     mask = np.zeros((60, 60), bool)
     mask[20:40, 20:40] = True
-    front, back, _ = split_mask(mask, 0.1, 0.2)
+    front, back, _ = mask_trimap(mask, 0.1, 0.2)
     assert front[22:38, 22:38].all()
     assert not front[20:22].any()
     assert not back[17:43, 20:40].any()
@@ -39,7 +39,7 @@ def test_safe_parts_keep_their_distance_from_the_outline() -> None:
 def test_a_mask_is_not_eroded_at_the_border_of_the_picture() -> None:
     mask = np.zeros((40, 40), bool)
     mask[:, :20] = True
-    front, _, _ = split_mask(mask, 0.1, 0.1)
+    front, _, _ = mask_trimap(mask, 0.1, 0.1)
     assert front[:, :17].all()
     assert not front[:, 18:].any()
 
@@ -47,11 +47,11 @@ def test_a_mask_is_not_eroded_at_the_border_of_the_picture() -> None:
 def test_a_mask_thinner_than_the_rim_is_its_own_foreground() -> None:
     mask = np.zeros((40, 40), bool)
     mask[10, 5:35] = True
-    assert np.array_equal(split_mask(mask, 0.015, 0.05)[0], mask)
+    assert np.array_equal(mask_trimap(mask, 0.015, 0.05)[0], mask)
 
 
 def test_a_full_mask_has_no_background() -> None:
-    front, back, rim = split_mask(np.ones((20, 20), bool), 0.01, 0.05)
+    front, back, rim = mask_trimap(np.ones((20, 20), bool), 0.01, 0.05)
     assert front.all()
     assert not back.any()
     assert not rim.any()
@@ -59,10 +59,10 @@ def test_a_full_mask_has_no_background() -> None:
 
 def test_the_rim_is_wider_the_less_sure_a_detection_is() -> None:
     config = LabelConfig(erode=0.01, dilate=0.02, erode_doubt=0.1, dilate_doubt=0.2)
-    assert rim_widths(1.0, config) == pytest.approx((0.01, 0.02))
-    assert rim_widths(0.5, config) == pytest.approx((0.06, 0.12))
+    assert trimap_widths(1.0, config) == pytest.approx((0.01, 0.02))
+    assert trimap_widths(0.5, config) == pytest.approx((0.06, 0.12))
     plain = LabelConfig(erode_doubt=0, dilate_doubt=0)
-    assert rim_widths(0.1, plain) == (plain.erode, plain.dilate)
+    assert trimap_widths(0.1, plain) == (plain.erode, plain.dilate)
 
 
 def test_outliers_are_the_points_far_away() -> None:
@@ -82,11 +82,11 @@ def test_the_wall_behind_an_outline_is_not_foreground() -> None:
     cloud = build_cloud(rgb, depth, intrinsics[None], pose[None], 0.05)
     mask = np.zeros((60, 80), bool)
     mask[10:50, 16:60] = True
-    evidence = gather_evidence(cloud, Detection(0, "box", 0.9, mask), LabelConfig())
-    assert len(evidence.foreground) > 0
-    assert np.all(cloud.points[evidence.foreground, 0] < 3)
-    assert not set(evidence.foreground) & set(evidence.background)
-    assert len(evidence.rim) > 0
+    seeds = detection_seeds(cloud, Detection(0, "box", 0.9, mask), LabelConfig())
+    assert len(seeds.foreground) > 0
+    assert np.all(cloud.points[seeds.foreground, 0] < 3)
+    assert not set(seeds.foreground) & set(seeds.background)
+    assert len(seeds.rim) > 0
 
 
 def test_scale_is_the_size_of_the_objects() -> None:
@@ -116,7 +116,7 @@ def test_parts_are_those_that_distances_over_the_whole_picture_give(seed: int) -
     mask = np.zeros((120, 160), bool)
     top, left = rng.integers(-10, 90), rng.integers(-10, 120)
     mask[max(0, top) : top + 30, max(0, left) : left + 45] = True
-    foreground, background, rim = split_mask(mask, 0.05, 0.1)
+    foreground, background, rim = mask_trimap(mask, 0.05, 0.1)
     size = np.sqrt(mask.sum())
     framed = np.pad(mask.astype(np.uint8), 1, mode="edge")
     inside = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]

@@ -15,7 +15,7 @@ from labeling.core.rle import encode_mask
 from labeling.core.types import Detection, GroundTruth
 from labeling.generate import main
 from labeling.generator.cloud.voxel_cloud import build_cloud
-from labeling.generator.objects.seeds import gather_evidence
+from labeling.generator.objects.seeds import detection_seeds
 from labeling.generator.objects.weak_supervision import one_view_per_object
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
@@ -74,7 +74,7 @@ def test_a_persons_mask_is_not_eroded(room):
     truth = max(room.ground_truth or (), key=lambda t: t.modal.sum())
     seeds = [
         len(
-            gather_evidence(
+            detection_seeds(
                 cloud, Detection(truth.view_index, "chair", 1.0, truth.modal, exact), LabelConfig()
             ).foreground
         )

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.types import Box3d
-from labeling.generator.quality.box_completion import MAX_GAP, MAX_GAP_OF_FLAT, floor_height, stand
+from labeling.generator.quality.box_completion import MAX_GAP, MAX_GAP_OF_FLAT, extend_to_support, floor_height
 
 VOXEL_M = 0.04
 
@@ -24,7 +24,7 @@ def standing(thing: np.ndarray, rest: np.ndarray) -> Box3d:
     own = np.arange(len(points)) < len(thing)
     box = fit_box(thing)
     assert box is not None
-    return stand(box, points, own, VOXEL_M, floor_height(points, VOXEL_M))
+    return extend_to_support(box, points, own, VOXEL_M, floor_height(points, VOXEL_M))
 
 
 def bottom(box: Box3d) -> float:

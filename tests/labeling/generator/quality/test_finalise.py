@@ -10,7 +10,7 @@ from labeling.evaluation.compare import evaluate_label_set
 from labeling.generate import main
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.propagate import propagate
-from labeling.generator.quality.ignore_regions import doubtful_regions
+from labeling.generator.quality.ignore_regions import unconfirmed_regions
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.inspection.checks import inspect_label_set
 from labeling.io.episodes import write_episode
@@ -110,10 +110,10 @@ def test_detections_that_labels_explain_need_no_region() -> None:
         Detection(1, "chair", 0.2, square(30)),  # too unsure
     ]
     alone = LabelConfig(doubt_across_views=False, ignore_unconfirmed=0.3)
-    regions = doubtful_regions(rows_of_voxels(2), detections, [known], alone)
+    regions = unconfirmed_regions(rows_of_voxels(2), detections, [known], alone)
     assert [(one.view_index, one.category) for one in regions] == [(0, "bed"), (1, "chair")]
     assert not np.any(regions[0].mask & known.modal)
-    assert doubtful_regions(rows_of_voxels(2), detections, [known], replace(alone, min_mask_px=1000)) == []
+    assert unconfirmed_regions(rows_of_voxels(2), detections, [known], replace(alone, min_mask_px=1000)) == []
 
 
 def test_doubts_add_up_over_views_and_are_told_in_all_of_them() -> None:
@@ -126,17 +126,17 @@ def test_doubts_add_up_over_views_and_are_told_in_all_of_them() -> None:
         Detection(0, "bed", 0.2, square(40)),  # alone
     ]
     config = LabelConfig(ignore_unconfirmed=0.3)
-    regions = doubtful_regions(cloud, detections, [], config)
+    regions = unconfirmed_regions(cloud, detections, [], config)
     assert [(one.view_index, one.category) for one in regions] == [(view, "chair") for view in range(4)]
     assert all(np.array_equal(one.mask, square(5)) for one in regions)
     assert all(one.confidence == pytest.approx(0.32) for one in regions)
-    assert doubtful_regions(cloud, detections, [], replace(config, ignore_unconfirmed=0.33)) == []
-    assert doubtful_regions(cloud, detections, [], replace(config, doubt_across_views=False)) == []
+    assert unconfirmed_regions(cloud, detections, [], replace(config, ignore_unconfirmed=0.33)) == []
+    assert unconfirmed_regions(cloud, detections, [], replace(config, doubt_across_views=False)) == []
 
 
 def test_one_view_counts_once_however_often_it_looks() -> None:
     twice = [Detection(0, name, 0.2, square(5)) for name in ("chair", "couch", "chair")]
-    assert doubtful_regions(rows_of_voxels(2), twice, [], LabelConfig(ignore_unconfirmed=0.3)) == []
+    assert unconfirmed_regions(rows_of_voxels(2), twice, [], LabelConfig(ignore_unconfirmed=0.3)) == []
 
 
 def test_doubt_keeps_off_what_is_labelled_and_comes_in_connected_pieces() -> None:
@@ -145,7 +145,7 @@ def test_doubt_keeps_off_what_is_labelled_and_comes_in_connected_pieces() -> Non
     wide[10:14, 4:20] = True  # the label cuts it in two in the second view
     wide[30:36, 50:58] = True
     config = LabelConfig(ignore_unconfirmed=0.3, min_mask_px=10)
-    regions = doubtful_regions(rows_of_voxels(2), [Detection(0, "couch", 0.4, wide)], [known], config)
+    regions = unconfirmed_regions(rows_of_voxels(2), [Detection(0, "couch", 0.4, wide)], [known], config)
     assert [one.view_index for one in regions] == [0, 0, 1, 1, 1]
     assert not any(np.any(one.mask & known.modal) for one in regions if one.view_index == 1)
     assert np.array_equal(np.any([one.mask for one in regions if one.view_index == 0], axis=0), wide)

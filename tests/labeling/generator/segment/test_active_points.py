@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labeling.generator.segment.active_points import Near
+from labeling.generator.segment.active_points import ActivePoints
 from labeling.generator.segment.mean_field import Kernel, mean_field
 from labeling.generator.segment.permutohedral_lattice import build_lattice
 
@@ -13,7 +13,7 @@ def scene(seed: int = 0, count: int = 1500, objects: int = 3):
     return points, log_odds, rng
 
 
-def kernels_of(near: Near, points: np.ndarray) -> list[Kernel]:
+def kernels_of(near: ActivePoints, points: np.ndarray) -> list[Kernel]:
     return [
         Kernel(build_lattice(points[near.point] / width, near.block_start), weight)
         for width, weight in ((0.4, 3.0), (0.15, 1.0))
@@ -23,7 +23,7 @@ def kernels_of(near: Near, points: np.ndarray) -> list[Kernel]:
 @pytest.mark.parametrize("exclusive", [True, False])
 def test_near_everything_is_the_whole_crf(exclusive: bool) -> None:
     points, log_odds, _ = scene()
-    near = Near.of(np.ones(log_odds.shape, bool))
+    near = ActivePoints.of(np.ones(log_odds.shape, bool))
     ours = near.marginals(log_odds, kernels_of(near, points), 5, exclusive)
     whole = [Kernel(build_lattice(points / width), weight) for width, weight in ((0.4, 3.0), (0.15, 1.0))]
     np.testing.assert_allclose(ours, mean_field(log_odds, whole, 5, exclusive=exclusive), atol=1e-4)
@@ -32,7 +32,7 @@ def test_near_everything_is_the_whole_crf(exclusive: bool) -> None:
 def test_an_object_is_nowhere_but_near_it() -> None:
     points, log_odds, rng = scene(1)
     allowed = rng.random(log_odds.shape) < 0.4
-    near = Near.of(allowed)
+    near = ActivePoints.of(allowed)
     probability = near.marginals(log_odds + 5, kernels_of(near, points), 3, True)
     assert np.all(probability[~allowed] == 0)
     assert np.all(probability[allowed] > 0)
@@ -42,7 +42,7 @@ def test_an_object_is_nowhere_but_near_it() -> None:
 def test_objects_alone_do_not_see_each_other() -> None:
     points, log_odds, rng = scene(2)
     allowed = rng.random(log_odds.shape) < 0.5
-    near = Near.of(allowed)
+    near = ActivePoints.of(allowed)
     before = near.marginals(log_odds, kernels_of(near, points), 5, False)
     changed = log_odds.copy()
     changed[:, 1] = 9.0
@@ -53,7 +53,7 @@ def test_objects_alone_do_not_see_each_other() -> None:
 
 def test_objects_that_compete_take_points_from_each_other() -> None:
     points, log_odds, _ = scene(3, objects=2)
-    near = Near.of(np.ones(log_odds.shape, bool))
+    near = ActivePoints.of(np.ones(log_odds.shape, bool))
     kernels = kernels_of(near, points)
     strong = log_odds.copy()
     strong[:, 1] += 6
@@ -65,11 +65,11 @@ def test_rows_and_table_undo_each_other() -> None:
     rng = np.random.default_rng(4)
     allowed = rng.random((50, 4)) < 0.3
     values = rng.random((50, 4)).astype(np.float32)
-    near = Near.of(allowed)
+    near = ActivePoints.of(allowed)
     np.testing.assert_array_equal(near.table(near.rows(values)), np.where(allowed, values, 0))
 
 
 @pytest.mark.parametrize("shape", [(0, 0), (10, 0), (10, 2)])
 def test_nothing_near_is_nothing(shape: tuple[int, int]) -> None:
-    near = Near.of(np.zeros(shape, bool))
+    near = ActivePoints.of(np.zeros(shape, bool))
     assert not near.marginals(np.zeros(shape, np.float32), [], 5, True).any()

@@ -2,8 +2,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from labeling.generator.segment.gaussian_classifier import HELD_LOG_ODDS, RIDGE, train_gaussians, train_mixed
-from labeling.generator.segment.svm_classifier import train_unary
+from labeling.generator.segment.gaussian_classifier import (
+    HELD_LOG_ODDS,
+    RIDGE,
+    train_gaussian_classifier,
+    train_mixed_classifier,
+)
+from labeling.generator.segment.svm_classifier import train_svm_classifier
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +31,15 @@ def test_log_odds_are_the_ratio_of_two_normal_densities(points) -> None:
             for one in points
         )
     )
-    assert np.allclose(train_gaussians(front, back).log_odds(queries), expected, rtol=1e-3, atol=1e-2)
+    assert np.allclose(train_gaussian_classifier(front, back).log_odds(queries), expected, rtol=1e-3, atol=1e-2)
 
 
 def test_units_of_the_features_do_not_matter(points) -> None:
     front, back = points
     units = np.array([1, 10, 0.1, 1000, 1, 0.01])
-    plain = train_gaussians(front, back).log_odds(front)
+    plain = train_gaussian_classifier(front, back).log_odds(front)
     assert np.allclose(
-        train_gaussians(front * units, back * units).log_odds(front * units), plain, rtol=1e-3, atol=1e-2
+        train_gaussian_classifier(front * units, back * units).log_odds(front * units), plain, rtol=1e-3, atol=1e-2
     )
 
 
@@ -42,9 +47,9 @@ def test_a_flat_object_or_a_single_point_has_finite_log_odds(points) -> None:
     _, back = points
     flat = np.zeros((20, 6))
     for front in (flat, flat[:1]):
-        assert np.isfinite(train_gaussians(front, back).log_odds(back)).all()
-        assert np.isfinite(train_gaussians(back, front).log_odds(back)).all()
-    assert np.isfinite(train_gaussians(flat, flat).log_odds(flat)).all()
+        assert np.isfinite(train_gaussian_classifier(front, back).log_odds(back)).all()
+        assert np.isfinite(train_gaussian_classifier(back, front).log_odds(back)).all()
+    assert np.isfinite(train_gaussian_classifier(flat, flat).log_odds(flat)).all()
 
 
 def test_the_share_leads_from_the_machine_to_the_gaussians(points) -> None:
@@ -52,10 +57,10 @@ def test_the_share_leads_from_the_machine_to_the_gaussians(points) -> None:
     queries = np.concatenate(points)
 
     def trained(share: float) -> np.ndarray:
-        return train_mixed(front, back, np.random.default_rng(0), share).log_odds(queries)
+        return train_mixed_classifier(front, back, np.random.default_rng(0), share).log_odds(queries)
 
-    assert np.array_equal(trained(0.0), train_unary(front, back, np.random.default_rng(0)).log_odds(queries))
-    assert np.array_equal(trained(1.0), train_gaussians(front, back).log_odds(queries))
+    assert np.array_equal(trained(0.0), train_svm_classifier(front, back, np.random.default_rng(0)).log_odds(queries))
+    assert np.array_equal(trained(1.0), train_gaussian_classifier(front, back).log_odds(queries))
     held = [np.clip(trained(share), -HELD_LOG_ODDS, HELD_LOG_ODDS) for share in (0.0, 1.0)]
     assert np.allclose(trained(0.25), 0.75 * held[0] + 0.25 * held[1], atol=1e-5)
 
@@ -73,7 +78,7 @@ def test_gaussians_close_a_shape_that_all_seeds_lack_a_part_of() -> None:
     front = box(300, 0.0, 1.0)
     back = np.concatenate([brown[:240], box(60, -0.5, -0.25)])
     missed = box(200, -0.25, 0.0)
-    machine = train_unary(front, back, np.random.default_rng(0)).log_odds(missed)
-    smooth = train_mixed(front, back, np.random.default_rng(0), 0.75).log_odds(missed)
+    machine = train_svm_classifier(front, back, np.random.default_rng(0)).log_odds(missed)
+    smooth = train_mixed_classifier(front, back, np.random.default_rng(0), 0.75).log_odds(missed)
     assert np.mean(smooth > 0) > np.mean(machine > 0)
-    assert np.mean(train_mixed(front, back, np.random.default_rng(0), 0.75).log_odds(brown[240:]) < 0) > 0.95
+    assert np.mean(train_mixed_classifier(front, back, np.random.default_rng(0), 0.75).log_odds(brown[240:]) < 0) > 0.95

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labeling.generator.segment.svm_classifier import fit_platt, train_unary
+from labeling.generator.segment.svm_classifier import fit_platt, train_svm_classifier
 
 
 def two_crowds(seed: int, apart: float, count: int = 300):
@@ -13,7 +13,7 @@ def test_decisions_are_those_of_the_library() -> None:
     from sklearn.svm import SVC
 
     front, back = two_crowds(0, 1.0)
-    unary = train_unary(front, back, np.random.default_rng(0))
+    unary = train_svm_classifier(front, back, np.random.default_rng(0))
     features = np.concatenate([front, back])
     scaled = (features - features.mean(axis=0)) / features.std(axis=0)
     held = np.zeros(600, bool)
@@ -29,7 +29,7 @@ def test_decisions_are_those_of_the_library() -> None:
 
 def test_probabilities_are_calibrated_on_new_points() -> None:
     front, back = two_crowds(1, 0.5, 400)
-    unary = train_unary(front, back, np.random.default_rng(1))
+    unary = train_svm_classifier(front, back, np.random.default_rng(1))
     new_front, new_back = two_crowds(2, 0.5, 4000)
     probability = 1 / (1 + np.exp(-unary.log_odds(np.concatenate([new_front, new_back]))))
     truth = np.arange(8000) < 4000
@@ -51,12 +51,12 @@ def test_platt_is_not_certain_of_a_separable_hold_out() -> None:
 
 
 def test_one_point_of_each_class_is_enough() -> None:
-    unary = train_unary(np.ones((1, 6)), np.zeros((1, 6)), np.random.default_rng(0))
+    unary = train_svm_classifier(np.ones((1, 6)), np.zeros((1, 6)), np.random.default_rng(0))
     inside, outside = unary.log_odds(np.array([[1.0] * 6, [0.0] * 6]))
     assert inside > outside
 
 
 def test_same_generator_same_classifier() -> None:
     front, back = two_crowds(4, 1.0)
-    results = [train_unary(front, back, np.random.default_rng(7)).log_odds(back) for _ in range(2)]
+    results = [train_svm_classifier(front, back, np.random.default_rng(7)).log_odds(back) for _ in range(2)]
     np.testing.assert_array_equal(results[0], results[1])

@@ -12,7 +12,7 @@ from labeling.core.rle import decode_mask
 from labeling.generate import main
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
-from labeling.generator.thesis.per_detection import Drawn, suppress
+from labeling.generator.thesis.per_detection import SegmentMasks, suppress
 from labeling.io.episodes import write_episode
 
 from ...synthetic_room import make_episode
@@ -130,11 +130,11 @@ def mask(left: int, right: int, top: int = 0, bottom: int = 10) -> np.ndarray:
 def test_of_two_masks_of_one_thing_the_more_confident_is_kept() -> None:
     sure, again, apart = mask(0, 20), mask(8, 20), mask(18, 30)
     drawn = [
-        Drawn(0, "chair", sure, sure),
-        Drawn(1, "chair", again, again),
-        Drawn(2, "chair", apart, apart),
-        Drawn(3, "couch", mask(0, 19), mask(0, 19)),
-        Drawn(4, "couch", mask(0, 9), mask(0, 9)),
+        SegmentMasks(0, "chair", sure, sure),
+        SegmentMasks(1, "chair", again, again),
+        SegmentMasks(2, "chair", apart, apart),
+        SegmentMasks(3, "couch", mask(0, 19), mask(0, 19)),
+        SegmentMasks(4, "couch", mask(0, 9), mask(0, 9)),
     ]
     kept = suppress(drawn)
     assert [one.segment for one in kept] == [0, 2]  # 1 lies within 0; 3 and 4 have no pixel of their own

@@ -12,18 +12,18 @@ from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.outliers import far_from_mean, segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.propagate import propagate
-from labeling.generator.segment.active_points import Near
+from labeling.generator.segment.active_points import ActivePoints
 from labeling.generator.segment.mean_field import Kernel, log_odds, mean_field
 from labeling.generator.segment.pairwise_kernels import crf_kernels
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS
 from labeling.generator.settings.published_defects import (
-    Everywhere,
+    ConstantKernel,
     PublishedDefects,
-    damaged,
     in_one_piece,
-    last_write_wins,
+    paint_in_order,
     with_amodal_boxes,
+    with_label_defects,
 )
 
 SIZE = (40, 60)
@@ -96,7 +96,7 @@ def test_without_a_z_buffer_hidden_points_show_through(plain: LabelConfig) -> No
 def test_the_last_object_written_wins() -> None:
     rng = np.random.default_rng(0)
     drawn = rng.random((4, 5, 6)) < 0.4
-    shown = last_write_wins(drawn)
+    shown = paint_in_order(drawn)
     for y, x in np.ndindex(5, 6):
         owners = np.flatnonzero(drawn[:, y, x])
         assert shown[y, x] == (owners[-1] if len(owners) else -1)
@@ -109,7 +109,7 @@ def test_an_empty_kernel_is_a_prior_for_the_majority(seed: int, weight: float) -
     rng = np.random.default_rng(seed)
     chance = rng.random((50, 1)).astype(np.float32)
     unary = log_odds(chance)
-    found = mean_field(unary, [Kernel(Everywhere(), weight)], iterations=1, exclusive=False)
+    found = mean_field(unary, [Kernel(ConstantKernel(), weight)], iterations=1, exclusive=False)
     start = 1 / (1 + np.exp(-unary.astype(float)))
     expected = unary + weight * (2 * start.mean() - 1)
     assert log_odds(found, 1e-6) == pytest.approx(np.clip(expected, -13.8, 13.8), abs=2e-2)
@@ -121,7 +121,7 @@ def test_an_empty_kernel_does_not_care_where_points_are() -> None:
     unary = log_odds(rng.random((60, 1)).astype(np.float32))
     counts, pixels = np.ones(60, np.int32), np.arange(60, dtype=np.int32).reshape(1, 6, 10)
     clouds = [Cloud(place, colours, counts, pixels, 0.1) for place in (points, points[::-1].copy())]
-    near = Near.of(np.ones((60, 1), bool))
+    near = ActivePoints.of(np.ones((60, 1), bool))
 
     def marginals(config: LabelConfig) -> list[np.ndarray]:
         return [near.marginals(unary, crf_kernels(cloud, near, 1.0, config), 5, False) for cloud in clouds]
@@ -133,9 +133,9 @@ def test_an_empty_kernel_does_not_care_where_points_are() -> None:
 
 def test_blocks_of_an_empty_kernel_do_not_know_of_each_other() -> None:
     values = np.arange(10, dtype=np.float32).reshape(5, 2)
-    found = Everywhere(np.array([0, 2, 2, 5])).filter(values)
+    found = ConstantKernel(np.array([0, 2, 2, 5])).filter(values)
     assert found.tolist() == [[2, 4], [2, 4], [18, 21], [18, 21], [18, 21]]
-    assert np.array_equal(Everywhere().filter(values), np.broadcast_to(values.sum(0), (5, 2)))
+    assert np.array_equal(ConstantKernel().filter(values), np.broadcast_to(values.sum(0), (5, 2)))
 
 
 def test_outlier_removal_by_integers_takes_the_first_two_points() -> None:
@@ -173,17 +173,17 @@ def test_classes_drift_by_one_for_every_mask_that_is_skipped_before() -> None:
     names = ["chair", "couch", "plant", "tv", "bed"]
     labels = [pseudo_label(mask, name) for mask, name in zip(masks, names, strict=True)]
     other_view = pseudo_label(masks[0], "toilet", view=1)
-    broken = damaged([*labels, other_view], PublishedDefects(drifting_classes=True))
+    broken = with_label_defects([*labels, other_view], PublishedDefects(drifting_classes=True))
     assert [one.category for one in broken] == ["chair", "couch", "plant", "toilet"]
     kept = [masks[0], masks[2], masks[4], masks[0]]
     assert all(np.array_equal(one.modal, mask) for one, mask in zip(broken, kept, strict=True))
-    assert damaged([*labels, other_view], PublishedDefects()) == (*labels, other_view)
+    assert with_label_defects([*labels, other_view], PublishedDefects()) == (*labels, other_view)
 
 
 def test_masks_in_two_pieces_are_dropped() -> None:
     whole, broken = disc(20, 30, 8), disc(6, 6, 3) | disc(34, 54, 3)
     labels = [pseudo_label(whole), pseudo_label(broken)]
-    (left,) = damaged(labels, PublishedDefects(whole_masks_only=True))
+    (left,) = with_label_defects(labels, PublishedDefects(whole_masks_only=True))
     assert left is labels[0]
 
 

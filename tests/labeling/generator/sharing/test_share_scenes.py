@@ -16,7 +16,12 @@ from labeling.core.masks import mask_iou
 from labeling.core.rle import decode_mask
 from labeling.core.types import Box3d
 from labeling.generate import main
-from labeling.generator.sharing.scene_objects import SceneObject, Visit, glimpses, same_objects
+from labeling.generator.sharing.scene_objects import (
+    ObjectObservation,
+    SceneObject,
+    associate_observations,
+    project_objects,
+)
 from labeling.inspection.checks import inspect_label_set
 from labeling.io.episodes import write_episode
 
@@ -37,7 +42,7 @@ def shot(parts, pose):
     return depth_m, instance == 1
 
 
-def visited(parts=(FRIDGE,), episode: str = "near", confidence: float = 0.9) -> Visit:
+def visited(parts=(FRIDGE,), episode: str = "near", confidence: float = 0.9) -> ObjectObservation:
     """The fridge, walked around."""
     points = []
     for pose in NEAR:
@@ -47,17 +52,17 @@ def visited(parts=(FRIDGE,), episode: str = "near", confidence: float = 0.9) -> 
     cells = np.unique(np.round(np.concatenate(points) / 0.04).astype(int), axis=0) * 0.04
     turn = np.array([[np.cos(0.4), -np.sin(0.4), 0], [np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]])
     box = Box3d(np.array(FRIDGE.centre), 2 * np.array(FRIDGE.half), turn)
-    return Visit(episode, 1, "fridge", confidence, box, cells.astype(np.float32), 0, 0.95)
+    return ObjectObservation(episode, 1, "fridge", confidence, box, cells.astype(np.float32), 0, 0.95)
 
 
 def known() -> SceneObject:
-    (one,) = same_objects([visited()])
+    (one,) = associate_observations([visited()])
     return one
 
 
 def test_a_view_from_afar_shows_the_object_where_rays_hit_it() -> None:
     depth_m, truth = shot([FRIDGE], FAR)
-    (found,) = glimpses([known()], depth_m, K, FAR)
+    (found,) = project_objects([known()], depth_m, K, FAR)
     assert found is not None
     assert mask_iou(found.modal, truth) > 0.8
     assert np.all(found.amodal[found.modal])
@@ -68,7 +73,7 @@ def test_what_is_half_hidden_is_labelled_as_far_as_it_is_seen() -> None:
     depth_m, truth = shot([FRIDGE, half], FAR)
     _, whole = shot([FRIDGE], FAR)
     assert 0.2 * whole.sum() < truth.sum() < 0.8 * whole.sum()
-    (found,) = glimpses([known()], depth_m, K, FAR)
+    (found,) = project_objects([known()], depth_m, K, FAR)
     assert found is not None
     assert mask_iou(found.modal, truth) > 0.75
     assert mask_iou(found.amodal, whole) > 0.75
@@ -79,13 +84,13 @@ def test_what_is_half_hidden_is_labelled_as_far_as_it_is_seen() -> None:
 )
 def test_what_is_gone_or_hidden_is_not_labelled(parts) -> None:
     depth_m, _ = shot(parts, FAR)
-    assert glimpses([known()], depth_m, K, FAR) == [None]
+    assert project_objects([known()], depth_m, K, FAR) == [None]
 
 
 def test_a_lamp_post_where_a_car_was_is_no_car() -> None:
     post = Part(FRIDGE.centre, (0.04, 0.04, 1.2), (0.1, 0.1, 0.1))
     depth_m, _ = shot([post], FAR)
-    assert glimpses([known()], depth_m, K, FAR) == [None]
+    assert project_objects([known()], depth_m, K, FAR) == [None]
 
 
 @settings(max_examples=15, deadline=None)
@@ -94,16 +99,16 @@ def test_turning_the_world_with_its_cameras_changes_no_mask(angle: float, x: flo
     turn = np.eye(4)
     turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     turn[:2, 3] = x, y
-    visit = visited()
-    box = visit.box_3d
+    observation = visited()
+    box = observation.box_3d
     moved = replace(
-        visit,
-        points=(visit.points @ turn[:3, :3].T + turn[:3, 3]).astype(np.float32),
+        observation,
+        points=(observation.points @ turn[:3, :3].T + turn[:3, 3]).astype(np.float32),
         box_3d=Box3d(turn[:3, :3] @ box.centre_m + turn[:3, 3], box.extent_m, turn[:3, :3] @ box.rotation),
     )
     depth_m, _ = shot([FRIDGE], FAR)
-    (before,) = glimpses(same_objects([visit]), depth_m, K, FAR)
-    (after,) = glimpses(same_objects([moved]), depth_m, K, turn @ FAR)
+    (before,) = project_objects(associate_observations([observation]), depth_m, K, FAR)
+    (after,) = project_objects(associate_observations([moved]), depth_m, K, turn @ FAR)
     assert before is not None
     assert after is not None
     assert mask_iou(before.modal, after.modal) > 0.97
@@ -113,9 +118,9 @@ def test_segments_that_fill_the_same_space_are_one_object_and_others_are_not() -
     first, again = visited(), visited(episode="later", confidence=0.95)
     half = replace(again, points=again.points[again.points[:, 0] < 1.0])
     beside = replace(again, points=again.points + np.array([1.0, 0.0, 0.0], np.float32), instance_id=2)
-    objects = same_objects([first, half, beside])
-    assert sorted(len(one.visits) for one in objects) == [1, 2]
-    (both,) = (one for one in objects if len(one.visits) == 2)
+    objects = associate_observations([first, half, beside])
+    assert sorted(len(one.observations) for one in objects) == [1, 2]
+    (both,) = (one for one in objects if len(one.observations) == 2)
     assert both.best.episode == "later"
     assert both.is_known_to("near")
     assert not both.is_known_to("elsewhere")
@@ -124,7 +129,7 @@ def test_segments_that_fill_the_same_space_are_one_object_and_others_are_not() -
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A room visited three times; the detector found nothing the second time, and the third was in another scene."""
-    folder = tmp_path_factory.mktemp("visits")
+    folder = tmp_path_factory.mktemp("observations")
     whole = make_episode(3, num_views=12, size=(90, 120), num_objects=4, confident_share=2.0, wrong_class=0.0)
 
     def part(first: int, scene: str, **changes) -> Episode:
