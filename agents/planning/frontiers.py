@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from agents.planning.paths import way_length_m
 from agents.planning.steering import bearing_rad, wrap
-from sbm_gym.env.episode import TURN_RAD
+from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 

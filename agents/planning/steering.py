@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sbm_gym.env.episode import TILT_RAD, TURN_RAD
-from sbm_gym.env.gaze import PITCH_RAD, yaw_action
+from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_action
 
 
 def wrap(angle_rad):

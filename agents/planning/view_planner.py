@@ -25,7 +25,7 @@ from agents.planning.paths import advance
 from agents.planning.planner_kernels import promised
 from agents.planning.reachable import Reachable, reachable_places
 from agents.planning.steering import bearing_rad, look, wrap
-from sbm_gym.env.episode import TURN_RAD
+from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.env.state_vector import promise
 from sbm_gym.robot.object_memory import Cell
 from sbm_gym.robot.seen_space import CLEAR_M

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from agents.planning.frontiers import Frontiers, best_frontier
 from agents.planning.paths import advance
 from agents.planning.steering import bearing_rad, look
-from sbm_gym.env.episode import TURN_RAD
+from sbm_gym.env.gaze import TURN_RAD
 
 STUCK_STRIDES = 0.1
 ARRIVED_STRIDES = 0.75

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from agents.planning.paths import advance, way_length_m
 from agents.planning.steering import bearing_rad, move_action, wrap
-from sbm_gym.env.episode import TURN_RAD
+from sbm_gym.env.gaze import TURN_RAD
 
 TURNS_PER_PLACE = 5
 """Five turns of 60 degrees show six views: all around."""

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.planning.steering import look
-from sbm_gym.env.episode import TURN_RAD
+from sbm_gym.env.gaze import TURN_RAD
 
 
 class Spin:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sbm_gym.env.episode import GAZES
+from sbm_gym.env.simulation import GAZES
 from sbm_gym.scenes.compiled import SPLITS
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 

@@ -17,16 +17,18 @@ from sbm_gym.env.arguments import (
     checked_options,
     checked_start,
 )
-from sbm_gym.env.episode import Episode, EpisodeSettings
 from sbm_gym.env.observations import observation_space
 from sbm_gym.env.recording import Capture
 from sbm_gym.env.rewards import RewardWeights, reward_terms
+from sbm_gym.env.simulation import Simulation, SimulationConfig
 from sbm_gym.env.state_vector import state_names
 from sbm_gym.env.view_detectors import make_detector
 from sbm_gym.env.viewer_window import ViewerWindow, check_screen, screen_available
 from sbm_gym.rendering.third_person import AgentTrace, ThirdPersonView
 from sbm_gym.robot.body import BodyConfig
+from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
+from sbm_gym.robot.state import RobotConfig
 from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.scenes.world_sources import chosen_source
 from sbm_gym.worlds.geometry.navigable import NavigableMap
@@ -171,26 +173,34 @@ class FixationEnv(gym.Env, EzPickle):
         self.scene_names = self._source.scenes(split)
         """Names of the scenes that ``reset`` draws from."""
         self._weights = reward_weights or RewardWeights()
-        self._settings = EpisodeSettings(
+        body = body or self.profile.body
+        robot = RobotConfig(
             memory=memory or self.profile.memory,
+            stride_m=self.profile.stride_m if stride_m is None else stride_m,
+            camera_height_m=body.camera_height_m,
+            rest_tilt_rad=self.profile.rest_tilt_rad,
+            ring_m=self.profile.ring_m,
+            ring_clearance_m=self.profile.ring_clearance_m,
+            search_distance_m=self.profile.search_distance_m,
+            seen_cell_m=self.profile.seen_cell_m,
+        )
+        self._config = SimulationConfig(
+            robot=robot,
             image_size=image_size or self.profile.image_size,
             antialias=antialias,
             colours=colours,
             detector_size=detector_size or self.profile.capture_size,
-            stride_m=self.profile.stride_m if stride_m is None else stride_m,
-            ring_m=self.profile.ring_m,
-            seen_cell_m=self.profile.seen_cell_m,
             gaze=gaze,
         )
-        self._bins = self._settings.memory.bins
+        self._bins = robot.memory.bins
         self._num_views, self._episodes_per_scene = num_views, episodes_per_scene
-        self._cache = SceneCache(self._source, renderer, body or self.profile.body, scene_cache)
+        self._cache = SceneCache(self._source, renderer, body, scene_cache)
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(self._bins)
         """What the entries of the ``state`` observation mean."""
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
-        self.observation_space = observation_space(*self._settings.image_size, self._bins)
-        self._episode: Episode | None = None
+        self.observation_space = observation_space(*self._config.image_size, self._bins)
+        self._simulation: Simulation | None = None
         self._third_person: tuple[Scene, ThirdPersonView] | None = None
         self._window = ViewerWindow()
         self._episodes_in_scene = 0
@@ -214,9 +224,8 @@ class FixationEnv(gym.Env, EzPickle):
         scene = self._choose_scene(options, seeded=seed is not None).for_episode(self.np_random)
         position_m, yaw_rad = self._choose_start(scene, options)
         entropy = int(self.np_random.integers(2**62))
-        tilt_rad = self.profile.rest_tilt_rad
-        self._episode = Episode(scene, self._settings, self._detector, entropy, position_m, yaw_rad, tilt_rad)
-        terms = dict.fromkeys(reward_terms(self._episode.update, False, self._weights), 0.0)
+        self._simulation = Simulation(scene, self._config, self._detector, entropy, position_m, yaw_rad, self.num_views)
+        terms = dict.fromkeys(reward_terms(self._simulation.update, False, self._weights), 0.0)
         self._show_human()
         return self._observation(), self._info(terms)
 
@@ -230,11 +239,11 @@ class FixationEnv(gym.Env, EzPickle):
             ValueError: if the action is not four finite numbers.
             gymnasium.error.ResetNeeded: before the first ``reset``.
         """
-        episode = self.episode
-        episode.act(checked_action(action))
-        terms = reward_terms(episode.update, episode.collided, self._weights)
+        simulation = self.simulation
+        simulation.act(checked_action(action))
+        terms = reward_terms(simulation.update, simulation.collided, self._weights)
         # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
-        truncated = episode.step_index >= self.num_views and (self._num_views is not None or self.spec is None)
+        truncated = simulation.step_index >= self.num_views and (self._num_views is not None or self.spec is None)
         self._show_human()
         return self._observation(), float(sum(terms.values())), False, truncated, self._info(terms)
 
@@ -248,7 +257,7 @@ class FixationEnv(gym.Env, EzPickle):
             return None
         if self.render_mode == "third_person":
             return self._view_from_outside()
-        frame = self.episode.draw(*self._render_size, antialias=self.render_mode == "rgb_array").frame
+        frame = self.simulation.draw(*self._render_size, antialias=self.render_mode == "rgb_array").frame
         return frame.rgb if self.render_mode == "rgb_array" else frame.depth_m
 
     def close(self) -> None:
@@ -258,7 +267,7 @@ class FixationEnv(gym.Env, EzPickle):
             self._third_person[1].close()
             self._third_person = None
         self._cache.clear()
-        self._episode = None
+        self._simulation = None
 
     # For policies and recorders ---------------------------------------------------------------------------------------
 
@@ -277,7 +286,7 @@ class FixationEnv(gym.Env, EzPickle):
     @property
     def stride_m(self) -> float:
         """Longest move of one step."""
-        return self._settings.stride_m
+        return self._config.robot.stride_m
 
     @property
     def num_azimuths(self) -> int:
@@ -289,9 +298,14 @@ class FixationEnv(gym.Env, EzPickle):
         return self._bins.azimuth_bin(azimuth_rad)
 
     @property
+    def knowledge(self) -> RobotKnowledge:
+        """What a policy may ask of the robot in this episode, typed and without the simulator's ground truth."""
+        return self.simulation.knowledge
+
+    @property
     def memory(self) -> ObjectMemory:
         """What the robot knows about objects."""
-        return self.episode.memory
+        return self.simulation.robot.memory
 
     @property
     def navigable(self) -> NavigableMap:
@@ -299,20 +313,25 @@ class FixationEnv(gym.Env, EzPickle):
         return self.scene.world.navigable
 
     @property
-    def scene(self) -> Scene:
-        """The compiled scene, for tests and pictures; policies have no business here."""
-        return self.episode.scene
+    def episode(self) -> Simulation:
+        """Old name, for the policies until they ask ``knowledge``."""
+        return self.simulation
 
     @property
-    def episode(self) -> Episode:
-        """The robot's state.
+    def scene(self) -> Scene:
+        """The compiled scene, for tests and pictures; policies have no business here."""
+        return self.simulation.scene
+
+    @property
+    def simulation(self) -> Simulation:
+        """The running episode with all that the simulator knows, for tests and recorders; policies ask ``knowledge``.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first ``reset``.
         """
-        if self._episode is None:
+        if self._simulation is None:
             raise gym.error.ResetNeeded("call reset() first: there is no scene yet")
-        return self._episode
+        return self._simulation
 
     def fixate(self, object_id: int) -> None:
         """Makes another confirmed object the fixation target, from the next step on.
@@ -320,7 +339,7 @@ class FixationEnv(gym.Env, EzPickle):
         Raises:
             ValueError: if no object with this id has been confirmed.
         """
-        self.episode.fixate(object_id)
+        self.knowledge.fixate(object_id)
 
     def capture(self, height_px: int | None = None, width_px: int | None = None) -> Capture:
         """A full frame of the current view. Changes nothing: the rollout goes on as if it had not been taken.
@@ -330,7 +349,7 @@ class FixationEnv(gym.Env, EzPickle):
             width_px: picture width; the field of view is 90 degrees across.
         """
         height, width = self.profile.capture_size
-        return self.episode.capture(height_px or height, width_px or width)
+        return self.simulation.capture(height_px or height, width_px or width)
 
     # Parts of the above -----------------------------------------------------------------------------------------------
 
@@ -340,8 +359,8 @@ class FixationEnv(gym.Env, EzPickle):
         stay = bool(options.get("reuse_scene", not seeded and self._episodes_in_scene <= self._episodes_per_scene))
         if "scene" in options:
             name = self._source.canonical(options["scene"])
-        elif stay and self._episode is not None:
-            return self._episode.scene
+        elif stay and self._simulation is not None:
+            return self._simulation.scene
         else:
             name = self.scene_names[int(self.np_random.integers(len(self.scene_names)))]
         self._episodes_in_scene = 1
@@ -356,10 +375,10 @@ class FixationEnv(gym.Env, EzPickle):
         return start[:2], float(start[2]) if len(start) == 3 else yaw_rad
 
     def _observation(self) -> dict[str, np.ndarray]:
-        return episode_report.observation(self.episode, self.num_views, self._bins, self.profile.scales)
+        return episode_report.observation(self.simulation, self.num_views, self._bins, self.profile.scales)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        return episode_report.info(self.episode, terms, self.num_azimuths)
+        return episode_report.info(self.simulation, terms, self.num_azimuths)
 
     def _view_from_outside(self) -> np.ndarray:
         scene = self.scene
@@ -376,4 +395,4 @@ class FixationEnv(gym.Env, EzPickle):
 
     def _trace(self) -> AgentTrace:
         """What a picture from outside shows of the robot."""
-        return self.episode.trace()
+        return self.simulation.trace()

@@ -1,4 +1,4 @@
-"""What gaze actions mean while the robot fixates an object: how far from it the camera points.
+"""What gaze actions mean: how far the camera turns or, while the robot fixates an object, how far from it it points.
 
 Near zero an action of 0.1 is 4.5 degrees, for looking around an object with care; an action of 1 is half a turn, for
 looking anywhere at once.
@@ -6,6 +6,8 @@ looking anywhere at once.
 
 import numpy as np
 
+TURN_RAD, TILT_RAD = np.deg2rad(60.0), np.deg2rad(30.0)
+"""What gaze actions of 1 turn and tilt the camera by, without a fixation target."""
 PITCH_RAD = np.deg2rad(45.0)
 """How far above or below the fixation target a gaze pitch of 1 points the camera."""
 FINE_RAD, COARSE_RAD = np.deg2rad(45.0), np.deg2rad(135.0)

@@ -171,7 +171,7 @@ class MemoryUpdate:
     """Ids of known objects that this view shows."""
     confidence_now: dict[int, float]
     """By id of known object: the best confidence with which this view detects it, where it does."""
-    doubtful: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
+    unconfirmed: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
     """Confidence and world points of every detection that is not to be believed, the most confident first."""
 
 
@@ -207,7 +207,7 @@ class ObjectMemory:
         """
         new_objects, gain = [], 0.0
         confidence_now: dict[int, float] = {}
-        doubtful = []
+        unconfirmed = []
         for detection in sorted(detections, key=lambda d: -d.confidence):
             points = mask_points(detection.mask, depth_m, intrinsics, camera_to_world, self.config)
             if points is None:
@@ -221,11 +221,13 @@ class ObjectMemory:
                 else:
                     gain += self._merge(known, detection, points)
             else:
-                doubtful.append((detection.confidence, points))
+                unconfirmed.append((detection.confidence, points))
             if known is not None:
                 confidence_now.setdefault(known.object_id, detection.confidence)
         visible, new_azimuths, new_cells = self._look(depth_m, intrinsics, camera_to_world)
-        return MemoryUpdate(tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, tuple(doubtful))
+        return MemoryUpdate(
+            tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, tuple(unconfirmed)
+        )
 
     def _match(self, category: str, centroid_m: Float[np.ndarray, "3"]) -> KnownObject | None:
         """The nearest known object whose merge radius reaches the centroid (thesis 4.2: centroid NMS)."""

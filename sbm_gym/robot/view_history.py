@@ -25,7 +25,7 @@ class Candidate:
     """View bins from which it has been looked at in vain."""
 
 
-class LookedAt:
+class ViewHistory:
     """Remembers where looking was tried, so that no look is expected to give twice what it gave once."""
 
     def __init__(self, config: MemoryConfig) -> None:
@@ -44,18 +44,18 @@ class LookedAt:
 
     def add(
         self,
-        doubtful: Sequence[tuple[float, Float[np.ndarray, "_ 3"]]],
+        unconfirmed: Sequence[tuple[float, Float[np.ndarray, "_ 3"]]],
         objects: Sequence[KnownObject],
         camera_to_world: Float[np.ndarray, "4 4"],
     ) -> None:
         """Takes in one view.
 
         Args:
-            doubtful: its detections that are not to be believed, as ``MemoryUpdate.doubtful``.
+            unconfirmed: its detections that are not to be believed, as ``MemoryUpdate.unconfirmed``.
             objects: the confirmed ones.
             camera_to_world: its pose.
         """
-        for confidence, points in doubtful:
+        for confidence, points in unconfirmed:
             self._note(confidence, points)
         self._forget_parts_of(objects)
         camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]

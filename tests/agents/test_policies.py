@@ -25,7 +25,7 @@ from sbm_gym.robot.line_of_sight import unhidden
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.robot.seen_space import SeenSpace
-from sbm_gym.robot.view_history import LookedAt
+from sbm_gym.robot.view_history import ViewHistory
 from sbm_gym.worlds.geometry.navigable import navigable_map
 
 from ..sbm_gym.box_rooms import BoxRooms
@@ -314,18 +314,18 @@ def test_unseen_floor_around_a_place_is_counted_by_ring_and_direction():
 
 def test_looked_at_keeps_candidates_until_they_are_confirmed():
     config = MemoryConfig()
-    looked, memory = LookedAt(config), ObjectMemory(config)
+    looked, memory = ViewHistory(config), ObjectMemory(config)
     pose, intrinsics = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 0.5])), intrinsics_from_fov(80, 80, 1.57)
     depth = np.full((80, 80), 2.0, np.float32)
     mask = np.zeros((80, 80), bool)
     mask[30:50, 30:50] = True
     for confidence in (0.4, 0.6, 0.5):
         update = memory.observe([Detection(0, "chair", confidence, mask)], depth, intrinsics, pose)
-        looked.add(update.doubtful, memory.objects, pose)
+        looked.add(update.unconfirmed, memory.objects, pose)
     assert [one.confidence for one in looked.candidates] == [0.6]
     assert len(looked.candidates[0].looks) == 1
     sure = [Detection(0, "chair", 0.95, mask)]
-    looked.add(memory.observe(sure, depth, intrinsics, pose).doubtful, memory.objects, pose)
+    looked.add(memory.observe(sure, depth, intrinsics, pose).unconfirmed, memory.objects, pose)
     assert looked.candidates == []
     assert looked.tried(0) == memory.objects[0].cells
 

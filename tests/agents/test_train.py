@@ -397,7 +397,9 @@ def test_workers_stay_in_their_share_of_the_scenes_and_are_seeded():
 
 
 def test_rewards_switch_terms_off_by_name():
-    update = MemoryUpdate((0,), 0.5, num_new_azimuths=2, num_new_cells=1, visible=(0,), confidence_now={}, doubtful=())
+    update = MemoryUpdate(
+        (0,), 0.5, num_new_azimuths=2, num_new_cells=1, visible=(0,), confidence_now={}, unconfirmed=()
+    )
     paid = {
         name: {term for term, value in reward_terms(update, True, weights).items() if value}
         for name, weights in REWARDS.items()

@@ -63,12 +63,12 @@ def outcome(worlds, priorities: Priorities) -> dict[str, float]:
                 ranges.append(np.linalg.norm(here - info["fixation_target"]["centroid_m"][:2]))
             if planner.goal_m is not None:
                 goals.append(np.linalg.norm(planner.goal_m - here))
-        known = inner.memory.objects
+        known = inner.knowledge.objects
         found.append(
             {
                 "switches": np.count_nonzero(np.diff(targets)),
                 "cells": max((len(one.cells) - len(one.azimuths) for one in known), default=0),
-                "floor": inner.episode.floor.seen_share,
+                "floor": inner.knowledge.seen_floor.seen_share,
                 "range": np.mean(ranges) if ranges else np.nan,
                 "goal": np.mean(goals),
             }
@@ -99,7 +99,7 @@ def test_doubtful_candidates_are_looked_at_more_if_they_count_more():
             planner = ViewPlanner(env.unwrapped, np.random.default_rng(seed))
             for _ in range(15):
                 *_, info = env.step(planner.act(info, Priorities(candidates=candidates)))
-            count += sum(len(one.looks) for one in env.unwrapped.episode.looked.candidates)
+            count += sum(len(one.looks) for one in env.unwrapped.knowledge.view_history.candidates)
         looks[candidates] = count
     assert looks[3.0] > looks[-3.0]
 

@@ -32,7 +32,7 @@ def views() -> list[tuple[SimulatedView, dict[int, str]]]:
         categories = {instance.instance_id: instance.category for instance in env.scene.world.objects}
         for _ in range(120):
             env.scene.body.place(env.navigable.random_point(rng), rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.0))
-            view = env.episode.draw(84, 84, antialias=False)
+            view = env.simulation.draw(84, 84, antialias=False)
             camera_to_world = env.scene.body.camera_to_world
             observed = env.scene.surfaces.observe(view.instance_map, view.intrinsics, camera_to_world)
             seen = SimulatedView(len(found), view.instance_map, view.frame.depth_m, tuple(observed))

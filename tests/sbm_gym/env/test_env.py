@@ -108,7 +108,7 @@ def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process(kwargs)
     here = rollout_digest(3, **kwargs)
     assert rollout_digest(3, **kwargs) == here
     assert rollout_digest(4, **kwargs) != here
-    program = f"from tests.sbm_gym.test_env import rollout_digest; print(rollout_digest(3, **{kwargs!r}))"
+    program = f"from tests.sbm_gym.env.test_env import rollout_digest; print(rollout_digest(3, **{kwargs!r}))"
     fresh = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert fresh.stdout.strip() == here
 
@@ -313,7 +313,9 @@ def test_state_tells_of_objects_and_candidates_what_info_says_of_them():
                 assert state[f"{name}_azimuths_covered"] == pytest.approx(len(covered) / 18)
                 assert state[f"{name}_visible"] == known["visible"]
                 told += 1
-            candidates = sorted(env.episode.looked.candidates, key=lambda one: -one.confidence * 0.4 ** len(one.looks))
+            candidates = sorted(
+                env.knowledge.view_history.candidates, key=lambda one: -one.confidence * 0.4 ** len(one.looks)
+            )
             for k, one in enumerate(candidates[:3]):
                 assert state[f"candidate_{k}_confidence"] == pytest.approx(one.confidence)
                 check_place(state, f"candidate_{k}", one.centroid_m, agent)
@@ -336,7 +338,7 @@ def test_open_sectors_are_those_with_a_place_to_see_the_object_from():
             if not target:
                 assert not any(state[f"target_sector_{k}_open"] for k in range(18))
                 continue
-            centre, episode = target["centroid_m"], env.episode
+            centre, known = target["centroid_m"], env.knowledge
             away = info["agent"]["camera_to_world"][:2, 3] - centre[:2]
             here = env.azimuth_bin(float(np.arctan2(away[1], away[0])))
             for k in range(18):
@@ -345,7 +347,7 @@ def test_open_sectors_are_those_with_a_place_to_see_the_object_from():
                 stop_short = 0.25 + 0.5 * float(np.max(target["extent_m"]))
                 expected = any(
                     env.navigable.is_free(place)
-                    and bool(episode.space.sees(np.array([[*place, 1.5]]), centre, stop_short)[0])
+                    and bool(known.seen_space.sees(np.array([[*place, 1.5]]), centre, stop_short)[0])
                     for place in places
                 )
                 assert state[f"target_sector_{k}_open"] == expected

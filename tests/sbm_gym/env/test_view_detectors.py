@@ -70,7 +70,7 @@ def test_the_shipped_network_runs_in_the_loop_and_repeats_itself():
         env = FixationEnv(BoxRooms(), detector="compact", detector_size=SIZE)
         env.reset(seed=5)
         env.step(np.array([0.0, 0.0, 1.0, 0.0]))
-        return env.categories, [(d.category, d.confidence, d.mask.sum()) for d in env.episode.detections]
+        return env.categories, [(d.category, d.confidence, d.mask.sum()) for d in env.simulation.detections]
 
     first = episode()
     assert {"chair", "bed", "car"} <= set(first[0])

@@ -59,7 +59,7 @@ def test_an_unconfident_detection_is_a_candidate_and_no_object():
     memory = ObjectMemory()
     update = observe(memory, (2.0, 0.0, 1.5), (0.0, 0.0, 0.5), confidence=0.89)
     assert memory.objects == []
-    ((confidence, points),) = update.doubtful
+    ((confidence, points),) = update.unconfirmed
     assert confidence == 0.89
     assert np.linalg.norm(points.mean(axis=0) - [0, 0, 0.5]) < 0.4
 

@@ -1,0 +1,166 @@
+"""What a robot knows in the course of one episode: everything that ``RobotKnowledge`` promises to policies."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.core.types import Detection
+from sbm_gym.robot.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
+from sbm_gym.robot.seen_floor import SeenFloor
+from sbm_gym.robot.seen_space import SeenSpace
+from sbm_gym.robot.view_history import ViewHistory
+from sbm_gym.worlds.geometry.navigable import NavigableMap
+
+RING_SHARES = (0.3, 0.8)
+"""Where on the ring, from its inner to its outer edge, it is tried whether an object can be seen from there."""
+REFIXATE_RAD = np.deg2rad(10.0)
+"""A visible object so much nearer to the middle of the picture than the fixation target takes its place."""
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """What stays the same from episode to episode; see ``RobotKnowledge`` and ``WorldProfile``."""
+
+    memory: MemoryConfig
+    stride_m: float
+    camera_height_m: float
+    rest_tilt_rad: float
+    ring_m: tuple[float, float]
+    ring_clearance_m: float
+    search_distance_m: tuple[float, float]
+    seen_cell_m: float
+    """Cell of the grid in which seen surfaces are remembered."""
+
+
+@dataclass(frozen=True)
+class DepthImage:
+    """A depth image and its camera."""
+
+    depth_m: Float[np.ndarray, "h w"]
+    """z-depth, 0 = no return."""
+    intrinsics: Float[np.ndarray, "3 3"]
+
+
+class RobotState:
+    """Gathers what the robot's senses tell, view by view: a ``RobotKnowledge``, where its attributes are described."""
+
+    def __init__(
+        self, config: RobotConfig, navigable: NavigableMap, start_m: Float[np.ndarray, "2"], num_views: int
+    ) -> None:
+        """Starts with the map alone.
+
+        Args:
+            config: settings.
+            navigable: the map the robot navigates by.
+            start_m: where it stands.
+            num_views: steps of the episode.
+        """
+        self.navigable = navigable
+        self.stride_m, self.camera_height_m = config.stride_m, config.camera_height_m
+        self.rest_tilt_rad, self.max_depth_m = config.rest_tilt_rad, config.memory.max_depth_m
+        self.ring_m, self.ring_clearance_m = config.ring_m, config.ring_clearance_m
+        self.search_distance_m, self.view_bins = config.search_distance_m, config.memory.bins
+        self.view_history = ViewHistory(config.memory)
+        self.seen_floor = SeenFloor(navigable, start_m, config.stride_m, config.memory.max_depth_m)
+        size_m = np.array(navigable.free.shape[::-1]) * navigable.cell_m
+        self.seen_space = SeenSpace(navigable.origin_m, navigable.origin_m + size_m, config.seen_cell_m)
+        self.memory = ObjectMemory(config.memory)
+        self._steps_left = num_views + 1
+        self._target_id: int | None = None
+        self._camera_to_world: Float[np.ndarray, "4 4"] = np.eye(4)
+
+    def observe(
+        self,
+        detections: Sequence[Detection],
+        detected_in: DepthImage,
+        seen: DepthImage,
+        camera_to_world: Float[np.ndarray, "4 4"],
+        yaw_rad: float,
+    ) -> MemoryUpdate:
+        """Takes in one view.
+
+        Args:
+            detections: what the detector says about it.
+            detected_in: depth of the picture that the detector was given.
+            seen: depth of the observed picture.
+            camera_to_world: pose of both, from odometry.
+            yaw_rad: where the camera points.
+
+        Returns:
+            What is new.
+        """
+        self._camera_to_world = camera_to_world
+        self._steps_left -= 1
+        update = self.memory.observe(detections, detected_in.depth_m, detected_in.intrinsics, camera_to_world)
+        self.view_history.add(update.unconfirmed, self.objects, camera_to_world)
+        self.seen_floor.add(seen.depth_m, seen.intrinsics, camera_to_world)
+        self.seen_space.add(seen.depth_m, seen.intrinsics, camera_to_world)
+        self._refixate(update.visible, yaw_rad)
+        return update
+
+    @property
+    def views_left(self) -> int:
+        """Steps until the episode ends."""
+        return max(0, self._steps_left)
+
+    @property
+    def objects(self) -> list[KnownObject]:
+        """The confirmed objects."""
+        return self.memory.objects
+
+    @property
+    def target(self) -> KnownObject | None:
+        """The object that it fixates."""
+        return None if self._target_id is None else self.objects[self._target_id]
+
+    def fixate(self, object_id: int) -> None:
+        """Makes another confirmed object the fixation target, from the next step on.
+
+        Raises:
+            ValueError: if no object with this id has been confirmed.
+        """
+        if not 0 <= object_id < len(self.objects):
+            raise ValueError(f"no confirmed object {object_id}; there are {len(self.objects)}, counted from 0")
+        self._target_id = object_id
+
+    # For observations -------------------------------------------------------------------------------------------------
+
+    def open_sectors(self, known: KnownObject) -> Bool[np.ndarray, "sectors"]:
+        """From which sectors around an object it could be seen, as far as the robot knows.
+
+        Those with a place in their middle, at one of two distances of the ring, where the robot can stand and from
+        where no surface that it has seen hides the object.
+        """
+        count = self.view_bins.num_azimuths
+        angles = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
+        low_m, high_m = self.ring_m
+        distances_m = low_m + (high_m - low_m) * np.array(RING_SHARES)
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        places = known.centroid_m[:2] + distances_m[:, None, None] * directions
+        free = self.navigable.are_free(places)
+        seen = np.zeros_like(free)
+        height_m = float(self._camera_to_world[2, 3])
+        eyes = np.concatenate([places[free], np.full((np.count_nonzero(free), 1), height_m)], axis=1)
+        seen[free] = self.seen_space.sees(eyes, known.centroid_m, 0.25 + 0.5 * float(np.max(known.extent_m)))
+        return np.asarray(seen.any(axis=0))
+
+    # Parts of the above -----------------------------------------------------------------------------------------------
+
+    def _refixate(self, visible: tuple[int, ...], yaw_rad: float) -> None:
+        """Whatever the robot looks straight at becomes its fixation target; so does the first object it finds."""
+        target = self.target
+        if target is None:
+            self._target_id = 0 if self.objects else None
+            return
+        off_rad = {known_id: self._off_centre_rad(self.objects[known_id], yaw_rad) for known_id in visible}
+        nearest = min(off_rad, key=lambda known_id: off_rad[known_id], default=None)
+        if nearest is not None and off_rad[nearest] < self._off_centre_rad(target, yaw_rad) - REFIXATE_RAD:
+            self._target_id = nearest
+
+    def _off_centre_rad(self, known: KnownObject, yaw_rad: float) -> float:
+        """How far to the side of where the camera points an object is."""
+        offset = known.centroid_m - self._camera_to_world[:3, 3]
+        side_rad = float(np.arctan2(offset[1], offset[0])) - yaw_rad
+        return abs((side_rad + np.pi) % (2.0 * np.pi) - np.pi)
