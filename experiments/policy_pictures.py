@@ -63,8 +63,8 @@ def run(config: PolicyPicturesConfig) -> None:
     from agents.policies.registry import make_policy
     from agents.rollouts.environments import inner_env, make_env
     from agents.rollouts.play import play, spawn_of
-    from experiments.cache.provenance import provenance
     from labeling.io.formats.atomic import write_json
+    from labeling.runtime.provenance import experiment_provenance
 
     _check(config)
     name = config.env.rpartition("/")[2]
@@ -99,7 +99,7 @@ def run(config: PolicyPicturesConfig) -> None:
             "file": film,
             "frames": len(frames),
         },
-        **provenance(),
+        **experiment_provenance(),
     }
     write_json(config.results / RECORD.format(name), content)
     print(config.results / RECORD.format(name))

@@ -84,8 +84,8 @@ def _find(place: str) -> Any:
 
 
 def _run_one(experiment: Any, config: RunConfig) -> None:
-    from experiments.cache.provenance import provenance
     from labeling.io.formats.atomic import write_json
+    from labeling.runtime.provenance import experiment_provenance
 
     workplace = Workplace(
         scale=config.scale,
@@ -100,7 +100,7 @@ def _run_one(experiment: Any, config: RunConfig) -> None:
         "description": experiment.DESCRIPTION,
         "scale": config.scale,
         "seeds": list(workplace.seeds),
-        **provenance(),
+        **experiment_provenance(),
         **found,
     }
     write_json(path, content)

@@ -105,9 +105,9 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
         SbmError: if the run keeps no history.
     """
     from agents.ppo.network.files import HISTORY_FILE, SETTINGS_FILE
-    from experiments.cache.provenance import provenance
     from experiments.tables.trained_policies import training_command
     from labeling.io.formats.checked_json import read_json
+    from labeling.runtime.provenance import experiment_provenance
 
     settings, history = read_json(folder / SETTINGS_FILE).mapping(), read_json(folder / HISTORY_FILE).mapping()
     rollouts, validations = history["rollouts"], history["validations"]
@@ -127,7 +127,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
             "sha256": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},
             "bytes": sum(file.stat().st_size for file in files),
         },
-        "shipped_with": provenance(),
+        "shipped_with": experiment_provenance(),
     }
 
 

@@ -13,11 +13,11 @@ from agents.evaluation.table import print_tables
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
 from agents.rollouts.environments import capture_size, inner_env, make_env
-from agents.rollouts.output_folder import claim_folder
 from agents.rollouts.play import Spawn, play, spawn_of
 from agents.rollouts.side_by_side import in_processes
 from labeling.core.errors import UsageError
 from labeling.io.formats.atomic import write_json
+from labeling.runtime.run_folder import as_options, claim_run_folder
 
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
@@ -41,7 +41,12 @@ def evaluate(config: EvaluateConfig, played: Path | None = None) -> dict[str, An
         settings = {name: getattr(config, name) for name in DECISIVE}
         if config.labels:
             settings["views"] = list(VIEW_COUNTS)
-        claim_folder(config.out, SETTINGS_FILE, settings, BEFORE)
+        claim_run_folder(
+            config.out,
+            SETTINGS_FILE,
+            {"settings": settings},
+            lambda content: as_options({**BEFORE, **content["settings"]}),
+        )
         if played is not None and not config.labels:
             adopt(played, config.out)
         spawns = [

@@ -8,8 +8,8 @@ import numpy as np
 from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, VIEW_COUNTS, episode_figures, pooled_ap
 from agents.evaluation.paired import difference_record, over_seeds, rounded
-from agents.rollouts.provenance import versions
 from labeling.metrics.bootstrap import mean_of
+from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
 
 SCHEMA_VERSION = 1
 EARLY_FIGURES = ("right", "objects", "ap50")
@@ -90,7 +90,7 @@ def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) ->
         "compared_with": base,
         "policies": policies,
         "protocol": PROTOCOL,
-        "versions": versions(),
+        "versions": package_versions(SIMULATION_PACKAGES),
     }
 
 

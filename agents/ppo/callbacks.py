@@ -6,8 +6,8 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.ppo.episode_figures import TERM, means
-from agents.ppo.interrupts import Wish
 from agents.ppo.state import Progress
+from labeling.runtime.interrupts import StopRequest
 
 GROUP, VALIDATION_GROUP = "episode", "validation"
 
@@ -25,7 +25,7 @@ class RunCallback(BaseCallback):
         eval_every: int,
         validate: Callable[[], dict[str, float] | None],
         save: Callable[[bool], None],
-        wish: Wish,
+        request: StopRequest,
         say: Callable[[str], None],
         bar: Callable[..., Any],
     ) -> None:
@@ -36,13 +36,13 @@ class RunCallback(BaseCallback):
             eval_every: steps between validations.
             validate: figures on validation scenes, None if given up.
             save: writes the latest checkpoint, and if told so the best one.
-            wish: whether to stop.
+            request: to stop at the next good moment.
             say: where progress is told.
             bar: makes a progress bar (``tqdm``).
         """
         super().__init__()
         self._progress, self._eval_every = progress, eval_every
-        self._validate, self._save, self._wish, self._say, self._make_bar = validate, save, wish, say, bar
+        self._validate, self._save, self._request, self._say, self._make_bar = validate, save, request, say, bar
         self._bar: Any = None
         self._episodes: list[dict[str, float]] = []
         self._rolling = False
@@ -60,7 +60,7 @@ class RunCallback(BaseCallback):
     def _on_step(self) -> bool:
         self._episodes += [info["figures"] for info in self.locals["infos"] if "figures" in info]
         self._bar.update(self.training_env.num_envs)
-        self.stopped = self._wish.stop
+        self.stopped = self._request.stop
         return not self.stopped
 
     def _on_rollout_end(self) -> None:

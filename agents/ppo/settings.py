@@ -1,6 +1,7 @@
 """What a run is: settings from the command line, or from the folder of a run that goes on."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from agents.ppo.network.policy_network import pictures
 from agents.ppo.run_config import TrainConfig
 from agents.ppo.workers import EnvSettings
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
-from labeling.io.formats.atomic import write_json
 from labeling.io.formats.checked_json import read_json
+from labeling.runtime.run_folder import claim_run_folder
 
 CHANGEABLE = ("n_timesteps", "n_envs")
 """Hyperparameters that a run may go on with in another size."""
@@ -92,25 +93,10 @@ def claim(settings: RunSettings) -> None:
     Raises:
         UsageError: if the folder holds a run with other settings, or something else, or cannot be written to.
     """
-    folder = settings.folder
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder} is a file; --out is a folder for the run")
-    if (folder / SETTINGS_FILE).is_file():
-        before, now = _identity(read_json(folder / SETTINGS_FILE).mapping()), _identity(settings.as_json())
-        differing = [
-            f"{name} {before.get(name)!s} there, {now.get(name)!s} now" for name in now if before.get(name) != now[name]
-        ]
-        if differing:
-            raise UsageError(f"{folder} holds a run with other settings ({'; '.join(differing)}); give another --out")
-    elif folder.is_dir() and any(folder.iterdir()):
-        raise UsageError(f"{folder} is not empty and was not made by this program; give another --out")
-    try:
-        write_json(folder / SETTINGS_FILE, settings.as_json())
-    except OSError as error:
-        raise UsageError(f"cannot write to {folder}: {error.strerror}") from error
+    claim_run_folder(settings.folder, SETTINGS_FILE, settings.as_json(), _identity, "a run")
 
 
-def _identity(content: dict[str, Any]) -> dict[str, Any]:
+def _identity(content: Mapping[str, Any]) -> dict[str, Any]:
     """What must not change when a run goes on, flat."""
     inner = content.get("hyperparameters")
     inner = inner if isinstance(inner, dict) else {}

@@ -16,7 +16,6 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from agents.ppo.board import make_logger
 from agents.ppo.callbacks import RunCallback
 from agents.ppo.imitation import ROUNDS, Demonstration, imitate, joined
-from agents.ppo.interrupts import Wish, stop_on_interrupt
 from agents.ppo.network.checkpoint import write_policy
 from agents.ppo.network.files import BEST, BOARD_FOLDER, HISTORY_FILE, LAST, STATE_FILE
 from agents.ppo.network.policy_network import build_policy, pictures, policy_arguments, policy_class
@@ -27,10 +26,11 @@ from agents.ppo.state import Progress, normalization_of, restore, write_state
 from agents.ppo.teachers import Teachers
 from agents.ppo.validation import validate
 from agents.ppo.workers import make_env, make_workers
-from agents.rollouts.provenance import git_commit, versions
 from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import choose_device
 from labeling.io.formats.atomic import atomic_folder, write_json
+from labeling.runtime.interrupts import StopRequest, graceful_interrupt
+from labeling.runtime.provenance import simulation_provenance
 
 
 def train(config: TrainConfig, say: Callable[[str], None], bar: Callable[..., Any]) -> Progress:
@@ -56,9 +56,9 @@ def train(config: TrainConfig, say: Callable[[str], None], bar: Callable[..., An
         _check_network(settings, validation_env)
         claim(settings)
         say(f"run: {settings.folder} (curves: tensorboard --logdir {settings.folder / BOARD_FOLDER})")
-        wish = stack.enter_context(stop_on_interrupt())
+        request = stack.enter_context(graceful_interrupt())
         try:
-            return _train(settings, device, validation_env, wish, say, bar, stack)
+            return _train(settings, device, validation_env, request, say, bar, stack)
         except (EOFError, ConnectionError) as error:
             raise SbmError(
                 f"a worker has died ({type(error).__name__}), see above why; "
@@ -70,7 +70,7 @@ def _train(
     settings: RunSettings,
     device: str,
     validation_env: gym.Env,
-    wish: Wish,
+    request: StopRequest,
     say: Callable[[str], None],
     bar: Callable[..., Any],
     stack: contextlib.ExitStack,
@@ -92,14 +92,14 @@ def _train(
         progress = restore(model, env, folder / LAST)
         say(f"going on from step {progress.steps}")
     elif settings.imitate_episodes:
-        _warm_start(settings, model, env, wish, say, bar)
+        _warm_start(settings, model, env, request, say, bar)
     if progress.steps >= hyperparameters.n_timesteps:
         say(f"finished at step {progress.steps} already; --steps with more goes on")
         return progress
     # Environments cannot be put back into the middle of an episode: they start new ones, other than those before.
     env.seed(int(np.random.SeedSequence([settings.seed, progress.steps]).generate_state(1)[0] % 2**31))
     model.set_logger(make_logger(folder / BOARD_FOLDER, progress.steps, say))
-    origin = {"versions": versions(), "git_commit": git_commit()}
+    origin = simulation_provenance()
 
     def save(better: bool) -> None:
         description = _description(settings, validation_env, progress) | origin
@@ -113,9 +113,9 @@ def _train(
     callback = RunCallback(
         progress,
         settings.eval_every,
-        lambda: validate(model.policy, validation_env, settings.eval_episodes, lambda: wish.stop),
+        lambda: validate(model.policy, validation_env, settings.eval_episodes, lambda: request.stop),
         save,
-        wish,
+        request,
         say,
         bar,
     )
@@ -133,7 +133,7 @@ def _warm_start(
     settings: RunSettings,
     model: PPO,
     env: VecNormalize,
-    wish: Wish,
+    request: StopRequest,
     say: Callable[[str], None],
     bar: Callable[..., Any],
 ) -> None:
@@ -160,7 +160,7 @@ def _warm_start(
                 student.mkdir()
                 write_policy(student, model.policy, _network_description(settings, env), normalization_of(env))
             found = {}
-            for number, part in wish.granted(teachers.show(numbers.tolist(), settings.seed, keys, student)):
+            for number, part in request.until_stopped(teachers.show(numbers.tolist(), settings.seed, keys, student)):
                 found[number] = part
                 progress.update(1)
             newest = [found[number] for number in sorted(found)]

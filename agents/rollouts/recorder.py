@@ -12,13 +12,13 @@ import numpy as np
 from agents.policies.registry import make_policy
 from agents.rollouts.collect_config import CollectConfig
 from agents.rollouts.environments import capture_size, inner_env, make_env
-from agents.rollouts.output_folder import claim_folder
-from agents.rollouts.provenance import git_commit, versions
 from agents.rollouts.side_by_side import in_processes
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.core.types import CONFIDENT
 from labeling.io.episodes import read_episode, write_episode
+from labeling.runtime.provenance import simulation_provenance
+from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
 
 SETTINGS_FILE = "collection.json"
@@ -49,8 +49,14 @@ def collect(config: CollectConfig) -> list[Path]:
         settings = dataclasses.asdict(config)
         for name in ("out", "episodes", "workers"):  # none changes what an episode holds
             del settings[name]
-        defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}
-        claim_folder(config.out, SETTINGS_FILE, settings, defaults)
+        defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}  # of before it was there
+        claim_run_folder(
+            config.out,
+            SETTINGS_FILE,
+            {"settings": settings},
+            lambda content: as_options({**defaults, **content["settings"]}),
+            "episodes",
+        )
         folders = [recorder.folder(number) for number in range(config.episodes)]
         missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
         if len(missing) < len(folders):
@@ -134,8 +140,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "detector": config.detector,
                 "detector_categories": list(inner_env(env).categories),
                 "confident": CONFIDENT,
-                "versions": versions(),
-                "git_commit": git_commit(),
+                **simulation_provenance(),
                 "steps": log,
             }
             return episode_of_captures(captures, inner_env(env).categories, metadata, name=f"{number:04d}")

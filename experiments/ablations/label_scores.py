@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cache.provenance import versions
 from experiments.cache.stages import Store, Workplace, digest, folder_digest, run_tasks
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.code_digest import code_digest
+from labeling.runtime.provenance import experiment_versions
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
@@ -71,7 +71,7 @@ def score_all(
         SbmError: if an episode cannot be read or labelled.
     """
     own = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    common = [own, code_digest(*SCORING_CODE), versions()]
+    common = [own, code_digest(*SCORING_CODE), experiment_versions()]
     keys = {
         (folder, number): digest(common, content, None if config is None else asdict(config))
         for folder in folders

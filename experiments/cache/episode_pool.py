@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from experiments.cache.provenance import versions
 from experiments.cache.stages import Scale, Workplace, digest
 from labeling.runtime.code_digest import code_digest
+from labeling.runtime.provenance import experiment_versions
 
 RECORDING_CODE = ("agents.rollouts.recorder", "sbm_gym.env.fixation_env", "sbm_gym.registration")
 
@@ -71,7 +71,7 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
     mover = policy_key(pool.policy, pool.env)
     depends_on = [
         {**settings, "policy": mover},
-        versions(),
+        experiment_versions(),
         code_digest(*RECORDING_CODE),
         detector_digest(pool.detector),
     ]

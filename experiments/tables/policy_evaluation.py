@@ -115,10 +115,10 @@ def played_folder(
 ) -> Path:
     """Where results of episodes are kept: another folder whenever something changes that decides them."""
     from experiments.cache.episode_pool import detector_digest
-    from experiments.cache.provenance import versions
+    from labeling.runtime.provenance import experiment_versions
 
     settings = [env_id, split, detector, picture_px]
-    name = digest(settings, versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
+    name = digest(settings, experiment_versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
     return workplace.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
 
 

@@ -1,6 +1,6 @@
 """Compares detector and pseudo-labels with ground truth, on the same views."""
 
-import contextlib
+import platform
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +13,13 @@ from labeling.evaluation.records import EpisodeRecords, note_missing, read_recor
 from labeling.io.label_set import LabelSet, View, read_label_set
 from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
 from labeling.metrics.matching import Kind, MaskInstance, Match, match, mean_iou
+from labeling.runtime.provenance import package_versions
 
 SCHEMA_VERSION = 1
 FIGURES = ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30", "mean_iou")
 """The figures of the table, in its order."""
+LIBRARIES = ("seeing-by-moving", "hotcoco", "numpy")
+"""What the figures depend on, beside Python."""
 
 PROTOCOL = {
     "average_precision": (
@@ -112,7 +115,7 @@ def evaluate_label_set(
         "protocol": PROTOCOL,
         "notes": notes,
         "dataset": str(dataset),
-        "versions": _versions(),
+        "versions": {"python": platform.python_version(), **package_versions(LIBRARIES)},
         "label_set": {key: value for key, value in labels.provenance.items() if key != "episodes"},
     }
     cases = _cases(truths, instance_ids, detector_matches, label_matches)
@@ -244,18 +247,6 @@ def _cases(
         if not item.ignore
     ]
     return tuple(sorted(cases, key=lambda case: (case.pseudo_label_iou, -case.area_px, case.view, case.instance_id)))
-
-
-def _versions() -> dict[str, str]:
-    """Versions of what produced the figures."""
-    import platform
-    from importlib.metadata import PackageNotFoundError, version
-
-    versions = {"python": platform.python_version()}
-    for package in ("seeing-by-moving", "hotcoco", "numpy"):
-        with contextlib.suppress(PackageNotFoundError):
-            versions[package] = version(package)
-    return versions
 
 
 def categories_by_presence(metrics: dict[str, Any]) -> tuple[list[str], list[str]]:

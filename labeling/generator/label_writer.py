@@ -9,7 +9,6 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.formats.atomic import write_json
 from labeling.io.formats.checked_json import DETECTIONS_3D_FILE
 from labeling.runtime.code_digest import code_digest
+from labeling.runtime.provenance import package_versions
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 2
 _LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scikit-learn")
+"""What the labels depend on."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,6 @@ class EpisodeResult:
     error: str | None = None
 
 
-def versions() -> dict[str, str]:
-    """Versions of the libraries that the labels depend on."""
-    return {name: metadata.version(name) for name in _LIBRARIES}
-
-
 def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
     """Changes whenever the labels of an episode might: with any input file, setting, library or generator module.
 
@@ -56,7 +52,9 @@ def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
         inputs: whatever else decides which views and masks are used, as JSON.
     """
     digest = hashlib.sha256()
-    digest.update(json.dumps([SCHEMA_VERSION, asdict(config), versions(), inputs], sort_keys=True).encode())
+    digest.update(
+        json.dumps([SCHEMA_VERSION, asdict(config), package_versions(_LIBRARIES), inputs], sort_keys=True).encode()
+    )
     digest.update(code_digest("labeling.generator.label_jobs").encode())
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         relative = path.relative_to(folder)
@@ -251,7 +249,7 @@ def _summary(out: Path, dataset: Path, config: LabelConfig, states: Sequence[Epi
         "dataset": Path(os.path.relpath(dataset.resolve(), out.resolve())).as_posix(),
         "dataset_as_given": str(dataset),
         "config": asdict(config),
-        "versions": versions(),
+        "versions": package_versions(_LIBRARIES),
         "episodes": [
             {
                 "name": state.name,

@@ -16,6 +16,7 @@ from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.io.formats.atomic import atomic_folder, write_json
 from labeling.io.formats.checked_json import read_json
+from labeling.runtime.run_folder import claim_run_folder
 from labeling.runtime.threads import threads_of_children
 from labeling.runtime.worker_process import serve_parent
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
@@ -84,7 +85,7 @@ def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int =
         from sbm_gym.assets.catalog.library import default_library
 
         default_library()  # says what to install if there is none
-    _claim(folder, settings)
+    claim_run_folder(folder, SETTINGS_FILE, asdict(settings), results="photographs")
     found: list[dict[str, Any]] = []
     with tqdm(total=count, unit="photograph", file=sys.stderr, mininterval=1.0) as bar:
         for number, photographs in enumerate(_sets(folder, settings, workers)):
@@ -176,30 +177,6 @@ def _coco(photographs: list[dict[str, Any]], settings: AlbumSettings) -> dict[st
     categories = [{"id": index, "name": name} for index, name in enumerate(CATEGORIES, start=1)]
     info = {"description": "rendered photographs", **asdict(settings)}
     return {"info": info, "images": images, "categories": categories, "annotations": annotations}
-
-
-def _claim(folder: Path, settings: AlbumSettings) -> None:
-    """Notes the settings in the folder; refuses one that was made with others, or holds something else."""
-    path = folder / SETTINGS_FILE
-    if path.is_file():
-        before = read_json(path).mapping()
-        differing = [
-            f"{name} {before.get(name)!s} there, {value!s} now"
-            for name, value in asdict(settings).items()
-            if before.get(name) != value
-        ]
-        if differing:
-            raise UsageError(
-                f"{folder} holds photographs made with other settings ({'; '.join(differing)}); give another --out, or "
-                "the same settings to go on"
-            )
-        return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(f"{folder} is not an empty folder and was not made by this program; give another --out")
-    try:
-        write_json(path, asdict(settings))
-    except OSError as error:
-        raise UsageError(f"cannot write to {folder}: {error.strerror}") from error
 
 
 def _sets(folder: Path, settings: AlbumSettings, workers: int) -> Iterator[list[dict[str, Any]]]:

@@ -1,0 +1,69 @@
+"""Ctrl-C and SIGTERM: to stop at the next good moment, or at once but without half-written files."""
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+TERMINATED = 128 + signal.SIGTERM
+"""Exit code of a process that was told to end."""
+
+
+class StopRequest:
+    """Whether someone has asked to stop."""
+
+    def __init__(self) -> None:
+        """Nobody has yet."""
+        self.stop = False
+
+    def until_stopped(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items, while nobody has asked to stop.
+
+        Raises:
+            KeyboardInterrupt: once someone has.
+        """
+        for item in items:
+            if self.stop:
+                raise KeyboardInterrupt
+            yield item
+
+
+@contextlib.contextmanager
+def graceful_interrupt() -> Iterator[StopRequest]:
+    """Yields a request that the first Ctrl-C makes; the second one interrupts at once, as usual."""
+    request = StopRequest()
+    if threading.current_thread() is not threading.main_thread():
+        yield request
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def note(number: int, frame: object) -> None:
+        request.stop = True
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield request
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def exit_on_sigterm() -> Iterator[None]:
+    """SIGTERM ends the program as an error does: temporary files are removed and worker processes ended."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, raise_exit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def raise_exit(*_: object) -> None:
+    """A signal handler that unwinds the stack and ends the process with the exit code of one that was told to."""
+    raise SystemExit(TERMINATED)

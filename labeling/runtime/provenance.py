@@ -1,0 +1,69 @@
+"""Where a result comes from: versions of what computed it, the commit of this code, the machine."""
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+SIMULATION_PACKAGES = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "open3d", "stable-baselines3", "torch")
+"""What rollouts and trained policies depend on."""
+EXPERIMENT_PACKAGES = (
+    *("seeing-by-moving", "gymnasium", "mujoco", "open3d", "numpy", "numba", "scipy", "scikit-learn"),
+    *("opencv-python-headless", "hotcoco", "torch"),
+)
+"""What figures of experiments may depend on, beside Python."""
+
+
+def package_versions(names: Sequence[str]) -> dict[str, str | None]:
+    """Installed versions of packages by name, None for those that are not installed."""
+    found: dict[str, str | None] = {}
+    for name in names:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def simulation_provenance() -> dict[str, Any]:
+    """Versions and commit that a rollout or a trained policy comes from."""
+    return {"versions": package_versions(SIMULATION_PACKAGES), "git_commit": git_commit()}
+
+
+def experiment_versions() -> dict[str, str | None]:
+    """Versions of Python and of the packages that figures may depend on."""
+    return {"python": platform.python_version(), **package_versions(EXPERIMENT_PACKAGES)}
+
+
+def experiment_provenance() -> dict[str, Any]:
+    """Versions, commit and machine that figures were measured with; the commit is None outside a checkout."""
+    changes = _git("status", "--porcelain", "--untracked-files=normal", "--", "*.py")
+    return {
+        "versions": experiment_versions(),
+        "git_commit": git_commit(),
+        "git_uncommitted_changes": None if changes is None else bool(changes),
+        "machine": {"processor": platform.machine(), "cpus": len(os.sched_getaffinity(0))},
+    }
+
+
+def git_commit() -> str | None:
+    """Commit of the checkout this code runs from, None if it is none."""
+    return _git("rev-parse", "HEAD")
+
+
+def _git(*arguments: str) -> str | None:
+    try:
+        result = subprocess.run(
+            ["git", *arguments],
+            cwd=Path(__file__).resolve().parent,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return result.stdout.strip() if result.returncode == 0 else None
