@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 from labeling.core.errors import SbmError
+from labeling.core.masks import box_xyxy
 from labeling.core.types import Detection
 
 
@@ -86,14 +87,6 @@ def stack_detections(
     return PictureDetections(
         categories=tuple(category for category, _, _ in ranked),
         scores=np.array([score for _, score, _ in ranked], np.float32),
-        boxes_xyxy=np.array([tight_box_xyxy(mask) for mask in masks], np.float32).reshape(-1, 4),
+        boxes_xyxy=np.array([box_xyxy(mask) for mask in masks], np.float32).reshape(-1, 4),
         masks=masks,
     )
-
-
-def tight_box_xyxy(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
-    """Tightest box around a mask: left, top, right, bottom in pixels; zeros for an empty mask."""
-    from labeling.core.masks import box_xywh
-
-    left, top, width, height = box_xywh(mask)
-    return (left, top, left + width, top + height)

@@ -1,9 +1,9 @@
-"""Masks and the boxes around them."""
+"""Masks, the boxes around them, and their overlap."""
 
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float32
 
 
 def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
@@ -19,10 +19,23 @@ def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]
     )
 
 
+def box_xyxy(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
+    """Tightest box around a mask: left, top, right, bottom in pixels; zeros for an empty mask."""
+    left, top, width, height = box_xywh(mask)
+    return (left, top, left + width, top + height)
+
+
 def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
     """Intersection over union of two masks; 0 if both are empty."""
     union = np.count_nonzero(a | b)
     return np.count_nonzero(a & b) / union if union else 0.0
+
+
+def pairwise_mask_iou(a: Bool[np.ndarray, "n h w"], b: Bool[np.ndarray, "m h w"]) -> Float32[np.ndarray, "n m"]:
+    """IoU of every mask with every other one; 0 where both are empty."""
+    a, b = a.reshape(len(a), -1).astype(np.float32), b.reshape(len(b), -1).astype(np.float32)
+    shared = a @ b.T
+    return shared / np.maximum(a.sum(axis=1)[:, None] + b.sum(axis=1) - shared, np.float32(1))
 
 
 def fill_polygons(polygons: Any, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:

@@ -1,137 +1,35 @@
-"""COCO's compressed run-length text, straight to masks and back.
+"""Masks as COCO run-length encodings (RLE), by hotcoco's codec.
 
-Source: the COCO API's maskApi, ``rleFrString`` and ``rleToString``: runs of zeros and ones in turn, column by column;
-every run from the fourth on as its difference from the run two before; in groups of 5 bits, sign-extended, each with a
-sixth bit that says whether more follow, written as characters from ``0`` on.
+hotcoco refuses malformed counts and runs that leave the picture; runs that end before the picture does it fills up with
+zeros, as the COCO API does. Here these are refused, too: they are the sign of a mask of another picture.
 """
 
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
-from numba import njit
 
 
-def decode_text(text: bytes, size: tuple[int, int]) -> Bool[np.ndarray, "h w"] | None:
-    """The mask of a compressed RLE; None if the text is malformed or its runs do not fill the picture exactly.
-
-    Args:
-        text: the counts.
-        size: picture height and width, both positive.
-    """
-    mask = np.zeros(size, np.bool_)
-    return mask if _decode(np.frombuffer(text, np.uint8), mask) else None
-
-
-def encode_text(mask: Bool[np.ndarray, "h w"]) -> tuple[str, int, tuple[int, int, int, int]]:
-    """Compressed RLE, number of pixels and tightest box (left, top, width, height; zeros for an empty mask)."""
-    mask = np.ascontiguousarray(mask, np.bool_)
-    top, bottom, left, right = (int(side) for side in _bounds(mask))
-    text, area = _encode(mask, top, bottom, left, right)
-    return text.tobytes().decode("ascii"), int(area), (left, top, right - left, bottom - top)
-
-
-@njit(cache=True, nogil=True)
-def _decode(text, mask):  # pragma: no cover - compiled
-    height, width = mask.shape
-    place, end = np.int64(0), np.int64(height) * width
-    before, last, number = np.int64(0), np.int64(0), 0
-    position = 0
-    while position < len(text):
-        run, shift, more = np.int64(0), 0, True
-        while more:
-            if position >= len(text) or shift > 55:
-                return False
-            chunk = np.int64(text[position]) - 48
-            if chunk < 0 or chunk > 63:
-                return False
-            run |= (chunk & 31) << shift
-            more = chunk & 32 != 0
-            position += 1
-            shift += 5
-            if not more and chunk & 16:
-                run |= np.int64(-1) << shift
-        if number > 2:
-            run += before
-        if run < 0 or run > end - place:
-            return False
-        if number % 2 == 1:
-            x, y = place // height, place % height
-            for _ in range(run):
-                mask[y, x] = True
-                y += 1
-                if y == height:
-                    y = 0
-                    x += 1
-        place += run
-        before, last = last, run
-        number += 1
-    return place == end
-
-
-@njit(cache=True, nogil=True)
-def _bounds(mask):  # pragma: no cover - compiled
-    """First and one past the last row and column of a mask; zeros if it is empty."""
-    height, width = mask.shape
-    top, bottom, left, right = height, 0, width, 0
-    for y in range(height):
-        first = 0
-        while first < width and not mask[y, first]:
-            first += 1
-        if first == width:
-            continue
-        last = width - 1
-        while not mask[y, last]:
-            last -= 1
-        top, bottom = min(top, y), y + 1
-        left, right = min(left, first), max(right, last + 1)
-    if bottom == 0:
-        return 0, 0, 0, 0
-    return top, bottom, left, right
-
-
-@njit(cache=True, nogil=True)
-def _encode(mask, top, bottom, left, right):  # pragma: no cover - compiled
-    height, width = mask.shape
-    # Every column has at most half as many runs of ones as rows, and at the ends runs of zeros.
-    runs = np.empty((right - left) * (bottom - top + 1) + 2, np.int64)
-    count, area, start, inside = 0, 0, np.int64(0), False
-    for x in range(left, right):
-        for y in range(top, bottom):
-            if mask[y, x] != inside:
-                place = np.int64(x) * height + y
-                runs[count] = place - start
-                count, start, inside = count + 1, place, not inside
-            area += mask[y, x]
-        if inside and (bottom < height or top > 0):
-            place = np.int64(x) * height + bottom
-            runs[count] = place - start
-            count, start, inside = count + 1, place, False
-    if inside and right < width:
-        runs[count] = np.int64(right) * height - start
-        count, start = count + 1, np.int64(right) * height
-    if start < np.int64(height) * width:
-        runs[count] = np.int64(height) * width - start
-        count += 1
-    text = np.empty(13 * count, np.uint8)
-    length = 0
-    for i in range(count):
-        value = runs[i] - (runs[i - 2] if i > 2 else 0)
-        more = True
-        while more:
-            chunk = value & 31
-            value >>= 5
-            more = value != (-1 if chunk & 16 else 0)
-            text[length] = (chunk | (32 if more else 0)) + 48
-            length += 1
-    return text[:length].copy(), area
-
-
-def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict:
+def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
     """COCO compressed RLE of a mask, ready for JSON: ``{"size": [height, width], "counts": text}``."""
-    from labeling.core.rle import encode_text
+    from hotcoco import mask as coco_mask
 
-    return {"size": [int(side) for side in mask.shape], "counts": encode_text(mask)[0]}
+    rle = coco_mask.encode(mask)
+    return {"size": [int(side) for side in mask.shape], "counts": rle["counts"].decode("ascii")}
+
+
+def rle_area(rle: dict[str, Any]) -> int:
+    """Number of pixels of a mask."""
+    from hotcoco import mask as coco_mask
+
+    return int(coco_mask.area(rle))
+
+
+def rle_box_xywh(rle: dict[str, Any]) -> list[float]:
+    """Tightest box around a mask: left, top, width, height in pixels; zeros for an empty mask."""
+    from hotcoco import mask as coco_mask
+
+    return coco_mask.to_bbox(rle).tolist()
 
 
 def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
@@ -140,21 +38,44 @@ def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
     Raises:
         ValueError: if the RLE is malformed or its runs do not fill its size.
     """
+    import cv2
+    from hotcoco import mask as coco_mask
+
+    check_rle(rle)
+    height_px, width_px = rle["size"]
+    if isinstance(rle["counts"], list):
+        inside = np.arange(len(rle["counts"])) % 2 == 1
+        return np.repeat(inside, rle["counts"]).reshape(width_px, height_px).T
+    # hotcoco's masks are stored column by column, all others here row by row.
+    return cv2.transpose(coco_mask.decode(rle).T).view(np.bool_)
+
+
+def check_rle(rle: Any) -> None:
+    """Refuses what is no RLE of a picture of its size, without decoding it.
+
+    Raises:
+        ValueError: if the RLE is malformed or its runs do not fill its size.
+    """
+    from hotcoco import mask as coco_mask
+
     if not isinstance(rle, dict) or "size" not in rle or "counts" not in rle:
         raise ValueError("an RLE is an object with 'size' and 'counts'")
-    size = rle["size"]
+    size, counts = rle["size"], rle["counts"]
     if not (isinstance(size, list | tuple) and len(size) == 2 and all(_is_whole(s) and s > 0 for s in size)):
         raise ValueError(f"RLE size must be [height, width] in pixels, not {size!r}")
-    counts = rle["counts"]
     if isinstance(counts, list):
         if not all(_is_whole(run) and run >= 0 for run in counts) or sum(counts) != size[0] * size[1]:
             raise ValueError(f"RLE runs do not fill {size[0]}x{size[1]} pixels")
-        values = np.arange(len(counts)) % 2 == 1
-        return np.repeat(values, counts).reshape(size[1], size[0]).T
+        return
     if not isinstance(counts, str | bytes):
         raise ValueError(f"RLE counts must be text or a list of run lengths, not {type(counts).__name__}")
-    text = counts.decode("ascii") if isinstance(counts, bytes) else counts
-    return _decode_text(text, (size[0], size[1]))
+    try:
+        text = coco_mask.rle_from_string(counts.decode("ascii") if isinstance(counts, bytes) else counts, *size)
+    except OverflowError:
+        raise ValueError(f"RLE size {list(size)} is no picture's") from None
+    covered = _total_run_length(text["counts"])
+    if covered != size[0] * size[1]:
+        raise ValueError(f"RLE runs cover {covered} pixels, but its size is {size[0]}x{size[1]}")
 
 
 def _is_whole(value: object) -> bool:
@@ -162,41 +83,19 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _decode_text(text: str, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
-    """Decodes compressed RLE text; refuses runs that do not fill the picture, which decoders pad or cut silently."""
-    from labeling.core.rle import decode_text
+def _total_run_length(counts: bytes) -> int:
+    """Sum of the runs of well-formed counts.
 
-    mask = decode_text(text.encode("ascii", "replace"), size)
-    if mask is None:
-        raise ValueError(f"RLE runs cover {_total_run_length(text)} pixels, but its size is {size[0]}x{size[1]}")
-    return mask
-
-
-def _total_run_length(text: str) -> int:
-    """Sum of the runs of a compressed RLE: 5-bit groups, sign-extended, every run from the third on a difference
-    from the run two before. Source: the COCO API's maskApi, ``rleFrString``.
+    Source: the COCO API's maskApi, ``rleFrString``: a run is groups of 5 bits, the lowest first and the highest
+    sign-extended, each with a sixth bit that says whether more follow, written as characters from ``0`` on; every run
+    from the fourth on is its difference from the run two before.
     """
-    runs: list[int] = []
-    position = 0
-    while position < len(text):
-        value, shift, more = 0, 0, True
-        while more:
-            if position >= len(text):
-                raise ValueError("RLE counts end in the middle of a run")
-            chunk = ord(text[position]) - 48
-            if not 0 <= chunk < 64:
-                raise ValueError(f"RLE counts hold a character outside the code: {text[position]!r}")
-            if shift > 60:
-                raise ValueError("RLE counts hold a run of more than 60 bits")
-            value |= (chunk & 0x1F) << shift
-            more = bool(chunk & 0x20)
-            position += 1
-            shift += 5
-            if not more and chunk & 0x10:
-                value |= -1 << shift
-        if len(runs) > 2:
-            value += runs[-2]
-        if value < 0:
-            raise ValueError("RLE counts hold a negative run")
-        runs.append(value)
-    return sum(runs)
+    if not counts:
+        return 0
+    groups = np.frombuffer(counts, np.uint8).astype(np.int64) - 48
+    last = np.flatnonzero(groups & 32 == 0)
+    first = np.concatenate([[0], last[:-1] + 1])
+    shift = 5 * (np.arange(len(groups)) - np.repeat(first, last - first + 1))
+    runs = np.add.reduceat((groups & 31) << shift, first)
+    runs -= np.where(groups[last] & 16, np.int64(32) << shift[last], 0)
+    return int(runs[0] + np.cumsum(runs[1::2]).sum() + np.cumsum(runs[2::2]).sum())

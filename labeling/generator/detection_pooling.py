@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from labeling.core.masks import pairwise_mask_iou
 from labeling.core.types import Detection
-from labeling.generator.quality.label_quality import iou_table
 from labeling.metrics.matching import assign
 
 SAME_OBJECT = 0.5
@@ -36,7 +36,7 @@ def pooled(first: Sequence[Detection], second: Sequence[Detection]) -> tuple[Det
         columns = theirs.get(which, [])
         if not columns:
             continue
-        iou = iou_table(np.stack([first[i].mask for i in rows]), np.stack([second[i].mask for i in columns]))
+        iou = pairwise_mask_iou(np.stack([first[i].mask for i in rows]), np.stack([second[i].mask for i in columns]))
         for row, column in assign(np.where(iou >= SAME_OBJECT, iou, 0.0)):
             if first[rows[row]].confidence >= second[columns[column]].confidence:
                 out_of_second.add(columns[column])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labeling.core.rle import encode_text
+from labeling.core.rle import encode_mask, rle_area, rle_box_xywh
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.formats.atomic import write_json
 from labeling.io.formats.checked_json import DETECTIONS_3D_FILE
@@ -135,12 +135,9 @@ def object_record(one: "LabelledObject") -> dict[str, Any]:
 
 def _mask_record(mask: np.ndarray) -> dict[str, Any] | None:
     """A mask as COCO wants it; None for an empty one."""
-    text, area, box = encode_text(mask)
-    if area == 0:
-        return None
-    height_px, width_px = mask.shape
-    segmentation = {"size": [height_px, width_px], "counts": text}
-    return {"segmentation": segmentation, "bbox": [float(side) for side in box], "area": area}
+    rle = encode_mask(mask)
+    area = rle_area(rle)
+    return {"segmentation": rle, "bbox": rle_box_xywh(rle), "area": area} if area else None
 
 
 def read_record(path: Path, mark: str) -> dict[str, Any] | None:

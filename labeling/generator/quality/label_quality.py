@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float
 
+from labeling.core.masks import pairwise_mask_iou
 from labeling.core.types import Detection, PseudoLabel
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def _votes(labels: Sequence[PseudoLabel], detections: Sequence[Detection], strid
         found = [one for one in detections if one.view_index == view]
         if not found:
             continue
-        overlap = iou_table(
+        overlap = pairwise_mask_iou(
             np.stack([labels[index].modal[::stride, ::stride] for index in here]),
             np.stack([one.mask[::stride, ::stride] for one in found]),
         )
@@ -164,13 +165,6 @@ def _votes(labels: Sequence[PseudoLabel], detections: Sequence[Detection], strid
                 else:
                     other[index] = max(other[index], one.confidence)
     return same, other, own
-
-
-def iou_table(a: Bool[np.ndarray, "n h w"], b: Bool[np.ndarray, "m h w"]) -> Float32[np.ndarray, "n m"]:
-    """IoU of every mask with every other one; 0 where both are empty."""
-    a, b = a.reshape(len(a), -1).astype(np.float32), b.reshape(len(b), -1).astype(np.float32)
-    shared = a @ b.T
-    return shared / np.maximum(a.sum(axis=1)[:, None] + b.sum(axis=1) - shared, np.float32(1))
 
 
 def _log_odds(chance):

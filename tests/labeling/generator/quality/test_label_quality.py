@@ -11,7 +11,6 @@ from labeling.generator.quality.label_quality import (
     FEATURES,
     MODEL_FILE,
     fit_model,
-    iou_table,
     label_features,
     load_model,
 )
@@ -69,14 +68,6 @@ def test_the_order_of_the_detections_does_not_matter(seed: int) -> None:
     order = rng.permutation(len(found))
     sure = rng.random(5).tolist()
     assert np.allclose(label_features(labels, sure, found), label_features(labels, sure, [found[i] for i in order]))
-
-
-def test_overlaps_are_those_of_single_masks() -> None:
-    rng = np.random.default_rng(0)
-    a, b = rng.random((3, 8, 9)) < 0.5, rng.random((4, 8, 9)) < 0.5
-    b[0] = False
-    expected = [[np.sum(x & y) / max(np.sum(x | y), 1) for y in b] for x in a]
-    assert np.allclose(iou_table(a, b), expected)
 
 
 def test_a_fit_recovers_the_model_that_made_the_data() -> None:
