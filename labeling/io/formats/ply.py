@@ -19,7 +19,6 @@ _VERTEX = np.dtype(
         ("probability", "<f4"),
     ]
 )
-_PLY_TYPE = {"f4": "float", "u1": "uchar", "i4": "int"}
 
 
 def write_ply(
@@ -40,32 +39,36 @@ def write_ply(
         probability: of that label (property ``probability``).
         tint: share of the object's hue in the colour.
     """
+    from plyfile import PlyData, PlyElement
+
     vertices = np.empty(len(points), _VERTEX)
     vertices["x"], vertices["y"], vertices["z"] = np.asarray(points, np.float32).T
     shown = np.where((labels > 0)[:, None], (1 - tint) * colours + tint * hues(labels), colours)
     red, green, blue = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8).T
     vertices["red"], vertices["green"], vertices["blue"] = red, green, blue
     vertices["label"], vertices["probability"] = labels, probability
-    properties = [f"property {_PLY_TYPE[_VERTEX[name].str[1:]]} {name}" for name in _VERTEX.names or ()]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties, "end_header"]
     with atomic_file(path) as temporary:
-        temporary.write_bytes(("\n".join(header) + "\n").encode("ascii") + vertices.tobytes())
+        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(temporary))
 
 
 def read_ply(path: Path) -> np.ndarray:
-    """Reads back a file of ``write_ply`` as a structured array, one field per property.
+    """Reads the points of a segmented cloud as a structured array, one field per property.
 
     Raises:
-        ValueError: if the file is not one that ``write_ply`` wrote.
+        ValueError: if the file is no PLY with the properties of ``write_ply``, or is truncated.
     """
-    content = path.read_bytes()
-    end = content.find(b"end_header\n")
-    if not content.startswith(b"ply\nformat binary_little_endian 1.0\n") or end < 0:
-        raise ValueError(f"{path}: not a binary PLY of this project")
-    body = content[end + len(b"end_header\n") :]
-    if len(body) % _VERTEX.itemsize:
-        raise ValueError(f"{path}: the PLY is truncated")
-    return np.frombuffer(body, _VERTEX)
+    from plyfile import PlyData, PlyParseError
+
+    try:
+        vertices = PlyData.read(str(path))["vertex"].data
+    except (PlyParseError, KeyError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a PLY of points that can be read ({error})") from None
+    missing = [name for name in _VERTEX.names or () if name not in (vertices.dtype.names or ())]
+    if missing:
+        raise ValueError(
+            f"{path}: its points have no {', '.join(missing)}; expected the segmented cloud of a label set"
+        )
+    return vertices
 
 
 def hues(labels: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:

@@ -42,9 +42,38 @@ def test_objects_have_colours_that_differ() -> None:
     assert distance.min() > 0.25
 
 
-def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda content: content[:-3], "early end-of-file"),
+        (lambda content: content[:60], "PLY"),
+        (lambda content: b"", "PLY"),
+        (lambda content: b"not a cloud\n" + content, "PLY"),
+        (lambda content: content.replace(b"int label", b"int owner"), "no label"),
+        (lambda content: content.replace(b"element vertex", b"element corner"), "PLY"),
+    ],
+)
+def test_a_damaged_file_is_refused(tmp_path: Path, damage, said: str) -> None:
     write(tmp_path / "cloud.ply")
-    content = (tmp_path / "cloud.ply").read_bytes()
-    (tmp_path / "cut.ply").write_bytes(content[:-3])
-    with pytest.raises(ValueError, match="truncated"):
+    (tmp_path / "cut.ply").write_bytes(damage((tmp_path / "cloud.ply").read_bytes()))
+    with pytest.raises(ValueError, match=said):
         read_ply(tmp_path / "cut.ply")
+
+
+def test_the_bytes_are_those_written_before_plyfile(tmp_path: Path) -> None:
+    """Clouds of earlier label sets stay equal, byte by byte: a header of eight properties, then packed records."""
+    write(tmp_path / "cloud.ply", 3)
+    header, _, body = (tmp_path / "cloud.ply").read_bytes().partition(b"end_header\n")
+    kinds = [
+        "float x",
+        "float y",
+        "float z",
+        "uchar red",
+        "uchar green",
+        "uchar blue",
+        "int label",
+        "float probability",
+    ]
+    lines = ["ply", "format binary_little_endian 1.0", "element vertex 3", *(f"property {kind}" for kind in kinds), ""]
+    assert header.decode() == "\n".join(lines)
+    assert body == read_ply(tmp_path / "cloud.ply").tobytes()
