@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from experiments.cache.stages import Scale
-from experiments.figures.before_after import NAME, SURE, Pair, balance, draw, most_changed
+from experiments.figures.before_after import CONFIDENT, NAME, Pair, balance, draw, most_changed
 from labeling.core.errors import SbmError
 from labeling.runtime.cli import run_command
 
@@ -90,7 +90,9 @@ def pairs_of(episodes: Sequence[Path], before, after) -> list[Pair]:
     for folder in tqdm(episodes, desc="detecting", unit="episode", file=sys.stderr):
         episode = read_episode(folder)
         truths = [one for one in episode.ground_truth or () if known is None or one.category in known]
-        both = [[one for one in run_detector(which, episode) if one.confidence >= SURE] for which in (before, after)]
+        both = [
+            [one for one in run_detector(which, episode) if one.confidence >= CONFIDENT] for which in (before, after)
+        ]
         for view in range(episode.num_views):
             here = [tuple(one for one in some if one.view_index == view) for some in both]
             there = [one for one in truths if one.view_index == view]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from experiments.cache.stages import Scale
-from experiments.figures.boxes import RECORD, SURE, busiest_view, draw, true_boxes
+from experiments.figures.boxes_on_views import RECORD, SURE, busiest_view, draw, true_boxes
 from labeling.runtime.cli import run_command
 
 

@@ -24,7 +24,7 @@ def run(config: PicturesConfig) -> None:
         SbmError: if the demo cannot run.
     """
     from experiments import demo
-    from experiments.figures.drawing import draw_episode, draw_label_steps, draw_labels
+    from experiments.figures.episodes import draw_episode, draw_label_steps, draw_labels
     from labeling.io.episodes import find_episodes, read_episode
     from labeling.io.formats.atomic import atomic_file
     from sbm_gym import preview

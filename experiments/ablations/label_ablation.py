@@ -61,6 +61,6 @@ def report(results: Path, docs: Path) -> list[Path]:
     Returns:
         The files written.
     """
-    from experiments.pages.label_report import write_page
+    from experiments.pages.label_generator import write_page
 
     return write_page(results, docs)

@@ -77,9 +77,9 @@ def report(results: Path, docs: Path) -> list[Path]:
         The files written.
     """
     from experiments import results_page
-    from experiments.pages import label_report
+    from experiments.pages import label_generator
     from labeling.io.formats.checked_json import read_json
 
-    written = label_report.write_page(results, docs)
+    written = label_generator.write_page(results, docs)
     taught = "taught" in read_json(results / "label_modes.json").mapping()
     return [*written, *results_page.write_page(results, docs)] if taught else written

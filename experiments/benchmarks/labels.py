@@ -16,7 +16,8 @@ import labeling.generator.propagate
 from experiments.benchmarks.label_rival import ThesisSegmenter, check_installed
 from experiments.benchmarks.label_rooms import first_views, open_room, record
 from experiments.benchmarks.label_stages import stage_rows, timed_stage
-from experiments.benchmarks.rows import Row
+from experiments.benchmarks.rows import PER_VIEW, Row, seconds_per_view
+from experiments.figures.label_speed import PICTURE, draw_label_speed
 from labeling.core.episode import Episode
 from labeling.evaluation.compare import evaluate_label_set
 from labeling.generate import GenerateConfig
@@ -30,8 +31,6 @@ FACTOR, SECONDS, MEMORY_MB = 15.0, 2.5, 1000.0
 MAX_EXPONENT = 1.1
 """Time grows with this power of the number of views at most: linear, and a tenth for larger clouds."""
 WORKER_EPISODES = 4
-PER_VIEW = "{} views, for each view"
-PICTURE = "labels_views.png"
 _FRESH = (
     "import sys\n"
     "from pathlib import Path\n"
@@ -69,23 +68,7 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
 
 def draw(rows: Sequence[Row], out: Path) -> None:
     """Draws the time for each view over the number of views."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    measured = {count: row.seconds for count in VIEW_COUNTS for row in rows if row.what == PER_VIEW.format(count)}
-    figure, axes = plt.subplots(figsize=(5.2, 3.4), dpi=120, layout="constrained")
-    axes.plot(list(measured), [1e3 * seconds for seconds in measured.values()], "o-", color="#0f766e")
-    axes.set_xlabel("views of the episode (320x240, ten objects)")
-    axes.set_ylabel("labelling, ms for each view")
-    axes.set_ylim(0, None)
-    axes.set_xlim(0, None)
-    axes.grid(alpha=0.3)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    figure.savefig(out / PICTURE)
-    plt.close(figure)
+    draw_label_speed(seconds_per_view(rows), out / PICTURE)
 
 
 def _label(episode: Path, out: Path, label: LabelConfig | None = None) -> float:

@@ -1,7 +1,11 @@
 """Rows of a bench: what was measured beside which rival, as JSON and for people."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+PER_VIEW = "{} views, for each view"
+"""What rows say that tell how labelling grows with the number of views."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,12 @@ def ratio_text(row: Row) -> str:
 def row_of(content: dict) -> Row:
     """A row from how it was written."""
     return Row(**{name: value for name, value in content.items() if name != "ratio"})
+
+
+def seconds_per_view(rows: Sequence[Row]) -> dict[int, float]:
+    """By the number of views of an episode, of the rows that tell it."""
+    found = [(re.fullmatch(PER_VIEW.format(r"(\d+)"), row.what), row.seconds) for row in rows]
+    return {int(match[1]): seconds for match, seconds in found if match}
 
 
 def machine() -> dict:

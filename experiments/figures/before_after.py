@@ -7,11 +7,11 @@ from pathlib import Path
 from labeling.core.masks import mask_iou
 from labeling.core.types import Detection, GroundTruth
 
-SURE = 0.5
+CONFIDENT = 0.5
 """Detections from this confidence on count, and are drawn."""
 
 
-OVERLAP = 0.5
+MIN_IOU = 0.5
 
 
 NAME = "before_after_{}"
@@ -45,7 +45,7 @@ def balance(detections: Sequence[Detection], truths: Sequence[GroundTruth]) -> i
             if truth.category == one.category
         ]
         overlap, place = max(fits, default=(0.0, 0))
-        if overlap < OVERLAP:
+        if overlap < MIN_IOU:
             balance -= 1
             continue
         balance += not free.pop(-place).ignore
@@ -75,12 +75,10 @@ def draw(pairs: Sequence[Pair], path: Path) -> None:
         pairs: what to draw.
         path: PNG to write.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    from experiments.figures.drawing import named
+    from experiments.figures.episodes import named
+    from experiments.figures.style import save
     from labeling.io.episodes import read_episode
 
     wide = read_episode(pairs[0].episode).size
@@ -101,5 +99,4 @@ def draw(pairs: Sequence[Pair], path: Path) -> None:
             change = f" ({pair.gain:+d})" if side else ""
             panel.set_title(f"{title}{change}", fontsize=10, pad=3)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.95, bottom=0.005, wspace=0.02, hspace=0.1)
-    figure.savefig(path, format="png")
-    plt.close(figure)
+    save(figure, path)

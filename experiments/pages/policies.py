@@ -1,28 +1,53 @@
-"""The page about what policies earn, from the figures that are there."""
+"""The page about policies: what they earn, what their labels teach, and how they were trained."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from experiments.pages.markdown import mean_std, points, read_result, render, table
+from experiments.pages.markdown import write_page as write
 from labeling.core.errors import SbmError
+from labeling.metrics.bootstrap import beyond_chance
 
-PAGE, PICTURES = "policies-results.md", "pictures"
-
-
-EVALUATION, ABLATION = "policy_evaluation.json", "reward_ablation.json"
-
-
-TEACHING = "policies.json"
-
-
+PAGE = "policies-results.md"
+EVALUATION, TEACHING, ABLATION = "policy_evaluation.json", "policies.json", "reward_ablation.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
+PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
+SPLITS = {"train": "training", "val": "validation", "test": "test"}
+PERCENT = 100
+EARNED = {
+    "return": ("return", 1),
+    "discovery": ("discovery", 1),
+    "diversity": ("diversity", 1),
+    "objects": ("objects", 1),
+    "sectors": ("sectors seen", 1),
+    "collisions": ("collisions", 1),
+    "path_m": ("path (m)", 1),
+}
+"""Heading and factor by figure."""
+LABELLED = {
+    "pooled_ap50": ("AP50 pooled", PERCENT),
+    "ap50": ("AP50 an episode", PERCENT),
+    "right": ("right labels", 1),
+    "objects": ("objects labelled right", 1),
+}
+EARLY = {name: LABELLED[name] for name in ("right", "objects", "ap50")}
 
 
-LEARNING_PICTURE, LABELS_PICTURE = "policies_learning.png", "policies_labels.png"
+@dataclass(frozen=True)
+class Results:
+    """Contents of the files of results; None or empty where there is none."""
 
-
-ABLATION_PICTURE = "policies_rewards.png"
+    evaluation: dict[str, Any] | None
+    teaching: dict[str, Any] | None
+    ablation: dict[str, Any] | None
+    training: dict[str, dict[str, Any]]
+    """By env without namespace."""
+    ways: dict[str, dict[str, Any]]
+    """By env without namespace."""
 
 
 def write_page(results: Path, docs: Path) -> list[Path]:
@@ -39,60 +64,33 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     Raises:
         SbmError: if there are no figures at all.
     """
-    from experiments.figures import policies_drawing
-    from labeling.io.formats.atomic import atomic_file
+    from experiments.figures.policies import draw_labels_by_views, draw_learning, draw_reward_ablation
 
-    figures = read_figures(results)
-    text = page(figures)
-    pictures: list[tuple[str, Callable[[Path], None]]] = []
-    if figures.training:
-        pictures.append((LEARNING_PICTURE, lambda path: policies_drawing.draw_learning(figures.training, path)))
-    if figures.evaluation is not None:
-        worlds = figures.evaluation["worlds"]
-        pictures.append((LABELS_PICTURE, lambda path: policies_drawing.draw_labels(worlds, path)))
-    if figures.ablation is not None:
-        ablation = figures.ablation
-        pictures.append((ABLATION_PICTURE, lambda path: policies_drawing.draw_ablation(ablation, path)))
-    written = [docs / PAGE]
-    for name, draw in pictures:
-        written.append(docs / PICTURES / name)
-        with atomic_file(written[-1]) as temporary:
-            draw(temporary)
-    with atomic_file(docs / PAGE) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return written
+    found = read_results(results)
+    draw: dict[str, Callable[[Path], None]] = {}
+    if found.training:
+        draw[PICTURES["learning"]] = lambda path: draw_learning(found.training, path)
+    if (evaluation := found.evaluation) is not None:
+        draw[PICTURES["labels"]] = lambda path: draw_labels_by_views(evaluation["worlds"], path)
+    if (ablation := found.ablation) is not None:
+        draw[PICTURES["ablation"]] = lambda path: draw_reward_ablation(ablation, path)
+    return write(docs / PAGE, page(found), draw)
 
 
-@dataclass(frozen=True)
-class Figures:
-    """Contents of the files of figures; None or empty where there is none."""
-
-    evaluation: dict[str, Any] | None
-    teaching: dict[str, Any] | None
-    ablation: dict[str, Any] | None
-    training: dict[str, dict[str, Any]]
-    """By env without namespace."""
-    ways: dict[str, dict[str, Any]]
-    """By env without namespace."""
-
-
-def read_figures(results: Path) -> Figures:
+def read_results(results: Path) -> Results:
     """What is there.
 
     Raises:
         SbmError: if it is nothing, or a file is damaged.
     """
-    from labeling.io.formats.checked_json import read_json
-
-    def one(name: str) -> dict[str, Any] | None:
-        return dict(read_json(results / name).mapping()) if (results / name).is_file() else None
 
     def several(pattern: str) -> dict[str, dict[str, Any]]:
-        first = len(pattern.partition("*")[0])
-        return {path.stem[first:]: dict(read_json(path).mapping()) for path in sorted(results.glob(pattern))}
+        first = pattern.index("*")
+        return {path.stem[first:]: read_result(path) or {} for path in sorted(results.glob(pattern))}
 
-    found = Figures(one(EVALUATION), one(TEACHING), one(ABLATION), several(TRAINING), several(WAYS))
-    if found == Figures(None, None, None, {}, {}):
+    evaluation, teaching, ablation = (read_result(results / name) for name in (EVALUATION, TEACHING, ABLATION))
+    found = Results(evaluation, teaching, ablation, several(TRAINING), several(WAYS))
+    if not any(vars(found).values()):
         raise SbmError(
             f"{results}: no {EVALUATION}, {TEACHING}, {ABLATION} or {TRAINING}; python -m experiments.run "
             "policy_evaluation makes the first"
@@ -100,42 +98,147 @@ def read_figures(results: Path) -> Figures:
     return found
 
 
-def page(figures: Figures) -> str:
+def page(results: Results) -> str:
     """The text of the page."""
-    from experiments.pages import policies_sections as sections
+    return render(
+        "policies-results.md.jinja",
+        evaluation=_with_worlds(results.evaluation, _compared),
+        teaching=_with_worlds(results.teaching, _taught),
+        ways=results.ways,
+        training=_training(results.training) if results.training else None,
+        ablation=_with_worlds(results.ablation, lambda world, base: {"earned": _earned(world)}),
+        splits=SPLITS,
+        files=PICTURES,
+    )
 
-    parts = [
-        "# What policies earn",
-        "Written by `python -m experiments.policies_page` from `experiments/results/`; do not edit by hand. What the "
-        "policies do, how to train and to compare them: [policies](policies.md).",
-        "## Against each other",
+
+def _with_worlds(
+    content: Mapping[str, Any] | None, section: Callable[[Mapping[str, Any], str], dict[str, Any]]
+) -> dict[str, Any] | None:
+    """Results with what the page tells of each world, and the settings that all worlds share."""
+    if content is None:
+        return None
+    base, worlds = content["compared_with"], content["worlds"]
+    sections = [{**world, "name": name, **section(world, base)} for name, world in worlds.items()]
+    return {**content, "worlds": sections, "settings": next(iter(worlds.values())).get("settings")}
+
+
+# Comparison ----------------------------------------------------------------------------------------------------------
+
+
+def _compared(world: Mapping[str, Any], base: str) -> dict[str, Any]:
+    labelled = {policy: found for policy, found in world["policies"].items() if found["labels"] is not None}
+    views, early = max(labelled[base]["labels"], key=int), labelled[base]["early"]
+    if early is not None:
+        rows = [
+            [
+                f"`{policy}`",
+                *(interval(found["early"]["difference"][name], factor) for name, (_, factor) in EARLY.items()),
+            ]
+            for policy, found in labelled.items()
+        ]
+        early = {**early, "table": table(["", *(heading for heading, _ in EARLY.values())], rows)}
+    labels = figures_table(LABELLED, {policy: found["labels"][views] for policy, found in labelled.items()})
+    return {"earned": _earned(world), "labels": labels, "views": views, "early": early}
+
+
+def _earned(world: Mapping[str, Any]) -> str:
+    return figures_table(EARNED, {policy: found["figures"] for policy, found in world["policies"].items()})
+
+
+def figures_table(headings: Mapping[str, tuple[str, float]], policies: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table of figures with their deviation, one row for each policy; bold where the difference is beyond chance.
+
+    Args:
+        headings: by figure, its heading and what it is multiplied with.
+        policies: by policy its figures, as ``agents.evaluation`` sums them up.
+    """
+    rows = [
+        [f"`{policy}`", *(cell(figures.get(name), factor) for name, (_, factor) in headings.items())]
+        for policy, figures in policies.items()
     ]
-    if figures.evaluation is None:
-        parts.append(_missing("No comparison", "python -m experiments.run policy_evaluation"))
-    else:
-        parts += sections.evaluation(figures.evaluation, f"{PICTURES}/{LABELS_PICTURE}")
-    parts.append("## What detectors learn from their labels")
-    if figures.teaching is None:
-        parts.append(_missing("No detector", "python -m experiments.run policies", "has been taught"))
-    else:
-        parts += sections.teaching(figures.teaching)
-    parts.append("## How they look around")
-    if figures.ways:
-        parts += sections.ways(figures.ways, PICTURES)
-    else:
-        parts.append(_missing("No episode", "python -m experiments.policy_pictures", "has been drawn"))
-    parts.append("## Learning")
-    if figures.training:
-        parts += sections.training(figures.training, f"{PICTURES}/{LEARNING_PICTURE}")
-    else:
-        parts.append(_missing("No trained policy", "python -m experiments.ship_policy RUN", "has been shipped"))
-    parts.append("## What each half of the reward is worth")
-    if figures.ablation is None:
-        parts.append(_missing("No ablation of the reward", "python -m experiments.run reward_ablation"))
-    else:
-        parts += sections.ablation(figures.ablation, f"{PICTURES}/{ABLATION_PICTURE}")
-    return "\n\n".join(parts) + "\n"
+    return table(["", *(heading for heading, _ in headings.values())], rows)
 
 
-def _missing(what: str, command: str, happened: str = "has been made") -> str:
-    return f"{what} {happened} yet; `{command}` does it."
+def cell(figure: Mapping[str, Any] | None, factor: float = 1) -> str:
+    """Mean and deviation of a figure; bold where the interval of its difference excludes 0.
+
+    Args:
+        figure: as ``agents.evaluation`` sums it up.
+        factor: to multiply it with.
+    """
+    if figure is None or figure["mean"] is None:
+        return "-"
+    digits = 1 if factor == PERCENT else 2
+    mean, std = f"{factor * figure['mean']:.{digits}f}", figure["std"]
+    difference = figure.get("difference")
+    if difference is not None and beyond_chance(difference):
+        mean = f"**{mean}**"
+    return mean if std is None else f"{mean} ± {factor * std:.{digits}f}"
+
+
+def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
+    """A difference with its interval; bold where this excludes 0."""
+    if difference is None:
+        return "-"
+    digits = 1 if factor == PERCENT else 2
+    mean = f"{factor * difference['mean']:+.{digits}f}"
+    if difference["low"] is None:
+        return mean
+    low, high = (f"{factor * difference[name]:+.{digits}f}" for name in ("low", "high"))
+    return f"{f'**{mean}**' if beyond_chance(dict(difference)) else mean} [{low}, {high}]"
+
+
+# What detectors learn ------------------------------------------------------------------------------------------------
+
+
+def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
+    """Rows: the detector before, and after the labels of each policy."""
+    parts = (("validation", "mask_ap50"), ("validation", "mask_ap30"), ("photographs", "mask_ap50"))
+    columns = {}
+    for policy in dict.fromkeys(one["policy"] for one in world["runs"]):
+        runs = [one for one in world["runs"] if one["policy"] == policy]
+        labels = [one["pseudo_labels"]["mask_ap50"] for one in world["labels"] if one["policy"] == policy]
+        columns[policy] = [labels, *([run[part][figure] for run in runs] for part, figure in parts)]
+    rows = [["before", "-", *(points(world["before"][part][figure]) for part, figure in parts)]]
+    for policy, found in columns.items():
+        cells = [_beside(ours, theirs) for ours, theirs in zip(found, columns[base], strict=True)]
+        rows.append([f"after labels of `{policy}`", *cells])
+    return {"rows": rows, "episodes": world["pools"][f"{next(iter(columns))}_learn"]["episodes"]}
+
+
+def _beside(ours: Sequence[float], base: Sequence[float]) -> str:
+    """Mean and deviation over seeds in points; bold where every seed, of three or more, says the same."""
+    text = mean_std([PERCENT * value for value in ours])
+    if len(ours) >= 3 and abs(sum(np.sign(np.subtract(ours, base)))) == len(ours):
+        mean, _, rest = text.partition(" ")
+        return f"**{mean}** {rest}"
+    return text
+
+
+# Training ------------------------------------------------------------------------------------------------------------
+
+
+def _training(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """How the shipped policies were trained, by env."""
+    references = list(dict.fromkeys(name for content in contents.values() for name in content["references"]))
+    rows = []
+    for env, content in contents.items():
+        first, best, settings = content["validations"][0], content["best"], content["settings"]
+        known = [content["references"].get(name) for name in references]
+        rows.append(
+            [
+                env,
+                f"{content['rollouts'][-1]['at']:.0f}",
+                f"{first['return']:.2f}" if first["at"] == 0 else "-",
+                f"{best['return']:.2f}, {best['at']:.0f}",
+                f"{content['checkpoint']['steps']}",
+                *("-" if figures is None else f"{figures['return']:.2f}" for figures in known),
+                str(settings["eval_episodes"]),
+                f"`{settings['detector']}`",
+            ]
+        )
+    headings = ["", "steps", "validation return before", "best, at step", "shipped, at step"]
+    headings += [*(f"`{name}`" for name in references), "episodes", "detector"]
+    commands = {env: content["command"] for env, content in contents.items()}
+    return {"table": table(headings, rows), "commands": commands}

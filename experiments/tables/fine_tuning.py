@@ -157,6 +157,6 @@ def report(results: Path, docs: Path) -> list[Path]:
     Returns:
         The files written.
     """
-    from experiments.pages.fine_tuning_page import write_page
+    from experiments.pages.fine_tuning import write_page
 
     return write_page(results, docs)

@@ -11,7 +11,7 @@ import pytest
 from experiments import bench
 from experiments.benchmarks import label_stages
 from experiments.benchmarks.rows import Row, as_json, row_of, table
-from experiments.pages.label_report import speed_section
+from experiments.pages.label_generator import page
 
 
 def fake_rows(quick, say):
@@ -86,12 +86,11 @@ def test_label_bench_measures_every_promise(tmp_path):
 
 
 def test_rows_survive_being_written_and_stand_on_the_page():
-
     rows = [Row("one", "limit", 0.5, None, "< 1 s", True, "fast"), Row("two", "rival", 0.002, 0.01, "6x", False)]
     assert [row_of(json.loads(json.dumps(as_json(row)))) for row in rows] == rows
-    table = speed_section(rows, {"cpus": 2}, "picture.png")[1].splitlines()[2:]
-    assert table[0] == "| one | 500.0 ms | limit |  |  | < 1 s | holds; fast |"
-    assert table[1] == "| two | 2.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |"
+    text = page(speed={"machine": {"cpus": 2}, "rows": [as_json(row) for row in rows]})
+    assert "| one | 500.0 ms | limit |  |  | < 1 s | holds; fast |\n" in text
+    assert "| two | 2.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |\n" in text
 
 
 def test_every_timed_stage_is_a_function_that_exists():

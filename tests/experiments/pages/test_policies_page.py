@@ -7,15 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.pages.policies import PAGE, page, read_figures, write_page
-from experiments.pages.policies_sections import cell, interval
+from experiments.pages.policies import PAGE, cell, interval, page, read_results, write_page
 from experiments.policies_page import main
 from labeling.core.errors import SbmError
 
 from . import made_up_policies as made_up
 
-ROOT = Path(__file__).resolve().parents[3]
-RESULTS, DOCS = ROOT / "experiments" / "results", ROOT / "docs"
 FILES = {
     "policy_evaluation.json": made_up.evaluation,
     "policies.json": made_up.teaching,
@@ -46,7 +43,7 @@ def tables(text: str, section: str) -> list[dict[str, dict[str, str]]]:
 
 
 def test_every_figure_of_the_comparison_stands_in_its_cell(tmp_path: Path) -> None:
-    text = page(read_figures(write(tmp_path)))
+    text = page(read_results(write(tmp_path)))
     headings = ("return", "discovery", "diversity", "objects", "sectors seen", "collisions", "path (m)")
     labelled = {"AP50 pooled": "pooled_ap50", "AP50 an episode": "ap50", "right labels": "right"}
     for name, world in made_up.evaluation()["worlds"].items():
@@ -71,14 +68,14 @@ def test_every_figure_of_the_comparison_stands_in_its_cell(tmp_path: Path) -> No
 
 
 def test_the_page_says_who_is_left_out_and_where_weights_come_from(tmp_path: Path) -> None:
-    text = page(read_figures(write(tmp_path)))
+    text = page(read_results(write(tmp_path)))
     assert "`ppo` is left out: there is none for streets." in text
     assert "4321 steps, seed 7: `python -m agents.train --seed 7`" in text
     assert "20 episodes x 2 seeds" in text
 
 
 def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path) -> None:
-    text = page(read_figures(write(tmp_path)))
+    text = page(read_results(write(tmp_path)))
     ((row,),) = [list(table.values()) for table in tables(text, "Learning")]
     assert row["steps"] == "1000"
     assert row["validation return before"] == "1.11"
@@ -97,7 +94,7 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
 
 
 def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> None:
-    content, text = made_up.teaching(), page(read_figures(write(tmp_path)))
+    content, text = made_up.teaching(), page(read_results(write(tmp_path)))
     for name, world in content["worlds"].items():
         (table,) = tables(text, f"{name.capitalize()}: detectors")
         assert table["before"]["AP50"] == f"{100 * world['before']['validation']['mask_ap50']:.1f}"
@@ -110,7 +107,7 @@ def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> 
 
 
 def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:
-    text = page(read_figures(write(tmp_path)))
+    text = page(read_results(write(tmp_path)))
     assert "`ring` 6.5 (2 objects from 12 sides), `ppo` 7.5 (1 object from 9 sides)" in text
     assert "(pictures/ways.png)" in text
     assert "(pictures/film.gif)" in text
@@ -132,13 +129,13 @@ def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_missing_is_one_sentence_with_its_command(there: str, missing: list[str], tmp_path: Path) -> None:
-    text = page(read_figures(write(tmp_path, there)))
+    text = page(read_results(write(tmp_path, there)))
     assert re.findall(r"^No .* yet; `python -m experiments\.(.*)` does it\.$", text, re.MULTILINE) == missing
 
 
 def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SbmError, match="run policy_evaluation"):
-        read_figures(tmp_path)
+        read_results(tmp_path)
     assert main(["--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "docs").exists()
@@ -164,10 +161,3 @@ def test_spread_and_bold_follow_the_figure() -> None:
     assert cell({"mean": None, "std": None, "difference": None}) == cell(None) == interval(None) == "-"
     assert interval({"mean": -1.0, "low": -2.0, "high": -0.5, "episodes": 9}) == "**-1.00** [-2.00, -0.50]"
     assert interval({"mean": -1.0, "low": None, "high": None, "episodes": 2}) == "-1.00"
-
-
-def test_the_committed_page_is_that_of_the_committed_figures() -> None:
-    text = page(read_figures(RESULTS))
-    assert (DOCS / PAGE).read_text() == text
-    for picture in re.findall(r"\]\((pictures/[^)]*)\)", text):
-        assert (DOCS / picture).is_file(), picture

@@ -10,23 +10,12 @@ import pytest
 
 from experiments.figures.result_values import gap_share, gap_shares, thesis_gap_share, values
 from experiments.figures.thesis_values import MEANS, PER_CLASS, ROOM_CATEGORIES, of_category
-from experiments.pages.boxes_section import read_boxes
-from experiments.pages.results import (
-    PAGE,
-    above_sentence,
-    gap_sentences,
-    loop_sentences,
-    page,
-    read_pairs,
-    read_results,
-    section,
-    write_page,
-)
+from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results, write_page
 from experiments.results_page import main
 from labeling.core.errors import SbmError
 
 ROOT = Path(__file__).resolve().parents[3]
-RESULTS, DOCS = ROOT / "experiments" / "results", ROOT / "docs"
+RESULTS = ROOT / "experiments" / "results"
 CATEGORIES = ("bed", "tv", "lamp")
 
 
@@ -77,7 +66,7 @@ def cells(text: str, row: str) -> list[list[str]]:
 
 def test_every_figure_stands_in_its_cell_beside_the_thesis() -> None:
     content = table()
-    text = "\n\n".join(section("table_5_3", content))
+    text = page({"table_5_3": content})
     for row in content["rows"]:
         means, categories = cells(text, row["name"])
         ap50, ap30 = ([100 * one[f"mask_{figure}"] for one in row["runs"]] for figure in ("ap50", "ap30"))
@@ -95,10 +84,10 @@ def test_every_figure_stands_in_its_cell_beside_the_thesis() -> None:
 
 def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:
     assert gap_share(table(), GAP) == pytest.approx(0.25)
-    text = "\n".join(section("table_5_3", table()))
+    text = page({"table_5_3": table()})
     assert "**0.25** (thesis: 0.13). By seed: 0.25, 0.25, 0.25." in text
     assert gap_share(table(ceiling=0.1), GAP) is None
-    assert gap_sentences("table_5_3", {**table(), "gaps": []}) == []
+    assert "Share of the gap" not in page({"table_5_3": {**table(), "gaps": []}})
 
 
 def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
@@ -108,16 +97,17 @@ def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
         before[place]["mask_ap50"], ours[place]["mask_ap50"], ceiling[place]["mask_ap50"] = low, our, high
     assert gap_share(content, GAP) == pytest.approx(0.1 / 0.3)
     assert gap_shares(content, GAP) == [pytest.approx(0.25), None, pytest.approx(1 / 6)]
-    assert "By seed: 0.25, no gap, 0.17." in "\n".join(section("table_5_3", content))
+    assert "By seed: 0.25, no gap, 0.17." in page({"table_5_3": content})
 
 
 def test_rows_are_above_others_only_where_their_means_are_and_instances_enough() -> None:
     content = table()
-    sentence = above_sentence(content, "SbM fine-tuned", "pre-trained")
-    assert sentence == "SbM fine-tuned are above pre-trained on 1 of 1 categories with 10 instances or more."
-    sentence = above_sentence(content, "pre-trained", "pre-trained")
-    assert sentence.endswith("on 0 of 1 categories with 10 instances or more (not on bed).")
-    assert sentence in section("table_5_3", {**content, "above": [["pre-trained", "pre-trained"]]})
+    assert compare_categories(content, "SbM fine-tuned", "pre-trained")["not_above"] == []
+    assert compare_categories(content, "pre-trained", "pre-trained")["not_above"] == ["bed"]
+    pairs = [["SbM fine-tuned", "pre-trained"], ["pre-trained", "pre-trained"]]
+    text = page({"table_5_3": {**content, "above": pairs}})
+    assert "\nSbM fine-tuned are above pre-trained on 1 of 1 categories with 10 instances or more.\n" in text
+    assert " are above pre-trained on 0 of 1 categories with 10 instances or more (not on bed).\n" in text
 
 
 def test_the_thesis_figures_are_as_the_design_notes_sum_them_up() -> None:
@@ -142,18 +132,25 @@ def test_what_has_not_been_run_is_said_with_its_command() -> None:
 def test_a_loop_tells_how_far_it_rises() -> None:
     tests = [[0.50, 0.52], [0.56, 0.54], [0.53, 0.55]]  # means: 51, 55, 54
     content = {
-        "size": {"rounds": 4},
-        "before": {"mask_ap50": 0.48, "photographs_ap50": 0.60},
+        "description": "rooms: rounds",
+        "scale": "quick",
+        "policy": "ppo",
+        "split": "endless",
+        "episodes_per_scene": 3,
+        "size": {"rounds": 4, "learn": 12},
+        "settings": {"train": {"iterations": 90, "batch_size": 8, "learning_rate": 3e-4}},
+        "test": {"episodes": 40},
+        "before": {"mask_ap50": 0.48, "mask_ap30": 0.58, "photographs_ap50": 0.60},
         "loops": [
-            {"rounds": [{"test": {"mask_ap50": one[seed], "photographs_ap50": 0.59}} for one in tests]}
+            {"stopped": None, "rounds": [{"test": {"mask_ap50": one[seed], "photographs_ap50": 0.59}} for one in tests]}
             for seed in range(2)
         ],
     }
-    (sentence,) = loop_sentences(content)
-    assert "rises in 2 of 3 rounds, and ends **+3.0** points" in sentence
-    assert "(+6.0 from the pre-trained one)" in sentence
-    assert "on photographs it ends -1.0 points" in sentence
-    assert loop_sentences({**content, "loops": []}) == []
+    text = page({"never_ending": content})
+    assert "rises in 2 of 3 rounds, and ends **+3.0** points" in text
+    assert "(+6.0 from the pre-trained one)" in text
+    assert "on photographs it ends -1.0 points" in text
+    assert loop_trend({**content, "loops": []}) is None
 
 
 def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,7 +179,8 @@ def test_views_before_and_after_are_named_with_their_picture(tmp_path: Path) -> 
         "all_views": {"gained": 51, "same": 42, "lost": 7},
     }
     (tmp_path / "before_after_streets.json").write_text(json.dumps(record))
-    text = page({"table_5_3": table()}, read_pairs(tmp_path))
+    (tmp_path / "table_5_3.json").write_text(json.dumps(table()))
+    text = page(read_results(tmp_path))
     assert "Before and after: streets" in text
     assert "fine-tuned on shared SbM labels (seed 3" in text
     assert "51 gained, 42 stayed and 7 lost" in text
@@ -201,15 +199,6 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
     assert "Scale `full`" in text
     assert "Fine-tuned on at most 90 batches of 8 at a learning rate of 0.0003." in text
     assert cells(text, "SbM fine-tuned")[0][:2] == ["unseen test scenes", "30.1 ± 0.1"]
-
-
-def test_the_committed_page_is_that_of_the_committed_figures() -> None:
-    try:
-        contents = read_results(RESULTS)
-    except SbmError:
-        assert not (DOCS / PAGE).exists()
-        return
-    assert (DOCS / PAGE).read_text(encoding="utf-8") == page(contents, read_pairs(RESULTS), read_boxes(RESULTS))
 
 
 def test_the_gains_in_the_readme_are_those_of_the_presets() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.pages.fine_tuning_page import gap_closed
+from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
 from experiments.tables.fine_tuning import SIZES

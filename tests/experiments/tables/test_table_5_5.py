@@ -12,8 +12,8 @@ import experiments.cache.episode_pool
 from experiments import box_pictures, run
 from experiments.cache.box_targets import box_targets, heading_apart_deg
 from experiments.cache.worlds import WORLDS
-from experiments.figures.boxes import boxes_on_view, edges_in_view
-from experiments.pages import boxes_section
+from experiments.figures.boxes_on_views import boxes_on_view, edges_in_view
+from experiments.pages.boxes import PICTURE
 from experiments.pages.results import page
 from experiments.tables import table_5_5
 from experiments.tables.fine_tuning import SIZES, Size
@@ -68,7 +68,7 @@ def test_the_table_runs_resumes_and_reports(
     assert {pool.split for pool in boxed_rooms if pool.name.endswith("_wide")} == {"wide"}
     text = (tmp_path / "docs" / "results.md").read_text()
     assert "## Table 5.5: boxes in three dimensions" in text
-    assert (tmp_path / "docs" / "pictures" / boxes_section.PICTURE).stat().st_size > 1000
+    assert (tmp_path / "docs" / "pictures" / PICTURE).stat().st_size > 1000
     monkeypatch.setattr(training, "_epoch", None)  # a second run has nothing left to do
     assert run.main(arguments) == 0
     assert json.loads((tmp_path / "results" / "table_5_5.json").read_text())["worlds"] == content["worlds"]
@@ -119,7 +119,7 @@ def test_the_section_tells_shares_and_leads() -> None:
             }
         },
     }
-    text = page({}, None, boxes_section.Boxes(content, ("streets",)))
+    text = page({"table_5_5": content, "boxes_streets": {}})
     assert "reaches **0.90** of supervised at .25 (thesis: 0.76)" in text
     assert "lies **+23.0** points from the better LDLS (thesis: +20.4)" in text
     assert "| SbM F-PointNet | true ones | 63.0 ± 0.0 | - |" in text

@@ -40,11 +40,9 @@ def draw(panels: Sequence[tuple[Episode, int, dict[str, list[Detection3d]], list
         panels: episode, view, boxes by detector, true boxes.
         path: PNG to write.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
+    from experiments.figures.style import save
     from labeling.io.formats.atomic import atomic_file
 
     names = list(panels[0][2])
@@ -70,8 +68,7 @@ def draw(panels: Sequence[tuple[Episode, int, dict[str, list[Detection3d]], list
                 above.set_title("from above", fontsize=9)
             _from_above(above, episode, view, boxes, truths)
     with atomic_file(path) as temporary:
-        figure.savefig(temporary, format="png")
-    plt.close(figure)
+        save(figure, temporary)
 
 
 def boxes_on_view(

@@ -4,29 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 
 from experiments.figures.result_values import loop_values, values
+from experiments.figures.style import BLUE, GREEN, GREY, PALETTE, bar_with_seeds, save, tidy
 
-matplotlib.use("Agg")
-
-COLOURS = (
-    "#8a94a0",
-    "#137a3e",
-    "#2f5fb3",
-    "#c26a12",
-    "#7a3e9d",
-    "#b3372f",
-    "#2a9d9d",
-    "#c9a227",
-    "#e58fb0",
-    "#5b4a3f",
-    "#9acd58",
-    "#1f2d3d",
-)
-"""Of rows; as many as the table with most of them has, and some more."""
 LEGEND_IN = 3.4
 """Room beside the bars for the names of rows, inches."""
 
@@ -44,24 +27,16 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
     figure, axes = plt.subplots(figsize=(bars_in + LEGEND_IN, 3.4), dpi=110, layout="constrained")
     width = 0.8 / len(content["rows"])
     for number, row in enumerate(content["rows"]):
-        places = np.arange(len(groups)) + (number - (len(content["rows"]) - 1) / 2) * width
-        found = [values(row, "ap50", category) for category in groups]
-        axes.bar(
-            places,
-            [float(np.mean(one)) if one else 0.0 for one in found],
-            width,
-            color=COLOURS[number % len(COLOURS)],
-            label=row["name"],
-        )
-        for place, one in zip(places, found, strict=True):
-            axes.plot([place] * len(one), one, ".", color="black", markersize=2.5)
+        colour, offset = PALETTE[number % len(PALETTE)], (number - (len(content["rows"]) - 1) / 2) * width
+        for place, category in enumerate(groups):
+            name = row["name"] if place == 0 else None
+            bar_with_seeds(axes, place + offset, values(row, "ap50", category), width, colour, name)
     axes.set_xticks(range(len(groups)), ["all", *categories])
     axes.set_ylabel("AP50")
     axes.set_ylim(0, 100)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, grid=False)
     figure.legend(fontsize=8, frameon=False, loc="outside right upper")
-    figure.savefig(path, format="png")
-    plt.close(figure)
+    save(figure, path)
 
 
 CURVES = {
@@ -88,14 +63,41 @@ def draw_loop(content: Mapping[str, Any], path: Path) -> None:
         if name in before:
             found = {0: [before[name]], **found}
         found = {one: points for one, points in found.items() if points}
-        rounds, colour = list(found), COLOURS[number]
+        rounds, colour = list(found), PALETTE[number]
         axes.plot(rounds, [np.mean(one) for one in found.values()], "o-", color=colour, label=name)
         low, high = ([pick(one) for one in found.values()] for pick in (min, max))
         axes.fill_between(rounds, low, high, color=colour, alpha=0.15, linewidth=0)
     axes.set_xticks(range(content["size"]["rounds"] + 1))
     axes.set_xlabel("round")
     axes.set_ylabel("AP50")
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, grid=False)
     figure.legend(fontsize=8, frameon=False, ncols=3, loc="outside upper center")
-    figure.savefig(path, format="png")
-    plt.close(figure)
+    save(figure, path)
+
+
+BOX_COLOURS = (GREY, "#b9c0c8", GREEN, BLUE)
+
+
+def draw_boxes_3d(content: Mapping[str, Any], mask_sources: Mapping[str, str], path: Path) -> None:
+    """AP25 of 3-D boxes by world and by where 2-D detections come from, one bar for each row.
+
+    Args:
+        content: of ``table_5_5.json``.
+        mask_sources: where 2-D detections come from, and what that is called.
+        path: PNG to write.
+    """
+    groups = [(world, source) for world in content["worlds"] for source in mask_sources]
+    figure, axes = plt.subplots(figsize=(8.0, 3.4), dpi=110, layout="constrained")
+    for place, (world, source) in enumerate(groups):
+        rows = [row for row in content["worlds"][world]["rows"] if row["boxes"] == source]
+        for number, row in enumerate(rows):
+            x, label = place + (number - (len(rows) - 1) / 2) * 0.2, row["name"] if place == 0 else None
+            found = [100.0 * run["ap25"] for run in row["runs"] if run["ap25"] is not None]
+            bar_with_seeds(axes, x, found, 0.2, BOX_COLOURS[number], label)
+    names = [f"{world},\n2-D boxes {mask_sources[source]}" for world, source in groups]
+    axes.set_xticks(range(len(groups)), names, fontsize=8)
+    axes.set_ylabel("AP of 3-D boxes at .25")
+    axes.set_ylim(0, 100)
+    tidy(axes, grid=False)
+    axes.legend(fontsize=8, frameon=False, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.15))
+    save(figure, path)

@@ -3,20 +3,18 @@
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib import pyplot as plt
 
+from experiments.figures.style import GREEN, GREY, GRID, INK, save, tidy
 from labeling.metrics.bootstrap import beyond_chance
 
-matplotlib.use("Agg")
-
-DPI = 100
 ROW_IN = 0.235
-BETTER, WORSE, UNSURE = "#137a3e", "#b42318", "#8a94a0"
+COLOURS = {1: GREEN, -1: "#b42318", 0: GREY}
+"""Of variants that are better, worse, and neither beyond chance."""
 PANELS = {"mean_iou": "mean IoU", "mask_ap50": "AP50"}
 
 
-def draw_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
+def draw_label_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
     """Draws differences from the default, one row a variant.
 
     Args:
@@ -30,29 +28,29 @@ def draw_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
             rows.append((factor["title"], None))
             rows += [(one["name"], one["results"][pool]["difference"]) for one in factor["variants"]]
     figure, panels = plt.subplots(
-        1, len(PANELS), sharey=True, figsize=(10, 1.0 + ROW_IN * len(rows)), dpi=DPI, squeeze=False
+        1, len(PANELS), sharey=True, figsize=(10, 1.0 + ROW_IN * len(rows)), dpi=100, squeeze=False
     )
     for axes, (key, title) in zip(panels[0], PANELS.items(), strict=True):
         for place, (_, differences) in enumerate(rows):
             difference = None if differences is None else differences[key]
             if difference is not None:
-                colour = {1: BETTER, -1: WORSE, 0: UNSURE}[beyond_chance(difference)]
+                colour = COLOURS[beyond_chance(difference)]
                 if difference["low"] is not None:
                     ends = [100 * difference["low"], 100 * difference["high"]]
                     axes.plot(ends, [place, place], color=colour, lw=2.2, solid_capstyle="round")
                 axes.plot([100 * difference["mean"]], [place], "o", color=colour, ms=5)
-        axes.axvline(0, color="#1f2328", lw=0.8)
+        axes.axvline(0, color=INK, lw=0.8)
         # Large losses are few, and would press all the others into a line: beyond 20 points a linear scale gives way.
         axes.set_xscale("symlog", linthresh=5, linscale=1.5)
         ticks = [-50, -20, -10, -5, -2, 0, 2, 5]
         axes.set_xticks(ticks, [f"{tick:+d}" if tick else "0" for tick in ticks])
         axes.minorticks_off()
         axes.set_title(f"{title}: points above the default", fontsize=9.5)
-        axes.grid(axis="x", color="#d8dee4", lw=0.6)
+        axes.grid(axis="x", color=GRID, lw=0.6)
         axes.tick_params(axis="x", labelsize=8)
         axes.set_axisbelow(True)
-        for side in ("top", "right", "left"):
-            axes.spines[side].set_visible(False)
+        axes.spines["left"].set_visible(False)
+        tidy(axes, grid=False)
     first = panels[0][0]
     first.set_yticks(range(len(rows)), [name for name, _ in rows], fontsize=8)
     for text, (_, differences) in zip(first.get_yticklabels(), rows, strict=True):
@@ -61,5 +59,4 @@ def draw_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
     first.tick_params(axis="y", length=0)
     panels[0][-1].tick_params(axis="y", length=0)
     figure.tight_layout()
-    figure.savefig(path, format="png", metadata={"Software": None})
-    plt.close(figure)
+    save(figure, path)

@@ -4,26 +4,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-matplotlib.use("Agg")
+from experiments.figures.style import BLUE, GREEN, GREY, INK, save, seed_dots, tidy
 
 COLOURS = {
-    "ring": "#2f5fb3",
+    "ring": BLUE,
     "ppo": "#c2410c",
-    "next_best_view": "#137a3e",
-    "random": "#8a94a0",
+    "next_best_view": GREEN,
+    "random": GREY,
     "spin": "#9467bd",
     "frontier": "#17becf",
 }
-INK, GRID = "#1f2328", "#d8dee4"
 LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("right labels an episode", 1)}
 """Title and factor by figure."""
 ABLATION_PANELS = ("return", "discovery", "diversity")
-ABLATION_COLOURS = {"both": "#c2410c", "discovery": "#e39a6f", "diversity": "#137a3e", "neither": "#8a94a0"}
+ABLATION_COLOURS = {"both": "#c2410c", "discovery": "#e39a6f", "diversity": GREEN, "neither": GREY}
 
 
 def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None:
@@ -44,19 +42,19 @@ def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None
         axes.set_title(env, fontsize=10)
         axes.set_xlabel("steps", fontsize=9)
         axes.set_xlim(left=0)
-        _tidy(axes)
+        _small(axes)
     panels[0][0].set_ylabel("return of an episode", fontsize=9)
     handles = dict(zip(*reversed(panels[0][0].get_legend_handles_labels()), strict=True))
     figure.legend(handles.values(), handles.keys(), frameon=False, fontsize=8, ncols=len(handles), loc="upper center")
     figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
-    _save(figure, path)
+    save(figure, path)
 
 
 def _curve(points: list[dict[str, float]]) -> tuple[list[float], list[float]]:
     return [point["at"] for point in points], [point["return"] for point in points]
 
 
-def draw_labels(worlds: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+def draw_labels_by_views(worlds: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Draws how good labels are against views spent, a row for each world; bands are one standard deviation over seeds.
 
     Args:
@@ -76,14 +74,14 @@ def draw_labels(worlds: Mapping[str, Mapping[str, Any]], path: Path) -> None:
             axes.set_xlabel("views spent", fontsize=9)
             axes.set_xlim(left=0)
             axes.set_ylim(bottom=0)
-            _tidy(axes)
+            _small(axes)
     # A world may lack a policy, so the legend has those of all.
     found = {
         name: handle for axes in panels.flat for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     figure.tight_layout(rect=(0, 0.06 if len(worlds) > 1 else 0.1, 1, 1))
     figure.legend(list(found.values()), list(found), loc="lower center", ncols=len(found), frameon=False, fontsize=9)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _band(axes: Axes, labels: Mapping[str, Any], name: str, factor: float, policy: str) -> None:
@@ -98,7 +96,7 @@ def _band(axes: Axes, labels: Mapping[str, Any], name: str, factor: float, polic
         axes.fill_between(views, means - spread, means + spread, color=colour, alpha=0.16, lw=0)
 
 
-def draw_ablation(content: Mapping[str, Any], path: Path) -> None:
+def draw_reward_ablation(content: Mapping[str, Any], path: Path) -> None:
     """Draws figures by what a planner values, a row for each world: bars for means, dots for seeds; others are dashed.
 
     Args:
@@ -120,26 +118,17 @@ def draw_ablation(content: Mapping[str, Any], path: Path) -> None:
                     continue
                 goal = goal or "both"
                 axes.bar(len(ticks), figures["mean"], 0.72, color=ABLATION_COLOURS[goal])
-                seeds = figures["per_seed"]
-                if len(seeds) > 1:
-                    axes.plot(np.full(len(seeds), len(ticks)), seeds, "o", color=INK, ms=3, alpha=0.7)
+                seed_dots(axes, len(ticks), figures["per_seed"])
                 ticks.append(goal)
             axes.set_xticks(range(len(ticks)), ticks, fontsize=8)
             axes.set_title(f"{world}: {name}", fontsize=9.5)
-            _tidy(axes)
+            _small(axes)
     figure.tight_layout(rect=(0, 0.05, 1, 1))
     handles, names = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, names, loc="lower center", ncols=max(1, len(names)), frameon=False, fontsize=8)
-    _save(figure, path)
+    save(figure, path)
 
 
-def _tidy(axes: Axes) -> None:
-    axes.grid(axis="y", color=GRID, lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+def _small(axes: Axes) -> None:
+    tidy(axes)
     axes.tick_params(labelsize=8)
-
-
-def _save(figure: Any, path: Path) -> None:
-    figure.savefig(path, format="png")
-    plt.close(figure)

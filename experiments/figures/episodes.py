@@ -5,13 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import matplotlib
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from experiments.figures.style import save
 from labeling.core.episode import Episode
 from labeling.core.geometry import splat
 from labeling.core.masks import mask_iou
@@ -20,8 +19,6 @@ from labeling.generator.cloud.object_scale import voxel_edge_m
 from labeling.generator.objects.seeds import mask_trimap
 from labeling.generator.propagate import EpisodeLabels, propagate
 from labeling.generator.settings.label_config import LabelConfig
-
-matplotlib.use("Agg")
 
 COLOURS = np.array(plt.get_cmap("tab10").colors)
 DPI = 100
@@ -46,7 +43,7 @@ def draw_episode(episodes: Sequence[Episode], path: Path) -> None:
         _show(axes, _outlined(episode.rgb[view], [d.mask for d in confident]))
         names = ", ".join(f"{d.category} {d.confidence:.2f}" for d in confident) or "not confident"
         axes.set_title(f"view {view + 1}: {names}", fontsize=7.5, pad=3)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_label_steps(episodes: Sequence[Episode], path: Path) -> None:
@@ -74,7 +71,7 @@ def draw_label_steps(episodes: Sequence[Episode], path: Path) -> None:
         _show(axis, picture)
         axis.set_title(title, fontsize=8, pad=3)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.9, bottom=0.01, wspace=0.03)
-    _save(figure, path)
+    save(figure, path)
 
 
 def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
@@ -105,7 +102,7 @@ def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
             _show(axes[row, column], named(episode.rgb[view], items, truth))
             axes[row, column].set_title(name, fontsize=9, pad=3)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.975, bottom=0.005, wspace=0.02, hspace=0.08)
-    _save(figure, path)
+    save(figure, path)
 
 
 # Parts ---------------------------------------------------------------------------------------------------------------
@@ -270,8 +267,3 @@ def _tinted(
 def _show(axes: Axes, picture: UInt8[np.ndarray, "h w 3"]) -> None:
     axes.imshow(picture)
     axes.axis("off")
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, format="png")
-    plt.close(figure)

@@ -1,0 +1,108 @@
+"""Table 5.5 on the page of results: 3-D boxes, in streets as in the thesis, and in rooms."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from experiments.figures.thesis_values import BOXES_3D
+from experiments.pages.markdown import mean_std, table
+
+PICTURE = "results_table_5_5.png"
+MASK_SOURCES = {"recorded": "of the pre-trained detector", "told": "true ones"}
+"""Where the 2-D detections come from that are lifted, as results name it and as the page does."""
+TARGETS = {
+    "objects": "{:.0f}",
+    "iou": "{:.2f}",
+    "single_view_iou": "{:.2f}",
+    "reach_half": "{:.0%}",
+    "heading_apart_deg": "{:.0f}°",
+}
+"""How the figures of box targets are written."""
+
+
+def boxes_section(content: Mapping[str, Any], pictured: Sequence[str]) -> dict[str, Any]:
+    """What the page tells of 3-D boxes.
+
+    Args:
+        content: of ``table_5_5.json``.
+        pictured: worlds of which there are pictures of boxes in views.
+    """
+    return {
+        **content,
+        "worlds": [_world(name, found) for name, found in content["worlds"].items()],
+        "picture": PICTURE,
+        "pictured": pictured,
+        "thesis_share": BOXES_3D["SbM F-PointNet"] / BOXES_3D["supervised F-PointNet"],
+        "thesis_lead": BOXES_3D["SbM F-PointNet"] - BOXES_3D["LDLS"],
+    }
+
+
+def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    means = []
+    for row in found["rows"]:
+        thesis = BOXES_3D.get(row["name"]) if (world, row["boxes"]) == ("streets", "recorded") else None
+        cells = [_over_seeds(row, "ap25"), "-" if thesis is None else f"{thesis:.2f}"]
+        cells += [_over_seeds(row, "ap50"), _over_seeds(row, "bird_ap25")]
+        means.append([row["name"], MASK_SOURCES[row["boxes"]], *cells])
+    scales, of_truth = found["ldls_ap25_by_scale_m"], [row for row in found["rows"] if row["boxes"] == "told"]
+    counts, bins = of_truth[0]["runs"][0]["instances"], of_truth[0]["runs"][0]["by_range"]
+    by_category = [[row["name"], *(_over_seeds(row, "per_class_ap25", one) for one in counts)] for row in of_truth]
+    by_range = [
+        [row["name"], *(_over_seeds(row, "by_range", k, "ap25") for k, _ in enumerate(bins))] for row in of_truth
+    ]
+    ranges = [f"{one['from_m']:g} to {one['to_m']:g} m ({one['objects']})" for one in bins]
+    return {
+        **found,
+        "name": world,
+        "best_scale": max(scales, key=lambda scale: scales[scale]),
+        "means": means,
+        "shares": [one for source in MASK_SOURCES if (one := _share(found["rows"], source))],
+        "categories": table(["", *(f"{name} ({count})" for name, count in counts.items())], by_category),
+        "ranges": table(["AP25 by distance", *ranges], by_range),
+        "box_targets": _targets(found["targets"]),
+    }
+
+
+def _share(rows: Sequence[Mapping[str, Any]], source: str) -> dict[str, Any] | None:
+    """How near SbM comes to the supervised network, and how far it lies from LDLS; None if the former finds nothing."""
+    ap25 = {row["name"]: _values(row, "ap25") for row in rows if row["boxes"] == source}
+    mean = {name: float(np.mean(values)) if values else 0.0 for name, values in ap25.items()}
+    ours, ceiling = mean["SbM F-PointNet"], mean["supervised F-PointNet"]
+    if not ceiling:
+        return None
+    words = "that are true" if source == "told" else MASK_SOURCES[source]
+    return {"source": words, "share": ours / ceiling, "lead": ours - max(mean["LDLS"], mean["LDLS, tuned"])}
+
+
+def _targets(of_seeds: Sequence[Mapping[str, Mapping[str, float | None]]]) -> list[list[str]]:
+    """Means over seeds, by category."""
+    rows = []
+    for name in sorted({name for one in of_seeds for name in one}):
+        cells = [name]
+        for figure, form in TARGETS.items():
+            known = [value for one in of_seeds if name in one for value in [one[name][figure]] if value is not None]
+            cells.append(form.format(np.mean(known)) if known else "-")
+        rows.append(cells)
+    return rows
+
+
+def _over_seeds(row: Mapping[str, Any], *place: str | int) -> str:
+    return mean_std(_values(row, *place))
+
+
+def _values(row: Mapping[str, Any], *place: str | int) -> list[float]:
+    """A figure in points, one of each seed; without seeds for which it is undefined.
+
+    Args:
+        row: of the table.
+        *place: where the figure stands in the record of a run.
+    """
+    found = []
+    for run in row["runs"]:
+        value: Any = run
+        for key in place:
+            value = value.get(key) if isinstance(value, dict) else value[key]
+        if value is not None:
+            found.append(100.0 * value)
+    return found

@@ -1,0 +1,182 @@
+"""The page about the label generator's settings, of ``label_ablation``, ``label_modes`` and the bench of labels."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from experiments.benchmarks.rows import Row, ratio_text, row_of, seconds_per_view, time_text
+from experiments.pages.markdown import points, read_result, render, table
+from experiments.pages.markdown import write_page as write
+from labeling.core.errors import SbmError
+from labeling.metrics.bootstrap import beyond_chance
+
+PAGE, PICTURE, SPEED_PICTURE = "label-generator.md", "label_ablation.png", "labels_views.png"
+SPEED = "bench/labels.json"
+"""Written by ``python -m experiments.bench labels --out experiments/results/bench``."""
+POOLS = {"rooms_train": "rooms", "rooms_val": "rooms, val", "streets_train": "streets", "streets_val": "streets, val"}
+CHOSEN_ON = "rooms_train"
+DIFFERENCES = {"mean_iou": "mean IoU", "mask_ap50": "AP50"}
+LEVELS = {"mask_ap50": "AP50", "mask_ap30": "AP30", "mean_iou": "mean IoU", "mean_iou_matched": "matched"}
+"""Figures of whole pools, and what they are called."""
+
+
+def write_page(results: Path, docs: Path) -> list[Path]:
+    """Writes the page, and the pictures in it.
+
+    Args:
+        results: folder with ``label_ablation.json`` and, if they have run, ``label_modes.json`` and
+            ``bench/labels.json``.
+        docs: folder for the page.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SbmError: if neither experiment has run yet.
+    """
+    from experiments.figures.label_ablation import draw_label_ablation
+    from experiments.figures.label_speed import draw_label_speed
+
+    ablation, modes, speed = (
+        read_result(results / name) for name in ("label_ablation.json", "label_modes.json", SPEED)
+    )
+    pictures = {}
+    if ablation is not None:
+        pictures[PICTURE] = lambda path: draw_label_ablation(ablation, CHOSEN_ON, path)
+    if speed is not None:
+        seconds = seconds_per_view([row_of(row) for row in speed["rows"]])
+        pictures[SPEED_PICTURE] = lambda path: draw_label_speed(seconds, path)
+    if ablation is None and modes is None:
+        raise SbmError(f"{results}: no label_ablation.json and no label_modes.json; run these experiments first")
+    return write(docs / PAGE, page(ablation, modes, speed), pictures)
+
+
+def page(
+    ablation: Mapping[str, Any] | None = None,
+    modes: Mapping[str, Any] | None = None,
+    speed: Mapping[str, Any] | None = None,
+) -> str:
+    """The text of the page, with a section for each content that is there."""
+    return render(
+        "label-generator.md.jinja",
+        ablation=None if ablation is None else _ablation(ablation),
+        modes=None if modes is None else _modes(modes),
+        speed=None if speed is None else _speed(speed),
+    )
+
+
+# Ablation ------------------------------------------------------------------------------------------------------------
+
+
+def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
+    results, default = content["results"], content["default"]
+    factors = []
+    for factor in content["factors"]:
+        known = [name for name in factor["settings"] if name in default]
+        variants = factor["variants"]
+        factors.append(
+            {
+                **factor,
+                "defaults": [f"`{name} = {_setting(default[name])}`" for name in known],
+                "table": _differences(variants, list(content["pools"]), results["default"]) if variants else "",
+                "verdict": verdict(factor) if variants else "",
+            }
+        )
+    levels = _levels({name: results[name] for name in ("detector", "default")}, content["pools"], tuple(DIFFERENCES))
+    return {**content, "pools": _pools(content), "levels": levels, "factors": factors, "picture": PICTURE}
+
+
+def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mean_iou") -> str:
+    """One sentence: whether anything tried is better than the default beyond chance, on the scenes to choose on."""
+    differences = {one["name"]: one["results"][pool]["difference"][figure] for one in factor["variants"]}
+    known = {name: difference for name, difference in differences.items() if difference is not None}
+    if not known:
+        return "No figure is defined yet."
+    best, worst = (pick(known, key=lambda name: known[name]["mean"]) for pick in (max, min))
+    gain = _difference(known[best])
+    if beyond_chance(known[best]) > 0:
+        said = f"In training rooms “{best}” is better ({gain} points of mean IoU)"
+    elif known[best]["mean"] > 0:
+        said = f"Nothing tried is better beyond chance (at best “{best}”, {gain})"
+    else:
+        said = f"Nothing tried is better (nearest “{best}”, {gain})"
+    return said + (f"; most is lost with “{worst}” ({_difference(known[worst])})." if worst != best else ".")
+
+
+def _differences(variants: Sequence[Mapping[str, Any]], pools: Sequence[str], base: Mapping[str, Any]) -> str:
+    """A row of differences from the base for each variant, the first column with its interval."""
+    columns = [(figure, pool) for figure in DIFFERENCES for pool in pools]
+    rows = []
+    for one in variants:
+        found = [one["results"][pool]["difference"][figure] for figure, pool in columns]
+        cells = [_cell(difference, with_interval=place == 0) for place, difference in enumerate(found)]
+        ours, usual = one["results"][pools[0]]["cpu_s"], base[pools[0]]["cpu_s"]
+        rows.append([one["name"], *cells, f"{ours / usual:.1f}x" if usual else "-"])
+    headings = [f"{DIFFERENCES[figure]}, {POOLS[pool]}" for figure, pool in columns]
+    return table(["", *headings, "time"], rows, "---:")
+
+
+def _cell(difference: Mapping[str, Any] | None, with_interval: bool) -> str:
+    if difference is None:
+        return "-"
+    text = _difference(difference, with_interval)
+    return f"**{text}**" if beyond_chance(dict(difference)) else text
+
+
+def _difference(difference: Mapping[str, Any], with_interval: bool = True) -> str:
+    text = f"{100 * difference['mean']:+.1f}"
+    if with_interval and difference["low"] is not None:
+        text += f" [{100 * difference['low']:+.1f}, {100 * difference['high']:+.1f}]"
+    return text
+
+
+def _setting(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+# Presets -------------------------------------------------------------------------------------------------------------
+
+
+def _modes(content: Mapping[str, Any]) -> dict[str, Any]:
+    pools, results = list(content["pools"]), content["results"]
+    defects = [{"name": name, "results": results[name]} for name in results if name.startswith("paper, ")]
+    if defects:
+        defects = [{"name": "released", "results": results["released"]}, *defects]
+    return {
+        **content,
+        "pools": _pools(content),
+        "table": _levels(results, pools, tuple(LEVELS), "settings"),
+        "defects": _differences(defects, pools, results["paper"]) if defects else "",
+    }
+
+
+def _pools(content: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: {**pool, "world": POOLS[name]} for name, pool in content["pools"].items()}
+
+
+def _levels(results: Mapping[str, Any], pools: Sequence[str], figures: Sequence[str], corner: str = "") -> str:
+    """Figures of each pool, all its episodes ranked together."""
+    figures = [figure for figure in LEVELS if figure in figures]
+    headings = [
+        f"{POOLS[pool]}: {LEVELS[one]}" if one == figures[0] else LEVELS[one] for pool in pools for one in figures
+    ]
+    rows = [
+        [name, *(points(found[pool]["pooled"][figure]) for pool in pools for figure in figures)]
+        for name, found in results.items()
+    ]
+    return table([corner, *headings], rows, "---:")
+
+
+# Speed ---------------------------------------------------------------------------------------------------------------
+
+
+def _speed(content: Mapping[str, Any]) -> dict[str, Any]:
+    rows = [_measured(row_of(row)) for row in content["rows"]]
+    return {"machine": content["machine"], "rows": rows, "picture": SPEED_PICTURE}
+
+
+def _measured(row: Row) -> list[str]:
+    verdict = {True: "holds", False: "**missed**", None: ""}[row.holds]
+    theirs = "" if row.rival_seconds is None else time_text(row.rival_seconds)
+    note = "; ".join(part for part in (verdict, row.note) if part)
+    return [row.what, time_text(row.seconds), row.rival, theirs, ratio_text(row), row.wanted, note]
