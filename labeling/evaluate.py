@@ -123,7 +123,7 @@ def print_table(metrics: dict[str, Any]) -> None:
     from rich.text import Text
 
     from labeling.evaluation.compare import FIGURES, categories_by_presence
-    from labeling.evaluation.report.html import HEADINGS, plural
+    from labeling.evaluation.report.html import plural
 
     counts = metrics["counts"]
     table = Table(
@@ -137,8 +137,8 @@ def print_table(metrics: dict[str, Any]) -> None:
     )
     table.add_column("", no_wrap=False)
     table.add_column("category", overflow="fold")
-    for key in FIGURES:
-        table.add_column(HEADINGS[key].replace(" ", "\n"), justify="right", no_wrap=True)
+    for title in FIGURES.values():
+        table.add_column(title.replace(" ", "\n"), justify="right", no_wrap=True)
     table.add_column("instances", justify="right", no_wrap=True)
     methods = [name for name in ("detector", "pseudo_labels") if name in metrics]
     for method in methods:

@@ -16,8 +16,14 @@ from labeling.metrics.matching import Kind, MaskInstance, Match, match, mean_iou
 from labeling.runtime.provenance import package_versions
 
 SCHEMA_VERSION = 1
-FIGURES = ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30", "mean_iou")
-"""The figures of the table, in its order."""
+FIGURES = {
+    "mask_ap50": "mask AP50",
+    "mask_ap30": "mask AP30",
+    "box_ap50": "box AP50",
+    "box_ap30": "box AP30",
+    "mean_iou": "mean IoU",
+}
+"""The figures of the table, in its order, and their titles."""
 LIBRARIES = ("seeing-by-moving", "hotcoco", "numpy")
 """What the figures depend on, beside Python."""
 

@@ -3,11 +3,16 @@
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
+
+from labeling.evaluation.report.templates import template
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 THUMBNAIL_AREA_PX = 320 * 240
 THUMBNAIL_WIDTH_PX = 480
@@ -70,7 +75,7 @@ def mask_path(mask: Bool[np.ndarray, "h w"], scale: float) -> str:
     return "".join(parts)
 
 
-def panel(image_id: str, size: tuple[int, int], overlays: Sequence[Overlay], name: str) -> str:
+def panel(image_id: str, size: tuple[int, int], overlays: Sequence[Overlay], name: str) -> "Markup":
     """One view with masks over it, as an SVG element.
 
     Args:
@@ -79,64 +84,54 @@ def panel(image_id: str, size: tuple[int, int], overlays: Sequence[Overlay], nam
         overlays: what to draw.
         name: says what the panel shows, for readers who do not see it.
     """
+    from markupsafe import Markup
+
     height_px, width_px = thumbnail_size(*size)
     scale = width_px / size[1]
     # Large masks first, so that a small object on a large one stays visible and its tooltip within reach.
     drawn = [overlay for overlay in overlays if overlay.mask.any()]
     drawn.sort(key=lambda overlay: -np.count_nonzero(overlay.mask))
-    shapes = "".join(_shape(overlay, scale) for overlay in drawn)
-    tags = _tags(drawn, scale, height_px, width_px)
-    return (
-        f'<svg viewBox="0 0 {width_px} {height_px}" role="img" aria-label="{escape(name)}">'
-        f'<use href="#{image_id}"/>{shapes}{tags}</svg>'
+    return Markup(
+        template("panel.svg.jinja").render(
+            image_id=image_id,
+            name=name,
+            height_px=height_px,
+            width_px=width_px,
+            scale=scale,
+            outline=mask_path,
+            overlays=drawn,
+            tags=_tags(drawn, scale, height_px, width_px),
+        )
     )
 
 
-def picture_store(pictures: dict[str, UInt8[np.ndarray, "h w 3"]]) -> str:
-    """An invisible SVG element that holds each view's thumbnail once, for all panels that show it."""
-    images = []
-    for image_id, rgb in pictures.items():
-        height_px, width_px = thumbnail_size(*rgb.shape[:2])
-        images.append(f'<image id="{image_id}" width="{width_px}" height="{height_px}" href="{jpeg_data_uri(rgb)}"/>')
-    return f'<svg class="store" width="0" height="0" aria-hidden="true"><defs>{"".join(images)}</defs></svg>'
+@dataclass(frozen=True)
+class _Tag:
+    """A name tag; lengths in thumbnail pixels."""
+
+    x: float
+    y: float
+    width: float
+    colour: str
+    text: str
+    height: str = f"{TAG_HEIGHT_PX:g}"
+    font_px: str = f"{TAG_FONT_PX:g}"
 
 
-def _shape(overlay: Overlay, scale: float) -> str:
-    dash = ' stroke-dasharray="4 2.5"' if overlay.dashed else ""
-    opacity = 0.16 if overlay.dashed else 0.36
-    path = mask_path(overlay.mask, scale)
-    # A pale line below the coloured one keeps the outline readable on any background.
-    return (
-        f'<path d="{path}" fill="none" stroke="#fff" stroke-opacity=".75" stroke-width="2.6"/>'
-        f'<path d="{path}" fill="{overlay.colour}" fill-opacity="{opacity}" fill-rule="evenodd" '
-        f'stroke="{overlay.colour}" stroke-width="1.5" stroke-linejoin="round"{dash}>'
-        f"<title>{escape(overlay.tooltip)}</title></path>"
-    )
-
-
-def _tags(overlays: Sequence[Overlay], scale: float, height_px: int, width_px: int) -> str:
+def _tags(overlays: Sequence[Overlay], scale: float, height_px: int, width_px: int) -> list[_Tag]:
     """Name tags above the masks' upper left corners, moved where they would cover another tag."""
-    placed: list[tuple[float, float, float]] = []
-    parts = []
+    tags: list[_Tag] = []
     for overlay in sorted(overlays, key=lambda item: int(np.argmax(item.mask.any(axis=1)))):
         text = shorten(overlay.tag, MAX_TAG_LETTERS)
         width = min(width_px - 2.0, len(text) * TAG_FONT_PX * 0.6 + 6.0)
         x = min(max(1.0, float(np.argmax(overlay.mask.any(axis=0))) * scale), width_px - width - 1.0)
         above = float(np.argmax(overlay.mask.any(axis=1))) * scale - TAG_HEIGHT_PX - 1.0
         y = min(max(1.0, above), height_px - TAG_HEIGHT_PX - 1.0)
-        y = _free_height(x, y, width, placed, height_px)
-        placed.append((x, y, width))
-        parts.append(
-            f'<g pointer-events="none"><rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{TAG_HEIGHT_PX:g}" '
-            f'rx="2" fill="{overlay.colour}" fill-opacity=".92"/>'
-            f'<text x="{x + 3:.1f}" y="{y + 9.6:.1f}" font-size="{TAG_FONT_PX:g}" fill="#fff">{escape(text)}</text></g>'
-        )
-    return "".join(parts)
+        tags.append(_Tag(x, _free_height(x, y, width, tags, height_px), width, overlay.colour, text))
+    return tags
 
 
-def _free_height(
-    x: float, y: float, width: float, placed: Sequence[tuple[float, float, float]], height_px: int
-) -> float:
+def _free_height(x: float, y: float, width: float, placed: Sequence[_Tag], height_px: int) -> float:
     """The first height from y down, then from y up, at which a tag covers no other; y if there is none."""
     step = TAG_HEIGHT_PX + 1.0
     count = int(height_px // step)
@@ -145,8 +140,8 @@ def _free_height(
         if not 0 <= tried <= height_px - TAG_HEIGHT_PX:
             continue
         if all(
-            abs(tried - other_y) >= TAG_HEIGHT_PX or x >= other_x + other_width or other_x >= x + width
-            for other_x, other_y, other_width in placed
+            abs(tried - other.y) >= TAG_HEIGHT_PX or x >= other.x + other.width or other.x >= x + width
+            for other in placed
         ):
             return tried
     return y

@@ -1,8 +1,8 @@
-"""The view strips of a report: which views to show, and detection, pseudo-label and ground truth side by side."""
+"""The views of a report: which to show, and detections, pseudo-labels and ground truth of each side by side."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from html import escape
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -17,18 +17,50 @@ from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
 from labeling.metrics.matching import MaskInstance, match
 
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
 MAX_DRAWN = 16
 """Predictions drawn in one panel; a detector at every confidence may have a hundred."""
 
-MAX_STRIPS_AN_EPISODE = 6
+MAX_VIEWS_AN_EPISODE = 6
 
 
 @dataclass(frozen=True)
-class Strips:
-    """What the report shows of the views, by view."""
+class Panel:
+    """One picture of a view with masks over it."""
 
-    html: dict[View, str]
-    """The three panels and the IoU of every object."""
+    title: str
+    drawn: int
+    """How many masks it shows."""
+    total: int
+    """How many there are."""
+    svg: "Markup"
+
+
+@dataclass(frozen=True)
+class ObjectIou:
+    """How well one ground-truth instance was found."""
+
+    colour: str
+    category: str
+    detector_iou: float
+    pseudo_label_iou: float
+
+
+@dataclass(frozen=True)
+class ViewComparison:
+    """One view: panels of detector, pseudo-labels and ground truth, and the IoU of every object."""
+
+    panels: tuple[Panel, ...]
+    objects: tuple[ObjectIou, ...]
+
+
+@dataclass(frozen=True)
+class ShownViews:
+    """What the report shows of the views."""
+
+    views: dict[View, ViewComparison]
     pictures: dict[str, UInt8[np.ndarray, "h w 3"]]
     """Element id -> thumbnail."""
     worst: tuple[Case, ...]
@@ -53,7 +85,7 @@ def choose_worst(cases: Sequence[Case], most: int) -> tuple[Case, ...]:
 def choose_views(episodes: Sequence[EpisodeRecords], most: int) -> dict[str, tuple[View, ...]]:
     """Views to show of each episode, evenly spread over its views; over the episodes too, where there are too many."""
     shown = [episodes[i] for i in _spread(len(episodes), most)]
-    each = min(MAX_STRIPS_AN_EPISODE, most // len(shown)) if shown else 0
+    each = min(MAX_VIEWS_AN_EPISODE, most // len(shown)) if shown else 0
     return {episode.name: tuple(episode.views[i] for i in _spread(len(episode.views), each)) for episode in shown}
 
 
@@ -64,24 +96,24 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
 
 
-def draw_strips(
+def draw_views(
     evaluation: Evaluation,
-    max_strips: int,
+    max_views: int,
     max_worst: int,
     progress: Callable[[Iterable[EpisodeRecords]], Iterable[EpisodeRecords]] = iter,
-) -> Strips:
+) -> ShownViews:
     """Reads the pictures of the views to be shown and draws them.
 
     Args:
         evaluation: what to show.
-        max_strips: views drawn at most, in all.
+        max_views: views drawn at most, in all.
         max_worst: of those, how many for the worst cases.
         progress: wraps the sequence of episodes, to draw a progress bar.
     """
-    worst = choose_worst(evaluation.cases, min(max_worst, max_strips))
-    of_episode = choose_views(evaluation.episodes, max_strips - len(worst))
+    worst = choose_worst(evaluation.cases, min(max_worst, max_views))
+    of_episode = choose_views(evaluation.episodes, max_views - len(worst))
     wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
-    html: dict[View, str] = {}
+    compared: dict[View, ViewComparison] = {}
     pictures: dict[str, UInt8[np.ndarray, "h w 3"]] = {}
     for number, records in enumerate(progress(evaluation.episodes)):
         views = [view for view in records.views if view in wanted]
@@ -92,8 +124,8 @@ def draw_strips(
         for view in views:
             image_id = f"e{number}v{view[1]}"
             pictures[image_id] = _thumbnail(episode.rgb[view[1]])
-            html[view] = _strip(episode, records, view, [item for item in labels if item.image == view], image_id)
-    return Strips(html, pictures, worst, of_episode)
+            compared[view] = _compare(episode, records, view, [item for item in labels if item.image == view], image_id)
+    return ShownViews(compared, pictures, worst, of_episode)
 
 
 def _thumbnail(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "small_h small_w 3"]:
@@ -102,7 +134,9 @@ def _thumbnail(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "small_h sm
     return cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
 
 
-def _strip(episode: Episode, records: EpisodeRecords, view: View, labels: Sequence[MaskInstance], image_id: str) -> str:
+def _compare(
+    episode: Episode, records: EpisodeRecords, view: View, labels: Sequence[MaskInstance], image_id: str
+) -> ViewComparison:
     """Three panels and the objects' IoUs, of one view."""
     counted = {item.category for item in records.truths}
     truth = [
@@ -126,27 +160,25 @@ def _strip(episode: Episode, records: EpisodeRecords, view: View, labels: Sequen
         else Overlay(t.modal, colour, t.category, f"{t.category}, object {t.instance_id}")
         for t, colour in zip(truth, colours, strict=True)
     ]
-    panels = "".join(
-        f"<figure>{panel(image_id, episode.size, overlays, f'{title}, {view[0]}, view {view[1]}')}"
-        f"<figcaption>{title} <span>{_count(len(overlays), total)}</span></figcaption></figure>"
+    panels = tuple(
+        Panel(
+            title,
+            len(overlays),
+            total,
+            panel(image_id, episode.size, overlays, f"{title}, {view[0]}, view {view[1]}"),
+        )
         for title, overlays, total in (
             ("Detector" if episode.detections is not None else "Detector (none ran here)", found[0], len(detections)),
             ("Pseudo-labels", made[0], len(labels)),
             ("Ground truth", true, len(true)),
         )
     )
-    rows = "".join(
-        f'<li><i style="background:{colour}"></i>{escape(t.category)} '
-        f"<b>{found[1][index]:.2f}</b> → <b>{made[1][index]:.2f}</b></li>"
+    objects = tuple(
+        ObjectIou(colour, t.category, found[1][index], made[1][index])
         for index, (t, colour) in enumerate(zip(truth, colours, strict=True))
         if not t.ignore
     )
-    legend = f'<ul class="ious"><li class="lead">IoU, detector → pseudo-label</li>{rows}</ul>' if rows else ""
-    return f'<div class="strip">{panels}</div>{legend}'
-
-
-def _count(drawn: int, total: int) -> str:
-    return f"{total}" if drawn == total else f"{drawn} of {total} drawn"
+    return ViewComparison(panels, objects)
 
 
 def _predictions(
