@@ -63,9 +63,9 @@ def run(config: PreviewConfig) -> list[Path]:
     """
     from tqdm import tqdm
 
-    from sbm_gym.scenes.world_sources import WORLD_KINDS, world_source
+    from sbm_gym.scenes.world_sources import WORLDS, world_source
 
-    for given, known, name in ((config.what, SHEETS, "sheet"), (config.worlds, WORLD_KINDS, "kind of world")):
+    for given, known, name in ((config.what, SHEETS, "sheet"), (config.worlds, WORLDS, "kind of world")):
         unknown = [entry for entry in given if entry not in known]
         if unknown:
             raise UsageError(f"there is no {name} {unknown[0]!r}; known: {', '.join(known)}")
@@ -73,7 +73,7 @@ def run(config: PreviewConfig) -> list[Path]:
         raise UsageError(f"--scenes must be at least 1, not {config.scenes}")
     if config.size < 32:
         raise UsageError(f"pictures of {config.size} pixels show nothing; take 32 or more")
-    sources = {kind: world_source(kind) for kind in config.worlds or WORLD_KINDS}
+    sources = {kind: world_source(kind) for kind in config.worlds or WORLDS}
     written: list[Path] = []
     with tqdm(unit="picture", mininterval=0.5) as bar:
         for kind, source in sources.items():

@@ -1,6 +1,13 @@
 """The environments that ``gymnasium.make`` knows after ``import sbm_gym``."""
 
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
 import gymnasium
+
+if TYPE_CHECKING:
+    from sbm_gym.scenes.profiles import WorldProfile
+    from sbm_gym.worlds.world import World
 
 ENV_IDS = {
     "sbm_gym/Indoor-v0": {"worlds": "indoor"},
@@ -14,7 +21,14 @@ MAX_EPISODE_STEPS = 25
 
 
 def register_envs() -> None:
-    """Registers all environments; those registered already are left alone."""
+    """Registers all environments; those registered already are left alone.
+
+    ``import sbm_gym`` does it; so does ``gymnasium.make("sbm_gym:sbm_gym/Indoor-v0")``.
+
+    >>> import gymnasium
+    >>> "sbm_gym/Indoor-v0" in gymnasium.registry
+    True
+    """
     for env_id, kwargs in ENV_IDS.items():
         if env_id not in gymnasium.registry:
             gymnasium.register(
@@ -23,3 +37,54 @@ def register_envs() -> None:
                 kwargs=dict(kwargs),
                 max_episode_steps=MAX_EPISODE_STEPS,
             )
+
+
+def register_world(
+    name: str,
+    build: "Callable[[str], World]",
+    splits: Mapping[str, Sequence[str]],
+    profile: "WorldProfile | None" = None,
+) -> str:
+    """Adds a kind of world of one's own, and the environment that explores it.
+
+    All commands know it by its id, if they are told the module that registers it: ``--env my_module:sbm_gym/Arena-v0``.
+
+    >>> import gymnasium, sbm_gym
+    >>> def build(scene):
+    ...     def furnish(layout, library):
+    ...         for use in ("couch", "tv_stand", "floor_plant"):
+    ...             layout.against_wall(library.models(use)[0])
+    ...     return sbm_gym.build_room(scene, (5.0, 4.0), furnish, seed=int(scene[-1]))
+    >>> sbm_gym.register_world("Arena", build, {"train": ["arena/0", "arena/1"], "val": ["arena/2"]})
+    'sbm_gym/Arena-v0'
+    >>> env = gymnasium.make("sbm_gym/Arena-v0")
+    >>> observation, info = env.reset(seed=0)
+    >>> info["scene"]
+    'arena/1'
+
+    Args:
+        name: in the env's id, such as "Arena".
+        build: builds the scene of a name; the same name gives the same world in every process.
+        splits: names of the scenes by split ("train", "val", "test", ...); a split that is missing has those of all
+            others.
+        profile: what fits these worlds (body, strides, picture sizes); that of rooms if None.
+
+    Returns:
+        The env's id.
+
+    Raises:
+        UsageError: if a split is unknown, there is no scene, or the name belongs to a kind of world that comes with
+            sbm_gym.
+    """
+    from labeling.core.errors import UsageError
+    from sbm_gym.scenes.profiles import INDOOR
+    from sbm_gym.scenes.world_sources import WORLDS, NamedWorlds
+
+    env_id = f"sbm_gym/{name}-v0"
+    if ENV_IDS.get(env_id, {"worlds": name}) != {"worlds": name}:
+        raise UsageError(f"{env_id} comes with sbm_gym; give your world another name than {name!r}")
+    source = NamedWorlds(build, splits, profile or INDOOR)
+    WORLDS[name] = lambda unseen_models: source
+    ENV_IDS[env_id] = {"worlds": name}
+    register_envs()
+    return env_id

@@ -77,6 +77,19 @@ class PartLibrary:
         return ()
 
 
+def models_of_scene(library: FurnitureLibrary, held_out: bool, unseen_models: bool) -> FurnitureLibrary:
+    """The models that a scene may show.
+
+    Args:
+        library: all models.
+        held_out: whether it is one for validation or testing.
+        unseen_models: whether other scenes do without the models that those show.
+    """
+    if held_out:
+        return PartLibrary(library, training=False)
+    return PartLibrary(library, training=True) if unseen_models else library
+
+
 def too_small(library: FurnitureLibrary) -> tuple[str, ...]:
     """Classes with so few models that training and test scenes show the same ones."""
     found: dict[str, bool] = {}

@@ -1,33 +1,142 @@
 """Kinds of worlds by name."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-from sbm_gym.scenes.compiled import WorldSource
+from labeling.core.errors import UsageError
+from sbm_gym.assets.catalog.library import FurnitureLibrary
+from sbm_gym.scenes.compiled import SPLITS, WorldSource
 from sbm_gym.scenes.profiles import INDOOR, OUTDOOR, WorldProfile
+from sbm_gym.worlds.splits import INTERIORS, TOWNS, SceneNames
 from sbm_gym.worlds.world import World
 
-WORLD_KINDS = ("indoor", "outdoor", "indoor-builtin", "outdoor-builtin")
+
+@dataclass(frozen=True)
+class IndoorWorlds:
+    """Furnished homes and offices, from the installed furniture libraries."""
+
+    names: ClassVar[SceneNames] = INTERIORS
+    profile: WorldProfile = INDOOR
+    unseen_models: bool = False
+    """Keep the models that validation and test scenes show out of all others."""
+
+    def scenes(self, split: str | None) -> tuple[str, ...]:
+        """Names of the scenes of a split, of all named scenes for None."""
+        return self.names.of_split(split)
+
+    def canonical(self, scene: str | int) -> str:
+        """The name of a scene: a named one, or one with a number."""
+        return self.names.resolve(scene)[0]
+
+    def build(self, scene: str) -> World:
+        """Builds a scene."""
+        from sbm_gym.worlds.rooms.indoor import build_indoor
+
+        return build_indoor(scene, library=self._library(scene), unseen_models=self.unseen_models)
+
+    def _library(self, scene: str) -> FurnitureLibrary | None:
+        """Where a scene's furniture comes from; None for the installed libraries."""
+        return None
+
+
+@dataclass(frozen=True)
+class OutdoorWorlds(IndoorWorlds):
+    """Towns with vehicles, from the installed furniture libraries."""
+
+    names: ClassVar[SceneNames] = TOWNS
+    profile: WorldProfile = OUTDOOR
+
+    def build(self, scene: str) -> World:
+        """Builds a town."""
+        from sbm_gym.worlds.towns.outdoor import build_outdoor
+
+        return build_outdoor(scene, library=self._library(scene), unseen_models=self.unseen_models)
+
+
+class _FromSeeds(IndoorWorlds):
+    """Models made from seeds: nothing to install, and every scene has its own."""
+
+    def _library(self, scene: str) -> FurnitureLibrary:
+        import hashlib
+
+        from sbm_gym.assets.parametric.builtin import BuiltinLibrary
+
+        digest = hashlib.sha256(self.canonical(scene).encode()).digest()
+        return BuiltinLibrary(int.from_bytes(digest[:4], "big"))
+
+
+@dataclass(frozen=True)
+class IndoorBuiltinWorlds(_FromSeeds, IndoorWorlds):
+    """Furnished homes and offices with furniture made from seeds."""
+
+
+@dataclass(frozen=True)
+class OutdoorBuiltinWorlds(_FromSeeds, OutdoorWorlds):
+    """Towns with vehicles, trees and street furniture made from seeds."""
+
+
+@dataclass(frozen=True)
+class NamedWorlds:
+    """Worlds of one's own: a function that builds them, and the names that it understands."""
+
+    builder: Callable[[str], World]
+    """Builds the scene of a name; the same name gives the same world in every process."""
+    splits: Mapping[str, Sequence[str]]
+    """Names of the scenes by split; a split that is missing has those of all others."""
+    profile: WorldProfile = INDOOR
+
+    def __post_init__(self) -> None:
+        unknown = [split for split in self.splits if split not in SPLITS]
+        if unknown or not self.scenes(None):
+            given = f"split {unknown[0]!r}" if unknown else "no scene"
+            raise UsageError(f"splits name scenes under {', '.join(SPLITS)}; {given} was given")
+
+    def scenes(self, split: str | None) -> tuple[str, ...]:
+        """Names of the scenes of a split, of all scenes for None."""
+        everything = dict.fromkeys(name for names in self.splits.values() for name in names)
+        return tuple(self.splits.get(split or "", everything))
+
+    def canonical(self, scene: str | int) -> str:
+        """Checks a name.
+
+        Raises:
+            UsageError: if there is no such scene.
+        """
+        if scene not in self.scenes(None):
+            raise UsageError(f"there is no scene {scene!r}; known: {', '.join(self.scenes(None))}")
+        return str(scene)
+
+    def build(self, scene: str) -> World:
+        """Builds a scene."""
+        return self.builder(scene)
+
+
+WORLDS: dict[str, Callable[[bool], WorldSource]] = {
+    "indoor": lambda unseen_models: IndoorWorlds(unseen_models=unseen_models),
+    "outdoor": lambda unseen_models: OutdoorWorlds(unseen_models=unseen_models),
+    "indoor-builtin": lambda unseen_models: IndoorBuiltinWorlds(unseen_models=unseen_models),
+    "outdoor-builtin": lambda unseen_models: OutdoorBuiltinWorlds(unseen_models=unseen_models),
+}
+"""Every kind of world: makes its source, given whether to keep the models of validation and test scenes apart."""
 
 
 def world_source(kind: str, unseen_models: bool = False) -> WorldSource:
     """The source of a kind of world.
 
     Args:
-        kind: one of ``WORLD_KINDS``.
+        kind: a key of ``WORLDS``.
         unseen_models: keep the models that validation and test scenes show out of all other scenes.
 
     Raises:
         ValueError: if there is no such kind, naming those there are.
     """
-    if kind == "indoor":
-        return IndoorWorlds(unseen_models=unseen_models)
-    if kind == "outdoor":
-        return OutdoorWorlds(unseen_models=unseen_models)
-    if kind == "indoor-builtin":
-        return IndoorBuiltinWorlds(unseen_models=unseen_models)
-    if kind == "outdoor-builtin":
-        return OutdoorBuiltinWorlds(unseen_models=unseen_models)
-    raise ValueError(f"unknown kind of world {kind!r}; known: {', '.join(WORLD_KINDS)}")
+    if kind not in WORLDS:
+        raise ValueError(f"unknown kind of world {kind!r}; known: {', '.join(WORLDS)}")
+    source = WORLDS[kind](unseen_models)
+    if unseen_models and isinstance(source, NamedWorlds):
+        raise ValueError(f"unseen_models goes with the worlds of sbm_gym, not with {kind!r}: it builds its own")
+    return source
 
 
 def chosen_source(worlds: str | WorldSource, unseen_models: bool) -> WorldSource:
@@ -39,94 +148,5 @@ def chosen_source(worlds: str | WorldSource, unseen_models: bool) -> WorldSource
     if isinstance(worlds, str):
         return world_source(worlds, unseen_models)
     if unseen_models:
-        raise ValueError(f"unseen_models goes with worlds given by name ({', '.join(WORLD_KINDS)}), not with an object")
+        raise ValueError(f"unseen_models goes with worlds given by name ({', '.join(WORLDS)}), not with an object")
     return worlds
-
-
-def _seed_of(name: str) -> int:
-    """Seed of the builtin library that a scene has to itself."""
-    import hashlib
-
-    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
-
-
-@dataclass(frozen=True)
-class IndoorWorlds:
-    """Furnished homes and offices, from the installed furniture libraries."""
-
-    profile: WorldProfile = INDOOR
-    unseen_models: bool = False
-    """Keep the furniture models of validation and test scenes out of all others."""
-
-    def scenes(self, split: str | None) -> tuple[str, ...]:
-        """Names of the scenes of a split, of all named scenes for None."""
-        from sbm_gym.worlds.splits import SPLITS, scene_names
-
-        return tuple(name for known in (SPLITS if split is None else (split,)) for name in scene_names(known))
-
-    def canonical(self, scene: str | int) -> str:
-        """The name of a scene: a named one, or ``seed/N``."""
-        from sbm_gym.worlds.splits import scene_seed
-
-        return scene_seed(scene)[0]
-
-    def build(self, scene: str) -> World:
-        """Builds a scene."""
-        from sbm_gym.worlds.rooms.indoor import build_indoor
-
-        return build_indoor(scene, unseen_models=self.unseen_models)
-
-
-@dataclass(frozen=True)
-class IndoorBuiltinWorlds(IndoorWorlds):
-    """Furnished homes and offices with furniture made from seeds: nothing to install, and every scene has its own."""
-
-    def build(self, scene: str) -> World:
-        """Builds a scene."""
-        from sbm_gym.assets.parametric.builtin import BuiltinLibrary
-        from sbm_gym.worlds.rooms.indoor import build_indoor
-
-        name = self.canonical(scene)
-        library = BuiltinLibrary(_seed_of(name))
-        return build_indoor(name, library=library, unseen_models=self.unseen_models)
-
-
-@dataclass(frozen=True)
-class OutdoorWorlds:
-    """Towns with vehicles, from the installed furniture libraries."""
-
-    profile: WorldProfile = OUTDOOR
-    unseen_models: bool = False
-    """Keep the models of vehicles of validation and test towns out of all others."""
-
-    def scenes(self, split: str | None) -> tuple[str, ...]:
-        """Names of the towns of a split, of all named towns for None."""
-        from sbm_gym.worlds.splits import TOWN_SPLITS, town_names
-
-        return tuple(name for known in (TOWN_SPLITS if split is None else (split,)) for name in town_names(known))
-
-    def canonical(self, scene: str | int) -> str:
-        """The name of a town: a named one, or ``town/seed/N``."""
-        from sbm_gym.worlds.splits import town_seed
-
-        return town_seed(scene)[0]
-
-    def build(self, scene: str) -> World:
-        """Builds a town."""
-        from sbm_gym.worlds.towns.outdoor import build_outdoor
-
-        return build_outdoor(scene, unseen_models=self.unseen_models)
-
-
-@dataclass(frozen=True)
-class OutdoorBuiltinWorlds(OutdoorWorlds):
-    """Towns with vehicles, trees and street furniture made from seeds: nothing to install."""
-
-    def build(self, scene: str) -> World:
-        """Builds a town."""
-        from sbm_gym.assets.parametric.builtin import BuiltinLibrary
-        from sbm_gym.worlds.towns.outdoor import build_outdoor
-
-        name = self.canonical(scene)
-        library = BuiltinLibrary(_seed_of(name))
-        return build_outdoor(name, library=library, unseen_models=self.unseen_models)

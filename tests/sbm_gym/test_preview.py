@@ -20,8 +20,7 @@ from .box_rooms import FURNITURE, BoxRooms
 @pytest.fixture
 def box_worlds(monkeypatch):
     """One kind of world, the hand-written one."""
-    monkeypatch.setattr(world_sources, "WORLD_KINDS", ("boxes",))
-    monkeypatch.setattr(world_sources, "world_source", lambda kind: BoxRooms())
+    monkeypatch.setattr(world_sources, "WORLDS", {"boxes": lambda unseen_models: BoxRooms()})
 
 
 def read(path):

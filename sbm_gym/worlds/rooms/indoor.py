@@ -1,6 +1,7 @@
 """Furnished homes and offices: from a name or a seed to a world."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -9,14 +10,16 @@ from jaxtyping import Bool, Float
 
 from labeling.core.types import Box3d
 from sbm_gym.assets.catalog.library import FurnitureLibrary
+from sbm_gym.assets.parametric.builtin import BuiltinLibrary
+from sbm_gym.assets.unseen import models_of_scene
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Layout, Placement, Room, rotation
 from sbm_gym.worlds.rooms.fittings import hang_lamps, hang_pictures, lay_rug
-from sbm_gym.worlds.rooms.floor_plan import PROGRAMMES, FloorPlan, PlannedRoom, complement, draw_plan
+from sbm_gym.worlds.rooms.floor_plan import OUTER_WALL_M, PROGRAMMES, FloorPlan, PlannedRoom, complement, draw_plan
 from sbm_gym.worlds.rooms.room_kinds import ROOM_KINDS, furnish
 from sbm_gym.worlds.rooms.shell import Style, build_shell, build_walls, draw_finish, draw_style
 from sbm_gym.worlds.scene_builder import SceneBuilder
-from sbm_gym.worlds.splits import scene_seed
+from sbm_gym.worlds.splits import INTERIORS
 from sbm_gym.worlds.world import ObjectInstance, World
 
 AGENT_HEIGHT_M = 1.6
@@ -72,12 +75,12 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
         UsageError: if there is no such scene.
         MissingAssetsError: if the furniture is not installed.
     """
-    name, source = scene_seed(scene)
+    name, source = INTERIORS.resolve(scene)
     if library is None:
         from sbm_gym.assets.mixed import indoor_library
 
         library = indoor_library()
-    library = _part(name, library, unseen_models)
+    library = models_of_scene(library, held_out=name.startswith(("val/", "test/")), unseen_models=unseen_models)
     # A home in which something a room needs found no place is drawn again; the attempt is part of the seed.
     best: tuple[FloorPlan, list[_Furnished]] | None = None
     for attempt in range(PLAN_ATTEMPTS):
@@ -95,13 +98,42 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
     return _assemble(name, *best, library, np.random.default_rng(style_seed))
 
 
-def _part(name: str, library: FurnitureLibrary, unseen_models: bool) -> FurnitureLibrary:
-    """The models that a scene may show."""
-    from sbm_gym.assets.unseen import PartLibrary
+def build_room(
+    name: str,
+    size_m: tuple[float, float],
+    furnish: Callable[[Layout, FurnitureLibrary], object],
+    *,
+    kind: str = "living_room",
+    library: FurnitureLibrary | None = None,
+    seed: int = 0,
+) -> World:
+    """Builds a world of one closed room, furnished as one likes.
 
-    if name.startswith(("val/", "test/")):
-        return PartLibrary(library, training=False)
-    return PartLibrary(library, training=True) if unseen_models else library
+    >>> import sbm_gym
+    >>> world = sbm_gym.build_room("den", (4.0, 3.0), lambda layout, library: layout.in_the_open(
+    ...     library.models("coffee_table")[0], around_m=0.5))
+    >>> [instance.category for instance in world.objects]
+    ['table']
+
+    Args:
+        name: of the scene.
+        size_m: lengths along x and y; the middle is the origin.
+        furnish: puts pieces into the room, given its empty layout and the library. What it returns is ignored.
+        kind: decides floor and walls, a key of ``ROOM_KINDS``.
+        library: where the furniture comes from; models made from seeds if None.
+        seed: decides all that is drawn at random.
+
+    Returns:
+        The world, without an agent.
+    """
+    rng = np.random.default_rng(seed)
+    half_x, half_y = 0.5 * size_m[0], 0.5 * size_m[1]
+    planned = PlannedRoom(kind, Room((-half_x, -half_y), (half_x, half_y), height_m=2.6))
+    layout, library = Layout(planned.room, rng), library or BuiltinLibrary(seed)
+    furnish(layout, library)
+    outer_x, outer_y = half_x + OUTER_WALL_M, half_y + OUTER_WALL_M
+    plan = FloorPlan((planned,), (), (-outer_x, -outer_y, outer_x, outer_y))
+    return _assemble(name, plan, [_Furnished(planned, layout, [], 0, 0)], library, rng)
 
 
 def _missing(rooms: list[_Furnished]) -> int:

@@ -15,11 +15,11 @@ from jaxtyping import Bool, Float
 from labeling.core.errors import MissingAssetsError
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.mixed import town_library
-from sbm_gym.assets.unseen import PartLibrary
+from sbm_gym.assets.unseen import models_of_scene
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Box, overlap
 from sbm_gym.worlds.scene_builder import SceneBuilder
-from sbm_gym.worlds.splits import town_seed
+from sbm_gym.worlds.splits import TOWNS
 from sbm_gym.worlds.static_meshes import QuadSoup
 from sbm_gym.worlds.towns.furnisher import Furnisher, add_solid
 from sbm_gym.worlds.towns.furniture import furnish_town
@@ -73,9 +73,11 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
         UsageError: if there is no such town.
         MissingAssetsError: if there are no models of vehicles.
     """
-    name, seed = town_seed(scene)
-    library = _part(name, library or town_library(), unseen_models)
-    rng = np.random.default_rng(seed)
+    name, source = TOWNS.resolve(scene)
+    library = models_of_scene(
+        library or town_library(), held_out=name.startswith(("town/val/", "town/test/")), unseen_models=unseen_models
+    )
+    rng = np.random.default_rng(source.seed)
     plan = draw_plan(rng)
     spec = mujoco.MjSpec()
     spec.modelname = name.replace("/", "_")
@@ -107,13 +109,6 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     left = tuple(spawn for spawn in spawns if spawn not in taken)
     stage = TownStage(navigable, left, visitors, tuple(objects), tuple(standing.box() for standing in parked), library)
     return World(name, spec, tuple(objects), navigable, stage=stage)
-
-
-def _part(name: str, library: FurnitureLibrary, unseen_models: bool) -> FurnitureLibrary:
-    """The models that a town may show."""
-    if name.startswith(("town/val/", "town/test/")):
-        return PartLibrary(library, training=False)
-    return PartLibrary(library, training=True) if unseen_models else library
 
 
 def _rows(boxes: Sequence[Box]) -> Float[np.ndarray, "n 5"]:

@@ -8,13 +8,11 @@ import pytest
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from sbm_gym.rendering.gl.renderer import GlRenderer
 from sbm_gym.rendering.rays.renderer import RaysRenderer
-from sbm_gym.scenes.world_sources import WORLD_KINDS, world_source
+from sbm_gym.scenes.world_sources import WORLDS, world_source
 
 HEIGHT_PX, WIDTH_PX = 160, 240
-SCENES = [(kind, scene) for kind in WORLD_KINDS for scene in world_source(kind).scenes(None)]
-SAMPLE = [
-    (kind, scenes[index]) for kind in WORLD_KINDS for scenes in [world_source(kind).scenes(None)] for index in (0, -1)
-]
+SCENES = [(kind, scene) for kind in WORLDS for scene in world_source(kind).scenes(None)]
+SAMPLE = [(kind, scenes[index]) for kind in WORLDS for scenes in [world_source(kind).scenes(None)] for index in (0, -1)]
 """What every run looks at; the others take longer than a minute together."""
 
 

@@ -16,12 +16,12 @@ from sbm_gym.assets.models.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, cat
 from sbm_gym.assets.unseen import held_out, too_small
 from sbm_gym.scenes.world_sources import world_source
 from sbm_gym.worlds.rooms.indoor import BEARINGS, MAX_TRIANGLES, MIN_BEARINGS, RING_M, build_indoor
-from sbm_gym.worlds.splits import scene_names
+from sbm_gym.worlds.splits import INTERIORS
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
 
 ROOT = Path(__file__).parents[3]
 SCENES = (
-    *scene_names("train"),
+    *INTERIORS.of_split("train"),
     "val/00",
     "test/00",
     "test/01",
@@ -255,7 +255,7 @@ def test_open_door_leaves_stand_where_they_are_drawn_in_one_room_and_in_nobodys_
 
 def test_most_homes_have_doors_that_stand_open():
     leaves = {}
-    for name in scene_names("train"):
+    for name in INTERIORS.of_split("train"):
         model, _ = compiled(name)
         bodies = np.flatnonzero([model.body(body).name.startswith("door_") for body in range(model.nbody)])
         solid = model.geom_bodyid[model.geom_group == GEOM_GROUP_COLLISION]
@@ -328,7 +328,7 @@ def test_the_agent_touches_nothing_where_the_map_is_free(name):
 
 
 def test_every_class_has_ten_instances_in_training_and_some_to_spare():
-    found = [instance.category for name in scene_names("train") for instance in world(name).objects]
+    found = [instance.category for name in INTERIORS.of_split("train") for instance in world(name).objects]
     counts = {category: found.count(category) for category in COCO_CATEGORIES + NOVEL_CATEGORIES}
     assert min(counts.values()) >= 11, counts
     row = f"| `Indoor-v0` | {' | '.join(map(str, counts.values()))} |"
@@ -337,7 +337,7 @@ def test_every_class_has_ten_instances_in_training_and_some_to_spare():
 
 def test_homes_have_what_they_are_lived_in_with():
     """Where there is a kitchen there is a fridge, where a bathroom a toilet, and each stands in its room."""
-    for name in scene_names("train"):
+    for name in INTERIORS.of_split("train"):
         model, data = compiled(name)
         for body, low, high in room_bodies(model, data):
             inside = {

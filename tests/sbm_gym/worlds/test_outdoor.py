@@ -17,14 +17,14 @@ from sbm_gym.assets.catalog.home3d import convert
 from sbm_gym.assets.catalog.library import default_library
 from sbm_gym.assets.models.classes import OUTDOOR_CATEGORIES
 from sbm_gym.assets.unseen import held_out
-from sbm_gym.worlds.splits import SPLITS, TOWN_SPLITS, town_names, town_seed
+from sbm_gym.worlds.splits import INTERIORS, TOWNS
 from sbm_gym.worlds.towns.outdoor import build_outdoor
 from sbm_gym.worlds.towns.plan import draw_plan
 from sbm_gym.worlds.towns.vehicles import VEHICLE_USES
 from sbm_gym.worlds.towns.weather import draw_weather
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
 
-NAMED = tuple(name for split in TOWN_SPLITS for name in town_names(split))
+NAMED = TOWNS.of_split(None)
 TOWNS = (*NAMED, "town/seed/7")
 EPISODES = 12
 
@@ -69,17 +69,17 @@ def drawn_points(model, data, body):
 
 
 def test_splits_have_the_thesis_sizes_and_share_neither_names_nor_seeds():
-    assert [len(town_names(split)) for split in ("train", "val", "test")] == [3, 1, 1]
-    seeds = {town_seed(name)[1] for name in NAMED}
+    assert [len(TOWNS.of_split(split)) for split in ("train", "val", "test")] == [3, 1, 1]
+    seeds = {TOWNS.resolve(name)[1].seed for name in NAMED}
     assert len(set(NAMED)) == len(seeds) == 5
-    assert not seeds & {town_seed(number)[1] for number in (*range(100), 1000, 1001, 1002, 2000, 3000)}
-    assert not seeds & {source.seed for scenes in SPLITS.values() for source in scenes.values()}
+    assert not seeds & {TOWNS.resolve(number)[1].seed for number in (*range(100), 1000, 1001, 1002, 2000, 3000)}
+    assert not seeds & {source.seed for scenes in INTERIORS.named.values() for source in scenes.values()}
 
 
 @pytest.mark.parametrize("name", ["town/train/03", "train/00", "town/seed/-1", "", -1, True, 2.5])
 def test_unknown_towns_are_refused(name):
     with pytest.raises(UsageError, match="town"):
-        town_seed(name)
+        TOWNS.resolve(name)
 
 
 def fingerprint(name: str) -> str:
@@ -184,7 +184,7 @@ def test_nothing_solid_is_inside_a_vehicle(name):
 
 @pytest.mark.parametrize("name", TOWNS)
 def test_vehicles_stand_on_the_ground_where_vehicles_stand(name):
-    plan = draw_plan(np.random.default_rng(town_seed(name)[1]))
+    plan = draw_plan(np.random.default_rng(TOWNS.resolve(name)[1].seed))
     for arrangement in arrangements(name)[:4]:
         model, data = placed(name, arrangement)
         for instance in arrangement.objects:

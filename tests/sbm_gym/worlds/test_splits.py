@@ -3,18 +3,18 @@ import pytest
 from labeling.core.errors import UsageError
 from sbm_gym.scenes.world_sources import IndoorWorlds, OutdoorWorlds
 from sbm_gym.worlds.rooms.floor_plan import PROGRAMMES
-from sbm_gym.worlds.splits import SPLITS, scene_names, scene_seed
+from sbm_gym.worlds.splits import INTERIORS
 
 
 def test_splits_have_the_thesis_sizes_and_share_neither_names_nor_seeds():
-    assert [len(scene_names(split)) for split in ("train", "val", "test")] == [15, 1, 2]
-    scenes = [(name, source.seed) for split in SPLITS.values() for name, source in split.items()]
+    assert [len(INTERIORS.of_split(split)) for split in ("train", "val", "test")] == [15, 1, 2]
+    scenes = [(name, source.seed) for split in INTERIORS.named.values() for name, source in split.items()]
     assert len({name for name, _ in scenes}) == len({seed for _, seed in scenes}) == 18
 
 
 def test_free_seeds_never_meet_named_scenes():
-    named = {source.seed for split in SPLITS.values() for source in split.values()}
-    assert not named & {scene_seed(seed)[1].seed for seed in (*range(100), 1000, 1001, 2000, 3000, 3001)}
+    named = {source.seed for split in INTERIORS.named.values() for source in split.values()}
+    assert not named & {INTERIORS.resolve(seed)[1].seed for seed in (*range(100), 1000, 1001, 2000, 3000, 3001)}
 
 
 def test_the_wide_split_is_apart_from_the_thesis_and_known_to_environments():
@@ -35,19 +35,19 @@ def test_the_endless_split_never_leads_to_a_scene_to_test_on():
 
 
 def test_numbers_and_names_mean_the_same():
-    assert scene_seed(7) == scene_seed("seed/7") == scene_seed("seed/007")
+    assert INTERIORS.resolve(7) == INTERIORS.resolve("seed/7") == INTERIORS.resolve("seed/007")
 
 
 def test_every_kind_exists():
-    assert {source.kind for split in SPLITS.values() for source in split.values()} == set(PROGRAMMES)
+    assert {source.kind for split in INTERIORS.named.values() for source in split.values()} == set(PROGRAMMES)
 
 
 @pytest.mark.parametrize("name", ["train/15", "seed/-1", "kitchen", "", -3, True, 1.5])
 def test_unknown_scenes_are_refused(name):
     with pytest.raises(UsageError, match="scene"):
-        scene_seed(name)
+        INTERIORS.resolve(name)
 
 
 def test_unknown_splits_are_refused():
     with pytest.raises(UsageError, match="splits are train, val, test, wide, endless"):
-        scene_names("dev")
+        INTERIORS.of_split("dev")

@@ -1,0 +1,73 @@
+"""A world of one's own, on one screen, and what the package's root gives."""
+
+import doctest
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+
+import sbm_gym
+from labeling.core.errors import UsageError
+from sbm_gym import registration
+from sbm_gym.scenes.world_sources import WORLDS
+from sbm_gym.worlds.rooms import indoor
+
+
+def furnish(layout, library):
+    for use in ("couch", "floor_plant", "single_bed"):
+        layout.against_wall(library.models(use)[0])
+
+
+def build(scene):
+    return sbm_gym.build_room(scene, (5.0, 4.0), furnish, seed=int(scene[-1]))
+
+
+@pytest.fixture
+def arena():
+    yield sbm_gym.register_world("TestArena", build, {"train": ["arena/0", "arena/1"], "val": ["arena/2"]})
+    for known, key in ((sbm_gym.ENV_IDS, "sbm_gym/TestArena-v0"), (WORLDS, "TestArena")):
+        known.pop(key)  # type: ignore[attr-defined]
+    gymnasium.registry.pop("sbm_gym/TestArena-v0")
+
+
+def test_a_world_of_ones_own_is_an_environment(arena):
+    env = gymnasium.make(arena, split="val")
+    observation, info = env.reset(seed=0)
+    assert info["scene"] == "arena/2"
+    assert env.observation_space.contains(observation)
+    assert {instance.category for instance in env.unwrapped.scene.world.objects} == {"couch", "plant", "bed"}  # type: ignore[attr-defined]
+    for _ in range(3):
+        observation, reward, *_ = env.step(env.action_space.sample())
+        assert np.isfinite(float(reward))
+    assert gymnasium.make(arena, split="test").unwrapped.scene_names == ("arena/0", "arena/1", "arena/2")  # type: ignore[attr-defined]
+    with pytest.raises(UsageError, match="arena/9"):
+        env.reset(options={"scene": "arena/9"})
+
+
+def test_registering_again_replaces_and_mistakes_are_told(arena):
+    assert sbm_gym.register_world("TestArena", build, {"train": ["arena/0"]}) == arena
+    with pytest.raises(UsageError, match="comes with sbm_gym"):
+        sbm_gym.register_world("Indoor", build, {"train": ["arena/0"]})
+    with pytest.raises(UsageError, match="'training'"):
+        sbm_gym.register_world("TestArena", build, {"training": ["arena/0"]})
+    with pytest.raises(UsageError, match="no scene"):
+        sbm_gym.register_world("TestArena", build, {})
+
+
+@pytest.mark.parametrize("module", [sbm_gym, registration, indoor])
+def test_the_examples_run(module):
+    result = doctest.testmod(module)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_the_root_lists_what_it_gives_and_stays_light():
+    for name in sbm_gym.__all__:
+        assert getattr(sbm_gym, name) is not None
+    with pytest.raises(AttributeError, match="Nothing"):
+        sbm_gym.Nothing  # noqa: B018
+    heavy = "import sys, sbm_gym; print([m for m in ('mujoco', 'torch', 'open3d', 'numba', 'cv2') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
