@@ -3,11 +3,11 @@
 import functools
 import sys
 
-from agents.ppo.run_config import TrainConfig
+from agents.ppo.config import PpoConfig
 from labeling.runtime.cli import run_command
 
 
-def run(config: TrainConfig) -> None:
+def run(config: PpoConfig) -> None:
     """Trains, telling on the terminal how it goes.
 
     Raises:
@@ -23,7 +23,7 @@ def run(config: TrainConfig) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(TrainConfig, run, "python -m agents.train", arguments)
+    return run_command(PpoConfig, run, "python -m agents.train", arguments)
 
 
 if __name__ == "__main__":

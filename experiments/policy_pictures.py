@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import UInt8
 
-    from agents.rollouts.play import Spawn
+    from agents.rollouts.run_episode import EpisodeSpec
 
 RECORD = "policy_pictures_{}.json"
 MAX_FILM_MB = 3
@@ -62,7 +62,7 @@ def run(config: PolicyPicturesConfig) -> None:
     from agents.evaluation.top_down import draw_ways, seen_from_above
     from agents.policies.registry import make_policy
     from agents.rollouts.environments import inner_env, make_env
-    from agents.rollouts.play import play, spawn_of
+    from agents.rollouts.run_episode import episode_spec, run_episode
     from labeling.io.formats.atomic import write_json
     from labeling.runtime.provenance import experiment_provenance
 
@@ -72,20 +72,20 @@ def run(config: PolicyPicturesConfig) -> None:
     episodes = []
     with contextlib.closing(make_env(config.env, config.split, config.detector)) as env:
         scenes, film_px = inner_env(env).scene_names, _film_size(inner_env(env).profile.capture_size)
-        spawns = [spawn_of(scenes, config.seed, number) for number in range(config.episodes)]
-        for spawn in spawns:
-            records = {label(policy): play(env, chosen, spawn, None)[0] for policy, chosen in policies.items()}
-            picture = f"policies_ways_{name}_{spawn.seed}_{spawn.episode}.png"
+        specs = [episode_spec(scenes, config.seed, number) for number in range(config.episodes)]
+        for spec in specs:
+            records = {label(policy): run_episode(env, chosen, spec, None)[0] for policy, chosen in policies.items()}
+            picture = f"policies_ways_{name}_{spec.seed}_{spec.episode}.png"
             draw_ways(seen_from_above(inner_env(env)), records, config.out / picture)
             print(config.out / picture)
             kept = ("return", "objects", "sectors", "collisions")
             figures = {
                 policy: {figure: record["figures"][figure] for figure in kept} for policy, record in records.items()
             }
-            about = {"scene": spawn.scene, "seed": spawn.seed, "episode": spawn.episode}
+            about = {"scene": spec.scene, "seed": spec.seed, "episode": spec.episode}
             episodes.append({**about, "picture": picture, "figures": figures})
     film, last = f"policies_film_{name}.gif", config.policies[-1]
-    frames = filmed(config, last, spawns[0], film_px)
+    frames = filmed(config, last, specs[0], film_px)
     write_film(frames, config.out / film)
     print(config.out / film)
     content = {
@@ -122,16 +122,16 @@ def label(policy: str) -> str:
 
 
 def filmed(
-    config: PolicyPicturesConfig, policy: str, spawn: "Spawn", size_px: tuple[int, int]
+    config: PolicyPicturesConfig, policy: str, spec: "EpisodeSpec", size_px: tuple[int, int]
 ) -> "list[UInt8[np.ndarray, 'h w 3']]":
     """An episode as pictures: the robot from above beside what its camera sees, before the first step and after each.
 
-    An env renders in one mode, so the episode is played once for each; the same spawn gives the same episode.
+    An env renders in one mode, so the episode is played once for each; the same spec gives the same episode.
 
     Args:
         config: the settings.
         policy: who is filmed.
-        spawn: where it starts.
+        spec: where it starts.
         size_px: height and width of either picture; wide ones stand above each other.
     """
     import contextlib
@@ -141,14 +141,14 @@ def filmed(
 
     from agents.policies.registry import make_policy
     from agents.rollouts.environments import make_env
-    from agents.rollouts.play import play
+    from agents.rollouts.run_episode import run_episode
 
     seen: list[Sequence[Any]] = []
     for mode in ("third_person", "rgb_array"):
         settings = {"render_mode": mode, "render_size": size_px}
         with contextlib.closing(make_env(config.env, config.split, config.detector, **settings)) as inner:
             env: gym.Env = RenderCollection(inner)
-            play(env, make_policy(policy, config.env), spawn, None)
+            run_episode(env, make_policy(policy, config.env), spec, None)
             frames = env.render()
             assert isinstance(frames, list)
             seen.append(frames)

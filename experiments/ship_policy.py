@@ -139,25 +139,15 @@ def reference_figures(settings: dict[str, Any]) -> dict[str, float]:
     """
     import contextlib
 
-    import numpy as np
-
     from agents.policies.registry import make_policy
-    from agents.ppo.episode_figures import EpisodeFigures, means
-    from agents.ppo.validation import FIRST_SEED
-    from agents.ppo.workers import EnvSettings, make_env
+    from agents.ppo.envs import EnvConfig, make_env
+    from agents.ppo.validation import validate
 
-    policy, done = make_policy(REFERENCE, settings["env"]), []
-    with contextlib.closing(make_env(EnvSettings(settings["env"], settings["detector"]), "val")) as env:
-        for number in range(settings["eval_episodes"]):
-            observation, info = env.reset(seed=FIRST_SEED + number)
-            policy.reset(env, observation, info, np.random.default_rng([number]))
-            figures, ended = EpisodeFigures(), False
-            while not ended:
-                observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
-                figures.add(float(reward), info)
-                ended = terminated or truncated
-            done.append(figures.figures())
-    return means(done)
+    policy = make_policy(REFERENCE, settings["env"])
+    with contextlib.closing(make_env(EnvConfig(settings["env"], settings["detector"]), "val")) as env:
+        statistics = validate(policy, env, settings["eval_episodes"])
+    assert statistics is not None
+    return statistics
 
 
 def thinned(points: Sequence[Point], count: int) -> list[Point]:

@@ -13,7 +13,7 @@ from agents.evaluation.table import print_tables
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
 from agents.rollouts.environments import capture_size, inner_env, make_env
-from agents.rollouts.play import Spawn, play, spawn_of
+from agents.rollouts.run_episode import EpisodeSpec, episode_spec, run_episode
 from agents.rollouts.side_by_side import in_processes
 from labeling.core.errors import UsageError
 from labeling.io.formats.atomic import write_json
@@ -49,20 +49,22 @@ def evaluate(config: EvaluateConfig, played: Path | None = None) -> dict[str, An
         )
         if played is not None and not config.labels:
             adopt(played, config.out)
-        spawns = [
-            spawn_of(player.scenes, seed, episode) for seed in range(config.seeds) for episode in range(config.episodes)
+        specs = [
+            episode_spec(player.scenes, seed, episode)
+            for seed in range(config.seeds)
+            for episode in range(config.episodes)
         ]
-        _play_missing(player, spawns)
+        _play_missing(player, specs)
         records = {
             policy: [
-                read_result(result_path(config.out, player.keys[policy], spawn.seed, spawn.episode)) for spawn in spawns
+                read_result(result_path(config.out, player.keys[policy], spec.seed, spec.episode)) for spec in specs
             ]
             for policy in config.policies
         }
         content = summary(config, records)
         write_json(config.out / RESULT_FILE, content)
         print_tables(content)
-        _draw(player, content, records, spawns)
+        _draw(player, content, records, specs)
     finally:
         player.close()
     return content
@@ -92,22 +94,22 @@ class Player:
         """Frees the env."""
         self.env.close()
 
-    def missing(self, spawn: Spawn) -> list[str]:
+    def missing(self, spec: EpisodeSpec) -> list[str]:
         """The policies that have no result for this start."""
         return [
             policy
             for policy, key in self.keys.items()
-            if not result_path(self.config.out, key, spawn.seed, spawn.episode).is_file()
+            if not result_path(self.config.out, key, spec.seed, spec.episode).is_file()
         ]
 
-    def play(self, spawn: Spawn, policy: str) -> None:
+    def play(self, spec: EpisodeSpec, policy: str) -> None:
         """Plays an episode and keeps its result."""
         size_px = capture_size(self.env, self.config.size) if self.config.labels else None
-        record, captures = play(self.env, self._policies[policy], spawn, size_px)
+        record, captures = run_episode(self.env, self._policies[policy], spec, size_px)
         record["policy"] = policy
         if self.config.labels:
             record["label_quality"] = label_record(captures, inner_env(self.env).categories)
-        write_json(result_path(self.config.out, self.keys[policy], spawn.seed, spawn.episode), record)
+        write_json(result_path(self.config.out, self.keys[policy], spec.seed, spec.episode), record)
 
 
 def _check(config: EvaluateConfig) -> None:
@@ -128,12 +130,12 @@ def _check(config: EvaluateConfig) -> None:
 # Playing -------------------------------------------------------------------------------------------------------------
 
 
-def _play_missing(player: Player, spawns: Sequence[Spawn]) -> None:
+def _play_missing(player: Player, specs: Sequence[EpisodeSpec]) -> None:
     """Plays what has no result yet. All policies play one start after the other, while its scene is at hand."""
     from tqdm import tqdm
 
-    waiting = [(spawn, policies) for spawn in spawns for policies in [player.missing(spawn)] if policies]
-    total, missing = len(spawns) * len(player.keys), sum(len(policies) for _, policies in waiting)
+    waiting = [(spec, policies) for spec in specs for policies in [player.missing(spec)] if policies]
+    total, missing = len(specs) * len(player.keys), sum(len(policies) for _, policies in waiting)
     if missing < total:
         print(f"{total - missing} of {total} results are there already", file=sys.stderr)
     with tqdm(total=missing, desc="evaluating", unit="episode", smoothing=0.05, file=sys.stderr) as bar:
@@ -144,30 +146,30 @@ def _play_missing(player: Player, spawns: Sequence[Spawn]) -> None:
                 bar.update(len(policies))
 
 
-def _play_here(player: Player, waiting: Sequence[tuple[Spawn, list[str]]], done: Callable[[int], object]) -> None:
-    for spawn, policies in waiting:
+def _play_here(player: Player, waiting: Sequence[tuple[EpisodeSpec, list[str]]], done: Callable[[int], object]) -> None:
+    for spec, policies in waiting:
         for policy in policies:
-            player.play(spawn, policy)
+            player.play(spec, policy)
             done(1)
 
 
-def _play_one(player: Player, task: tuple[Spawn, list[str]]) -> None:
+def _play_one(player: Player, task: tuple[EpisodeSpec, list[str]]) -> None:
     _play_here(player, [task], lambda _: None)
 
 
 # Drawing -------------------------------------------------------------------------------------------------------------
 
 
-def _draw(player: Player, content: dict[str, Any], records: dict[str, Any], spawns: Sequence[Spawn]) -> None:
+def _draw(player: Player, content: dict[str, Any], records: dict[str, Any], specs: Sequence[EpisodeSpec]) -> None:
     from agents.evaluation.plot import draw_summary
     from agents.evaluation.top_down import draw_ways, seen_from_above
 
     out = player.config.out
     draw_summary(content, out / PLOT_FILE)
     print(f"figures: {out / RESULT_FILE}\nplot:    {out / PLOT_FILE}")
-    for number, spawn in enumerate(spawns[: player.config.pictures]):
-        path = out / PICTURES_FOLDER / f"seed{spawn.seed}-{spawn.episode:04d}.png"
-        player.env.reset(seed=spawn.env_seed, options={"scene": spawn.scene})
+    for number, spec in enumerate(specs[: player.config.pictures]):
+        path = out / PICTURES_FOLDER / f"seed{spec.seed}-{spec.episode:04d}.png"
+        player.env.reset(seed=spec.env_seed, options={"scene": spec.scene})
         plan = seen_from_above(inner_env(player.env))
         draw_ways(plan, {policy: episodes[number] for policy, episodes in records.items()}, path)
     if player.config.pictures:

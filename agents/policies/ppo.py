@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.ppo.network.prioritised_views import ACTION_SPACE, planner_of, priorities_of
+from agents.planning.prioritised_views import ACTION_SPACE, planner_of, priorities_of
 
 
 class Ppo:

@@ -1,16 +1,23 @@
-"""Hyperparameters from YAML, one entry per env id, in the shape that users of rl-zoo know. Nothing is evaluated."""
+"""Hyperparameters from YAML, one mapping per env id, in the shape that users of rl-zoo3 know."""
 
-import ast
-from dataclasses import dataclass, field, fields
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from agents.planning.prioritised_views import PrioritisedViews
 from labeling.core.errors import UsageError
 
-FOLDER = Path(__file__).resolve().parents[1] / "hyperparams"
+SHIPPED_FILE = Path(__file__).resolve().parents[1] / "hyperparams" / "ppo.yaml"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
-WRAPPERS = ("agents.ppo.network.prioritised_views.PrioritisedViews",)
+ENV_WRAPPERS = {"prioritised_views": PrioritisedViews}
+EARLIER_WRAPPER_NAMES = (
+    "agents.prioritised_views.PrioritisedViews",
+    "agents.ppo.network.prioritised_views.PrioritisedViews",
+)
+"""What runs and files of before call the wrapper ``prioritised_views``."""
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 
@@ -22,7 +29,7 @@ class Hyperparameters:
     """Steps of the environment in all."""
     n_envs: int = 4
     env_wrapper: str | None = None
-    """What is put around the environment, one of ``WRAPPERS``: other actions for the same world."""
+    """What is put around the environment, one of ``ENV_WRAPPERS``, which changes what actions mean."""
     policy: str = "MultiInputPolicy"
     n_steps: int = 500
     """Steps of each environment between updates."""
@@ -66,22 +73,20 @@ def read_hyperparameters(env_id: str, path: Path | None = None) -> Hyperparamete
 
     Args:
         env_id: Gymnasium id.
-        path: a YAML file; None finds the one that comes with the project.
+        path: a YAML file; None takes the one that comes with the project.
 
     Raises:
         UsageError: if there are none for it, or something in them makes no sense.
     """
-    shipped = path is None
-    path = path or FOLDER / f"{env_id.rpartition('/')[2]}.yaml"
-    if shipped and not path.is_file():
-        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.yaml")))
+    entries = _read_yaml(path or SHIPPED_FILE)
+    if env_id not in entries and path is None:
+        known = ", ".join(name for name in entries if "/" in name)
         raise UsageError(f"no hyperparameters for {env_id!r} (there are some for {known}); give --hyperparams FILE")
-    entry = _read_yaml(path)
-    if env_id not in entry:
-        raise UsageError(f"{path}: has no entry {env_id!r}, only {', '.join(map(str, entry)) or 'nothing'}")
-    if not isinstance(entry[env_id], dict):
+    if env_id not in entries:
+        raise UsageError(f"{path}: has no entry {env_id!r}, only {', '.join(map(str, entries)) or 'nothing'}")
+    if not isinstance(entries[env_id], dict):
         raise UsageError(f"{path}: the entry {env_id!r} must map names of hyperparameters to values")
-    return checked(entry[env_id], str(path))
+    return checked_hyperparameters(entries[env_id], str(path or SHIPPED_FILE))
 
 
 def _read_yaml(path: Path) -> dict[Any, Any]:
@@ -98,7 +103,7 @@ def _read_yaml(path: Path) -> dict[Any, Any]:
     return content
 
 
-def checked(entry: dict[Any, Any], source: str) -> Hyperparameters:
+def checked_hyperparameters(entry: Mapping[Any, Any], source: str) -> Hyperparameters:
     """Hyperparameters from plain values.
 
     Args:
@@ -114,81 +119,70 @@ def checked(entry: dict[Any, Any], source: str) -> Hyperparameters:
         raise UsageError(f"{source}: unknown hyperparameter {unknown[0]!r}; known: {', '.join(known)}")
     if "n_timesteps" not in entry:
         raise UsageError(f"{source}: n_timesteps is missing")
-    values: dict[str, Any] = {}
+    if isinstance(entry.get("normalize"), bool):  # as rl-zoo3 may have it
+        entry = {**entry, "normalize": {"norm_reward": entry["normalize"]}}
+    values = {}
     for name, value in entry.items():
-        if name == "use_sde":
-            if not isinstance(value, bool):
-                raise UsageError(f"{source}: use_sde must be true or false, not {value!r}")
-            values[name] = value
-        elif name == "sde_sample_freq" and value == -1:
-            values[name] = -1
-        elif known[name].type is int:
-            values[name] = _whole(name, value, source)
-        elif name in ("normalize", "policy_kwargs"):
-            values[name] = _mapping(name, value, source)
-        elif name == "env_wrapper":
-            if value is not None and value not in WRAPPERS:
-                raise UsageError(f"{source}: unknown env_wrapper {value!r}; known: {', '.join(WRAPPERS)}")
-            values[name] = value
-        elif name == "policy":
-            values[name] = str(value)
-        elif name == "target_kl" and value is None:
-            values[name] = None
-        else:
-            values[name] = _number(name, value, source)
-    values["normalize"] = NORMALIZE | values.get("normalize", {})
-    wrong = [name for name in values["normalize"] if name not in (*NORMALIZE, "clip_reward")]
-    if wrong or values["normalize"]["norm_obs"]:
+        wanted, convert = KINDS[known[name].type]
+        try:
+            values[name] = value if _is_default(known[name], value) else convert(value)
+        except (ValueError, TypeError):
+            raise UsageError(f"{source}: {name} must be {wanted}, not {value!r}") from None
+    normalize = values["normalize"] = NORMALIZE | values.get("normalize", {})
+    if normalize["norm_obs"] or not normalize.keys() <= {*NORMALIZE, "clip_reward"}:
         raise UsageError(f"{source}: normalize may hold norm_reward and clip_reward; observations are scaled already")
     return Hyperparameters(**values)
 
 
-def _whole(name: str, value: Any, source: str) -> int:
-    number = _number(name, value, source)
-    if isinstance(number, str) or number != int(number) or number < 1:
-        raise UsageError(f"{source}: {name} must be a whole number above 0, not {value!r}")
+def _is_default(setting: Field, value: Any) -> bool:
+    """Whether a value is that of a setting by default, such as None or -1, which others of its kind may not be."""
+    return type(value) is type(setting.default) and value == setting.default
+
+
+# For each kind of setting: the value as the setting has it, ValueError or TypeError if it is of another kind.
+
+
+def _number(value: Any) -> float:
+    number = float(value)  # YAML reads 3e-4, without a point, as text
+    if isinstance(value, bool) or not 0.0 <= number < float("inf"):
+        raise ValueError
+    return number
+
+
+def _count(value: Any) -> int:
+    number = _number(value)
+    if number < 1.0 or not number.is_integer():
+        raise ValueError
     return int(number)
 
 
-def _number(name: str, value: Any, source: str) -> float | str:
-    """A number; YAML reads 3e-4, without a point, as text."""
-    text = str(value)
-    linear = name in SCHEDULED and text.startswith(LINEAR)
-    try:
-        number = float(text.removeprefix(LINEAR) if linear else text)
-    except ValueError:
-        number = float("nan")
-    if isinstance(value, bool) or not 0 <= number < float("inf"):
-        raise UsageError(f"{source}: {name} must be a number from 0{', or lin_0.0003' * linear}, not {value!r}")
-    return text if linear else number
-
-
-def _mapping(name: str, value: Any, source: str) -> dict[str, Any]:
-    """A mapping of YAML, or one written as Python in a string; ``true`` and ``false`` as rl-zoo has them."""
-    if name == "normalize" and isinstance(value, bool):
-        return {"norm_reward": value}
-    if isinstance(value, str):
-        try:
-            value = _literal(ast.parse(value, mode="eval").body)
-        except (SyntaxError, ValueError):
-            raise UsageError(f"{source}: {name} is no mapping of plain values: {value!r}") from None
-    if not isinstance(value, dict):
-        raise UsageError(f"{source}: {name} must be a mapping, not {value!r}")
+def _number_or_schedule(value: Any) -> float | str:
+    if not isinstance(value, str) or not value.startswith(LINEAR):
+        return _number(value)
+    _number(value.removeprefix(LINEAR))
     return value
 
 
-def _literal(node: ast.expr) -> Any:
-    """What an expression of literals stands for: ``dict(a=1)`` is a mapping, ``nn.Tanh`` its name ``"Tanh"``.
+def _env_wrapper(value: Any) -> str:
+    if value not in (*ENV_WRAPPERS, *EARLIER_WRAPPER_NAMES):
+        raise ValueError
+    return value if value in ENV_WRAPPERS else "prioritised_views"
 
-    Raises:
-        ValueError: if it is more than that.
-    """
-    if isinstance(node, ast.Dict):
-        return {_literal(key): _literal(value) for key, value in zip(node.keys, node.values, strict=True) if key}
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict" and not node.args:
-        return {str(keyword.arg): _literal(keyword.value) for keyword in node.keywords}
-    if isinstance(node, ast.List | ast.Tuple):
-        return [_literal(element) for element in node.elts]
-    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "nn":
-        return node.attr
-    return ast.literal_eval(node)
+
+def _instance(kind: type, value: Any) -> Any:
+    if not isinstance(value, kind):
+        raise TypeError
+    return value
+
+
+KINDS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
+    int: ("a whole number above 0", _count),
+    float: ("a number from 0", _number),
+    float | None: ("a number from 0", _number),
+    float | str: ("a number from 0, or lin_0.0003", _number_or_schedule),
+    bool: ("true or false", functools.partial(_instance, bool)),
+    str: ("a name", functools.partial(_instance, str)),
+    str | None: (f"one of {', '.join(ENV_WRAPPERS)}", _env_wrapper),
+    dict[str, Any]: ("a mapping", functools.partial(_instance, dict)),
+}
+"""By the type of a setting: what its values are, in words, and the function that converts them."""

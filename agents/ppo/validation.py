@@ -1,23 +1,45 @@
 """How good a policy is on validation scenes: the same starts every time, and always the full reward."""
 
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium as gym
+import numpy as np
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from agents.ppo.episode_figures import EpisodeFigures, means
+from agents.policies.base import Policy
+from agents.rollouts.episode_statistics import EpisodeStatistics, means
+from agents.rollouts.rollout import rollout
 
 FIRST_SEED = 1_000_000
 """Seeds of validation episodes count up from here, whatever the seed of the run: all runs are measured alike."""
 
 
+class MostLikelyAction:
+    """The policy that always takes the most likely action of a network in training."""
+
+    def __init__(self, network: ActorCriticPolicy) -> None:
+        """Wraps a network, and puts it out of its training mode."""
+        network.set_training_mode(False)
+        self._network = network
+
+    def reset(
+        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
+    ) -> None:
+        """Starts an episode; see ``Policy``."""
+
+    def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
+        """The most likely action."""
+        return self._network.predict(observation, deterministic=True)[0]
+
+
 def validate(
-    policy: ActorCriticPolicy, env: gym.Env, episodes: int, given_up: Callable[[], bool] = lambda: False
+    policy: Policy, env: gym.Env, episodes: int, given_up: Callable[[], bool] = lambda: False
 ) -> dict[str, float] | None:
-    """Figures of a policy that always takes its most likely action.
+    """Statistics of a policy on validation episodes.
 
     Args:
-        policy: the policy.
+        policy: who acts.
         env: the environment, with validation scenes.
         episodes: how many.
         given_up: asked after every episode whether there is no more time.
@@ -25,17 +47,13 @@ def validate(
     Returns:
         Means over the episodes by name, None if given up.
     """
-    policy.set_training_mode(False)
     done = []
     for number in range(episodes):
-        observation, _ = env.reset(seed=FIRST_SEED + number)
-        figures, ended = EpisodeFigures(), False
-        while not ended:
-            action, _ = policy.predict(observation, deterministic=True)
-            observation, reward, terminated, truncated, info = env.step(action)
-            figures.add(float(reward), info)
-            ended = terminated or truncated
-        done.append(figures.figures())
+        observation, info = env.reset(seed=FIRST_SEED + number)
+        statistics = EpisodeStatistics()
+        for step in rollout(env, policy, observation, info, np.random.default_rng([number])):
+            statistics.add(step.reward, step.info)
+        done.append(statistics.result())
         if given_up():
             return None
     return means(done)

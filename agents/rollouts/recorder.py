@@ -12,6 +12,7 @@ import numpy as np
 from agents.policies.registry import make_policy
 from agents.rollouts.collect_config import CollectConfig
 from agents.rollouts.environments import capture_size, inner_env, make_env
+from agents.rollouts.rollout import rollout
 from agents.rollouts.side_by_side import in_processes
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
@@ -22,11 +23,11 @@ from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
 
 SETTINGS_FILE = "collection.json"
-MAX_SPAWNS = 20
+MAX_ATTEMPTS = 20
 """An episode without a single confident detection gives no labels, so it is started again elsewhere: this many
 times."""
-SPAWNS_PER_SCENE = 5
-"""After so many vain starts in one scene the next scene is tried."""
+ATTEMPTS_PER_SCENE = 5
+"""After so many starts in one scene that found nothing, the next scene is tried."""
 
 
 def collect(config: CollectConfig) -> list[Path]:
@@ -122,10 +123,10 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
     """
     scenes = inner_env(env).scene_names
     order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
-    for spawn in range(MAX_SPAWNS):
-        index = number // config.episodes_per_scene + spawn // SPAWNS_PER_SCENE
+    for attempt in range(MAX_ATTEMPTS):
+        index = number // config.episodes_per_scene + attempt // ATTEMPTS_PER_SCENE
         scene = scenes[int(order[index % len(scenes)])]
-        seeds = np.random.SeedSequence([config.seed, 1, number, spawn]).generate_state(2)
+        seeds = np.random.SeedSequence([config.seed, 1, number, attempt]).generate_state(2)
         captures, log = _roll_out(env, config, scene, int(seeds[0]), int(seeds[1]))
         if any(_is_source(capture) for capture in captures):
             metadata = {
@@ -135,7 +136,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "policy": config.policy,
                 "seed": config.seed,
                 "episode": number,
-                "spawn": spawn,
+                "spawn": attempt,
                 "env_seed": int(seeds[0]),
                 "detector": config.detector,
                 "detector_categories": list(inner_env(env).categories),
@@ -145,8 +146,8 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
             }
             return episode_of_captures(captures, inner_env(env).categories, metadata, name=f"{number:04d}")
     raise SbmError(
-        f"episode {number}: {MAX_SPAWNS} starts without one confident detection ({config.policy!r} in {config.env!r}); "
-        "try another seed or split"
+        f"episode {number}: {MAX_ATTEMPTS} starts without one confident detection ({config.policy!r} in "
+        f"{config.env!r}); try another seed or split"
     )
 
 
@@ -156,20 +157,17 @@ def _roll_out(
     """One episode: the full frame after every step, and what was done."""
     policy = make_policy(config.policy, config.env)
     observation, info = env.reset(seed=env_seed, options={"scene": scene})
-    policy.reset(env, observation, info, np.random.default_rng(policy_seed))
-    captures, log, truncated = [], [], False
-    while not truncated:
-        action = policy.act(observation, info)
-        observation, reward, _, truncated, info = env.step(action)
+    captures, log = [], []
+    for step in rollout(env, policy, observation, info, np.random.default_rng(policy_seed)):
         captures.append(inner_env(env).capture(*capture_size(env, config.size)))
         log.append(
             {
-                "action": [float(value) for value in action],
-                "reward": float(reward),
-                "reward_terms": info["reward_terms"],
-                "collided": info["collided"],
-                "fixated_object": info["fixation_target"].get("object_id"),
-                "coverage": info["coverage"],
+                "action": [float(value) for value in step.action],
+                "reward": step.reward,
+                "reward_terms": step.info["reward_terms"],
+                "collided": step.info["collided"],
+                "fixated_object": step.info["fixation_target"].get("object_id"),
+                "coverage": step.info["coverage"],
             }
         )
     return captures, log

@@ -75,13 +75,13 @@ def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarra
 
 def _with_workers(quick: bool, say: Callable[[str], None], colours: bool) -> Iterator[Row]:
     """Steps of several workers side by side, ends of episodes included; each worker has one thread."""
-    from agents.ppo.workers import EnvSettings, start_workers
+    from agents.ppo.envs import EnvConfig, make_subproc_vec_env
 
     steps = MAX_EPISODE_STEPS * (1 if quick else 12)
     rng = np.random.default_rng(0)
     alone = None
     for count in WORKERS:
-        with contextlib.closing(start_workers(EnvSettings(ENV_ID, colours=colours), count, (SCENE,))) as workers:
+        with contextlib.closing(make_subproc_vec_env(EnvConfig(ENV_ID, colours=colours), count, (SCENE,))) as workers:
             workers.seed(0)
             workers.reset()
             started = time.perf_counter()
@@ -110,13 +110,13 @@ def _learning(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     from stable_baselines3.common.logger import Logger
     from stable_baselines3.common.vec_env import DummyVecEnv
 
+    from agents.ppo.envs import EnvConfig, make_training_env
     from agents.ppo.hyperparameters import read_hyperparameters
     from agents.ppo.network.policy_network import policy_arguments, policy_class
-    from agents.ppo.workers import EnvSettings, make_worker
 
     settings = read_hyperparameters(ENV_ID)
     arguments = replace(settings, n_steps=settings.batch_size).ppo_arguments()
-    env = DummyVecEnv([lambda: make_worker(EnvSettings(ENV_ID), 0, 1)])
+    env = DummyVecEnv([lambda: make_training_env(EnvConfig(ENV_ID), 0, 1)])
     network = policy_arguments(settings.policy_kwargs)
     model = PPO(policy_class(settings.policy), env, policy_kwargs=network, device="cpu", seed=0, **arguments)
     model.set_logger(Logger(None, []))

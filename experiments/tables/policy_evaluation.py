@@ -16,7 +16,7 @@ POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
 LABELLED = ("ring", "next_best_view", "ppo")
 """Whose views labels are made of, which takes several times as long as the views do."""
 PLAYING_CODE = (
-    "agents.rollouts.play",
+    "agents.rollouts.run_episode",
     "agents.evaluation.label_quality",
     "agents.rollouts.environments",
     "agents.policies.registry",

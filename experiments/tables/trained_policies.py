@@ -6,7 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from agents.ppo.run_config import TrainConfig
+from agents.ppo.config import PpoConfig
 
 SHAPES = ("format", "observation_space", "action_space", "policy")
 """What a checkpoint says about its tensors, which is long and tells nothing of where they come from."""
@@ -40,7 +40,7 @@ def training_command(description: Mapping[str, Any]) -> str:
     """The command that trains a policy again, with whatever differs from the defaults.
 
     Args:
-        description: of a checkpoint, or the settings that a run keeps; the names of both are those of ``TrainConfig``.
+        description: of a checkpoint, or the settings that a run keeps; the names of both are those of ``PpoConfig``.
     """
     hyperparameters = description.get("hyperparameters", {})
     validation = description.get("validation") or {}
@@ -51,7 +51,7 @@ def training_command(description: Mapping[str, Any]) -> str:
         "envs": hyperparameters.get("n_envs"),
     }
     words = ["python", "-m", "agents.train"]
-    for field in fields(TrainConfig):
+    for field in fields(PpoConfig):
         value = known.get(field.name)
         if field.name in NOT_NAMED or value is None or (value == field.default and field.name not in NAMED_ALWAYS):
             continue

@@ -167,7 +167,7 @@ def test_a_damaged_episode_is_reported(recorded, tmp_path, capsys):
 
 
 def test_a_world_without_anything_to_find_gives_up_with_a_clear_error(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(recorder, "MAX_SPAWNS", 2)
+    monkeypatch.setattr(recorder, "MAX_ATTEMPTS", 2)
     monkeypatch.setattr(recorder, "CONFIDENT", 1.1)
     assert main(["--out", str(tmp_path / "out"), "--env", ENV_ID, "--size", "64"]) == 2
     assert "without one confident detection" in capsys.readouterr().err

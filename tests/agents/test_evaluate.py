@@ -17,7 +17,7 @@ from agents.evaluation.paired import difference_record, over_seeds
 from agents.evaluation.run import Player, evaluate
 from agents.evaluation.store import policy_key
 from agents.evaluation.summary import summary
-from agents.rollouts.play import spawn_of
+from agents.rollouts.run_episode import episode_spec
 from labeling.core.errors import UsageError
 from labeling.core.rle import encode_mask
 
@@ -78,9 +78,9 @@ def test_episodes_played_for_their_labels_need_not_be_played_again(evaluated, tm
 def test_spawns_depend_on_seed_and_number_alone_and_take_scenes_in_turn():
     scenes = ("a", "b", "c")
     for seed in range(3):
-        assert sorted(spawn_of(scenes, seed, number).scene for number in range(3)) == list(scenes)
-    assert spawn_of(scenes, 1, 2) == spawn_of(scenes, 1, 2)
-    assert len({spawn_of(scenes, seed, number).env_seed for seed in range(4) for number in range(4)}) == 16
+        assert sorted(episode_spec(scenes, seed, number).scene for number in range(3)) == list(scenes)
+    assert episode_spec(scenes, 1, 2) == episode_spec(scenes, 1, 2)
+    assert len({episode_spec(scenes, seed, number).env_seed for seed in range(4) for number in range(4)}) == 16
 
 
 def test_figures_are_those_of_the_steps(evaluated):

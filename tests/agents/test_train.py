@@ -15,11 +15,11 @@ import pytest
 import torch
 
 from agents.policies.ppo import Ppo
-from agents.ppo import teachers, training
-from agents.ppo.imitation import running_sums
+from agents.ppo import training
+from agents.ppo.config import PpoConfig
+from agents.ppo.envs import REWARDS, CompleteEpisodes, EnvConfig, ShareOfScenes, make_env, share
 from agents.ppo.network.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
-from agents.ppo.run_config import TrainConfig
-from agents.ppo.workers import REWARDS, EnvSettings, ShareOfScenes, WholeEpisodes, make_env, share
+from agents.ppo.run_settings import claim_run, resolve_settings
 from agents.train import main
 from labeling.core.errors import UsageError
 from sbm_gym.env.rewards import reward_terms
@@ -36,7 +36,7 @@ HYPERPARAMS = """toy/Echo-v0: &toy
   n_epochs: 8
   gamma: 0.5
   learning_rate: lin_0.003
-  normalize: "{'norm_obs': False, 'norm_reward': True}"
+  normalize: {norm_obs: false, norm_reward: true}
   policy_kwargs:
     net_arch: [16]
     log_std_init: -0.5
@@ -55,11 +55,8 @@ def hyperparams(tmp_path_factory) -> Path:
 class Bar:
     """Takes the place of tqdm; may press Ctrl-C."""
 
-    def __init__(self, items=(), interrupt_at=None, **_):
-        self.items, self.steps, self.interrupt_at = items, 0, interrupt_at
-
-    def __iter__(self):
-        return iter(self.items)
+    def __init__(self, interrupt_at=None, **_):
+        self.steps, self.interrupt_at = 0, interrupt_at
 
     def update(self, count):
         self.steps += count
@@ -73,18 +70,16 @@ class Bar:
         pass
 
 
-def train(config: TrainConfig, interrupt_at=None):
+def train(config: PpoConfig, interrupt_at=None):
     said: list[str] = []
-    progress = training.train(
-        config, said.append, lambda *items, **given: Bar(*items, interrupt_at=interrupt_at, **given)
-    )
+    progress = training.train(config, said.append, lambda **given: Bar(interrupt_at=interrupt_at, **given))
     return progress, said
 
 
 @pytest.fixture(scope="module")
-def config(hyperparams, tmp_path_factory) -> TrainConfig:
+def config(hyperparams, tmp_path_factory) -> PpoConfig:
     out = tmp_path_factory.mktemp("trained") / "run"
-    return TrainConfig(
+    return PpoConfig(
         out=out, env=ENV_ID, hyperparams=hyperparams, eval_every=500, eval_episodes=4, seed=1, device="cpu"
     )
 
@@ -159,17 +154,17 @@ def test_an_interrupted_run_goes_on_from_the_last_update_exactly(config, tmp_pat
     assert json.loads(stopped["progress"])["steps"] == 200
     # Stopped again at once: what was restored is what is written.
     restored = {}
-    real = training.restore
+    real = training.restore_training
 
     def restore_and_look(model, env, folder):
         progress = real(model, env, folder)
-        training.write_state(tmp_path / "again.pt", model, progress)
+        training.write_training_state(tmp_path / "again.pt", model, progress)
         restored["weights"] = {name: value.clone() for name, value in model.policy.state_dict().items()}
         return progress
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "restore", restore_and_look)
-        progress, said = train(TrainConfig(resume=out, device="cpu"))
+        patch.setattr(training, "restore_training", restore_and_look)
+        progress, said = train(PpoConfig(resume=out, device="cpu"))
     assert same(torch.load(tmp_path / "again.pt", weights_only=True), stopped)
     assert "going on from step 200" in said
     assert progress.steps == 600
@@ -184,7 +179,7 @@ def test_the_same_command_goes_on_and_a_finished_run_takes_more_steps(config, tm
     assert "finished at step 200 already; --steps with more goes on" in said
     progress, _ = train(replace(config, steps=300))
     assert progress.steps == 300
-    progress, _ = train(TrainConfig(resume=config.out, steps=400, device="cpu"))
+    progress, _ = train(PpoConfig(resume=config.out, steps=400, device="cpu"))
     assert progress.steps == 400
 
 
@@ -202,17 +197,31 @@ def test_other_settings_in_the_same_folder_are_refused(trained, config, change, 
     assert says in str(caught.value)
 
 
+def test_runs_of_before_go_on(config, tmp_path):
+    path = tmp_path / "toy.yaml"
+    path.write_text(HYPERPARAMS.replace("n_timesteps", "env_wrapper: prioritised_views\n  n_timesteps"))
+    out = tmp_path / "run"
+    begun = resolve_settings(replace(config, out=out, hyperparams=path))
+    content = begun.as_json()
+    assert content["hyperparameters"]["env_wrapper"] == "prioritised_views"
+    content["hyperparameters"]["env_wrapper"] = "agents.prioritised_views.PrioritisedViews"
+    out.mkdir()
+    (out / SETTINGS_FILE).write_text(json.dumps(content | {"imitate": "ring", "imitate_episodes": 0}))
+    claim_run(begun)
+    assert json.loads((out / SETTINGS_FILE).read_text()) == begun.as_json()
+    resumed = resolve_settings(PpoConfig(resume=out))
+    assert (resumed.as_json(), resumed.env_config) == (begun.as_json(), begun.env_config)
+
+
 def test_what_cannot_be_changed_is_refused_with_resume(trained, config):
     with pytest.raises(UsageError, match=r"--seed 7 cannot be given with --resume"):
-        train(TrainConfig(resume=config.out, seed=7))
+        train(PpoConfig(resume=config.out, seed=7))
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["--steps", "0"], "--steps must be at least 1"),
-        (["--imitate", "owl"], "--imitate owl: no hand-written policy; there are frontier"),
-        (["--imitate-episodes", "-1"], "--imitate-episodes must not be negative"),
         (["--seed", "-1"], "--seed must lie from 0"),
         (["--env", "sbm_gym/Moon-v0"], "no hyperparameters for 'sbm_gym/Moon-v0'"),
         (["--env", "no_such_module:sbm_gym/Indoor-v0"], "cannot import 'no_such_module'"),
@@ -277,7 +286,7 @@ def test_ctrl_c_reaches_everybody_and_costs_no_more_than_the_rollout(hyperparams
     assert stopped >= 400
     assert stopped % 200 == 0  # two workers, 100 steps each
     assert f"stopped at step {stopped}; python -m agents.train --resume {out} goes on" in said
-    progress, _ = train(TrainConfig(resume=out, envs=1, steps=stopped + 100, device="cpu"))
+    progress, _ = train(PpoConfig(resume=out, envs=1, steps=stopped + 100, device="cpu"))
     assert progress.steps == stopped + 100
     assert json.loads((out / SETTINGS_FILE).read_text())["hyperparameters"]["n_envs"] == 1
 
@@ -289,72 +298,8 @@ def steps_at(out: Path) -> int:
         return -1
 
 
-class Echoes:
-    """Solves the toy by hand."""
-
-    def reset(self, env, observation, info, rng):
-        self.rng = rng
-
-    def act(self, observation, info):
-        return np.array([observation["state"][0], 0.5, 0.0, -0.5])
-
-
-def test_a_warm_start_does_what_it_was_shown_and_knows_what_it_is_worth(config, tmp_path, monkeypatch):
-    monkeypatch.setattr(teachers, "make_policy", lambda name, env: {"ring": Echoes()}[name])
-    out = tmp_path / "run"
-    config = replace(config, out=out, imitate_episodes=100, steps=100, eval_every=10_000)
-    seen = {}
-    real, rounds = training.imitate, []
-
-    def imitate_and_look(model, env, shown, seed):
-        rounds.append(len(shown.rewards))
-        off = real(model, env, shown, seed)
-        assert set(shown.observations) == {"rgb", "depth", "state"}
-        observations, _ = model.policy.obs_to_tensor(shown.observations)
-        values = model.policy.predict_values(observations).detach().numpy().reshape(-1, 10)
-        seen.update(off=off, values=values.mean(axis=0), scale=np.sqrt(env.ret_rms.var))
-        return off
-
-    monkeypatch.setattr(training, "imitate", imitate_and_look)
-    progress, said = train(config)
-    assert sum(line.startswith("ring earned 10.00 in training scenes") for line in said) == 1
-    # From the second round on the network acts, and the teacher only says what it would do.
-    assert sum(line.startswith("the network earned") for line in said) == 3
-    assert len(rounds) == 4
-    assert rounds == [25, 50, 75, 100]
-    assert seen["off"] < 0.2  # actions differ by 0.58 from their mean
-    # All rewards are 1, gamma is a half: a step is worth 2 if there are enough left.
-    assert seen["values"].mean() * seen["scale"] == pytest.approx(2 - 0.2, abs=0.3)
-    assert progress.validations[0]["at"] == 0
-    assert progress.validations[0]["return"] > 9.0
-    with pytest.raises(UsageError, match="imitate_episodes 100 there, 0 now"):
-        train(replace(config, imitate_episodes=0))
-
-
-def test_a_warm_start_that_is_stopped_leaves_nothing_half_learnt(config, tmp_path, monkeypatch):
-    class Tired(Echoes):
-        def reset(self, env, observation, info, rng):
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(teachers, "make_policy", lambda name, env: Tired())
-    out = tmp_path / "run"
-    with pytest.raises(KeyboardInterrupt):
-        training.train(replace(config, out=out, imitate_episodes=3), lambda line: None, Bar)
-    assert not (out / LAST).exists()
-
-
-@pytest.mark.parametrize("gamma", [0.0, 0.5, 0.98, 1.0])
-def test_running_sums_are_discounted_sums(gamma):
-    rewards = np.random.default_rng(0).normal(size=12)
-    sums = running_sums(rewards, gamma)
-    assert len(running_sums(rewards[:0], gamma)) == 0
-    for step, value in enumerate(sums):
-        expected = sum(gamma ** (step - before) * rewards[before] for before in range(step + 1))
-        assert value == pytest.approx(expected, abs=1e-9)
-
-
-def test_episodes_end_for_good_and_hand_on_figures_only():
-    env = WholeEpisodes(gym.make(ENV_ID))
+def test_episodes_end_for_good_and_hand_on_statistics_only():
+    env = CompleteEpisodes(gym.make(ENV_ID))
     observation, info = env.reset(seed=0)
     assert info == {}
     rewards = []
@@ -362,11 +307,11 @@ def test_episodes_end_for_good_and_hand_on_figures_only():
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
         rewards.append(reward)
         assert (terminated, truncated) == (step == 9, False)
-        assert set(info) == ({"figures"} if terminated else set())
+        assert set(info) == ({"episode_statistics"} if terminated else set())
     assert env.observation_space.contains(observation)
-    assert info["figures"]["return"] == pytest.approx(sum(rewards))
-    assert info["figures"]["collisions"] == sum(reward < 0.5 for reward in rewards)
-    assert info["figures"]["steps"] == 10
+    assert info["episode_statistics"]["return"] == pytest.approx(sum(rewards))
+    assert info["episode_statistics"]["collisions"] == sum(reward < 0.5 for reward in rewards)
+    assert info["episode_statistics"]["steps"] == 10
 
 
 @pytest.mark.parametrize(("scenes", "workers"), [(15, 4), (3, 3), (3, 4), (15, 1)])
@@ -413,7 +358,7 @@ def test_rewards_switch_terms_off_by_name():
 
 
 def test_training_pays_the_reward_asked_for_in_the_scenes_of_its_split():
-    env = make_env(EnvSettings(ENV_ID, reward="discovery"), "val").unwrapped
+    env = make_env(EnvConfig(ENV_ID, reward="discovery"), "val").unwrapped
     assert isinstance(env, Echo)
     assert env.split == "val"
     assert env.settings["reward_weights"] == REWARDS["discovery"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.rollouts.play import spawn_of
+from agents.rollouts.run_episode import episode_spec
 from experiments import policy_pictures
 from experiments.policy_pictures import main, write_film
 from labeling.core.errors import SbmError
@@ -30,7 +30,7 @@ def test_episodes_are_drawn_and_the_last_policy_filmed(tmp_path: Path, monkeypat
     assert main(["--policies", "ring", "random", "--env", SHORT_ENV_ID, "--episodes", "2", "--seed", "4", *places]) == 0
     content = json.loads((tmp_path / f"policy_pictures_{NAME}.json").read_text())
     assert [one["scene"] for one in content["episodes"]] == [
-        spawn_of(BoxRooms().scenes("val"), 4, number).scene for number in range(2)
+        episode_spec(BoxRooms().scenes("val"), 4, number).scene for number in range(2)
     ]
     for one in content["episodes"]:
         assert (tmp_path / "pictures" / one["picture"]).read_bytes().startswith(b"\x89PNG")

@@ -10,7 +10,7 @@ import pytest
 
 from agents.policies import registry
 from agents.policies.registry import make_policy
-from agents.ppo.run_config import TrainConfig
+from agents.ppo.config import PpoConfig
 from agents.ppo.training import train
 from experiments import ship_policy
 from experiments.ship_policy import main, thinned
@@ -35,7 +35,7 @@ class Silent:
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trained")
-    config = TrainConfig(
+    config = PpoConfig(
         out=folder / "run",
         env=SHORT_ENV_ID,
         steps=30,

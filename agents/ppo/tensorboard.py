@@ -7,8 +7,11 @@ from typing import Any
 from stable_baselines3.common.logger import KVWriter, Logger
 
 
-class Board(KVWriter):
-    """Writes scalars for TensorBoard, from a step on: what lies after it, from before a kill, is dropped."""
+class TensorBoardWriter(KVWriter):
+    """Writes scalars from a step on: what lies after it, from before a kill, is dropped.
+
+    Stable-Baselines3's own ``TensorBoardOutputFormat`` would show both.
+    """
 
     def __init__(self, folder: Path, steps: int) -> None:
         """Opens the folder.
@@ -33,7 +36,7 @@ class Board(KVWriter):
 
 
 def make_logger(folder: Path, steps: int, say: Callable[[str], None]) -> Logger:
-    """Where Stable-Baselines3 and the callbacks log to.
+    """Where Stable-Baselines3 and the callback log to.
 
     Args:
         folder: for TensorBoard.
@@ -41,7 +44,7 @@ def make_logger(folder: Path, steps: int, say: Callable[[str], None]) -> Logger:
         say: told if there will be no curves.
     """
     try:
-        return Logger(None, [Board(folder, steps)])
+        return Logger(None, [TensorBoardWriter(folder, steps)])
     except ImportError:
         say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
         return Logger(None, [])

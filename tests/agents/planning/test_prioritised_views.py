@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from agents.planning.prioritised_views import ACTION_SPACE, DRAW_SEED, STRENGTH, PrioritisedViews, priorities_of
 from agents.planning.view_planner import Priorities, ViewPlanner
 from agents.policies.next_best_view import NextBestView
 from agents.policies.ppo import Ppo
 from agents.ppo.network.checkpoint import write_policy
 from agents.ppo.network.policy_network import build_policy
-from agents.ppo.network.prioritised_views import ACTION_SPACE, DRAW_SEED, STRENGTH, PrioritisedViews, priorities_of
 from agents.ppo.network.spaces import describe
 from sbm_gym.robot.object_memory import MemoryConfig
 

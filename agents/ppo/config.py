@@ -1,14 +1,15 @@
-"""Settings of a training run."""
+"""Options of ``agents.train``."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-DEFAULT_ENV = "sbm_gym/IndoorBuiltin-v0"
+PaidReward = Literal["both", "discovery", "diversity", "neither"]
+"""Which terms of the reward are paid beside those for collisions and steps."""
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class PpoConfig:
     """Trains a policy that decides where to go and where to look, with PPO.
 
     RUN/best holds the policy with the highest return on the validation scenes, RUN/last the latest one; either is a
@@ -17,7 +18,7 @@ class TrainConfig:
 
     out: Path | None = None
     """Folder of the run; by default out/ppo/ENV."""
-    env: str = DEFAULT_ENV
+    env: str = "sbm_gym/IndoorBuiltin-v0"
     """Gymnasium id of the world."""
     steps: int | None = None
     """Steps of the environment in all; by default as the hyperparameters say. A finished run goes on with more."""
@@ -25,17 +26,12 @@ class TrainConfig:
     """Decides the first weights, scenes, starting places and all noise."""
     envs: int | None = None
     """Environments that run side by side, each in a process of its own; by default as the hyperparameters say."""
-    reward: Literal["both", "discovery", "diversity", "neither"] = "both"
+    reward: PaidReward = "both"
     """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward."""
     detector: str = "simulated"
     """The detector in the loop."""
     hyperparams: Path | None = None
     """YAML file in the shape of rl-zoo's, with the env as a key; by default the one that comes with the project."""
-    imitate: str = "ring"
-    """The hand-written policy to begin with."""
-    imitate_episodes: int = 0
-    """Begin with what that policy does, or would do in the network's place, in so many episodes; 0 begins with
-    nothing. It shows moves, so it goes with hyperparameters without env_wrapper only."""
     eval_every: int = 20_000
     """Steps between validations."""
     eval_episodes: int = 20

@@ -1,4 +1,4 @@
-"""Environments that run side by side in processes of their own."""
+"""The environments of training: what is paid, which scenes each worker has, several of them side by side."""
 
 import contextlib
 import functools
@@ -7,15 +7,16 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from agents.ppo.episode_figures import EpisodeFigures
-from agents.ppo.network.prioritised_views import PrioritisedViews
+from agents.ppo.config import PaidReward
+from agents.ppo.hyperparameters import ENV_WRAPPERS
 from agents.rollouts import environments
+from agents.rollouts.episode_statistics import EpisodeStatistics
 from labeling.runtime.threads import threads_of_children
 from sbm_gym.env.rewards import RewardWeights
 
@@ -33,20 +34,21 @@ REWARDS: dict[str, RewardWeights] = {
 
 
 @dataclass(frozen=True)
-class EnvSettings:
+class EnvConfig:
     """Which environment; plain values, so that it can be sent to workers."""
 
     env: str
+    """Gymnasium id."""
     detector: str = "simulated"
-    reward: Literal["both", "discovery", "diversity", "neither"] = "both"
+    reward: PaidReward = "both"
     colours: bool = True
     """Whether observed pictures have colours; without, steps are faster."""
-    priorities: bool = False
-    """Whether actions set the priorities of a planner instead of moving the robot."""
+    wrapper: str | None = None
+    """One of ``ENV_WRAPPERS``, which changes what actions mean."""
 
 
-class WholeEpisodes(gym.Wrapper):
-    """Ends episodes for good, and says what they were like instead of what was seen in each step.
+class CompleteEpisodes(gym.Wrapper):
+    """Terminates episodes instead of truncating them, and hands on their statistics instead of the ``info`` of steps.
 
     The end of an episode is the end of the task: the views are counted, and the observation says how many are left. So
     the value of what would come after is zero, and the last step is handed on as terminated; a truncated one would have
@@ -58,20 +60,21 @@ class WholeEpisodes(gym.Wrapper):
     def __init__(self, env: gym.Env) -> None:
         """Wraps an environment with the ``info`` of ``FixationEnv``."""
         super().__init__(env)
-        self._figures = EpisodeFigures()
+        self._statistics = EpisodeStatistics()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode."""
         observation, _ = self.env.reset(seed=seed, options=options)
-        self._figures = EpisodeFigures()
+        self._statistics = EpisodeStatistics()
         return observation, {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One step; the ``info`` of the last one holds ``figures`` of the episode."""
+        """One step; the ``info`` of the last one holds ``episode_statistics``."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._figures.add(float(reward), info)
+        self._statistics.add(float(reward), info)
         ended = terminated or truncated
-        return observation, float(reward), ended, False, {"figures": self._figures.figures()} if ended else {}
+        last = {"episode_statistics": self._statistics.result()} if ended else {}
+        return observation, float(reward), ended, False, last
 
 
 class ShareOfScenes(gym.Wrapper):
@@ -94,41 +97,36 @@ class ShareOfScenes(gym.Wrapper):
         return self.env.reset(seed=seed, options={"scene": scene, **(options or {})})
 
 
-def make_env(settings: EnvSettings, split: str) -> gym.Env:
-    """An environment as it is.
+def make_env(config: EnvConfig, split: str) -> gym.Env:
+    """An environment as it is, but for its wrapper.
 
     Raises:
         UsageError: if there is no such environment, or a setting makes no sense to it.
     """
     env = environments.make_env(
-        settings.env,
+        config.env,
         split,
-        settings.detector,
-        reward_weights=REWARDS[settings.reward],
+        config.detector,
+        reward_weights=REWARDS[config.reward],
         scene_cache=ALL_SCENES,
-        **({} if settings.colours else {"colours": False}),
+        **({} if config.colours else {"colours": False}),
     )
-    return PrioritisedViews(env) if settings.priorities else env
+    return env if config.wrapper is None else ENV_WRAPPERS[config.wrapper](env)
 
 
-def make_worker(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
-    """The environment of one worker; arguments as of ``make_shared_env``."""
-    return WholeEpisodes(make_shared_env(settings, index, count, scenes))
-
-
-def make_shared_env(settings: EnvSettings, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
-    """An environment with its share of the scenes.
+def make_training_env(config: EnvConfig, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
+    """The training environment of one of several workers.
 
     Args:
-        settings: which environment.
-        index: number of its process, from 0.
+        config: which environment.
+        index: number of the worker, from 0.
         count: how many there are.
         scenes: what they share; by default all training scenes, if the environment has any by name.
     """
-    env = make_env(settings, "train")
+    env = make_env(config, "train")
     if scenes is None and env.has_wrapper_attr("scene_names"):
         scenes = env.get_wrapper_attr("scene_names")
-    return env if scenes is None else ShareOfScenes(env, share(scenes, index, count))
+    return CompleteEpisodes(env if scenes is None else ShareOfScenes(env, share(scenes, index, count)))
 
 
 def share(scenes: tuple[str, ...], index: int, count: int) -> tuple[str, ...]:
@@ -136,16 +134,16 @@ def share(scenes: tuple[str, ...], index: int, count: int) -> tuple[str, ...]:
     return scenes if len(scenes) < count else scenes[index::count]
 
 
-def make_workers(settings: EnvSettings, count: int) -> VecEnv:
+def make_vec_env(config: EnvConfig, count: int) -> VecEnv:
     """Several environments that step side by side; a single one steps in this process."""
     if count == 1:
-        return DummyVecEnv([functools.partial(make_worker, settings, 0, 1)])
-    return start_workers(settings, count)
+        return DummyVecEnv([functools.partial(make_training_env, config, 0, 1)])
+    return make_subproc_vec_env(config, count)
 
 
-def start_workers(settings: EnvSettings, count: int, scenes: tuple[str, ...] | None = None) -> VecEnv:
-    """Several environments, each in a process and a thread of its own; arguments as of ``make_shared_env``."""
-    factories = [functools.partial(make_worker, settings, index, count, scenes) for index in range(count)]
+def make_subproc_vec_env(config: EnvConfig, count: int, scenes: tuple[str, ...] | None = None) -> VecEnv:
+    """Several environments, each in a process and a thread of its own; arguments as of ``make_training_env``."""
+    factories = [functools.partial(make_training_env, config, index, count, scenes) for index in range(count)]
     with threads_of_children(1), interrupts_held_back():
         return SubprocVecEnv(factories, start_method="spawn")
 

@@ -45,7 +45,7 @@ def normalization_of(env: VecNormalize) -> dict[str, Any]:
     }
 
 
-def write_state(path: Path, model: PPO, progress: Progress) -> None:
+def write_training_state(path: Path, model: PPO, progress: Progress) -> None:
     """Writes what it takes to go on from here. Call between an update and the next rollout."""
     name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002, batches are drawn with it
     content = {
@@ -59,7 +59,7 @@ def write_state(path: Path, model: PPO, progress: Progress) -> None:
     torch.save(content, path)
 
 
-def restore(model: PPO, env: VecNormalize, folder: Path) -> Progress:
+def restore_training(model: PPO, env: VecNormalize, folder: Path) -> Progress:
     """Puts a model back to where a checkpoint was written.
 
     Args:

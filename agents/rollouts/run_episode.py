@@ -1,4 +1,4 @@
-"""One episode of one policy: where it starts, what the policy did, what it saw."""
+"""One episode of one policy as JSON: where it starts, what the policy did, what it saw."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.policies.base import Policy
 from agents.rollouts.environments import inner_env
+from agents.rollouts.rollout import rollout
 from sbm_gym.env.recording import Capture
 
 DIGITS = 4
@@ -16,7 +17,7 @@ DIGITS = 4
 
 
 @dataclass(frozen=True)
-class Spawn:
+class EpisodeSpec:
     """All that decides an episode but the policy: the same for all policies."""
 
     seed: int
@@ -28,46 +29,44 @@ class Spawn:
     """Of the policy's own generator."""
 
 
-def spawn_of(scenes: Sequence[str], seed: int, episode: int) -> Spawn:
+def episode_spec(scenes: Sequence[str], seed: int, episode: int) -> EpisodeSpec:
     """Where an episode starts: scenes in turn, in an order that the seed draws.
 
     Args:
         scenes: names of the scenes of the split.
         seed: of the evaluation.
-        episode: number of the episode; the spawn depends on seed and number only.
+        episode: number of the episode; the start depends on seed and number only.
     """
     order = np.random.default_rng([seed, 2]).permutation(len(scenes))
     env_seed, policy_seed = np.random.SeedSequence([seed, 3, episode]).generate_state(2)
-    return Spawn(seed, episode, scenes[int(order[episode % len(scenes)])], int(env_seed), int(policy_seed))
+    return EpisodeSpec(seed, episode, scenes[int(order[episode % len(scenes)])], int(env_seed), int(policy_seed))
 
 
-def play(
-    env: gym.Env, policy: Policy, spawn: Spawn, size_px: tuple[int, int] | None
+def run_episode(
+    env: gym.Env, policy: Policy, spec: EpisodeSpec, size_px: tuple[int, int] | None
 ) -> tuple[dict[str, Any], list[Capture]]:
-    """Plays one episode.
+    """Has a policy act through one episode.
 
     An episode in which nothing is found counts like any other: policies are measured by what they bring home from a
     start, not by what they bring home when they are lucky.
 
     Args:
         env: the environment.
-        policy: who moves.
-        spawn: where it starts.
+        policy: who acts.
+        spec: where it starts.
         size_px: height and width of the full frames to take after every step; None takes none.
 
     Returns:
         The record of the episode, ready for JSON, and the frames.
     """
-    observation, info = env.reset(seed=spawn.env_seed, options={"scene": spawn.scene})
-    policy.reset(env, observation, info, np.random.default_rng(spawn.policy_seed))
-    start, steps, captures, truncated = _place(info), [], [], False
-    while not truncated:
-        action = policy.act(observation, info)
-        observation, reward, _, truncated, info = env.step(action)
+    observation, info = env.reset(seed=spec.env_seed, options={"scene": spec.scene})
+    start, steps, captures = _pose(info), [], []
+    for step in rollout(env, policy, observation, info, np.random.default_rng(spec.policy_seed)):
+        info = step.info
         steps.append(
             {
-                **_place(info),
-                "reward": float(reward),
+                **_pose(info),
+                "reward": step.reward,
                 "terms": {name: float(value) for name, value in info["reward_terms"].items()},
                 "collided": bool(info["collided"]),
                 "target": info["fixation_target"].get("object_id"),
@@ -78,10 +77,10 @@ def play(
         if size_px is not None:
             captures.append(inner_env(env).capture(*size_px))
     record = {
-        "seed": spawn.seed,
-        "episode": spawn.episode,
-        "scene": spawn.scene,
-        "env_seed": spawn.env_seed,
+        "seed": spec.seed,
+        "episode": spec.episode,
+        "scene": spec.scene,
+        "env_seed": spec.env_seed,
         "start": start,
         "figures": _figures(steps, info),
         "objects": [
@@ -118,7 +117,7 @@ def _figures(steps: list[dict[str, Any]], info: dict[str, Any]) -> dict[str, flo
     }
 
 
-def _place(info: dict[str, Any]) -> dict[str, Any]:
+def _pose(info: dict[str, Any]) -> dict[str, Any]:
     agent = info["agent"]
     return {"position_m": _rounded(agent["position_m"]), "yaw_rad": round(float(agent["yaw_rad"]), DIGITS)}
 

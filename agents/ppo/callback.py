@@ -1,0 +1,102 @@
+"""What happens beside training: progress, curves, validation, checkpoints."""
+
+from collections.abc import Callable
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents.ppo.training_state import Progress
+from agents.rollouts.episode_statistics import TERM_PREFIX, means
+from labeling.runtime.interrupts import StopRequest
+
+
+class TrainingCallback(BaseCallback):
+    """Counts steps, tells progress, validates and saves.
+
+    Checkpoints are written between an update and the next rollout. A rollout that is stopped in the middle teaches
+    nothing, and does not count.
+    """
+
+    def __init__(
+        self,
+        progress: Progress,
+        eval_every: int,
+        validate: Callable[[], dict[str, float] | None],
+        save: Callable[[bool], None],
+        request: StopRequest,
+        say: Callable[[str], None],
+        progress_bar: Callable[..., Any],
+    ) -> None:
+        """Starts where training stands.
+
+        Args:
+            progress: how far training has come; kept up to date.
+            eval_every: steps between validations.
+            validate: statistics on validation scenes, None if given up.
+            save: writes the latest checkpoint, and if told so the best one.
+            request: to stop at the next good moment.
+            say: where progress is told.
+            progress_bar: makes a progress bar (``tqdm``).
+        """
+        super().__init__()
+        self._progress, self._eval_every = progress, eval_every
+        self._validate, self._save, self._request, self._say = validate, save, request, say
+        self._make_bar = progress_bar
+        self._episodes: list[dict[str, float]] = []
+        self._in_rollout = False
+        self.stopped = False
+        """Whether training ended before its end."""
+
+    def _on_training_start(self) -> None:
+        total = self.locals["total_timesteps"]
+        self._bar = self._make_bar(total=total, initial=self._progress.steps, desc="training")
+
+    def _on_rollout_start(self) -> None:
+        self._after_update(last=False)
+        self._episodes, self._in_rollout = [], True
+
+    def _on_step(self) -> bool:
+        infos = self.locals["infos"]
+        self._episodes += [info["episode_statistics"] for info in infos if "episode_statistics" in info]
+        self._bar.update(self.training_env.num_envs)
+        self.stopped = self._request.stop
+        return not self.stopped
+
+    def _on_rollout_end(self) -> None:
+        self._in_rollout = False
+        if not self._episodes:
+            return
+        statistics = means(self._episodes)
+        for name, value in statistics.items():
+            self.logger.record(name if name.startswith(TERM_PREFIX) else f"episode/{name}", value)
+        self._progress.rollouts.append({"at": float(self.num_timesteps), **statistics})
+        self._bar.set_postfix_str(f"return {statistics['return']:.2f}, success {statistics['success']:.0%}")
+
+    def _on_training_end(self) -> None:
+        if not self._in_rollout:
+            self._after_update(last=True)
+        self._bar.close()
+
+    def _after_update(self, last: bool) -> None:
+        """Between an update and the next rollout: validates if it is time to, and saves."""
+        progress, now = self._progress, self.num_timesteps
+        if progress.validations and now == progress.steps:
+            return  # just restored: all of this has been done
+        progress.steps = now
+        since = now - int(progress.validations[-1]["at"]) if progress.validations else self._eval_every
+        statistics = self._validate() if since >= self._eval_every or (last and since) else None
+        is_best = statistics is not None and (progress.best is None or statistics["return"] > progress.best)
+        if statistics is not None:
+            progress.validations.append({"at": float(now), **statistics})
+            for name, value in statistics.items():
+                self.logger.record(f"validation/{name}", value)
+            # What is logged before the first update belongs to its step, not to that of the rollout after it.
+            self.logger.dump(now)
+            if is_best:
+                progress.best, progress.best_steps = statistics["return"], now
+            self._say(
+                f"step {now}: validation return {statistics['return']:.2f}, success {statistics['success']:.0%}, "
+                f"coverage {statistics['coverage']:.0%}, collisions {statistics['collisions']:.1f}; "
+                f"best {progress.best:.2f} at step {progress.best_steps}"
+            )
+        self._save(is_best)

@@ -1,0 +1,132 @@
+"""The settings of a run: from the command line, or from the folder of a run that goes on."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from agents.ppo.config import PpoConfig
+from agents.ppo.envs import EnvConfig
+from agents.ppo.hyperparameters import Hyperparameters, checked_hyperparameters, read_hyperparameters
+from agents.ppo.network.files import SETTINGS_FILE
+from agents.ppo.network.policy_network import pictures
+from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.io.formats.checked_json import read_json
+from labeling.runtime.run_folder import claim_run_folder
+
+KEPT = ("env", "detector", "reward", "seed", "eval_every", "eval_episodes")
+"""Options that a run is begun with, kept in its folder beside the hyperparameters."""
+CHANGEABLE = ("eval_every", "n_timesteps", "n_envs")
+"""Of these, the ones that a run may go on with in another size."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Everything that decides how a run goes, apart from the machine."""
+
+    folder: Path
+    options: PpoConfig
+    hyperparameters: Hyperparameters
+
+    @property
+    def env_config(self) -> EnvConfig:
+        """The environment to train in."""
+        options, hyperparameters = self.options, self.hyperparameters
+        colours = "rgb" in pictures(hyperparameters.policy_kwargs)
+        return EnvConfig(options.env, options.detector, options.reward, colours, hyperparameters.env_wrapper)
+
+    def as_json(self) -> dict[str, Any]:
+        """As it is written into the folder."""
+        kept = {name: getattr(self.options, name) for name in KEPT}
+        return kept | {"hyperparameters": dataclasses.asdict(self.hyperparameters)}
+
+
+def resolve_settings(config: PpoConfig) -> RunSettings:
+    """The settings of the run that is asked for.
+
+    Raises:
+        SbmError: if a setting makes no sense, or there is no run to go on with.
+    """
+    _check(config)
+    if config.resume is None:
+        env_id = config.env.rpartition(":")[2]
+        folder = config.out or Path("out/ppo") / env_id.rpartition("/")[2]
+        settings = RunSettings(folder, config, read_hyperparameters(env_id, config.hyperparams))
+    else:
+        settings = _resumed(config, config.resume)
+    asked = {"n_timesteps": config.steps, "n_envs": config.envs}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    hyperparameters = dataclasses.replace(settings.hyperparameters, **asked)
+    _check_batches(hyperparameters)
+    return dataclasses.replace(settings, hyperparameters=hyperparameters)
+
+
+def _check(config: PpoConfig) -> None:
+    for name in ("steps", "envs", "eval_every", "eval_episodes"):
+        value = getattr(config, name)
+        if value is not None and value < 1:
+            raise UsageError(f"--{name.replace('_', '-')} must be at least 1, not {value}")
+    if not 0 <= config.seed < 2**31:
+        raise UsageError(f"--seed must lie from 0 to 2147483647, not {config.seed}")
+
+
+def _check_batches(hyperparameters: Hyperparameters) -> None:
+    size, batch = hyperparameters.n_envs * hyperparameters.n_steps, hyperparameters.batch_size
+    if batch < 2 or size % batch:
+        raise UsageError(
+            f"batch_size {batch} must divide n_envs * n_steps = {hyperparameters.n_envs} * {hyperparameters.n_steps} = "
+            f"{size}; give other hyperparameters, or another --envs"
+        )
+
+
+def _resumed(config: PpoConfig, folder: Path) -> RunSettings:
+    """The settings that a run was begun with.
+
+    Raises:
+        SbmError: if there is no run, or options are given that it was not begun with.
+    """
+    if not (folder / SETTINGS_FILE).is_file():
+        raise UsageError(f"--resume {folder}: is not the folder of a run, it has no {SETTINGS_FILE}")
+    try:
+        settings = _read_settings(folder)
+    except EpisodeFormatError as error:
+        raise SbmError(f"--resume: {error}") from None
+    begun_with = {name: getattr(settings.options, name) for name in KEPT} | {"out": folder, "hyperparams": None}
+    for name, kept in begun_with.items():
+        given = getattr(config, name)
+        if given not in (getattr(PpoConfig, name), kept):
+            option = name.replace("_", "-")
+            raise UsageError(
+                f"--{option} {given} cannot be given with --resume {folder}, which goes on as it was begun"
+            )
+    return settings
+
+
+def _read_settings(folder: Path) -> RunSettings:
+    """The settings in the folder of a run; names of before, and settings that are no more, may be among them."""
+    path = folder / SETTINGS_FILE
+    content = read_json(path)
+    options: dict[str, Any] = {
+        name: content.integer(name) if isinstance(getattr(PpoConfig, name), int) else content.text(name)
+        for name in KEPT
+    }
+    hyperparameters = checked_hyperparameters(content.get("hyperparameters").mapping(), str(path))
+    return RunSettings(folder, PpoConfig(**options), hyperparameters)
+
+
+def claim_run(settings: RunSettings) -> None:
+    """Notes the settings in the folder of the run.
+
+    Raises:
+        SbmError: if the folder holds a run with other settings, or something else, or cannot be written to.
+    """
+    source = str(settings.folder / SETTINGS_FILE)
+
+    def fixed(content: Mapping[str, Any]) -> dict[str, Any]:
+        """What must not change when a run goes on, flat."""
+        hyperparameters = checked_hyperparameters(content.get("hyperparameters", {}), source)
+        flat = {name: content.get(name) for name in KEPT} | dataclasses.asdict(hyperparameters)
+        return {name: value for name, value in flat.items() if name not in CHANGEABLE}
+
+    claim_run_folder(settings.folder, SETTINGS_FILE, settings.as_json(), fixed, "a run")
