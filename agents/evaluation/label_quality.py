@@ -21,6 +21,8 @@ import numpy as np
 from sbm_gym.env.recording import Capture
 
 if TYPE_CHECKING:
+    from labeling.core.types import Detection
+    from labeling.core.views import RgbdViews
     from labeling.metrics.matching import MaskInstance
 
 VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
@@ -48,7 +50,7 @@ def label_record(captures: Sequence[Capture], categories: Sequence[str]) -> dict
     ]
     made: dict[str, list[Any]] = {}
     for count in [count for count in VIEW_COUNTS if count <= len(captures)]:
-        labels = propagate(**_arrays(captures[:count]))
+        labels = propagate(*_views_and_detections(captures[:count]))
         made[str(count)] = [
             [one.view_index, one.category, _rle(encode_mask(one.modal)), float(one.confidence)]
             for one in labels.labels
@@ -138,21 +140,20 @@ def _right(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance
     return [one.truth for one in match(predictions, truths) if one.iou >= RIGHT_IOU and not truths[one.truth].ignore]
 
 
-def _arrays(captures: Sequence[Capture]) -> dict[str, Any]:
+def _views_and_detections(captures: Sequence[Capture]) -> "tuple[RgbdViews, list[Detection]]":
     """What the label generator takes."""
     from dataclasses import replace
 
-    return {
-        "rgb": np.stack([capture.rgb for capture in captures]),
-        "depth_m": np.stack([capture.depth_m for capture in captures]),
-        "intrinsics": np.stack([capture.intrinsics for capture in captures]),
-        "camera_to_world": np.stack([capture.camera_to_world for capture in captures]),
-        "detections": [
-            replace(detection, view_index=view)
-            for view, capture in enumerate(captures)
-            for detection in capture.detections
-        ],
-    }
+    from labeling.core.views import RgbdViews
+
+    views = RgbdViews(
+        rgb=np.stack([capture.rgb for capture in captures]),
+        depth_m=np.stack([capture.depth_m for capture in captures]),
+        intrinsics=np.stack([capture.intrinsics for capture in captures]),
+        camera_to_world=np.stack([capture.camera_to_world for capture in captures]),
+    )
+    found = [replace(one, view_index=view) for view, capture in enumerate(captures) for one in capture.detections]
+    return views, found
 
 
 def _rle(rle: dict[str, Any]) -> list[Any]:

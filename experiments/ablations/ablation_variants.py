@@ -42,28 +42,22 @@ def _steps(setting: str, quick: tuple[Any, ...], full: tuple[Any, ...] = ()) -> 
 FACTORS = (
     Factor(
         "Classifier",
-        ("unary", "gaussian_share", "votes", "clamp_seeds"),
+        ("gaussian_share", "votes", "clamp_seeds"),
         "Each object has a classifier on colour and position, learnt from its seeds: an SVM, averaged with a Gaussian "
         "per class that closes what all views miss. Its detections also vote directly on the points they saw.",
         (
             Variant("SVM alone (thesis)", {"gaussian_share": 0.0}),
             Variant("Gaussians alone (QDA)", {"gaussian_share": 1.0}),
-            Variant("logistic regression", {"unary": "logistic"}),
-            Variant("votes alone", {"unary": "votes"}),
             Variant("no direct votes", {"votes": False}),
             Variant("seeds clamped", {"clamp_seeds": True}, quick=False),
         ),
     ),
     Factor(
         "Training points",
-        ("svm_samples", "rim_share", "outer_share"),
+        ("outer_share",),
         "The classifier sees as many points of either class; half of the background comes from the rim around the "
         "masks, where mistakes are made.",
-        (
-            *_steps("svm_samples", (600, 1200), (100,)),
-            *_steps("rim_share", (0.0,), (1.0,)),
-            *_steps("outer_share", (0.5,), ()),
-        ),
+        _steps("outer_share", (0.5,)),
     ),
     Factor(
         "Appearance kernel",
@@ -138,7 +132,7 @@ FACTORS = (
     ),
     Factor(
         "Trust in a label",
-        ("calibrate", "min_confidence", "ignore_unconfirmed", "doubt_across_views"),
+        ("calibrate", "min_confidence", "ignore_unconfirmed"),
         "A label's confidence is its expected IoU, learnt on training scenes; labels of no trust, and detections that "
         "no label explains, are regions to ignore.",
         (

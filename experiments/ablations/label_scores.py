@@ -140,14 +140,7 @@ def _score(episode: "Episode", config: LabelConfig | None) -> dict[str, Any]:
         ]
     else:
         with _cpu_seconds() as spent:
-            labels = propagate(
-                episode.rgb,
-                episode.depth_m,
-                episode.intrinsics,
-                episode.camera_to_world,
-                episode.detections or (),
-                config,
-            )
+            labels = propagate(episode, episode.detections, config)
         seconds, objects = spent[0], len(labels.objects)
         predictions = [
             MaskInstance((name, one.view_index), one.category, encode_mask(one.modal), one.confidence)

@@ -49,18 +49,18 @@ class ThesisSegmenter:
         return candidates, probability
 
     def _one(self, cloud: Cloud, candidate: Candidate, scale: Scale, config: LabelConfig, rng, probability) -> None:
-        front = np.flatnonzero(candidate.support > candidate.denial)
+        front = np.flatnonzero(candidate.votes_for > candidate.votes_against)
         seeds = cloud.points[front]
         middle = np.median(seeds, axis=0)
         half = np.quantile(np.abs(seeds - middle), 0.98, axis=0) + self.crop_m
         near = np.all(np.abs(cloud.points - middle) <= half, axis=1)
-        back = np.flatnonzero(near & (candidate.denial >= candidate.support) & (candidate.denial > 0))
+        back = np.flatnonzero(near & (candidate.votes_against >= candidate.votes_for) & (candidate.votes_against > 0))
         if len(back) == 0:
             probability[front] = SURE
             return
         rim = np.zeros(cloud.num_points, bool)
         for source in candidate.sources:
-            rim[source.rim] = True
+            rim[source.hard_negatives] = True
         hard = _sample(back[rim[back]], SAMPLES // 2, rng)
         chosen = [_sample(front, SAMPLES, rng), hard, _sample(back, SAMPLES - len(hard), rng)]
         features = np.concatenate([cloud.colours, cloud.points - middle], axis=1)[near]

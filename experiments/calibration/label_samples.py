@@ -58,9 +58,7 @@ def samples_of(datasets: Sequence[Path], seed: int) -> Samples:
         episode = read_episode(folder)
         if episode.ground_truth is None or episode.detections is None:
             raise UsageError(f"{folder}: needs detections.json and ground_truth.json")
-        found = propagate(
-            episode.rgb, episode.depth_m, episode.intrinsics, episode.camera_to_world, episode.detections, config
-        )
+        found = propagate(episode, episode.detections, config)
         features.append(features_of(found, episode.detections)[[one.modal.any() for one in found.labels]])
         visible = [one for one in found.labels if one.modal.any()]
         rest += [(one.confidence, *_compared(one, episode)) for one in visible]

@@ -22,7 +22,7 @@ from labeling.generator.settings.label_config import LabelConfig
 
 COLOURS = np.array(plt.get_cmap("tab10").colors)
 DPI = 100
-NEGLIGIBLE_PROBABILITY = 0.1
+MIN_DRAWN_CONFIDENCE = 0.1
 """Networks offer dozens of detections fainter than this, which would hide all others in a picture."""
 
 
@@ -88,12 +88,8 @@ def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
         truth = [t for t in episode.ground_truth or () if t.view_index == view and not t.ignore]
         rows: list[tuple[str, Sequence[Detection | PseudoLabel | GroundTruth]]] = [
             (
-                f"detector (confidence ≥ {NEGLIGIBLE_PROBABILITY})",
-                [
-                    d
-                    for d in episode.detections or ()
-                    if d.view_index == view and d.confidence >= NEGLIGIBLE_PROBABILITY
-                ],
+                f"detector (confidence ≥ {MIN_DRAWN_CONFIDENCE})",
+                [d for d in episode.detections or () if d.view_index == view and d.confidence >= MIN_DRAWN_CONFIDENCE],
             ),
             ("pseudo-labels", [m for m in labels.labels if m.view_index == view and m.modal.any()]),
             ("ground truth", truth),
@@ -128,9 +124,7 @@ def _draw_way(axes: Axes, episode: Episode) -> None:
 
 
 def _labels(episode: Episode, config: LabelConfig | None = None) -> EpisodeLabels:
-    return propagate(
-        episode.rgb, episode.depth_m, episode.intrinsics, episode.camera_to_world, episode.detections or (), config
-    )
+    return propagate(episode, episode.detections, config)
 
 
 def _gain(episode: Episode, labels: EpisodeLabels, view: int) -> float:

@@ -62,14 +62,7 @@ class Job:
                 sources = find_sources(folder, episode, relative, self.sources, self.label, cache)
                 from labeling.generator.propagate import propagate
 
-                labels = propagate(
-                    episode.rgb,
-                    episode.depth_m,
-                    episode.intrinsics,
-                    episode.camera_to_world,
-                    sources.detections,
-                    self.label,
-                )
+                labels = propagate(episode, sources.detections, self.label)
                 cloud = labels.cloud
                 write_ply(cloud_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
                 record = episode_record(episode, labels, name, mark, sources.origin, (*episode.notes, *sources.notes))

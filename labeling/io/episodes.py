@@ -30,7 +30,7 @@ from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 
 if TYPE_CHECKING:
-    from labeling.io.recordings.frames import Views
+    from labeling.io.recordings.frames import LoadedViews
 
 DEPTH_UNIT_M = 0.001
 OPTIONAL_FILES = ("episode.json", "ground_truth.json", "detections.json")
@@ -83,19 +83,16 @@ def read_episode(
     from labeling.io.recordings.layouts import frames_of
 
     found = frames_of(folder, config or RecordingConfig())
-    views = load(found.frames, straighten)
+    loaded = load(found.frames, straighten)
     names = tuple(frame.name for frame in found.frames)
     episode = Episode(
+        **vars(loaded.views),
         name=folder.resolve().name,
-        rgb=views.rgb,
-        depth_m=views.depth_m,
-        intrinsics=views.intrinsics,
-        camera_to_world=np.stack([frame.camera_to_world for frame in found.frames]),
         file_names=names,
         frame_names=() if names == found.names else found.names,
-        notes=(*found.notes, *views.notes),
+        notes=(*found.notes, *loaded.notes),
     )
-    return _straight_masks(_with_annotations(folder, episode, ground_truth), views)
+    return _straight_masks(_with_annotations(folder, episode, ground_truth), loaded)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
@@ -148,9 +145,9 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Epi
     return replace(episode, categories=table.names)
 
 
-def _straight_masks(episode: Episode, views: "Views") -> Episode:
+def _straight_masks(episode: Episode, loaded: "LoadedViews") -> Episode:
     """Moves masks that were drawn on distorted pictures onto the straight ones."""
-    lenses = views.straightening
+    lenses = loaded.straightening
     if not any(lenses):
         return episode
 

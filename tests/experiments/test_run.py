@@ -87,8 +87,8 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             write_episode(folder, replace(room, name=folder.name, metadata={"scene": f"room/{index}"}))
     monkeypatch.setattr(experiments.cache.episode_pool, "pools", lambda scale: some)
     monkeypatch.setattr(label_comparison, "record", lambda pool, workplace: folders[pool.name])
-    tried = (Variant("votes alone", {"unary": "votes"}), Variant("no CRF", {"iterations": 0}))
-    factor = Factor("Anything", ("unary",), "Why not.", tried)
+    tried = (Variant("no direct votes", {"votes": False}), Variant("no CRF", {"iterations": 0}))
+    factor = Factor("Anything", ("votes",), "Why not.", tried)
     monkeypatch.setattr(label_ablation, "FACTORS", (factor,))
     monkeypatch.setattr(label_ablation, "variants", lambda scale: [(factor, one) for one in tried])
     return tmp_path
@@ -114,7 +114,7 @@ def test_an_ablation_runs_resumes_and_reports(
         gaps = [a - b for a, b in zip(found["per_episode"]["mean_iou"], base["per_episode"]["mean_iou"], strict=True)]
         assert found["difference"]["mean_iou"]["mean"] == pytest.approx(sum(gaps) / 2, abs=1e-4)
     page = (small / "docs" / "label-generator.md").read_text()
-    assert "votes alone" in page
+    assert "no direct votes" in page
     assert (small / "docs" / "pictures" / "label_ablation.png").stat().st_size > 1000
     monkeypatch.setattr("experiments.cache.stages.ProcessPoolExecutor", None)  # a second run has nothing left to do
     assert run() == 0

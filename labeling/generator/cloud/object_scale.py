@@ -3,27 +3,29 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float32
 
 from labeling.core.episode_labels import Scale
 from labeling.core.types import Detection
+from labeling.core.views import RgbdViews
 from labeling.generator.settings.label_config import LabelConfig
 
 
-def measure_scale(
-    detections: Sequence[Detection],
-    depth_m: Float32[np.ndarray, "views h w"],
-    intrinsics: Float[np.ndarray, "views 3 3"],
-    max_range_m: float = np.inf,
-) -> Scale | None:
-    """Measures object size and pixel footprint; None if no detection covers a pixel with usable depth."""
+def measure_scale(detections: Sequence[Detection], views: RgbdViews, max_range_m: float = np.inf) -> Scale | None:
+    """Measures object size and pixel footprint; None if no detection covers a pixel with usable depth.
+
+    Args:
+        detections: of these views.
+        views: the views.
+        max_range_m: depth beyond this counts as no return.
+    """
     sizes, footprints = [], []
     for detection in detections:
         view = detection.view_index
-        depth = np.where(depth_m[view] <= max_range_m, depth_m[view], 0)
-        median_m = median_depth_m(detection.mask, depth)
+        depth_m = np.where(views.depth_m[view] <= max_range_m, views.depth_m[view], 0)
+        median_m = median_depth_m(detection.mask, depth_m)
         if median_m > 0:
-            footprint = median_m / np.sqrt(intrinsics[view, 0, 0] * intrinsics[view, 1, 1])
+            footprint = median_m / np.sqrt(views.intrinsics[view, 0, 0] * views.intrinsics[view, 1, 1])
             footprints.append(footprint)
             sizes.append(np.sqrt(np.count_nonzero(detection.mask)) * footprint)
     if not sizes:

@@ -4,13 +4,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64
 from numba import njit
+
+from labeling.core.views import RgbdViews
 
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
-_REMEMBERED = 16
-"""So many views are remembered of which voxels each has seen."""
+_CACHED_VIEWS = 16
+"""Views whose visible voxels are kept in memory."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Cloud:
     """The voxel that each pixel fell into; -1 for pixels without (usable) depth."""
     voxel_m: float
     """Edge of a voxel."""
-    _seen_in: dict[int, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _visible: dict[int, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def num_points(self) -> int:
@@ -42,14 +44,14 @@ class Cloud:
             inside &= (along >= np.float32(low[axis])) & (along <= np.float32(high[axis]))
         return inside
 
-    def seen_in(self, view: int) -> tuple[Int32[np.ndarray, "s"], Int32[np.ndarray, "h w"]]:
+    def voxels_of_view(self, view: int) -> tuple[Int32[np.ndarray, "s"], Int32[np.ndarray, "h w"]]:
         """The voxels that a view sees, rising, and which of these each pixel shows (-1 for none)."""
-        known = self._seen_in.get(view)
+        known = self._visible.get(view)
         if known is None:
             known = _rank(self.voxel_of_pixel[view], self.num_points)
-            if len(self._seen_in) >= _REMEMBERED:
-                self._seen_in.pop([*self._seen_in][0], None)  # noqa: RUF015 - a list, as other threads add entries
-            self._seen_in[view] = known
+            if len(self._visible) >= _CACHED_VIEWS:
+                self._visible.pop([*self._visible][0], None)  # noqa: RUF015 - a list, as other threads add entries
+            self._visible[view] = known
         return known
 
     def parents_of(self, fine: "Cloud") -> Int32[np.ndarray, "m"]:
@@ -57,22 +59,11 @@ class Cloud:
         return _parents(fine.voxel_of_pixel.ravel(), self.voxel_of_pixel.ravel(), fine.num_points)
 
 
-def build_cloud(
-    rgb: UInt8[np.ndarray, "views h w 3"],
-    depth_m: Float32[np.ndarray, "views h w"],
-    intrinsics: Float[np.ndarray, "views 3 3"],
-    camera_to_world: Float[np.ndarray, "views 4 4"],
-    voxel_m: float,
-    max_range_m: float = np.inf,
-    max_voxels: int = 2_000_000,
-) -> Cloud:
+def build_cloud(views: RgbdViews, voxel_m: float, max_range_m: float = np.inf, max_voxels: int = 2_000_000) -> Cloud:
     """Unprojects every pixel with depth into the world and averages colour and position per voxel.
 
     Args:
-        rgb: colour.
-        depth_m: z-depth, 0 where there is no return.
-        intrinsics: K of each view.
-        camera_to_world: pose of each view.
+        views: of one scene.
         voxel_m: edge of a voxel; doubled as often as needed to stay within ``max_voxels``.
         max_range_m: depth beyond this counts as no return.
         max_voxels: bound on the size of the cloud.
@@ -84,10 +75,10 @@ def build_cloud(
     """
     if not voxel_m > 0:
         raise ValueError(f"voxel_m must be positive, not {voxel_m}")
-    depth_m, rgb = np.ascontiguousarray(depth_m, np.float32), np.ascontiguousarray(rgb)
-    origin = np.floor(camera_to_world[:, :3, 3].mean(axis=0) / voxel_m) * voxel_m
-    poses = np.ascontiguousarray(camera_to_world, np.float64)
-    cameras = np.ascontiguousarray(intrinsics, np.float64)
+    depth_m, rgb = np.ascontiguousarray(views.depth_m, np.float32), np.ascontiguousarray(views.rgb)
+    origin = np.floor(views.camera_to_world[:, :3, 3].mean(axis=0) / voxel_m) * voxel_m
+    poses = np.ascontiguousarray(views.camera_to_world, np.float64)
+    cameras = np.ascontiguousarray(views.intrinsics, np.float64)
     table, count = _Table.of(1 << 16), 0
     numbers = np.empty(depth_m.shape, np.int32)
     for view in range(len(depth_m)):
@@ -103,7 +94,7 @@ def build_cloud(
             table = table.enlarged(count)
         if count > max_voxels:
             factor = float(np.sqrt(count / max_voxels * len(depth_m) / (view + 1))) * 1.1
-            return build_cloud(rgb, depth_m, intrinsics, camera_to_world, factor * voxel_m, max_range_m, max_voxels)
+            return build_cloud(views, factor * voxel_m, max_range_m, max_voxels)
         _accumulate(numbers[view], rgb[view], depth_m[view], camera, pose, table.sums)
     points, colours, counts = _means(table.sums[:count])
     return Cloud(points, colours, counts, numbers, float(voxel_m))

@@ -30,7 +30,7 @@ def edge_aware_fill(
 
     Args:
         values: channels; read only where the weight is positive.
-        weight: trust in each pixel, 0 in holes.
+        weight: of each pixel, 0 in holes.
         guide: picture whose edges stop the spreading.
         reach_px: standard deviation of the smoothing in pixels, where the guide is flat.
         edge: change of the guide (channels in [0, 1], summed) that counts as much as ``reach_px`` pixels.
@@ -63,6 +63,12 @@ def feedback_maps(
 
 @njit(cache=True, nogil=True)
 def _feedback(guide, table):  # pragma: no cover - compiled
+    """The maps of ``feedback_maps``.
+
+    Args:
+        guide: (h, w, channels) uint8.
+        table: (iterations, 766) float32, feedback by the sum over channels of the change of colour.
+    """
     height, width, channels = guide.shape
     iterations = len(table)
     across = np.empty((iterations, height, width), np.float32)
@@ -84,7 +90,13 @@ def _feedback(guide, table):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def smooth(plane, across, down):  # pragma: no cover - compiled
-    """Filters a picture (h, w) in place, with the feedback maps of the same window of the guide."""
+    """Filters a picture in place.
+
+    Args:
+        plane: (h, w) float32.
+        across: (iterations, h, w) float32, feedback along rows, of the same window of the guide.
+        down: the same along columns.
+    """
     height, width = plane.shape
     last = np.empty(_ROWS, np.float32)
     for i in range(len(across)):

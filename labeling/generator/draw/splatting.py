@@ -4,23 +4,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 from numba import njit
 
-from labeling.core.geometry import invert_rigid
+from labeling.core.views import Camera
 
 
-def nearest_points(
-    points: Float32[np.ndarray, "n 3"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
-    size: tuple[int, int],
-    point_size_m: float,
-) -> Int32[np.ndarray, "h w"]:
+def nearest_points(points: Float32[np.ndarray, "n 3"], camera: Camera, point_size_m: float) -> Int32[np.ndarray, "h w"]:
     """Draws a cloud into a view with a z-buffer.
 
     Args:
         points: world points, metres.
-        intrinsics: K of the view.
-        camera_to_world: pose of the view.
-        size: picture height and width.
+        camera: of the view.
         point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
 
     Returns:
@@ -28,9 +20,9 @@ def nearest_points(
 
     Source: thesis A.2.1 (3D-to-2D projection: only the point closest to the camera).
     """
-    index = np.full(size, -1, np.int32)
-    depth = np.full(size, np.inf, np.float32)
-    _paint_nearest(index, depth, points, *_camera(intrinsics, camera_to_world), point_size_m)
+    index = np.full(camera.size, -1, np.int32)
+    depth = np.full(camera.size, np.inf, np.float32)
+    _paint_nearest(index, depth, points, *_matrices(camera), point_size_m)
     return index
 
 
@@ -38,9 +30,7 @@ def silhouettes(
     points: Float32[np.ndarray, "n 3"],
     object_of_point: Int32[np.ndarray, "n"],
     num_objects: int,
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
-    size: tuple[int, int],
+    camera: Camera,
     point_size_m: float,
 ) -> Bool[np.ndarray, "k h w"]:
     """Every object drawn alone into a view, as if nothing stood before it.
@@ -49,26 +39,25 @@ def silhouettes(
         points: world points, metres.
         object_of_point: index of the object, -1 for none.
         num_objects: how many objects there are.
-        intrinsics: K of the view.
-        camera_to_world: pose of the view.
-        size: picture height and width.
+        camera: of the view.
         point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
 
     Returns:
         One mask per object.
     """
-    drawn = np.zeros((num_objects, *size), np.bool_)
-    _paint_all(drawn, points, object_of_point, *_camera(intrinsics, camera_to_world), point_size_m)
+    drawn = np.zeros((num_objects, *camera.size), np.bool_)
+    _paint_all(drawn, points, object_of_point, *_matrices(camera), point_size_m)
     return drawn
 
 
-def _camera(intrinsics, camera_to_world) -> tuple[np.ndarray, np.ndarray]:
-    return np.ascontiguousarray(intrinsics, float), np.ascontiguousarray(invert_rigid(camera_to_world))
+def _matrices(camera: Camera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
+    """K and the pose, world to camera, as the kernels want them."""
+    return np.ascontiguousarray(camera.intrinsics, float), np.ascontiguousarray(camera.world_to_camera)
 
 
 @njit(cache=True, inline="always")
 def _place(point, to_camera):  # pragma: no cover - compiled
-    """A world point in the camera's frame."""
+    """A world point (3,) in the frame of the camera, whose pose (4, 4) is world to camera."""
     x, y, z = float(point[0]), float(point[1]), float(point[2])
     return (
         to_camera[0, 0] * x + to_camera[0, 1] * y + to_camera[0, 2] * z + to_camera[0, 3],
@@ -81,7 +70,14 @@ def _place(point, to_camera):  # pragma: no cover - compiled
 def _square(point, camera, point_size_m, height, width):  # pragma: no cover - compiled
     """Pixels that a point covers: first and last column, first and last row; an empty range if it is out of view.
 
-    Nearer than its own size a point would cover the whole picture; such points are strays at the lens.
+    Nearer than its own size a point would cover the whole picture; such points are noise at the lens.
+
+    Args:
+        point: x, y, z in the camera's frame, metres.
+        camera: (3, 3) float64, K.
+        point_size_m: edge of the camera-facing square.
+        height: of the picture, pixels.
+        width: of the picture, pixels.
     """
     z = point[2]
     if not z > point_size_m:
@@ -102,6 +98,10 @@ def _square(point, camera, point_size_m, height, width):  # pragma: no cover - c
 
 @njit(cache=True, nogil=True)
 def _paint_nearest(index, depth, points, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+    """Writes into ``index`` (h, w) int32 the nearest of the ``points`` (n, 3), and into ``depth`` (h, w) its z-depth.
+
+    ``camera`` is K (3, 3), ``to_camera`` the pose (4, 4) world to camera; both pictures come with their background.
+    """
     height, width = index.shape
     for p in range(len(points)):
         placed = _place(points[p], to_camera)
@@ -116,6 +116,11 @@ def _paint_nearest(index, depth, points, camera, to_camera, point_size_m):  # pr
 
 @njit(cache=True, nogil=True)
 def _paint_all(drawn, points, object_of_point, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+    """Sets in ``drawn`` (k, h, w) bool the pixels of each object's ``points`` (n, 3).
+
+    ``object_of_point`` is (n,) int32, -1 for none; ``camera`` is K (3, 3), ``to_camera`` the pose (4, 4) world to
+    camera.
+    """
     _, height, width = drawn.shape
     for p in range(len(points)):
         owner = object_of_point[p]

@@ -7,7 +7,7 @@ from numba import njit
 from labeling.generator.draw.edge_filter import REACH_FACTOR, feedback_maps, smooth
 
 OTHER_VIEW_WEIGHT = np.float32(0.3)
-"""Weight of what other views show where a view has no depth: poses are less exact than a view's own depth."""
+"""Weight of the points of other views where a view has no depth itself: poses are less exact than depth."""
 MIN_WEIGHT = 1e-4
 """Below this total weight nothing is known near a pixel, and it belongs to no object."""
 NEGLIGIBLE_PROBABILITY = np.float32(0.005)
@@ -17,7 +17,7 @@ NEGLIGIBLE_PROBABILITY = np.float32(0.005)
 def view_probabilities(
     rgb: UInt8[np.ndarray, "h w 3"],
     voxels: Int32[np.ndarray, "h w"],
-    borrowed: Int32[np.ndarray, "h w"] | None,
+    rendered: Int32[np.ndarray, "h w"] | None,
     probability: Float32[np.ndarray, "n k"],
     reach_px: float,
     edge: float,
@@ -31,7 +31,8 @@ def view_probabilities(
     Args:
         rgb: colour of the view.
         voxels: voxel of each pixel, -1 without depth.
-        borrowed: voxel that other views show at each pixel, -1 for none; None if every pixel has depth.
+        rendered: voxel of the nearest point that any view puts at each pixel, -1 for none; None if every pixel has
+            depth.
         probability: of each object in each voxel.
         reach_px: reach of the filter where colour is flat.
         edge: sum of colour differences (channels in [0, 1]) that counts as much as ``reach_px`` pixels.
@@ -39,12 +40,12 @@ def view_probabilities(
     Returns:
         The probabilities, and whether anything is known at a pixel.
     """
-    trust = (voxels >= 0).astype(np.float32)
-    if borrowed is not None:
-        trust[(voxels < 0) & (borrowed >= 0)] = OTHER_VIEW_WEIGHT
-        voxels = np.where(voxels >= 0, voxels, borrowed)
+    weight = (voxels >= 0).astype(np.float32)
+    if rendered is not None:
+        weight[(voxels < 0) & (rendered >= 0)] = OTHER_VIEW_WEIGHT
+        voxels = np.where(voxels >= 0, voxels, rendered)
     across, down = feedback_maps(rgb, reach_px, edge)
-    total = trust.copy()
+    total = weight.copy()
     smooth(total, across, down)
     margin = int(np.ceil(REACH_FACTOR * reach_px)) + 1
     windows = _windows(np.ascontiguousarray(voxels), probability, NEGLIGIBLE_PROBABILITY, margin)
@@ -53,13 +54,23 @@ def view_probabilities(
         if bottom > top:
             window = slice(top, bottom), slice(left, right)
             maps = across[:, *window], down[:, *window]
-            planes[k][window] = _fill(voxels[window], trust[window], total[window], probability[:, k], *maps)
+            planes[k][window] = _fill(voxels[window], weight[window], total[window], probability[:, k], *maps)
     return np.moveaxis(planes, 0, -1), total > MIN_WEIGHT
 
 
 @njit(cache=True, nogil=True)
-def _windows(voxels, probability, faint, margin):  # pragma: no cover - compiled
-    """Rows and columns (first, and one past the last) around each object's pixels; 0, 0, 0, 0 for those out of view."""
+def _windows(voxels, probability, negligible, margin):  # pragma: no cover - compiled
+    """The window of the picture that each object can appear in.
+
+    Args:
+        voxels: (h, w) int32, voxel of each pixel, -1 for none.
+        probability: (n, k) float32, of each object in each voxel.
+        negligible: probabilities up to this count as 0.
+        margin: added on all sides, pixels.
+
+    Returns:
+        (k, 4) int64: first row, one past the last, first column, one past the last; zeros for those out of view.
+    """
     height, width = voxels.shape
     objects = probability.shape[1]
     windows = np.zeros((objects, 4), np.int64)
@@ -74,7 +85,7 @@ def _windows(voxels, probability, faint, margin):  # pragma: no cover - compiled
             if voxel < 0:
                 continue
             for k in range(objects):
-                if probability[voxel, k] > faint:
+                if probability[voxel, k] > negligible:
                     windows[k, 0] = min(windows[k, 0], y)
                     windows[k, 1] = y + 1
                     windows[k, 2] = min(windows[k, 2], first)
@@ -89,14 +100,26 @@ def _windows(voxels, probability, faint, margin):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _fill(voxels, trust, total, probability, across, down):  # pragma: no cover - compiled
-    """Means of one object's probability over a window."""
+def _fill(voxels, weight, total, probability, across, down):  # pragma: no cover - compiled
+    """Edge-aware means of one object's probability over a window of the picture.
+
+    Args:
+        voxels: (h, w) int32, -1 for none.
+        weight: (h, w) float32, of each pixel.
+        total: (h, w) float32, the filtered weight.
+        probability: (n,) float32, of the object in each voxel.
+        across: (i, h, w) float32, feedback along rows (``edge_filter.feedback_maps``).
+        down: the same along columns.
+
+    Returns:
+        (h, w) float32.
+    """
     height, width = voxels.shape
     plane = np.zeros((height, width), np.float32)
     for y in range(height):
         for x in range(width):
             if voxels[y, x] >= 0:
-                plane[y, x] = trust[y, x] * probability[voxels[y, x]]
+                plane[y, x] = weight[y, x] * probability[voxels[y, x]]
     smooth(plane, across, down)
     for y in range(height):
         for x in range(width):
@@ -116,6 +139,13 @@ def modal_masks(
 
 @njit(cache=True, nogil=True)
 def _argmax_masks(planes, known, exclusive):  # pragma: no cover - compiled
+    """The likeliest object at each pixel, (h, w) int32, -1 where the background is likelier or nothing is known.
+
+    Args:
+        planes: (k, h, w) float32, probabilities.
+        known: (h, w) bool.
+        exclusive: whether probabilities sum to at most 1; if not, the background's is 1 - that of the likeliest.
+    """
     objects, height, width = planes.shape
     best = np.full((height, width), -1, np.int32)
     highest, total = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -133,3 +163,8 @@ def _argmax_masks(planes, known, exclusive):  # pragma: no cover - compiled
             if not (known[y, x] and highest[x] > np.float32(1.0) - taken):
                 best[y, x] = -1
     return best
+
+
+def point_owners(probability: Float32[np.ndarray, "n k"], exclusive: bool) -> Int32[np.ndarray, "n"]:
+    """The object each point belongs to, -1 for none: as pixels are decided."""
+    return modal_masks(probability[None], np.ones((1, len(probability)), bool), exclusive)[0]

@@ -1,6 +1,7 @@
 """Which detections, seen from different views, are of one object: by the space they share, not by their names alone."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,16 +10,37 @@ from jaxtyping import Bool, Float32, Int
 from labeling.generator.objects.seeds import DetectionSeeds
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """An object in the making: the detections that speak for it, and the votes they cast on each voxel."""
 
-    sources: list[DetectionSeeds]
+    sources: tuple[DetectionSeeds, ...]
+    """Confident detections of it."""
     votes_for: Float32[np.ndarray, "n"]
     """Sum of the confidences of the sources that saw the voxel inside their mask."""
     votes_against: Float32[np.ndarray, "n"]
     """Sum of the confidences of the sources that saw it outside."""
-    weak: list[DetectionSeeds] = field(default_factory=list)
+    weak: tuple[DetectionSeeds, ...] = ()
+    """Detections below the confidence threshold that overlap it."""
+
+    @classmethod
+    def of(cls, seeds: DetectionSeeds, num_voxels: int) -> "Candidate":
+        """An object that one detection speaks for."""
+        return cls((), np.zeros(num_voxels, np.float32), np.zeros(num_voxels, np.float32)).with_sources([seeds])
+
+    def with_sources(self, sources: Sequence[DetectionSeeds], weak: Sequence[DetectionSeeds] = ()) -> "Candidate":
+        """The object with the votes of more detections."""
+        votes_for, votes_against = self.votes_for.copy(), self.votes_against.copy()
+        for seeds in sources:
+            votes_for[seeds.foreground] += seeds.detection.confidence
+            votes_against[seeds.background] += seeds.detection.confidence
+        return Candidate((*self.sources, *sources), votes_for, votes_against, (*self.weak, *weak))
+
+    def merged(self, others: Iterable["Candidate"]) -> "Candidate":
+        """The union of this object and others."""
+        others = list(others)
+        sources = [seeds for other in others for seeds in other.sources]
+        return self.with_sources(sources, [seeds for other in others for seeds in other.weak]) if others else self
 
     @cached_property
     def foreground(self) -> Bool[np.ndarray, "n"]:
@@ -27,11 +49,11 @@ class Candidate:
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, "n"]:
-        """Voxels that some source has an opinion on."""
+        """Voxels that any source has voted on."""
         return (self.votes_for > 0) | (self.votes_against > 0)
 
     @cached_property
-    def front(self) -> Int[np.ndarray, "f"]:
+    def foreground_voxels(self) -> Int[np.ndarray, "f"]:
         """Indices of the foreground: few of all voxels, so that two candidates are compared quickly."""
         return np.flatnonzero(self.foreground)
 
@@ -49,36 +71,21 @@ class Candidate:
             votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
         return votes
 
-    def add(self, seeds: DetectionSeeds) -> None:
-        """Lets one more detection vote."""
-        self.sources.append(seeds)
-        self.votes_for[seeds.foreground] += seeds.detection.confidence
-        self.votes_against[seeds.background] += seeds.detection.confidence
-        for known in ("foreground", "seen", "front"):
-            self.__dict__.pop(known, None)
-
-
-def candidate_of(seeds: DetectionSeeds, num_voxels: int) -> Candidate:
-    """An object that one detection speaks for."""
-    candidate = Candidate([], np.zeros(num_voxels, np.float32), np.zeros(num_voxels, np.float32))
-    candidate.add(seeds)
-    return candidate
-
 
 def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:
-    """How much two candidates agree, counted only where both have looked.
+    """How much two candidates overlap, counted only where the sources of both have voted.
 
     Returns:
         Intersection over the smaller foreground, and intersection over union; 0 where the views share too little
         to tell (under a tenth of the smaller foreground).
     """
-    shared = np.count_nonzero(b.foreground[a.front])
+    shared = np.count_nonzero(b.foreground[a.foreground_voxels])
     if shared == 0:
         return 0.0, 0.0
     # A foreground is seen by its own sources; what counts of it is what the other's sources have seen too.
-    in_a, in_b = np.count_nonzero(b.seen[a.front]), np.count_nonzero(a.seen[b.front])
+    in_a, in_b = np.count_nonzero(b.seen[a.foreground_voxels]), np.count_nonzero(a.seen[b.foreground_voxels])
     smaller = min(in_a, in_b)
-    if smaller < 0.1 * min(len(a.front), len(b.front)):
+    if smaller < 0.1 * min(len(a.foreground_voxels), len(b.foreground_voxels)):
         return 0.0, 0.0
     return shared / smaller, shared / (in_a + in_b - shared)
 
@@ -89,7 +96,7 @@ def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
     return bool((inside if a.category == b.category else union) >= threshold)
 
 
-def associate_detections(seeds: list[DetectionSeeds], num_voxels: int, threshold: float) -> list[Candidate]:
+def associate_detections(seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float) -> list[Candidate]:
     """Groups detections into objects: the most confident first, then unions until nothing changes.
 
     Args:
@@ -103,62 +110,59 @@ def associate_detections(seeds: list[DetectionSeeds], num_voxels: int, threshold
     order = sorted(range(len(seeds)), key=lambda i: (-seeds[i].detection.confidence, i))
     candidates: list[Candidate] = []
     for index in order:
-        one = candidate_of(seeds[index], num_voxels)
-        home = next((c for c in candidates if same_object(c, one, threshold)), None)
-        if home is None:
+        one = Candidate.of(seeds[index], num_voxels)
+        place = next((i for i, other in enumerate(candidates) if same_object(other, one, threshold)), None)
+        if place is None:
             candidates.append(one)
         else:
-            home.add(seeds[index])
+            candidates[place] = candidates[place].with_sources([seeds[index]])
     return _merge_until_stable(candidates, threshold)
 
 
-def _merge_until_stable(candidates: list[Candidate], threshold: float) -> list[Candidate]:
-    merged = True
+def _merge_until_stable(candidates: Sequence[Candidate], threshold: float) -> list[Candidate]:
+    """Unions of candidates that are one object, until there are none."""
+    candidates, merged = list(candidates), True
     while merged:
         merged = False
         for i in range(len(candidates)):
             for j in range(len(candidates) - 1, i, -1):
                 if same_object(candidates[i], candidates[j], threshold):
-                    for source in candidates[j].sources:
-                        candidates[i].add(source)
-                    del candidates[j]
+                    candidates[i] = candidates[i].merged([candidates.pop(j)])
                     merged = True
     return candidates
 
 
 def assign_weak_detections(
-    candidates: list[Candidate], seeds: list[DetectionSeeds], num_voxels: int, threshold: float
-) -> list[DetectionSeeds]:
+    candidates: Sequence[Candidate], seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float
+) -> tuple[list[Candidate], list[DetectionSeeds]]:
     """Lets detections below the confidence threshold speak for the object they overlap most.
 
     Args:
-        candidates: the objects; gain ``weak`` seeds.
+        candidates: the objects. They are compared as their sources left them, so that the order of the weak detections
+            does not matter.
         seeds: detections below the threshold.
         num_voxels: size of the cloud.
         threshold: as in ``associate_detections``.
 
     Returns:
-        The detections that overlap no object.
+        The objects with their weak detections, and the detections that overlap no object.
     """
+    weak: list[list[DetectionSeeds]] = [[] for _ in candidates]
     unassigned = []
-    # The objects are compared as their sources left them, so that the order of the weak detections does not matter.
-    joined: list[tuple[Candidate, DetectionSeeds]] = []
     for one in seeds:
-        candidate = candidate_of(one, num_voxels)
-        matches = [home for home in candidates if same_object(home, candidate, threshold)]
+        alone = Candidate.of(one, num_voxels)
+        matches = [k for k, other in enumerate(candidates) if same_object(other, alone, threshold)]
         if matches:
-            joined.append((max(matches, key=lambda home: overlap(home, candidate)), one))
-        elif all(overlap(home, candidate)[0] < threshold for home in candidates):
+            weak[max(matches, key=lambda k: overlap(candidates[k], alone))].append(one)
+        elif all(overlap(other, alone)[0] < threshold for other in candidates):
             unassigned.append(one)
-    for home, one in joined:
-        home.weak.append(one)
-    return unassigned
+    return [replace(one, weak=(*one.weak, *own)) for one, own in zip(candidates, weak, strict=True)], unassigned
 
 
 def objects_by_agreement(
-    seeds: list[DetectionSeeds], num_voxels: int, threshold: float, min_views: int, confident: float
+    seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float, min_views: int, confident: float
 ) -> list[Candidate]:
-    """Objects that no view is sure of, but that several views agree on.
+    """Objects without a confident detection that several views agree on.
 
     Args:
         seeds: detections below the confidence threshold that overlap no object.
@@ -182,13 +186,13 @@ def objects_by_agreement(
 
 
 def group_segments(
-    candidates: list[Candidate], probability: Float32[np.ndarray, "n k"], threshold: float
+    candidates: Sequence[Candidate], probability: Float32[np.ndarray, "n k"], threshold: float
 ) -> list[list[int]]:
     """Groups objects whose segments in space turn out to be one, such as the front and the back of a chair.
 
     Args:
         candidates: the objects, best first.
-        probability: of each object at each point, each judged alone.
+        probability: of each object at each point, each of an object by itself.
         threshold: intersection over the smaller segment (one category) or over the union (two categories).
 
     Returns:

@@ -1,4 +1,4 @@
-"""The thesis' consistency filter: labels only of objects that several views are sure of, under one name."""
+"""The thesis' consistency filter: labels only of objects that several views detect confidently, under one name."""
 
 from labeling.generator.objects.association import Candidate
 
@@ -17,6 +17,6 @@ def is_consistent(candidate: Candidate, confident: float, other_views: int = OTH
     Source: thesis A.5: at least three other views with confident detections of the object, and a single class among
     them. There it improved some classes and thinned out others, and was left off.
     """
-    sure = [one.detection for one in candidate.sources if one.detection.confidence >= confident]
-    views = {detection.view_index for detection in sure}
-    return len(views) > other_views and len({detection.category for detection in sure}) == 1
+    confident_ones = [one.detection for one in candidate.sources if one.detection.confidence >= confident]
+    views = {detection.view_index for detection in confident_ones}
+    return len(views) > other_views and len({detection.category for detection in confident_ones}) == 1

@@ -1,4 +1,4 @@
-"""Boxes of whole objects from boxes of what was seen of them: things stand on something."""
+"""Boxes of whole objects from boxes of their visible parts: extended down to the surface that supports them."""
 
 from dataclasses import replace
 

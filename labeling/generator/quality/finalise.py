@@ -1,4 +1,4 @@
-"""Last word on an episode's labels: how far each can be trusted, what is to be ignored, and how large objects are."""
+"""The last step of labelling: confidences become expected IoU, regions to ignore are marked, boxes are completed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ def finalise_labels(
     cloud: Cloud,
     config: LabelConfig,
 ) -> EpisodeLabels:
-    """The labels with expected IoU as confidence, those of no trust ignored, and with whole boxes.
+    """The labels with expected IoU as confidence, those below a threshold as regions to ignore, and completed boxes.
 
     Args:
         labels: as segmented; the confidence of a label is its object's, times the mean probability in its mask.
@@ -30,12 +30,14 @@ def finalise_labels(
     """
     if config.complete_boxes and labels.objects:
         labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
+    # The model knows detectors, not people.
     if config.calibrate and not any(detection.exact for detection in detections):
         labels = _calibrated(labels, detections)
     return _with_ignored_regions(labels, detections, cloud, config)
 
 
 def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
+    """The objects with boxes that reach down to what they stand on."""
     points, owner = labels.cloud.points, labels.cloud.instance_id
     floor_m = floor_height(points, voxel_m)
     return tuple(
@@ -47,14 +49,14 @@ def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[Labell
 
 
 def _calibrated(labels: EpisodeLabels, detections: Sequence[Detection]) -> EpisodeLabels:
-    """A person's masks need no such doubt; those of a detector do."""
+    """The labels with their expected IoU as confidence."""
     expected = load_model().expected_iou(features_of(labels, detections))
     found = tuple(replace(one, confidence=float(iou)) for one, iou in zip(labels.labels, expected, strict=True))
     return replace(labels, labels=found, objects=tuple(_with_mean_confidence(one, found) for one in labels.objects))
 
 
 def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) -> LabelledObject:
-    """An object is as sure as its labels are on average, each counting with its size."""
+    """The object with the mean confidence of its labels, weighted by their visible pixels."""
     own = [label for label in labels if label.instance_id == one.instance_id]
     if not own:
         return one
@@ -65,7 +67,8 @@ def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) ->
 def _with_ignored_regions(
     labels: EpisodeLabels, detections: Sequence[Detection], cloud: Cloud, config: LabelConfig
 ) -> EpisodeLabels:
-    trusted = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
+    """The labels, those below ``config.min_confidence`` and what no label explains as regions to ignore."""
+    kept = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
     ignored = [
         IgnoredRegion(one.view_index, one.category, one.confidence, one.modal, one.instance_id)
         for one in labels.labels
@@ -73,4 +76,4 @@ def _with_ignored_regions(
     ]
     if config.ignore_unconfirmed < 1:
         ignored += unconfirmed_regions(cloud, detections, labels.labels, config)
-    return replace(labels, labels=trusted, ignored=tuple(sorted(ignored, key=lambda region: region.view_index)))
+    return replace(labels, labels=kept, ignored=tuple(sorted(ignored, key=lambda region: region.view_index)))

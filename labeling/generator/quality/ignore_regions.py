@@ -1,7 +1,8 @@
-"""Places that may be objects although nobody could confirm one: nobody should learn that there is background.
+"""Regions to ignore: they may be objects although none could be confirmed, so nobody should learn background there.
 
-A detector misses most objects in most views, and what it misses in one view it suspects in another. Suspicions add up
-over views at the points of the cloud, and where they do, every view marks a region to be ignored.
+A detector misses most objects in most views, and finds in one view, at low confidence, what it misses in another.
+Detections that no label explains add up over views at the points of the cloud, and where they reach a threshold, every
+view marks a region to be ignored.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,10 +15,10 @@ from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.settings.label_config import LabelConfig
 
-EXPLAINED = 0.5
-"""Share of a detection that labels must cover for it to be no suspicion."""
+EXPLAINED_SHARE = 0.5
+"""Share of a detection that labels must cover to explain it."""
 MIN_CONFIDENCE = 0.05
-"""Detections less confident than this are no suspicion either: a detector has some of them everywhere."""
+"""Detections less confident than this are left out: a detector has some of them everywhere."""
 
 
 def unconfirmed_regions(
@@ -29,7 +30,7 @@ def unconfirmed_regions(
         cloud: the points of all views; it may have none.
         detections: of all views.
         labels: of all views.
-        config: settings. With ``doubt_across_views`` off every view knows its own detections alone.
+        config: settings.
 
     Returns:
         One for each connected region of a view and category; regions of fewer pixels than ``config.min_mask_px`` are
@@ -37,7 +38,7 @@ def unconfirmed_regions(
     """
     labelled = _labelled(labels)
     unexplained = list(_unexplained_detections(detections, labelled))
-    least = config.ignore_unconfirmed
+    threshold = config.ignore_unconfirmed
     drawn: dict[tuple[int, str], Bool[np.ndarray, "h w"]] = {}
     sure: dict[tuple[int, str], float] = {}
 
@@ -47,14 +48,14 @@ def unconfirmed_regions(
         sure[place] = max(sure.get(place, 0.0), min(1.0, confidence))
 
     for one, rest in unexplained:
-        if one.confidence >= least:
+        if one.confidence >= threshold:
             draw(one.view_index, one.category, rest, one.confidence)
-    if config.doubt_across_views and unexplained:
+    if unexplained:
         names = sorted({one.category for one, _ in unexplained})
-        support, category = _support(cloud, unexplained, names)
-        doubtful = np.flatnonzero(support >= least)
+        support, category = _summed_confidence(cloud, unexplained, names)
+        reached = np.flatnonzero(support >= threshold)
         number = np.full(cloud.num_points + 1, -1, np.int64)  # the last one is that of pixels without a voxel
-        number[doubtful] = category[doubtful]
+        number[reached] = category[reached]
         for view, voxels in enumerate(cloud.voxel_of_pixel):
             shown = number[voxels]
             if view in labelled:
@@ -65,11 +66,12 @@ def unconfirmed_regions(
     return [
         IgnoredRegion(view, category, sure[view, category], region)
         for (view, category), mask in sorted(drawn.items())
-        for region in _pieces(mask, max(1, config.min_mask_px))
+        for region in _connected_components(mask, max(1, config.min_mask_px))
     ]
 
 
 def _labelled(labels: Sequence[PseudoLabel]) -> dict[int, Bool[np.ndarray, "h w"]]:
+    """The union of the labels of each view that has any."""
     found: dict[int, Bool[np.ndarray, "h w"]] = {}
     for one in labels:
         found[one.view_index] = found[one.view_index] | one.modal if one.view_index in found else one.modal
@@ -85,11 +87,11 @@ def _unexplained_detections(
             continue
         rest = one.mask & ~labelled[one.view_index] if one.view_index in labelled else one.mask
         left = np.count_nonzero(rest)
-        if left and left > (1 - EXPLAINED) * np.count_nonzero(one.mask):
+        if left and left > (1 - EXPLAINED_SHARE) * np.count_nonzero(one.mask):
             yield one, rest
 
 
-def _support(
+def _summed_confidence(
     cloud: Cloud, unexplained: Sequence[tuple[Detection, Bool[np.ndarray, "h w"]]], names: Sequence[str]
 ) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"]]:
     """For every voxel the sum over views of the highest confidence there, and the category with the highest sum."""
@@ -108,7 +110,7 @@ def _support(
     return total, of_name.argmax(axis=0)
 
 
-def _pieces(mask: Bool[np.ndarray, "h w"], least_px: int) -> Iterator[Bool[np.ndarray, "h w"]]:
+def _connected_components(mask: Bool[np.ndarray, "h w"], least_px: int) -> Iterator[Bool[np.ndarray, "h w"]]:
     """Connected parts of a mask, the small ones left out."""
     import cv2
 

@@ -1,4 +1,4 @@
-"""How far a label can be trusted: its expected IoU, from what the views say about its object and from its own mask.
+"""The quality of a label: its expected IoU, from what the views say about its object and from its own mask.
 
 The model is a logistic function of a few features, with weights whose signs are held to what the features mean; they
 are fitted to ground truth of training episodes by ``python -m experiments.calibrate_labels``, and shipped as
@@ -30,7 +30,7 @@ MIN_VIEW_PX = 16.0
 """Of that, views that show less of an object say little about it when no detection is there."""
 
 FEATURES = {
-    "sureness": 1,
+    "mean_probability": 1,
     "best_detection": 1,
     "agreement": 1,
     "agreeing_views": 1,
@@ -39,13 +39,13 @@ FEATURES = {
     "visible_size": 1,
     "visible_share": 1,
 }
-"""Name -> sign of its weight. sureness: mean probability in the mask, log-odds. best_detection: highest confidence of a
+"""Name -> sign of its weight. mean_probability: in the mask, log-odds. best_detection: highest confidence of a
 detection of the object under its name, log-odds. agreement and contradiction: mean over the views that show the
 object, each weighted with the size it is seen at, of the confidence of the detection of it under its name, and under
-another one; 0 in views where the detector finds nothing, so that a place where it should see something and does not
-counts against the object. agreeing_views: log2 of 1 + how many views found it. own_detection: IoU with the detection in
-the label's own view, times its confidence. visible_size: log2 of the side of the visible part, as a share of the
-picture's. visible_share: of the whole object, what is visible."""
+another one; 0 in views where the detector finds nothing, so that missed detections count against the object.
+agreeing_views: log2 of 1 + how many views found it. own_detection: IoU with the detection in the label's own view,
+times its confidence. visible_size: log2 of the side of the visible part, as a share of the picture's. visible_share: of
+the whole object, what is visible."""
 
 
 @dataclass(frozen=True)
@@ -104,19 +104,19 @@ def fit_model(
 
 def features_of(labels: "EpisodeLabels", detections: Sequence[Detection]) -> Float[np.ndarray, "n f"]:
     """Features of the labels of an episode whose confidences are still their objects' times their mean probability."""
-    certainty = {one.instance_id: max(one.confidence, 1e-6) for one in labels.objects}
-    sureness = [min(1.0, one.confidence / certainty[one.instance_id]) for one in labels.labels]
-    return label_features(labels.labels, sureness, detections)
+    object_confidence = {one.instance_id: max(one.confidence, 1e-6) for one in labels.objects}
+    mean_probability = [min(1.0, one.confidence / object_confidence[one.instance_id]) for one in labels.labels]
+    return label_features(labels.labels, mean_probability, detections)
 
 
 def label_features(
-    labels: Sequence[PseudoLabel], sureness: Sequence[float], detections: Sequence[Detection]
+    labels: Sequence[PseudoLabel], mean_probability: Sequence[float], detections: Sequence[Detection]
 ) -> Float[np.ndarray, "n f"]:
     """Features of all labels of an episode, in the order of ``FEATURES``.
 
     Args:
         labels: of all views.
-        sureness: mean probability of each label's mask.
+        mean_probability: within each label's mask.
         detections: all there are, confident or not.
     """
     if not labels:
@@ -131,12 +131,12 @@ def label_features(
     for index, one in enumerate(labels):
         by_object.setdefault(one.instance_id, []).append(index)
     for members in by_object.values():
-        looked = sides[members] * (sides[members] ** 2 >= MIN_VIEW_PX) + 1e-6
+        view_weight = sides[members] * (sides[members] ** 2 >= MIN_VIEW_PX) + 1e-6
         rows[members, 1] = _log_odds(same[members].max())
-        rows[members, 2] = looked @ same[members] / looked.sum()
+        rows[members, 2] = view_weight @ same[members] / view_weight.sum()
         rows[members, 3] = np.log2(1 + np.count_nonzero(same[members]))
-        rows[members, 4] = looked @ other[members] / looked.sum()
-    rows[:, 0] = _log_odds(np.asarray(sureness, float))
+        rows[members, 4] = view_weight @ other[members] / view_weight.sum()
+    rows[:, 0] = _log_odds(np.asarray(mean_probability, float))
     rows[:, 5] = own
     side = float(np.sqrt(size[0] * size[1])) / stride
     rows[:, 6] = np.log2(np.clip(sides / side, 1 / 64, 0.25))
@@ -168,5 +168,6 @@ def _votes(labels: Sequence[PseudoLabel], detections: Sequence[Detection], strid
 
 
 def _log_odds(chance):
+    """Log-odds of probabilities held in [.02, .98]."""
     held = np.clip(chance, 0.02, 0.98)
     return np.log(held / (1 - held))

@@ -1,7 +1,7 @@
-"""Two Gaussians as a classifier, and its mean with a support vector machine.
+"""The classifier of an object: the mean of a support vector machine and of one Gaussian per class.
 
-The machine follows every seed, so where detections miss the same part of an object in every view it learns the cut by
-heart; one Gaussian per class cannot, and closes the shape. Where seeds are plenty the machine knows better.
+The machine follows every seed, so where detections miss the same part of an object in every view it learns to leave it
+out; one Gaussian per class cannot, and closes the shape. Where seeds are plenty the machine is more exact.
 """
 
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ def train_gaussian_classifier(
     return GaussianClassifier(scale, (a - d).astype(np.float32), (b - e).astype(np.float32), float(c - f))
 
 
-def train_mixed_classifier(
+def train_classifier(
     foreground: Float[np.ndarray, "f d"], background: Float[np.ndarray, "b d"], rng: np.random.Generator, share: float
 ) -> SvmClassifier | GaussianClassifier | MixedClassifier:
     """Trains the classifier of one object.

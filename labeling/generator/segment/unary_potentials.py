@@ -7,7 +7,7 @@ from jaxtyping import Float32
 
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
-from labeling.generator.segment.classifiers import train_classifier
+from labeling.generator.segment.gaussian_classifier import train_classifier
 from labeling.generator.segment.training_points import crop_around, sample_background, sample_foreground
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.threads import in_threads
@@ -47,26 +47,27 @@ def object_log_odds(
 
 
 def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfig, rng, log_odds) -> None:
-    votes_for, votes_against, rim = _votes(cloud.num_points, candidate, config)
-    front = np.flatnonzero(votes_for > votes_against)
-    if len(front) == 0:
+    """Fills the column ``log_odds`` (n,) of one object in place."""
+    votes_for, votes_against, hard = _votes(cloud.num_points, candidate, config)
+    foreground = np.flatnonzero(votes_for > votes_against)
+    if len(foreground) == 0:
         return
     against = (votes_against >= votes_for) & (votes_against > 0)
-    centre, near = crop_around(cloud, front, against, object_m, config)
-    back = np.flatnonzero(near & against)
-    reachable = np.flatnonzero(near)
+    centre, inside = crop_around(cloud, foreground, against, object_m, config)
+    background = np.flatnonzero(inside & against)
+    reachable = np.flatnonzero(inside)
     log_odds[reachable] = _vote_log_odds(votes_for, votes_against, candidate)[reachable] if config.votes else 0.0
-    if len(back) > 0:
-        learnt_back = sample_background(back, rim, config, rng)
-        learnt_front = sample_foreground(cloud.points, front, centre, config, rng)
-        front_rows, back_rows = (_features(cloud, rows, centre) for rows in (learnt_front, learnt_back))
-        unary = train_classifier(config.unary, front_rows, back_rows, rng, config.gaussian_share)
-        if unary is not None:
-            decided = unary.log_odds(_features(cloud, reachable, centre))
-            log_odds[reachable] += np.clip(decided, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    if len(background) > 0:
+        negatives = sample_background(background, hard, rng)
+        positives = sample_foreground(cloud.points, foreground, centre, config, rng)
+        classifier = train_classifier(
+            _features(cloud, positives, centre), _features(cloud, negatives, centre), rng, config.gaussian_share
+        )
+        decided = classifier.log_odds(_features(cloud, reachable, centre))
+        log_odds[reachable] += np.clip(decided, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     if config.clamp_seeds:
-        log_odds[front[near[front]]] = MAX_LOG_ODDS
-        log_odds[back] = -MAX_LOG_ODDS
+        log_odds[foreground[inside[foreground]]] = MAX_LOG_ODDS
+        log_odds[background] = -MAX_LOG_ODDS
 
 
 def _features(cloud: Cloud, rows, centre) -> Float32[np.ndarray, "n 6"]:
@@ -75,17 +76,17 @@ def _features(cloud: Cloud, rows, centre) -> Float32[np.ndarray, "n 6"]:
 
 
 def _votes(num_points: int, candidate: Candidate, config: LabelConfig):
-    """Confidence-weighted votes for and against every point, and the hard rim around the masks."""
+    """Confidence-weighted votes for and against every point, and the background next to the masks."""
     votes_for, votes_against = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
-    rim = np.zeros(num_points, bool)
+    hard = np.zeros(num_points, bool)
     sources = candidate.sources
     if config.max_sources:
         sources = sorted(sources, key=lambda one: -one.detection.confidence)[: config.max_sources]
     for seeds in [*sources, *(candidate.weak if config.weak_evidence else [])]:
         votes_for[seeds.foreground] += seeds.detection.confidence
         votes_against[seeds.background] += seeds.detection.confidence
-        rim[seeds.rim] = True
-    return votes_for, votes_against, rim
+        hard[seeds.hard_negatives] = True
+    return votes_for, votes_against, hard
 
 
 def _vote_log_odds(votes_for, votes_against, candidate: Candidate) -> Float32[np.ndarray, "n"]:

@@ -2,14 +2,13 @@
 a room; the object size itself is measured in the data (labeling.generator.cloud.object_scale).
 """
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from labeling.core.errors import UsageError
 from labeling.core.types import CONFIDENT
 from labeling.generator.settings.published_defects import PublishedDefects
-
-UnaryName = Literal["svm", "logistic", "votes"]
 
 
 @dataclass(frozen=True)
@@ -33,9 +32,9 @@ class LabelConfig:
     max_range_m: float = 50.0
     """Depth beyond this is not used. Source: field notes (published code)."""
     erode: float = 0.015
-    """Width of the uncertain rim inside a mask, as a share of the square root of its pixels (thesis: 3x3, once)."""
+    """Width of the unknown band inside a mask, as a share of the square root of its pixels (thesis: 3x3, once)."""
     dilate: float = 0.05
-    """Width of the uncertain rim outside a mask, as a share of the square root of its pixels (published code: 4 px)."""
+    """Width of the unknown band outside a mask, as a share of the square root of its pixels (published code: 4 px)."""
     erosions: int | None = None
     """Instead of ``erode``: how often the mask is eroded by 3x3 pixels (thesis: once in rooms, 3 times in streets)."""
     dilations: int | None = None
@@ -58,9 +57,6 @@ class LabelConfig:
     classes (published code: 1 in rooms, 6 in streets)."""
     max_crop_m: float = 5.0
     """How far that cube grows at most. Source: field notes (published code)."""
-    unary: UnaryName = "svm"
-    """What learns an object from its seeds: an RBF support vector machine (thesis), logistic regression, or nothing
-    beyond the votes of the detections."""
     gaussian_share: float = 0.75
     """Weight of a Gaussian per class beside the SVM (quadratic discriminant analysis); 0 for the SVM alone, as in the
     thesis, 1 for the Gaussians alone."""
@@ -68,10 +64,6 @@ class LabelConfig:
     """Let detections vote directly on the points they saw; False: they only train the classifier, as in the thesis."""
     clamp_seeds: bool = False
     """Hold seeds at probability .99 and .01 whatever the classifier says. Source: field notes (published code)."""
-    svm_samples: int = 300
-    """Training points per class. Source: field notes (published code)."""
-    rim_share: float = 0.5
-    """Share of the background's training points that comes from the rim around the object. Source: field notes."""
     outer_share: float = 0.0
     """Share of the object's training points that comes from the outermost fifth of its seeds (published code: .5)."""
     appearance_weight: float = 4.0
@@ -98,10 +90,10 @@ class LabelConfig:
     """What is taken out of a finished segment: small pieces that lie apart, points more than ``outlier_spread``
     deviations from its mean (published code), or nothing."""
     min_piece: float = 0.05
-    """Pieces of a segment that hold less than this share of it and lie apart are strays."""
+    """Connected components of a segment that hold less than this share of it are taken out."""
     piece_reach: float = 0.15
-    """So are pieces, however large, that lie further from the body of the object than this share of its diagonal: the
-    ground, or another object. The body is the piece that detections speak for most."""
+    """So are components, however large, that lie further from the body of the object than this share of its diagonal:
+    the ground, or another object. The body is the component with the most votes of detections."""
     visibility: Literal["own", "z-buffer"] = "own"
     """What a pixel with depth shows: its own point, or the nearest point that any view puts there."""
     fill_px: float | None = None
@@ -111,10 +103,10 @@ class LabelConfig:
     consistency: bool = False
     """Keep only objects that at least four views are confident of, all under one name. Source: thesis A.5."""
     erode_doubt: float = 0.15
-    """How much wider the rim inside a mask is for a detection of confidence 0 than for one of 1, as ``erode``: masks
-    that a detector is unsure of are drawn less exactly. 0 as in the thesis."""
+    """How much wider the unknown band inside a mask is for a detection of confidence 0 than for one of 1, as ``erode``:
+    masks of low confidence are less exact. 0 as in the thesis."""
     dilate_doubt: float = 0.1
-    """The same for the rim outside."""
+    """The same for the band outside."""
     free_space: bool = True
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
     calibrate: bool = True
@@ -126,8 +118,6 @@ class LabelConfig:
     ignore_unconfirmed: float = 0.3
     """Where the confidences of detections that no label explains add up to this over all views, regions are marked to
     be ignored in every view, so that nobody learns that there is background; 1 marks none."""
-    doubt_across_views: bool = True
-    """False: a view knows only its own detections when it marks such regions."""
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
     seed: int = 0
@@ -141,50 +131,23 @@ class LabelConfig:
         Raises:
             UsageError: naming the setting.
         """
-        shares = ("confident", "merge_overlap")
-        positive = [
-            "max_range_m",
-            "voxel_share",
-            "max_voxels",
-            "outlier_spread",
-            "crop",
-            "max_crop_m",
-            "svm_samples",
-            "appearance_width",
-            "appearance_colour",
-            "smoothness_width_voxels",
-            "fill_edge",
-        ]
-        optional = ["voxel_m", "crop_m", "appearance_width_m", "smoothness_width_m"]
-        not_negative = [
-            "agreeing_views",
-            "max_sources",
-            "min_mask_px",
-            "min_piece",
-            "piece_reach",
-            "erode",
-            "dilate",
-            "erode_doubt",
-            "dilate_doubt",
-            "appearance_weight",
-            "smoothness_weight",
-            "iterations",
-            "rim_share",
-            "outer_share",
-            "seed",
-        ]
-        not_negative_or_none = ["erosions", "dilations", "fill_px"]
-        for name in shares:
-            if not 0 < getattr(self, name) <= 1:
-                raise UsageError(
-                    f"--{name.replace('_', '-')} must lie above 0 and at most at 1, not {getattr(self, name)}"
-                )
-        for name in ("rim_share", "outer_share", "gaussian_share", "min_confidence", "ignore_unconfirmed"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise UsageError(f"--{name.replace('_', '-')} must lie in [0, 1], not {getattr(self, name)}")
-        for name in (*positive, *(name for name in optional if getattr(self, name) is not None)):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise UsageError(f"--{name.replace('_', '-')} must be above 0 and finite, not {getattr(self, name)}")
-        for name in (*not_negative, *(name for name in not_negative_or_none if getattr(self, name) is not None)):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise UsageError(f"--{name.replace('_', '-')} must be 0 or more and finite, not {getattr(self, name)}")
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                rule, holds = _BOUNDS.get(one.name, _NOT_NEGATIVE)
+                if not holds(value):
+                    raise UsageError(f"--{one.name.replace('_', '-')} must {rule}, not {value}")
+
+
+_NOT_NEGATIVE = "be 0 or more and finite", lambda value: 0 <= value < math.inf
+_POSITIVE = "be above 0 and finite", lambda value: 0 < value < math.inf
+_SHARE = "lie in [0, 1]", lambda value: 0 <= value <= 1
+_BOUNDS = {
+    **dict.fromkeys(("max_range_m", "voxel_share", "voxel_m", "max_voxels", "outlier_spread", "fill_edge"), _POSITIVE),
+    **dict.fromkeys(("crop", "crop_m", "max_crop_m"), _POSITIVE),
+    **dict.fromkeys(("appearance_width", "appearance_width_m", "appearance_colour"), _POSITIVE),
+    **dict.fromkeys(("smoothness_width_voxels", "smoothness_width_m"), _POSITIVE),
+    **dict.fromkeys(("outer_share", "gaussian_share", "min_confidence", "ignore_unconfirmed"), _SHARE),
+    **dict.fromkeys(("confident", "merge_overlap"), ("lie above 0 and at most at 1", lambda value: 0 < value <= 1)),
+}
+"""What a number must do, and the test of it; numbers that are not named here must not be negative."""

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float32, Int
 
-from labeling.core.geometry import invert_rigid, transform_points, unproject_depth
+from labeling.core.geometry import transform_points, unproject_depth
 from labeling.core.types import Box3d
+from labeling.core.views import Camera
 from labeling.generator.draw.splatting import nearest_points, silhouettes
 
 OVERLAP = 0.3
@@ -41,7 +42,7 @@ class ObjectObservation:
     points: Float32[np.ndarray, "n 3"]
     """Of its segment; metres, world."""
     source_view_index: int
-    """The episode's view that is surest of it."""
+    """The episode's view that is most confident of it."""
     source_confidence: float
 
 
@@ -61,14 +62,14 @@ class SceneObject:
         """The most confident observation."""
         return self.observations[0]
 
-    def is_known_to(self, episode: str) -> bool:
+    def is_found_in(self, episode: str) -> bool:
         """Whether an episode has found the object itself."""
         return any(observation.episode == episode for observation in self.observations)
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectMasks:
-    """What a view shows of an object."""
+    """Masks of an object in one view."""
 
     modal: Bool[np.ndarray, "h w"]
     amodal: Bool[np.ndarray, "h w"]
@@ -101,61 +102,50 @@ def associate_observations(observations: Sequence[ObjectObservation]) -> list[Sc
 
 
 def project_objects(
-    objects: Sequence[SceneObject],
-    depth_m: Float32[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
+    objects: Sequence[SceneObject], depth_m: Float32[np.ndarray, "h w"], camera: Camera
 ) -> list[ObjectMasks | None]:
     """Where a view shows objects that its episode may not have found itself.
 
     Args:
         objects: of the scene.
         depth_m: the view's z-depth, 0 where there is no return.
-        intrinsics: K of the view.
-        camera_to_world: its pose, OpenCV axes.
+        camera: of the view.
 
     Returns:
         Of each object its visible pixels, those whose depth lies in its box, and its whole silhouette; None if it is
         out of view, hidden, or not there (any more): if these pixels are not those that its points cover.
     """
-    view = _View(depth_m, intrinsics, camera_to_world)
-    return [_project_object(one, view) for one in objects]
+    points, pixels = unproject_depth(depth_m.astype(float), camera.intrinsics, camera.camera_to_world)
+    points = points.astype(np.float32)
+
+    def project(one: SceneObject) -> ObjectMasks | None:
+        modal = np.zeros(depth_m.size, bool)
+        modal[pixels[_in_box(points, one.best.box_3d, one.spacing_m)]] = True
+        modal = modal.reshape(depth_m.shape)
+        return _compared(one, modal, depth_m, camera) if modal.any() else None
+
+    return [project(one) for one in objects]
 
 
-class _View:
-    """A view and its points."""
-
-    def __init__(self, depth_m, intrinsics, camera_to_world) -> None:
-        self.depth_m = depth_m
-        self.camera = intrinsics, camera_to_world, depth_m.shape
-        self.to_camera = invert_rigid(camera_to_world)
-        points, self._flat = unproject_depth(depth_m.astype(float), intrinsics, camera_to_world)
-        self._points = points.astype(np.float32)
-
-    def in_box(self, box: Box3d, margin_m: float) -> Bool[np.ndarray, "h w"]:
-        """Pixels whose points lie in a box, its margin included except below: there is what the object stands on."""
-        half = 0.5 * box.extent_m + margin_m
-        near = np.ones(len(self._points), bool)
-        for axis, reach_m in enumerate(np.abs(box.rotation) @ half):
-            near &= np.abs(self._points[:, axis] - np.float32(box.centre_m[axis])) <= reach_m
-        near = np.flatnonzero(near)
-        local = (self._points[near] - box.centre_m) @ box.rotation
-        inside = np.all(np.abs(local) <= half, axis=1) & (local[:, 2] >= margin_m - 0.5 * box.extent_m[2])
-        found = np.zeros(self.depth_m.size, bool)
-        found[self._flat[near[inside]]] = True
-        return found.reshape(self.depth_m.shape)
+def _in_box(points: Float32[np.ndarray, "n 3"], box: Box3d, margin_m: float) -> Int[np.ndarray, "m"]:
+    """Points that lie in a box, its margin included except below: there is what the object stands on."""
+    half = 0.5 * box.extent_m + margin_m
+    near = np.ones(len(points), bool)
+    for axis, reach_m in enumerate(np.abs(box.rotation) @ half):
+        near &= np.abs(points[:, axis] - np.float32(box.centre_m[axis])) <= reach_m
+    near = np.flatnonzero(near)
+    local = (points[near] - box.centre_m) @ box.rotation
+    return near[np.all(np.abs(local) <= half, axis=1) & (local[:, 2] >= margin_m - 0.5 * box.extent_m[2])]
 
 
-def _project_object(one: SceneObject, view: _View) -> ObjectMasks | None:
-    modal = view.in_box(one.best.box_3d, one.spacing_m)
-    if not modal.any():
-        return None
-    camera = (*view.camera, 2 * one.spacing_m)
-    drawn = silhouettes(one.points, np.zeros(len(one.points), np.int32), 1, *camera)[0]
-    nearest = nearest_points(one.points, *camera)
-    expected_m = transform_points(view.to_camera, one.points)[:, 2][np.maximum(nearest, 0)]
+def _compared(one: SceneObject, modal: Bool[np.ndarray, "h w"], depth_m, camera: Camera) -> ObjectMasks | None:
+    """The masks of an object whose visible pixels agree with what its points cover; None if they do not."""
+    point_size_m = 2 * one.spacing_m
+    drawn = silhouettes(one.points, np.zeros(len(one.points), np.int32), 1, camera, point_size_m)[0]
+    nearest = nearest_points(one.points, camera, point_size_m)
+    expected_m = transform_points(camera.world_to_camera, one.points)[:, 2][np.maximum(nearest, 0)]
     margin_m = REACH * one.spacing_m + MARGIN_SHARE * expected_m
-    hidden = drawn & ~modal & (view.depth_m > 0) & (view.depth_m < expected_m - margin_m)
+    hidden = drawn & ~modal & (depth_m > 0) & (depth_m < expected_m - margin_m)
     agreement = np.count_nonzero(modal & drawn) / np.count_nonzero(modal | (drawn & ~hidden))
     return ObjectMasks(modal, modal | drawn) if agreement >= AGREEMENT else None
 

@@ -28,7 +28,7 @@ from labeling.io.formats.ply import read_ply
 
 MIN_CONFIDENCE = 0.6
 """Objects less sure than this stay with the episode that found them."""
-EXPLAINED = 0.3
+EXPLAINED_SHARE = 0.3
 """Share of an object's pixels in a view from which on the labels that are there already explain it."""
 
 
@@ -104,7 +104,7 @@ def _with_shared(
     scene_of: dict[str, tuple[str, ...] | None],
 ) -> EpisodeResult:
     scene = scene_of.get(state.name)
-    missing = [] if scene is None else [one for one in objects[scene] if not one.is_known_to(state.name)]
+    missing = [] if scene is None else [one for one in objects[scene] if not one.is_found_in(state.name)]
     if state.record is None or not missing:
         return state
     episode = read_episode(folder, job.recording, ground_truth=False)
@@ -113,7 +113,7 @@ def _with_shared(
     next_id = 1 + max((one["instance_id"] for one in record["objects"]), default=0)
     found: dict[int, list[tuple[int, ObjectMasks]]] = defaultdict(list)
     for view, known in enumerate(own):
-        seen = project_objects(missing, episode.depth_m[view], episode.intrinsics[view], episode.camera_to_world[view])
+        seen = project_objects(missing, episode.depth_m[view], episode.camera(view))
         for number, one in enumerate(seen):
             if one is None or np.count_nonzero(one.modal) < job.label.min_mask_px or _is_explained(one, known):
                 continue
@@ -141,7 +141,7 @@ def _labelled(record: dict[str, Any], views: int, size: tuple[int, int]) -> Bool
 
 
 def _is_explained(found: ObjectMasks, known: Bool[np.ndarray, "h w"]) -> bool:
-    return bool(np.count_nonzero(found.modal & known) > EXPLAINED * np.count_nonzero(found.modal))
+    return bool(np.count_nonzero(found.modal & known) > EXPLAINED_SHARE * np.count_nonzero(found.modal))
 
 
 def _object(one: SceneObject, instance_id: int) -> dict[str, Any]:

@@ -16,15 +16,13 @@ from labeling.core.masks import box_xywh
 from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
 from labeling.generator.draw.splatting import silhouettes
 from labeling.generator.draw.view_masks import view_probabilities
-from labeling.generator.draw.visibility import Views, fill_reach_px, visible_voxels
-from labeling.generator.objects.association import Candidate, associate_detections, candidate_of
+from labeling.generator.objects.association import Candidate, associate_detections
 from labeling.generator.objects.consistency import is_consistent
 from labeling.generator.objects.seeds import detection_seeds
-from labeling.generator.segment.active_points import ActivePoints
-from labeling.generator.segment.pairwise_kernels import crf_kernels
-from labeling.generator.segment.unary_potentials import UNREACHABLE_LOG_ODDS, object_log_odds
+from labeling.generator.segment.crf import ObjectCrf
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 
@@ -62,16 +60,16 @@ def single_detection_candidates(cloud: Cloud, detections: Sequence[Detection], c
         groups = associate_detections(found, cloud.num_points, config.merge_overlap)
         found = [one for group in groups if is_consistent(group, config.confident) for one in group.sources]
     found.sort(key=lambda one: (-one.detection.confidence, one.detection.view_index))
-    return [candidate_of(one, cloud.num_points) for one in found]
+    return [Candidate.of(one, cloud.num_points) for one in found]
 
 
 def label_per_detection(
-    views: Views, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
+    fused: FusedViews, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
 ) -> EpisodeLabels:
     """Labels every view from segments that each stem from one detection.
 
     Args:
-        views: the views and their cloud.
+        fused: the views and their clouds.
         candidates: of one detection each, as ``single_detection_candidates`` returns them.
         scale: of the episode.
         config: settings. ``exclusive``, ``weak_evidence`` and ``merge_overlap`` play no part: segments do not know of
@@ -80,35 +78,33 @@ def label_per_detection(
     Returns:
         One object for every detection that kept a mask in some view.
     """
-    probability = _segment_each(views, candidates, scale, config)
+    probability = _segment_each(fused, candidates, scale, config)
     sources = [candidate.sources[0].detection for candidate in candidates]
-    labels = _draw_all(views, sources, probability, scale, config)
+    labels = _draw_all(fused, sources, probability, scale, config)
     kept = sorted({label.instance_id for label in labels})
     number = {old: new for new, old in enumerate(kept, start=1)}
     objects = []
     for old in kept:
         detection = sources[old - 1]
         source = Source(detection.view_index, float(detection.confidence), detection.category)
-        members = views.cloud.points[probability[:, old - 1] > 0.5]
-        box = fit_box(members, margin_m=views.cloud.voxel_m) if len(members) else None
+        members = fused.cloud.points[probability[:, old - 1] > 0.5]
+        box = fit_box(members, margin_m=fused.cloud.voxel_m) if len(members) else None
         objects.append(LabelledObject(number[old], detection.category, source.confidence, box, (source,)))
     final = [replace(label, instance_id=number[label.instance_id]) for label in labels]
     chance = probability[:, [old - 1 for old in kept]]
-    cloud = SegmentedCloud(views.cloud.points, views.cloud.colours, _first_owner(chance), chance)
+    cloud = SegmentedCloud(fused.cloud.points, fused.cloud.colours, _first_owner(chance), chance)
     return EpisodeLabels(tuple(objects), with_label_defects(final, config.published), cloud, scale)
 
 
 def _segment_each(
-    views: Views, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
+    fused: FusedViews, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
 ) -> Float32[np.ndarray, "n k"]:
     """Probability of each segment at every point; 0 outside its crop, whose points have a CRF of their own."""
-    cloud = views.cloud
-    log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
-    near = ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS)
-    kernels = crf_kernels(cloud, near, scale.object_m, config)
-    probability = near.marginals(log_odds, kernels, config.iterations, exclusive=False)
+    cloud = fused.cloud
+    crf = ObjectCrf.of(cloud, candidates, scale, config)
+    probability, active = crf.marginals(exclusive=False), crf.active
     for k in range(len(candidates)):
-        points = near.point[near.rows_of(k)]
+        points = active.point[active.rows_of(k)]
         owner = np.where(probability[points, k] > 0.5, 0, -1).astype(np.int32)
         gone = segment_outliers(cloud.points[points], owner, 1, cloud.voxel_m, config)
         probability[points[gone], k] = 0
@@ -116,33 +112,32 @@ def _segment_each(
 
 
 def _draw_all(
-    views: Views,
+    fused: FusedViews,
     sources: Sequence[Detection],
     probability: Float32[np.ndarray, "n k"],
     scale: Scale,
     config: LabelConfig,
 ) -> list[PseudoLabel]:
     """Masks of all segments in all views, after the more confident have suppressed the others."""
-    cloud, fine = views.cloud, views.fine
-    voxel_of_fine = cloud.parents_of(fine)
+    cloud, fine = fused.cloud, fused.fine
     inside = probability > 0.5
-    points_of = [fine.points[inside[voxel_of_fine, k]] for k in range(len(sources))]
+    points_of = [fine.points[inside[fused.voxel_of_fine, k]] for k in range(len(sources))]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     labels = []
-    for view in range(len(views.rgb)):
-        shown = visible_voxels(views, view, voxel_of_fine, config)
-        chance, known = view_probabilities(views.rgb[view], shown, None, probability, reach_px, config.fill_edge)
-        camera = (views.intrinsics[view], views.camera_to_world[view], views.rgb.shape[1:3], fine.voxel_m)
+    for view, rgb in enumerate(fused.views.rgb):
+        voxels = fused.visible_voxels(view, config)
+        chance, known = view_probabilities(rgb, voxels, None, probability, reach_px, config.fill_edge)
+        camera = fused.views.camera(view)
         drawn = []
         for k, source in enumerate(sources):
             modal = known & (chance[:, :, k] > 0.5)
             points = points_of[k]
-            amodal = modal | silhouettes(points, np.zeros(len(points), np.int32), 1, *camera)[0]
+            amodal = modal | silhouettes(points, np.zeros(len(points), np.int32), 1, camera, fine.voxel_m)[0]
             if config.published.missing_z_buffer:
                 modal = amodal
             if modal.any():
                 drawn.append(SegmentMasks(k, source.category, modal, amodal))
-        for one in suppress(drawn, last_wins=config.published.missing_z_buffer):
+        for one in non_maximum_suppression(drawn, last_wins=config.published.missing_z_buffer):
             confidence = float(sources[one.segment].confidence)
             labels.append(
                 PseudoLabel(
@@ -159,8 +154,8 @@ def _draw_all(
     return labels
 
 
-def suppress(drawn: Sequence[SegmentMasks], last_wins: bool = False) -> list[SegmentMasks]:
-    """What is left of the masks of one view when the more confident of two that show the same thing is kept.
+def non_maximum_suppression(drawn: Sequence[SegmentMasks], last_wins: bool = False) -> list[SegmentMasks]:
+    """The masks of one view without those that a more confident one duplicates.
 
     Pixels that two of the kept masks claim go to the more confident one.
 
@@ -170,7 +165,7 @@ def suppress(drawn: Sequence[SegmentMasks], last_wins: bool = False) -> list[Seg
     """
     kept: list[SegmentMasks] = []
     for one in drawn:
-        if any(_same_thing(one, other) for other in kept):
+        if any(_is_duplicate(one, other) for other in kept):
             continue
         kept.append(one)
     if not kept:
@@ -184,7 +179,8 @@ def suppress(drawn: Sequence[SegmentMasks], last_wins: bool = False) -> list[Seg
     return sorted(left, key=lambda one: one.segment)
 
 
-def _same_thing(a: SegmentMasks, b: SegmentMasks) -> bool:
+def _is_duplicate(a: SegmentMasks, b: SegmentMasks) -> bool:
+    """Whether two masks of one view overlap so much that they show the same thing."""
     if a.category == b.category:
         shared = np.count_nonzero(a.modal & b.modal)
         return bool(shared >= NMS_OVERLAP * min(np.count_nonzero(a.modal), np.count_nonzero(b.modal)))

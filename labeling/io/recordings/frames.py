@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float
 
 from labeling.core.errors import EpisodeFormatError
+from labeling.core.views import RgbdViews
 from labeling.io.recordings.pictures import (
     Straightening,
     enlarge_depth,
@@ -56,12 +57,10 @@ class FrameList:
 
 
 @dataclass(frozen=True)
-class Views:
-    """The pictures of the frames chosen."""
+class LoadedViews:
+    """The views of the frames chosen."""
 
-    rgb: UInt8[np.ndarray, "views h w 3"]
-    depth_m: Float32[np.ndarray, "views h w"]
-    intrinsics: Float[np.ndarray, "views 3 3"]
+    views: RgbdViews
     straightening: tuple[Straightening | None, ...]
     """For each view what has straightened it; None if it was straight already."""
     notes: list[str]
@@ -83,7 +82,7 @@ def choose(found: FrameList, config: RecordingConfig) -> FrameList:
     return FrameList(found.names, frames, notes)
 
 
-def load(frames: Sequence[Frame], straighten: bool) -> Views:
+def load(frames: Sequence[Frame], straighten: bool) -> LoadedViews:
     """Reads the pictures.
 
     Args:
@@ -124,7 +123,9 @@ def load(frames: Sequence[Frame], straighten: bool) -> Views:
         intrinsics.append(camera)
         straightening.append(lens)
     notes = [f"depth of {resized} views was brought to the size of their colour pictures"] if resized else []
-    return Views(np.stack(rgb), np.stack(depth), np.stack(intrinsics), tuple(straightening), notes)
+    poses = np.stack([frame.camera_to_world for frame in frames])
+    views = RgbdViews(np.stack(rgb), np.stack(depth), np.stack(intrinsics), poses)
+    return LoadedViews(views, tuple(straightening), notes)
 
 
 def _read_depth(frame: Frame) -> np.ndarray | EpisodeFormatError:

@@ -22,9 +22,7 @@ def room() -> Episode:
 def label(episode: Episode, config: LabelConfig | None = None, **changes) -> EpisodeLabels:
     episode = replace(episode, **changes)
     assert episode.detections is not None
-    return propagate(
-        episode.rgb, episode.depth_m, episode.intrinsics, episode.camera_to_world, episode.detections, config
-    )
+    return propagate(episode, episode.detections, config)
 
 
 def mean_iou(episode: Episode, labels, kind: str = "modal") -> float:

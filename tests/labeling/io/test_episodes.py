@@ -98,7 +98,7 @@ def test_an_episode_survives_the_disk_unchanged(tmp_path, seed, same_camera, ann
 def test_depth_is_rounded_to_millimetres_and_too_far_is_no_return(tmp_path_factory, depth_m):
     episode = make_episode(views=1, annotated=False)
     rgb = np.zeros((1, 2, 3, 3), np.uint8)
-    small = Episode("e", rgb, depth_m, episode.intrinsics, episode.camera_to_world, ("rgb/000.png",))
+    small = Episode(rgb, depth_m, episode.intrinsics, episode.camera_to_world, "e", ("rgb/000.png",))
     path = tmp_path_factory.mktemp("depth") / "e"
     write_episode(path, small)
     back = read_episode(path).depth_m

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
 
 from labeling.core.types import Detection
-from labeling.generator.cloud.free_space import MIN_MISSES, Cameras, clear_free_space, free_space_points
+from labeling.core.views import RgbdViews
+from labeling.generator.cloud.free_space import MIN_MISSES, clear_free_space, free_space_points
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
@@ -18,9 +21,9 @@ def room():
     return make_episode(3, num_views=8, size=(90, 120), num_objects=4, confident_share=0.5)
 
 
-def cloud_of(room, depth_m) -> tuple[Cloud, Cameras]:
-    cloud = build_cloud(room.rgb, depth_m, room.intrinsics, room.camera_to_world, VOXEL_M)
-    return cloud, Cameras(depth_m, room.intrinsics, room.camera_to_world)
+def cloud_of(room, depth_m) -> tuple[Cloud, RgbdViews]:
+    views = RgbdViews(room.rgb, depth_m, room.intrinsics, room.camera_to_world)
+    return build_cloud(views, VOXEL_M), views
 
 
 def spoilt(room, share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
@@ -30,37 +33,36 @@ def spoilt(room, share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
     return np.where(bad, 0.5 * room.depth_m, room.depth_m).astype(np.float32), bad
 
 
-def test_exact_depth_has_no_phantoms(room) -> None:
-    cloud, cameras = cloud_of(room, room.depth_m)
-    assert free_space_points(cloud, cameras).mean() < 1e-3
-    assert clear_free_space(cloud, cameras) is cameras.depth_m
+def test_exact_depth_has_no_points_in_free_space(room) -> None:
+    cloud, views = cloud_of(room, room.depth_m)
+    assert free_space_points(cloud, views).mean() < 1e-3
+    assert clear_free_space(cloud, views) is views
 
 
 def test_points_in_front_of_what_others_see_are_found(room) -> None:
     depth_m, bad = spoilt(room)
-    cloud, cameras = cloud_of(room, depth_m)
-    cleared = clear_free_space(cloud, cameras) == 0
+    cloud, views = cloud_of(room, depth_m)
+    cleared = clear_free_space(cloud, views).depth_m == 0
     assert np.mean(cleared[bad]) > 0.6
     assert np.mean(cleared[~bad & (room.depth_m > 0)]) < 0.003
 
 
-def test_too_few_witnesses_prove_nothing(room) -> None:
+def test_too_few_misses_prove_nothing(room) -> None:
     depth_m, _ = spoilt(room)
     few = slice(0, MIN_MISSES)
-    cloud = build_cloud(room.rgb[few], depth_m[few], room.intrinsics[few], room.camera_to_world[few], VOXEL_M)
-    cameras = Cameras(depth_m[few], room.intrinsics[few], room.camera_to_world[few])
-    assert not free_space_points(cloud, cameras).any()
+    views = RgbdViews(room.rgb[few], depth_m[few], room.intrinsics[few], room.camera_to_world[few])
+    assert not free_space_points(build_cloud(views, VOXEL_M), views).any()
 
 
 def test_the_number_of_threads_does_not_matter(room) -> None:
-    cloud, cameras = cloud_of(room, spoilt(room)[0])
+    cloud, views = cloud_of(room, spoilt(room)[0])
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        alone = free_space_points(cloud, cameras)
+        alone = free_space_points(cloud, views)
     finally:
         numba.set_num_threads(before)
-    assert np.array_equal(alone, free_space_points(cloud, cameras))
+    assert np.array_equal(alone, free_space_points(cloud, views))
 
 
 def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(room) -> None:
@@ -73,7 +75,7 @@ def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(roo
 
     def objects(free_space: bool):
         config = LabelConfig(free_space=free_space, calibrate=False, weak_evidence=False, agreeing_views=0)
-        return propagate(room.rgb, depth_m, room.intrinsics, room.camera_to_world, (person,), config).labels
+        return propagate(replace(room, depth_m=depth_m), (person,), config).labels
 
     without = {one.view_index for one in objects(False) if one.modal.any()}
     held = [one for one in objects(True) if one.view_index == 0]

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
+from labeling.core.views import RgbdViews
 from labeling.generator.cloud.voxel_cloud import build_cloud
 
 
@@ -16,7 +17,7 @@ def views(seed: int = 0, holes: float = 0.3):
 @pytest.mark.parametrize("voxel_m", [0.05, 0.3])
 def test_voxels_hold_the_mean_of_their_pixels(voxel_m: float) -> None:
     rgb, depth, intrinsics, poses = views()
-    cloud = build_cloud(rgb, depth, intrinsics, poses, voxel_m)
+    cloud = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), voxel_m)
     points = np.concatenate([unproject_depth(depth[v], intrinsics[v], poses[v])[0] for v in range(3)])
     colours = rgb[depth > 0] / 255
     voxel = cloud.voxel_of_pixel[depth > 0]
@@ -31,7 +32,7 @@ def test_voxels_hold_the_mean_of_their_pixels(voxel_m: float) -> None:
 
 def test_pixels_share_a_voxel_exactly_if_they_share_a_cell() -> None:
     rgb, depth, intrinsics, poses = views(1)
-    cloud = build_cloud(rgb, depth, intrinsics, poses, 0.25)
+    cloud = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), 0.25)
     points = np.concatenate([unproject_depth(depth[v], intrinsics[v], poses[v])[0] for v in range(3)])
     origin = np.floor(poses[:, :3, 3].mean(axis=0) / 0.25) * 0.25
     cells = np.unique(np.floor((points - origin) / 0.25).astype(int), axis=0, return_inverse=True)[1]
@@ -41,13 +42,13 @@ def test_pixels_share_a_voxel_exactly_if_they_share_a_cell() -> None:
 
 def test_returns_beyond_range_are_not_used() -> None:
     rgb, depth, intrinsics, poses = views(2)
-    cloud = build_cloud(rgb, depth, intrinsics, poses, 0.1, max_range_m=2.0)
+    cloud = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), 0.1, max_range_m=2.0)
     np.testing.assert_array_equal(cloud.voxel_of_pixel >= 0, (depth > 0) & (depth <= 2.0))
 
 
 def test_voxels_grow_until_the_cloud_is_small_enough() -> None:
     rgb, depth, intrinsics, poses = views(3)
-    cloud = build_cloud(rgb, depth, intrinsics, poses, 0.01, max_voxels=100)
+    cloud = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), 0.01, max_voxels=100)
     assert cloud.num_points <= 100
     assert cloud.voxel_m > 0.01
     np.testing.assert_array_equal(cloud.voxel_of_pixel >= 0, depth > 0)
@@ -55,12 +56,12 @@ def test_voxels_grow_until_the_cloud_is_small_enough() -> None:
 
 def test_no_depth_at_all_gives_an_empty_cloud() -> None:
     rgb, depth, intrinsics, poses = views(4)
-    assert build_cloud(rgb, np.zeros_like(depth), intrinsics, poses, 0.1).num_points == 0
+    assert build_cloud(RgbdViews(rgb, np.zeros_like(depth), intrinsics, poses), 0.1).num_points == 0
 
 
 def test_a_voxel_needs_a_size() -> None:
     with pytest.raises(ValueError, match="positive"):
-        build_cloud(*views(), voxel_m=0.0)
+        build_cloud(RgbdViews(*views()), voxel_m=0.0)
 
 
 def test_many_voxels_are_numbered_in_order_of_appearance() -> None:
@@ -69,7 +70,7 @@ def test_many_voxels_are_numbered_in_order_of_appearance() -> None:
     poses = np.stack([look_at(np.array([0.0, 0.0, 1.5]), np.array([3.0, 0.5, 0.2]))] * 2)
     intrinsics = np.stack([intrinsics_from_fov(320, 240, 1.0)] * 2)
     depth = rng.uniform(0.5, 40.0, (2, 240, 320)).astype(np.float32)
-    cloud = build_cloud(np.zeros((2, 240, 320, 3), np.uint8), depth, intrinsics, poses, 0.1)
+    cloud = build_cloud(RgbdViews(np.zeros((2, 240, 320, 3), np.uint8), depth, intrinsics, poses), 0.1)
     assert cloud.num_points > 100_000
     first = np.unique(cloud.voxel_of_pixel, return_index=True)[1]
     assert np.all(np.diff(first) > 0)
@@ -78,17 +79,17 @@ def test_many_voxels_are_numbered_in_order_of_appearance() -> None:
 
 def test_a_view_sees_the_voxels_of_its_pixels() -> None:
     rgb, depth, intrinsics, poses = views(6)
-    cloud = build_cloud(rgb, depth, intrinsics, poses, 0.2)
+    cloud = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), 0.2)
     for view in range(3):
-        seen, ranks = cloud.seen_in(view)
+        seen, ranks = cloud.voxels_of_view(view)
         shown = cloud.voxel_of_pixel[view]
         np.testing.assert_array_equal(seen, np.unique(shown[shown >= 0]))
         np.testing.assert_array_equal(np.where(ranks >= 0, seen[ranks], -1), shown)
-    assert cloud.seen_in(1)[1] is cloud.seen_in(1)[1]
+    assert cloud.voxels_of_view(1)[1] is cloud.voxels_of_view(1)[1]
 
 
 def test_points_within_a_box() -> None:
-    cloud = build_cloud(*views(7), voxel_m=0.1)
+    cloud = build_cloud(RgbdViews(*views(7)), voxel_m=0.1)
     low, high = cloud.points[3], cloud.points[3] + np.array([0.5, 0.7, 0.4], np.float32)
     inside = cloud.within(low, high)
     np.testing.assert_array_equal(inside, np.all((cloud.points >= low) & (cloud.points <= high), axis=1))
@@ -97,7 +98,7 @@ def test_points_within_a_box() -> None:
 
 def test_fine_points_lie_in_voxels_of_their_pixels() -> None:
     scene = views(8)
-    coarse, fine = build_cloud(*scene, voxel_m=0.4), build_cloud(*scene, voxel_m=0.05)
+    coarse, fine = build_cloud(RgbdViews(*scene), voxel_m=0.4), build_cloud(RgbdViews(*scene), voxel_m=0.05)
     parents = coarse.parents_of(fine)
     assert parents.min() >= 0
     for point, parent in enumerate(parents):

@@ -2,9 +2,9 @@ import numpy as np
 
 from labeling.core.types import Detection
 from labeling.generator.objects.association import (
+    Candidate,
     assign_weak_detections,
     associate_detections,
-    candidate_of,
     group_segments,
     objects_by_agreement,
     overlap,
@@ -67,14 +67,14 @@ def test_the_name_is_voted_with_confidences() -> None:
 
 
 def test_what_a_view_cannot_see_does_not_count_against_overlap() -> None:
-    whole = candidate_of(seeds(0, "chair", 0.9, range(100, 200), range(0, 500)), NUM_VOXELS)
-    part = candidate_of(seeds(1, "chair", 0.9, range(100, 200), range(150, 500)), NUM_VOXELS)
+    whole = Candidate.of(seeds(0, "chair", 0.9, range(100, 200), range(0, 500)), NUM_VOXELS)
+    part = Candidate.of(seeds(1, "chair", 0.9, range(100, 200), range(150, 500)), NUM_VOXELS)
     assert overlap(whole, part) == (1.0, 1.0)
 
 
 def test_views_that_share_too_little_decide_nothing() -> None:
-    a = candidate_of(seeds(0, "chair", 0.9, range(100, 200), range(0, 200)), NUM_VOXELS)
-    b = candidate_of(seeds(1, "chair", 0.9, range(195, 300), range(195, 500)), NUM_VOXELS)
+    a = Candidate.of(seeds(0, "chair", 0.9, range(100, 200), range(0, 200)), NUM_VOXELS)
+    b = Candidate.of(seeds(1, "chair", 0.9, range(195, 300), range(195, 500)), NUM_VOXELS)
     assert overlap(a, b) == (0.0, 0.0)
 
 
@@ -86,7 +86,7 @@ def test_weak_detections_join_the_object_in_their_place() -> None:
         seeds(2, "couch", 0.4, range(110, 200), seen),
         seeds(3, "chair", 0.4, range(300, 400), seen),
     ]
-    unassigned = assign_weak_detections(found, weak, NUM_VOXELS, 0.5)
+    found, unassigned = assign_weak_detections(found, weak, NUM_VOXELS, 0.5)
     assert [w.detection.view_index for w in found[0].weak] == [1, 2]
     assert [w.detection.view_index for w in unassigned] == [3]
     assert found[0].category == "chair"
@@ -95,8 +95,10 @@ def test_weak_detections_join_the_object_in_their_place() -> None:
 def test_weak_detections_of_a_part_under_another_name_are_nobodys() -> None:
     seen = range(0, 500)
     found = associate_detections([seeds(0, "couch", 0.9, range(100, 200), seen)], NUM_VOXELS, 0.5)
-    assert assign_weak_detections(found, [seeds(1, "cushion", 0.4, range(110, 130), seen)], NUM_VOXELS, 0.5) == []
-    assert found[0].weak == []
+    cushion = seeds(1, "cushion", 0.4, range(110, 130), seen)
+    (couch,), unassigned = assign_weak_detections(found, [cushion], NUM_VOXELS, 0.5)
+    assert unassigned == []
+    assert couch.weak == ()
 
 
 def test_views_that_agree_make_an_object_nobody_is_sure_of() -> None:
@@ -111,9 +113,22 @@ def test_views_that_agree_make_an_object_nobody_is_sure_of() -> None:
 
 def test_segments_that_turn_out_to_be_one_object_are_merged() -> None:
     seen = range(0, 500)
-    found = [candidate_of(seeds(v, "chair", 0.9, range(100, 200), seen), NUM_VOXELS) for v in range(2)]
-    found.append(candidate_of(seeds(2, "tv", 0.9, range(100, 200), seen), NUM_VOXELS))
+    found = [Candidate.of(seeds(v, "chair", 0.9, range(100, 200), seen), NUM_VOXELS) for v in range(2)]
+    found.append(Candidate.of(seeds(2, "tv", 0.9, range(100, 200), seen), NUM_VOXELS))
     probability = np.zeros((NUM_VOXELS, 3), np.float32)
     probability[100:200, 0] = probability[140:260, 1] = probability[190:210, 2] = 0.9
     assert group_segments(found, probability, 0.5) == [[0, 1], [2]]
     assert group_segments(found, probability, 0.9) == [[0], [1], [2]]
+
+
+def test_nothing_that_is_given_is_changed() -> None:
+    seen = range(0, 500)
+    first, second = (Candidate.of(seeds(v, "chair", 0.9, range(100, 200), seen), NUM_VOXELS) for v in range(2))
+    votes = first.votes_for.copy()
+    merged = first.merged([second])
+    assigned, _ = assign_weak_detections([first], [seeds(2, "chair", 0.4, range(100, 200), seen)], NUM_VOXELS, 0.5)
+    assert len(merged.sources) == 2
+    assert len(assigned[0].weak) == 1
+    assert (len(first.sources), first.weak) == (1, ())
+    np.testing.assert_array_equal(first.votes_for, votes)
+    np.testing.assert_allclose(merged.votes_for, votes + second.votes_for)

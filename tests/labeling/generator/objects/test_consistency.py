@@ -23,7 +23,7 @@ def candidate(*sources: tuple[int, str, float]) -> Candidate:
     seeds = [
         DetectionSeeds(Detection(view, name, score, mask), NOTHING, NOTHING, NOTHING) for view, name, score in sources
     ]
-    return Candidate(seeds, np.zeros(0, np.float32), np.zeros(0, np.float32))
+    return Candidate(tuple(seeds), np.zeros(0, np.float32), np.zeros(0, np.float32))
 
 
 FOUR = [(view, "chair", 0.95) for view in range(4)]
@@ -55,7 +55,7 @@ def test_the_option_leaves_out_what_is_inconsistent_and_changes_nothing_else():
     detections += [Detection(t.view_index, t.category, 0.95, t.modal) for t in by_object[fickle][:3]]
 
     def label(config):
-        return propagate(room.rgb, room.depth_m, room.intrinsics, room.camera_to_world, detections, config)
+        return propagate(room, detections, config)
 
     plain, filtered = label(LabelConfig()), label(LabelConfig(consistency=True))
     assert len(plain.objects) == 2

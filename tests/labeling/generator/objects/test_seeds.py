@@ -5,10 +5,15 @@ from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Detection
+from labeling.core.views import RgbdViews
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.voxel_cloud import build_cloud
-from labeling.generator.objects.seeds import detection_seeds, mask_trimap, outliers, trimap_widths
+from labeling.generator.objects.seeds import detection_seeds, far_from_median, mask_trimap, trimap_widths
 from labeling.generator.settings.label_config import LabelConfig
+
+
+def views_of(depth: np.ndarray, intrinsics: np.ndarray) -> RgbdViews:
+    return RgbdViews(np.zeros((*depth.shape, 3), np.uint8), depth, intrinsics, np.eye(4)[None])
 
 
 @settings(max_examples=40, deadline=None)
@@ -68,7 +73,7 @@ def test_the_rim_is_wider_the_less_sure_a_detection_is() -> None:
 def test_outliers_are_the_points_far_away() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.normal(0, 0.2, (500, 3)), rng.normal(6, 0.2, (40, 3))]).astype(np.float32)
-    far = outliers(points)
+    far = far_from_median(points)
     assert far[500:].all()
     assert far[:500].mean() < 0.05
 
@@ -79,14 +84,14 @@ def test_the_wall_behind_an_outline_is_not_foreground() -> None:
     depth[0, 10:50, 20:60] = 2.0
     rgb = np.zeros((1, 60, 80, 3), np.uint8)
     intrinsics, pose = intrinsics_from_fov(80, 60, 1.2), look_at(np.zeros(3), np.array([1.0, 0, 0]))
-    cloud = build_cloud(rgb, depth, intrinsics[None], pose[None], 0.05)
+    cloud = build_cloud(RgbdViews(rgb, depth, intrinsics[None], pose[None]), 0.05)
     mask = np.zeros((60, 80), bool)
     mask[10:50, 16:60] = True
     seeds = detection_seeds(cloud, Detection(0, "box", 0.9, mask), LabelConfig())
     assert len(seeds.foreground) > 0
     assert np.all(cloud.points[seeds.foreground, 0] < 3)
     assert not set(seeds.foreground) & set(seeds.background)
-    assert len(seeds.rim) > 0
+    assert len(seeds.hard_negatives) > 0
 
 
 def test_scale_is_the_size_of_the_objects() -> None:
@@ -94,7 +99,7 @@ def test_scale_is_the_size_of_the_objects() -> None:
     intrinsics = intrinsics_from_fov(80, 60, 1.2)[None]
     mask = np.zeros((60, 80), bool)
     mask[20:40, 30:50] = True
-    scale = measure_scale([Detection(0, "box", 0.9, mask)], depth, intrinsics)
+    scale = measure_scale([Detection(0, "box", 0.9, mask)], views_of(depth, intrinsics))
     assert scale is not None
     np.testing.assert_allclose(scale.pixel_m, 3.0 / intrinsics[0, 0, 0])
     np.testing.assert_allclose(scale.object_m, 20 * scale.pixel_m)
@@ -104,8 +109,8 @@ def test_scale_is_the_size_of_the_objects() -> None:
 def test_scale_is_unknown_without_depth_or_detections() -> None:
     depth = np.zeros((1, 6, 8), np.float32)
     intrinsics = intrinsics_from_fov(8, 6, 1.2)[None]
-    assert measure_scale([Detection(0, "box", 0.9, np.ones((6, 8), bool))], depth, intrinsics) is None
-    assert measure_scale([], depth, intrinsics) is None
+    assert measure_scale([Detection(0, "box", 0.9, np.ones((6, 8), bool))], views_of(depth, intrinsics)) is None
+    assert measure_scale([], views_of(depth, intrinsics)) is None
 
 
 @pytest.mark.parametrize("seed", range(4))

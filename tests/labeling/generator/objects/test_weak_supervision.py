@@ -70,7 +70,7 @@ def test_what_is_ignored_tiny_or_without_depth_is_never_drawn(room):
 
 
 def test_a_persons_mask_is_not_eroded(room):
-    cloud = build_cloud(room.rgb, room.depth_m, room.intrinsics, room.camera_to_world, 0.02)
+    cloud = build_cloud(room, 0.02)
     truth = max(room.ground_truth or (), key=lambda t: t.modal.sum())
     seeds = [
         len(
@@ -84,7 +84,7 @@ def test_a_persons_mask_is_not_eroded(room):
 
 
 def test_one_view_of_each_object_labels_all_others(room):
-    labels = propagate(room.rgb, room.depth_m, room.intrinsics, room.camera_to_world, choose(room, 1)).labels
+    labels = propagate(room, choose(room, 1)).labels
     best = [
         max(
             (mask_iou(x.modal, t.modal) for x in labels if (x.view_index, x.category) == (t.view_index, t.category)),
@@ -169,7 +169,7 @@ def test_weak_mode_without_ground_truth_asks_for_annotations(recorded, tmp_path,
 def test_the_real_capture_is_labelled_well_from_one_view_per_object(apc_shelf):
     episode = read_episode(apc_shelf)
     chosen = one_view_per_object(episode.ground_truth or (), episode.depth_m, 32, 1, episode.name)
-    labels = propagate(episode.rgb, episode.depth_m, episode.intrinsics, episode.camera_to_world, chosen).labels
+    labels = propagate(episode, chosen).labels
     found = [
         MaskInstance(("shelf", one.view_index), one.category, encode_mask(one.modal), one.confidence)
         for one in labels

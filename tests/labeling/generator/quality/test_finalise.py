@@ -26,9 +26,7 @@ def room():
 
 def label(episode, config: LabelConfig | None = None, **changes):
     episode = replace(episode, **changes)
-    return propagate(
-        episode.rgb, episode.depth_m, episode.intrinsics, episode.camera_to_world, episode.detections, config
-    )
+    return propagate(episode, episode.detections, config)
 
 
 def phantom(room, view: int = 0, confidence: float = 0.97) -> Detection:
@@ -107,22 +105,23 @@ def test_detections_that_labels_explain_need_no_region() -> None:
         Detection(0, "chair", 0.5, square(6)),  # nearly the label
         Detection(0, "bed", 0.5, square(12)),  # mostly beside it
         Detection(1, "chair", 0.5, square(5)),  # in another view
-        Detection(1, "chair", 0.2, square(30)),  # too unsure
+        Detection(1, "chair", 0.2, square(30)),  # below the threshold
     ]
-    alone = LabelConfig(doubt_across_views=False, ignore_unconfirmed=0.3)
-    regions = unconfirmed_regions(rows_of_voxels(2), detections, [known], alone)
+    no_points = replace(rows_of_voxels(2), voxel_of_pixel=np.full((2, 40, 60), -1, np.int32))
+    config = LabelConfig(ignore_unconfirmed=0.3)
+    regions = unconfirmed_regions(no_points, detections, [known], config)
     assert [(one.view_index, one.category) for one in regions] == [(0, "bed"), (1, "chair")]
     assert not np.any(regions[0].mask & known.modal)
-    assert unconfirmed_regions(rows_of_voxels(2), detections, [known], replace(alone, min_mask_px=1000)) == []
+    assert unconfirmed_regions(no_points, detections, [known], replace(config, min_mask_px=1000)) == []
 
 
-def test_doubts_add_up_over_views_and_are_told_in_all_of_them() -> None:
+def test_unexplained_detections_add_up_over_views_and_are_ignored_in_all_of_them() -> None:
     cloud = rows_of_voxels(4)
     detections = [
         Detection(0, "chair", 0.12, square(5)),
         Detection(1, "chair", 0.12, square(5)),
         Detection(2, "couch", 0.08, square(5)),
-        Detection(2, "chair", 0.04, square(5)),  # too faint
+        Detection(2, "chair", 0.04, square(5)),  # below the least confidence
         Detection(0, "bed", 0.2, square(40)),  # alone
     ]
     config = LabelConfig(ignore_unconfirmed=0.3)
@@ -131,15 +130,14 @@ def test_doubts_add_up_over_views_and_are_told_in_all_of_them() -> None:
     assert all(np.array_equal(one.mask, square(5)) for one in regions)
     assert all(one.confidence == pytest.approx(0.32) for one in regions)
     assert unconfirmed_regions(cloud, detections, [], replace(config, ignore_unconfirmed=0.33)) == []
-    assert unconfirmed_regions(cloud, detections, [], replace(config, doubt_across_views=False)) == []
 
 
-def test_one_view_counts_once_however_often_it_looks() -> None:
+def test_one_view_counts_once_however_many_detections_it_has() -> None:
     twice = [Detection(0, name, 0.2, square(5)) for name in ("chair", "couch", "chair")]
     assert unconfirmed_regions(rows_of_voxels(2), twice, [], LabelConfig(ignore_unconfirmed=0.3)) == []
 
 
-def test_doubt_keeps_off_what_is_labelled_and_comes_in_connected_pieces() -> None:
+def test_regions_leave_out_what_is_labelled_and_are_connected() -> None:
     known = PseudoLabel(1, 1, "table", 0.9, square(8, 4), square(8, 4), 0, 0.9)
     wide = np.zeros((40, 60), bool)
     wide[10:14, 4:20] = True  # the label cuts it in two in the second view

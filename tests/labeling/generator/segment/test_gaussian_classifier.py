@@ -5,8 +5,8 @@ from scipy.stats import multivariate_normal
 from labeling.generator.segment.gaussian_classifier import (
     HELD_LOG_ODDS,
     RIDGE,
+    train_classifier,
     train_gaussian_classifier,
-    train_mixed_classifier,
 )
 from labeling.generator.segment.svm_classifier import train_svm_classifier
 
@@ -57,7 +57,7 @@ def test_the_share_leads_from_the_machine_to_the_gaussians(points) -> None:
     queries = np.concatenate(points)
 
     def trained(share: float) -> np.ndarray:
-        return train_mixed_classifier(front, back, np.random.default_rng(0), share).log_odds(queries)
+        return train_classifier(front, back, np.random.default_rng(0), share).log_odds(queries)
 
     assert np.array_equal(trained(0.0), train_svm_classifier(front, back, np.random.default_rng(0)).log_odds(queries))
     assert np.array_equal(trained(1.0), train_gaussian_classifier(front, back).log_odds(queries))
@@ -79,6 +79,22 @@ def test_gaussians_close_a_shape_that_all_seeds_lack_a_part_of() -> None:
     back = np.concatenate([brown[:240], box(60, -0.5, -0.25)])
     missed = box(200, -0.25, 0.0)
     machine = train_svm_classifier(front, back, np.random.default_rng(0)).log_odds(missed)
-    smooth = train_mixed_classifier(front, back, np.random.default_rng(0), 0.75).log_odds(missed)
+    smooth = train_classifier(front, back, np.random.default_rng(0), 0.75).log_odds(missed)
     assert np.mean(smooth > 0) > np.mean(machine > 0)
-    assert np.mean(train_mixed_classifier(front, back, np.random.default_rng(0), 0.75).log_odds(brown[240:]) < 0) > 0.95
+    assert np.mean(train_classifier(front, back, np.random.default_rng(0), 0.75).log_odds(brown[240:]) < 0) > 0.95
+
+
+@pytest.mark.parametrize("share", [0.0, 0.75])
+def test_classifiers_are_calibrated_and_the_same_for_the_same_seed(share: float) -> None:
+    rng = np.random.default_rng(3)
+    shape = rng.normal(0, 1, (6, 6))
+    front = rng.normal(0, 1, (600, 6)) @ shape * 0.3 + rng.normal(0, 0.5, 6)
+    back = rng.normal(0, 1, (650, 6)) + rng.normal(0, 0.5, 6)
+    learnt = [train_classifier(front[:300], back[:300], np.random.default_rng(5), share) for _ in range(2)]
+    odds = [learnt[0].log_odds(points) for points in (front[300:], back[300:])]
+    assert np.array_equal(odds[0], learnt[1].log_odds(front[300:]))
+    chance = 1 / (1 + np.exp(-np.concatenate(odds).astype(float)))
+    true = np.repeat([1, 0], [len(odds[0]), len(odds[1])])
+    assert np.mean((chance > 0.5) == true) > 0.8
+    likely = chance > 0.7
+    assert true[likely].mean() == pytest.approx(chance[likely].mean(), abs=0.12)

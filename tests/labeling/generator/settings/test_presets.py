@@ -12,7 +12,7 @@ from labeling.core.rle import decode_mask
 from labeling.generate import main
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
-from labeling.generator.thesis.per_detection import SegmentMasks, suppress
+from labeling.generator.thesis.per_detection import SegmentMasks, non_maximum_suppression
 from labeling.io.episodes import write_episode
 
 from ...synthetic_room import make_episode
@@ -107,7 +107,7 @@ def test_presets_are_sound_and_described_as_themselves() -> None:
     [
         {"erosions": -1},
         {"crop_m": 0.0},
-        {"rim_share": 1.5},
+        {"outer_share": 1.5},
         {"outer_share": -0.1},
         {"max_sources": -1},
         {"appearance_width_m": float("nan")},
@@ -136,10 +136,10 @@ def test_of_two_masks_of_one_thing_the_more_confident_is_kept() -> None:
         SegmentMasks(3, "couch", mask(0, 19), mask(0, 19)),
         SegmentMasks(4, "couch", mask(0, 9), mask(0, 9)),
     ]
-    kept = suppress(drawn)
+    kept = non_maximum_suppression(drawn)
     assert [one.segment for one in kept] == [0, 2]  # 1 lies within 0; 3 and 4 have no pixel of their own
     assert np.array_equal(kept[1].modal, mask(20, 30))
     assert np.sum([one.modal for one in kept], axis=0).max() == 1
-    last = suppress(drawn, last_wins=True)
+    last = non_maximum_suppression(drawn, last_wins=True)
     assert np.array_equal(next(one for one in last if one.segment == 2).modal, apart)
-    assert suppress([]) == []
+    assert non_maximum_suppression([]) == []

@@ -13,8 +13,8 @@ from labeling.generator.cloud.outliers import far_from_mean, segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.propagate import propagate
 from labeling.generator.segment.active_points import ActivePoints
-from labeling.generator.segment.mean_field import Kernel, log_odds, mean_field
-from labeling.generator.segment.pairwise_kernels import crf_kernels
+from labeling.generator.segment.crf import crf_kernels
+from labeling.generator.segment.mean_field import Kernel
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS
 from labeling.generator.settings.published_defects import (
@@ -25,6 +25,8 @@ from labeling.generator.settings.published_defects import (
     with_amodal_boxes,
     with_label_defects,
 )
+
+from ..segment.dense_mean_field import log_odds, mean_field
 
 SIZE = (40, 60)
 WALL_M, BALL_M, SCREEN_M = 4.0, 3.0, 1.5
@@ -59,14 +61,7 @@ def hidden_disc() -> Episode:
 
 
 def label(episode: Episode, config: LabelConfig) -> tuple[PseudoLabel, ...]:
-    return propagate(
-        episode.rgb,
-        episode.depth_m,
-        episode.intrinsics,
-        episode.camera_to_world,
-        episode.detections or (),
-        config,
-    ).labels
+    return propagate(episode, episode.detections, config).labels
 
 
 def with_defects(config: LabelConfig, **defects: bool) -> LabelConfig:

@@ -242,7 +242,7 @@ def test_undistorted_pictures_and_masks_are_where_a_pinhole_sees_them(tmp_path):
         depth[v - 1 : v + 2, u - 1 : u + 2] = 3.0 + number
         mask[v - 1 : v + 2, u - 1 : u + 2] = True
     pose = look_at(np.zeros(3), np.array([1.0, 0, 0]))
-    flat = Episode("e", rgb[None], depth[None], k[None], pose[None], ("images/frame_00001.png",))
+    flat = Episode(rgb[None], depth[None], k[None], pose[None], "e", ("images/frame_00001.png",))
     write_polycam(tmp_path, flat)
     edit(
         tmp_path,
