@@ -8,10 +8,7 @@ Window = tuple[slice, slice]
 
 
 def corrupt_mask(
-    rng: np.random.Generator,
-    mask: Bool[np.ndarray, "h w"],
-    depth_m: Float[np.ndarray, "h w"],
-    error: float,
+    rng: np.random.Generator, mask: Bool[np.ndarray, "h w"], depth_m: Float[np.ndarray, "h w"], error: float
 ) -> Bool[np.ndarray, "h w"]:
     """A mask such as a network would have drawn for what ``mask`` shows.
 

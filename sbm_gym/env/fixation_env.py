@@ -10,13 +10,7 @@ from jaxtyping import Float
 
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env import episode_report
-from sbm_gym.env.arguments import (
-    check_choices,
-    check_numbers,
-    checked_action,
-    checked_options,
-    checked_start,
-)
+from sbm_gym.env.arguments import check_choices, check_numbers, checked_action, checked_options, checked_start
 from sbm_gym.env.observations import observation_space
 from sbm_gym.env.recording import Capture
 from sbm_gym.env.rewards import RewardWeights, reward_terms

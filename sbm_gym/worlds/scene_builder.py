@@ -106,10 +106,7 @@ class SceneBuilder:
         )
 
     def touched_box(
-        self,
-        body: mujoco.MjsBody,
-        rectangle: Float[np.ndarray, "4"],
-        height_m: tuple[float, float],
+        self, body: mujoco.MjsBody, rectangle: Float[np.ndarray, "4"], height_m: tuple[float, float]
     ) -> None:
         """Adds an upright box (min x, min y, max x, max y) that is touched and never drawn."""
         low, high = np.asarray(rectangle[:2]), np.asarray(rectangle[2:])

@@ -104,9 +104,7 @@ class QuadSoup:
 
 
 def _texcoords(
-    corners_m: Float[np.ndarray, "q 4 3"],
-    normal: Float[np.ndarray, "q 3"],
-    parts: list[tuple[np.ndarray, _Mapping]],
+    corners_m: Float[np.ndarray, "q 4 3"], normal: Float[np.ndarray, "q 3"], parts: list[tuple[np.ndarray, _Mapping]]
 ) -> Float[np.ndarray, "n 2"] | None:
     """Texture coordinates of the corners of all parts of one look, which are mapped in one way."""
     mapping = parts[0][1]

@@ -76,9 +76,7 @@ USES: dict[str, Use] = {
     "floor_plant": Use(
         "plant",
         _ids(
-            (_BLEND0, "plant"),
-            (_BLEND_BY, "decorativePlant mediumIndoorPlant yuccaPlant"),
-            (_SCOPIA, "ficus maceta"),
+            (_BLEND0, "plant"), (_BLEND_BY, "decorativePlant mediumIndoorPlant yuccaPlant"), (_SCOPIA, "ficus maceta")
         ),
     ),
     "small_plant": Use(
@@ -87,10 +85,7 @@ USES: dict[str, Use] = {
     "tv": Use("tv", _ids((_BLEND0, "led_tv"), (_SCOPIA, "tv"))),
     "wall_tv": Use("tv", _ids((_SCOPIA, "wall-flat-tv"))),
     "fridge": Use("fridge", _ids((_BLEND0, "largeFridge refrigerator"), (_KATOR, "fridge"))),
-    "double_bed": Use(
-        "bed",
-        _ids((_BLEND0, "bed1 bed2 bed3 bedWithTexture"), (_SCOPIA, "bed1 iron_bed")),
-    ),
+    "double_bed": Use("bed", _ids((_BLEND0, "bed1 bed2 bed3 bedWithTexture"), (_SCOPIA, "bed1 iron_bed"))),
     "single_bed": Use("bed", _ids((_BLEND_BY, "juniorBed"), (_SCOPIA, "captains-bed children_bed"))),
     "dining_table": Use(
         "table",
@@ -132,11 +127,7 @@ USES: dict[str, Use] = {
     # Furnishings without a class ----------------------------------------------------------------------------------
     "cupboard": Use(
         None,
-        _ids(
-            (_BLEND0, "wardrobeWithSlidingDoors cupboard"),
-            (_BLEND_BY, "wardrobe wardrobe2"),
-            (_SCOPIA, "wardrobe1"),
-        ),
+        _ids((_BLEND0, "wardrobeWithSlidingDoors cupboard"), (_BLEND_BY, "wardrobe wardrobe2"), (_SCOPIA, "wardrobe1")),
     ),
     "dresser": Use(None, _ids((_BLEND_BY, "chest dresserWithDrawers"))),
     "tv_stand": Use(None, _ids((_BLEND_BY, "tvStand"))),
@@ -161,11 +152,7 @@ USES: dict[str, Use] = {
     "cooker_hood": Use(None, _ids((_BLEND0, "rangeHood"))),
     "washing_machine": Use(None, _ids((_SCOPIA, "clothes_washing_machine dryer_machine"))),
     "worktop_thing": Use(
-        None,
-        _ids(
-            (_BLEND_BY, "boiler breadBox utensilsPot"),
-            (_SCOPIA, "toaster coffee_machine paperTowelHolder"),
-        ),
+        None, _ids((_BLEND_BY, "boiler breadBox utensilsPot"), (_SCOPIA, "toaster coffee_machine paperTowelHolder"))
     ),
     "washbasin": Use(
         None, _ids((_BLEND0, "modernVanity"), (_BLEND_BY, "washbasin_jay_hardy"), (_SCOPIA, "bathroom_vanity"))
@@ -194,12 +181,7 @@ USES: dict[str, Use] = {
     "radiator": Use(None, _ids((_BLEND0, "radiator"), (_BLEND_BY, "modernRadiator"))),
     "bin": Use(None, _ids((_BLEND0, "dustbin"), (_KATOR, "bullet-trash-can"), (_SCOPIA, "clothes-basket"))),
     "table_thing": Use(
-        None,
-        _ids(
-            (_KATOR, "red-wine-bottle-01 bowl"),
-            (_SCOPIA, "bowl vase1 jar"),
-            (_BLEND0, "bread"),
-        ),
+        None, _ids((_KATOR, "red-wine-bottle-01 bowl"), (_SCOPIA, "bowl vase1 jar"), (_BLEND0, "bread"))
     ),
     "desk_thing": Use(None, _ids((_BLEND_BY, "laptop"), (_SCOPIA, "phone penbox"))),
     # Towns --------------------------------------------------------------------------------------------------------
@@ -281,18 +263,8 @@ EXCLUDED: dict[str, str] = {
         "a bed that people would argue about",
     ),
     _BLEND_BY + "officeTable": "its table top has two faces in one plane, which flicker",
-    **dict.fromkeys(
-        _ids(
-            (_KATOR, "chair-ottoman"),
-        ),
-        "two objects in one model",
-    ),
-    **dict.fromkeys(
-        _ids(
-            (_SCOPIA, "coffee_table"),
-        ),
-        "its glass top is hardly visible: a table without a table top",
-    ),
+    **dict.fromkeys(_ids((_KATOR, "chair-ottoman")), "two objects in one model"),
+    **dict.fromkeys(_ids((_SCOPIA, "coffee_table")), "its glass top is hardly visible: a table without a table top"),
 }
 """Models that would fit a use but are left out, with the reason."""
 

@@ -109,12 +109,7 @@ def save_model(folder: Path, model: FurnitureModel) -> None:
             picture = pictures.setdefault(key, f"texture_{len(pictures)}.png")
             cv2.imwrite(str(folder / picture), surface.texture[..., [2, 1, 0, 3][: surface.texture.shape[2]]])
         surfaces.append(
-            {
-                "rgba": surface.rgba,
-                "specular": surface.specular,
-                "shininess": surface.shininess,
-                "texture": picture,
-            }
+            {"rgba": surface.rgba, "specular": surface.specular, "shininess": surface.shininess, "texture": picture}
         )
     np.savez(folder / "model.npz", allow_pickle=False, **arrays)
     record = {

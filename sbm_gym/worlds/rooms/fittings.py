@@ -51,10 +51,7 @@ def hang_pictures(
 
 
 def lay_rug(
-    builder: SceneBuilder,
-    body: mujoco.MjsBody,
-    largest_m: tuple[float, float, float],
-    rng: np.random.Generator,
+    builder: SceneBuilder, body: mujoco.MjsBody, largest_m: tuple[float, float, float], rng: np.random.Generator
 ) -> None:
     """Gives a body the looks of a woven rug, up to a size, lying on the floor around the body's origin."""
     half_x, half_y = 0.5 * np.array(largest_m[:2]) * rng.uniform(0.75, 1.0, 2)

@@ -109,6 +109,5 @@ def bus_stop(furnisher: Furnisher, spawn: Spawn) -> None:
     soup.plain(shelter.quads(0.08, length - 0.08, 0.3, 2.25, 0.04), (0.75, 0.82, 0.84, 0.25), specular=0.8)
     soup.plain(shelter.boxes(0.5, length - 0.5, 0.15, 0.5, 0.42, 0.48), (0.45, 0.32, 0.20, 1.0))
     soup.pictured(
-        shelter.quads(length - 1.3, length - 0.2, 0.5, 2.0, 0.06),
-        fascia("BUS", (24, 78, 160), (244, 244, 240)),
+        shelter.quads(length - 1.3, length - 0.2, 0.5, 2.0, 0.06), fascia("BUS", (24, 78, 160), (244, 244, 240))
     )

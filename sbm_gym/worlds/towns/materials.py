@@ -100,13 +100,7 @@ def gravel() -> Material:
 
 
 def _courses(
-    rng: np.random.Generator,
-    rows: int,
-    columns: int,
-    tall: int,
-    wide: int,
-    joint_px: int,
-    spread: float,
+    rng: np.random.Generator, rows: int, columns: int, tall: int, wide: int, joint_px: int, spread: float
 ) -> tuple[Float[np.ndarray, "h w"], np.ndarray]:
     """Tones of blocks in running bond, and where the joints are."""
     height, width = rows * tall, columns * wide

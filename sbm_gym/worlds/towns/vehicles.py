@@ -123,10 +123,7 @@ def add_vehicle(
     """
     model = library.load(standing.card)
     body = builder.spec.worldbody.add_body(
-        name=name,
-        pos=[standing.x_m, standing.y_m, standing.z_m],
-        quat=standing.quaternion(),
-        mocap=moves,
+        name=name, pos=[standing.x_m, standing.y_m, standing.z_m], quat=standing.quaternion(), mocap=moves
     )
     paint = VEHICLE_PAINT.get(standing.card.model_id)
     colour = _PAINTS[int(rng.choice(len(_PAINTS), p=_PAINT_SHARES))]

@@ -27,17 +27,9 @@ def pot(kit: Kit, rng: np.random.Generator, r: float, h: float) -> None:
     elif kind == 1:
         kit.lathe(
             paint,
-            [
-                (0, 0),
-                (0.7 * r, 0),
-                (0.95 * r, 0.25 * h),
-                (r, 0.55 * h),
-                (0.82 * r, h),
-                (0.74 * r, h),
-                (0.7 * r, 0.9 * h),
-                (0, 0.9 * h),
-            ],
+            [(0, 0), (0.7, 0), (0.95, 0.25), (1, 0.55), (0.82, 1), (0.74, 1), (0.7, 0.9), (0, 0.9)],
             sides=18,
+            scale=(r, h),
         )
     else:
         s = 0.94 * r

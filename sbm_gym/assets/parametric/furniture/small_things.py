@@ -45,9 +45,7 @@ def waste_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         kit.lathe(paint, [(0, 0), (0.75 * r, 0), (r, h), (0.96 * r, h), (0.72 * r, 0.02), (0, 0.02)], sides=20)
     else:
         kit.lathe(
-            paint,
-            [(0, 0), (r, 0), (r, 0.78 * h), (0.97 * r, 0.8 * h), (0.85 * r, 0.92 * h), (0.45 * r, 0.985 * h), (0, h)],
-            sides=20,
+            paint, [(0, 0), (1, 0), (1, 0.78), (0.97, 0.8), (0.85, 0.92), (0.45, 0.985), (0, 1)], sides=20, scale=(r, h)
         )
 
 
@@ -60,47 +58,23 @@ def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     if kind == 0 and rng.random() < 0.5:
         kit.lathe(
             paint,
-            [
-                (0, 0),
-                (0.6 * r, 0),
-                (r, 0.35 * h),
-                (0.8 * r, 0.65 * h),
-                (0.4 * r, 0.85 * h),
-                (0.5 * r, h),
-                (0.42 * r, h),
-                (0.3 * r, 0.85 * h),
-                (0, 0.8 * h),
-            ],
+            [(0, 0), (0.6, 0), (1, 0.35), (0.8, 0.65), (0.4, 0.85), (0.5, 1), (0.42, 1), (0.3, 0.85), (0, 0.8)],
             sides=18,
+            scale=(r, h),
         )
     elif kind == 0:
         kit.lathe(
             paint,
-            [
-                (0, 0),
-                (r, 0),
-                (r, 0.6 * h),
-                (0.35 * r, 0.74 * h),
-                (0.33 * r, 0.97 * h),
-                (0.38 * r, 0.975 * h),
-                (0.38 * r, h),
-                (0, h),
-            ],
+            [(0, 0), (1, 0), (1, 0.6), (0.35, 0.74), (0.33, 0.97), (0.38, 0.975), (0.38, 1), (0, 1)],
             sides=16,
+            scale=(r, h),
         )
     else:
         kit.lathe(
             paint,
-            [
-                (0, 0),
-                (0.4 * r, 0),
-                (0.75 * r, 0.35 * h),
-                (r, 0.75 * h),
-                (0.96 * r, 0.75 * h),
-                (0.7 * r, 0.36 * h),
-                (0, 0.15 * h),
-            ],
+            [(0, 0), (0.4, 0), (0.75, 0.35), (1, 0.75), (0.96, 0.75), (0.7, 0.36), (0, 0.15)],
             sides=18,
+            scale=(r, h),
         )
         for i in range(4):
             fruit = paints.plain(
@@ -136,11 +110,7 @@ def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             z = top
         return
     r = 0.3 * min(w, d)
-    kit.lathe(
-        paints.board(rng),
-        [(0, 0), (r, 0), (r, 0.65 * h), (0.9 * r, 0.65 * h), (0.9 * r, 0.1 * h), (0, 0.1 * h)],
-        sides=14,
-    )
+    kit.lathe(paints.board(rng), [(0, 0), (1, 0), (1, 0.65), (0.9, 0.65), (0.9, 0.1), (0, 0.1)], sides=14, scale=(r, h))
     for i in range(5):
         a = i * 1.26
         kit.tube(

@@ -183,6 +183,7 @@ class Kit:
         centre: Sequence[float] = (0.0, 0.0),
         sides: int = 16,
         warp: Warp | None = None,
+        scale: tuple[float, float] = (1.0, 1.0),
     ) -> None:
         """A body of revolution about an upright axis.
 
@@ -192,8 +193,9 @@ class Kit:
             centre: x and y of the axis.
             sides: corners of its cross section.
             warp: moves points before they are centred, such as to an oval.
+            scale: what the radii and heights of the profile are multiples of, metres.
         """
-        r, z = np.array(profile, float).T
+        r, z = (np.array(profile, float) * scale).T
         angle = np.linspace(0, 2 * np.pi, sides + 1)
         points = np.stack(
             [np.cos(angle)[:, None] * r, np.sin(angle)[:, None] * r, np.broadcast_to(z, (sides + 1, len(z)))], axis=-1

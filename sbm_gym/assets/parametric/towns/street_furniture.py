@@ -82,19 +82,11 @@ def litter_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     w, _, h = size
     r = w / 2
     paint = lacquer(rng)
-    kit.lathe(
-        DARK,
-        [(0, 0), (0.85 * r, 0), (0.85 * r, 0.95 * h), (0.7 * r, 0.95 * h), (0.7 * r, 0.5 * h), (0, 0.5 * h)],
-        sides=14,
-    )
+    kit.lathe(DARK, [(0, 0), (0.85, 0), (0.85, 0.95), (0.7, 0.95), (0.7, 0.5), (0, 0.5)], sides=14, scale=(r, h))
     for a in np.arange(14) * 2 * np.pi / 14:
         with kit.placed(rotation=turn_z(float(a))):
             kit.box(paint, (-0.16 * r, -0.97 * r, 0.06 * h), (0.16 * r, -0.86 * r, 0.94 * h))
-    kit.lathe(
-        paint,
-        [(0.84 * r, 0.94 * h), (r, 0.94 * h), (r, h), (0.75 * r, h), (0.75 * r, 0.94 * h), (0.84 * r, 0.94 * h)],
-        sides=20,
-    )
+    kit.lathe(paint, [(0.84, 0.94), (1, 0.94), (1, 1), (0.75, 1), (0.75, 0.94), (0.84, 0.94)], sides=20, scale=(r, h))
 
 
 def traffic_cone(kit: Kit, rng: np.random.Generator, size: Size) -> None:
