@@ -24,7 +24,7 @@ def code_digest(*modules: str) -> str:
 def reached_files(modules: Sequence[str]) -> set[Path]:
     """Source files of these modules and of all that they import, within the project; imports in functions count.
 
-    So do JSON files beside them: what a module has learnt decides its outcome as its code does.
+    So do JSON and TOML files beside them: what a module has learnt decides its outcome as its code does.
     """
     found: set[Path] = set()
     waiting = list(modules)
@@ -33,7 +33,7 @@ def reached_files(modules: Sequence[str]) -> set[Path]:
         if path is None or path in found:
             continue
         found.add(path)
-        found.update(path.parent.glob("*.json"))
+        found.update(data for data in path.parent.iterdir() if data.suffix in (".json", ".toml"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 waiting.extend(alias.name for alias in node.names)

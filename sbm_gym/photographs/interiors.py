@@ -6,7 +6,7 @@ import numpy as np
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.models import surfaces
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
-from sbm_gym.worlds.geometry.placing import Layout, Opening, Placement, Room
+from sbm_gym.worlds.geometry.placing import Layout, Opening, Room
 from sbm_gym.worlds.rooms.fittings import hang_pictures, lay_rug
 from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
 from sbm_gym.worlds.rooms.furnishing.bathroom import bathing
@@ -16,7 +16,6 @@ from sbm_gym.worlds.rooms.furnishing.kitchen import put_kitchen
 from sbm_gym.worlds.rooms.furnishing.living_room import lounging, put_television, sitting
 from sbm_gym.worlds.rooms.furnishing.tables import dining, working
 from sbm_gym.worlds.rooms.shell import Finish, build_shell
-from sbm_gym.worlds.scene_builder import SceneBuilder
 from sbm_gym.worlds.towns import materials as materials
 
 MAX_TRIANGLES = 120_000
@@ -138,9 +137,9 @@ def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) ->
     hang_pictures(builder.scene, room, _taken(layout), rng, most=1 if bare else 3)
     _light(spec, room, rng)
     for number, rug in enumerate(arranger.rugs):
-        _lay(builder.scene, rug, number, rng)
+        lay_rug(builder.scene, builder.scene.place(f"rug_{number}", rug), rug.card.size_m, rng)
     for piece in layout.placements:
-        builder.stand(piece.card, (piece.x_m, piece.y_m, piece.z_m), piece.yaw_rad)
+        builder.stand(piece)
     margin = 0.15
     return PhotoSet(
         name=theme,
@@ -212,14 +211,6 @@ def _light(spec: mujoco.MjSpec, room: Room, rng: np.random.Generator) -> None:
             attenuation=[0.7, 0.0, 0.06],
             castshadow=True,
         )
-
-
-def _lay(scene: SceneBuilder, rug: Placement, number: int, rng: np.random.Generator) -> None:
-    half = rug.yaw_rad / 2
-    body = scene.spec.worldbody.add_body(
-        name=f"rug_{number}", pos=[rug.x_m, rug.y_m, 0.0], quat=[np.cos(half), 0.0, 0.0, np.sin(half)]
-    )
-    lay_rug(scene, body, rug.card.size_m, rng)
 
 
 def _taken(layout: Layout) -> list[tuple[int, float, float]]:

@@ -6,13 +6,12 @@ import mujoco
 import numpy as np
 from jaxtyping import UInt8
 
-from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.models.classes import VEHICLE_PAINT
 from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.photographs.models import CATEGORIES
-from sbm_gym.worlds.geometry.placing import Box
-from sbm_gym.worlds.scene_builder import SceneBuilder
-from sbm_gym.worlds.towns.vehicles import Standing
+from sbm_gym.worlds.geometry.placing import Box, Placement
+from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.world import ObjectInstance
 
 
@@ -49,20 +48,17 @@ class SetBuilder:
         self.subjects: list[ObjectInstance] = []
         self.solids: list[Box] = []
 
-    def stand(self, card: ModelCard, xyz_m: tuple[float, float, float], yaw_rad: float, subject: bool = True) -> None:
+    def stand(self, piece: Placement, subject: bool = True) -> None:
         """Stands a model in the set; it is an object if photographs name its class."""
-        standing = Standing(card, *xyz_m, yaw_rad)
+        card = piece.card
         name = f"{card.use}_{len(self.solids):03d}"
-        body = self.scene.spec.worldbody.add_body(name=name, pos=list(xyz_m), quat=standing.quaternion())
+        body = self.scene.place(name, piece)
         paint = VEHICLE_PAINT.get(card.model_id)
         colour = None if paint is None else {paint: (*draw_paint(self.rng), 1.0)}
         self.scene.furniture(body, self.library.load(card), colour)
-        box = standing.box()
-        self.solids.append(
-            Box(box.x_m, box.y_m, box.half_x_m, box.half_y_m, box.yaw_rad, xyz_m[2], xyz_m[2] + card.size_m[2])
-        )
+        self.solids.append(piece.box())
         if card.category in CATEGORIES:
-            instance = standing.instance(len(self.objects) + 1, name)
+            instance = instance_of(piece, len(self.objects) + 1, name)
             self.objects.append(instance)
             if subject:
                 self.subjects.append(instance)

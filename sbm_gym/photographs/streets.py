@@ -6,7 +6,7 @@ import numpy as np
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
-from sbm_gym.worlds.geometry.placing import Box, overlap
+from sbm_gym.worlds.geometry.placing import Box, Placement, overlap
 from sbm_gym.worlds.static_meshes import QuadSoup, box_quads
 from sbm_gym.worlds.towns import materials as materials
 from sbm_gym.worlds.towns.furnisher import Furnisher
@@ -39,7 +39,7 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     builder = SetBuilder(spec, library, rng)
     soup = QuadSoup(builder.scene, spec.worldbody.add_body(name="ground"))
     vehicles = _vehicles(category, library, rng)
-    back_m = max(box.corners()[:, 1].max() for _, box in vehicles)
+    back_m = max(vehicle.box().corners()[:, 1].max() for vehicle in vehicles)
     wide = Rect(-_AROUND_M, -_AROUND_M, _AROUND_M, _AROUND_M)
     soup.tiled(flat(wide, 0.0), _ground(rng))
     edge_m = float(back_m + rng.uniform(0.3, 2.0))
@@ -49,10 +49,10 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     behind_m = edge_m + float(rng.uniform(3.0, 6.0))
     _backdrop(soup, behind_m, is_street, rng)
     _around(soup, rng)
-    _things(builder, soup, [box for _, box in vehicles], edge_m, behind_m, library, rng)
+    _things(builder, soup, [vehicle.box() for vehicle in vehicles], edge_m, behind_m, library, rng)
     soup.build()
-    for number, (card, box) in enumerate(vehicles):
-        builder.stand(card, (box.x_m, box.y_m, 0.0), box.yaw_rad, subject=number == 0 or rng.random() < 0.7)
+    for number, vehicle in enumerate(vehicles):
+        builder.stand(vehicle, subject=number == 0 or rng.random() < 0.7)
     return PhotoSet(
         name=category,
         spec=spec,
@@ -66,7 +66,7 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     )
 
 
-def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator) -> list[tuple[ModelCard, Box]]:
+def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator) -> list[Placement]:
     """Vehicles where they stand, the first one near the origin: side by side, in line, or anyhow."""
     first = _pick(library, str(rng.choice(USES[category])), rng)
     assert first is not None, "builtin models serve every class"
@@ -75,7 +75,7 @@ def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator
     yaw = way * 0.5 * np.pi if how == "line" else 0.0 if how == "row" else float(rng.uniform(-np.pi, np.pi))
     if how == "row" and rng.random() < 0.6:
         yaw += float(rng.uniform(-0.6, 0.6))
-    placed = [(first, _box(first, 0.0, 0.0, yaw))]
+    placed = [Placement(first, 0.0, 0.0, yaw)]
     for _ in range(int(rng.choice([0, 1, 2, 3], p=[0.35, 0.3, 0.2, 0.15]))):
         card = _pick(library, str(rng.choice(_COMPANY)), rng)
         if card is None:
@@ -87,9 +87,9 @@ def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator
                 x, y, turn = rng.uniform(-9.0, 9.0), rng.normal(0.0, 0.4), yaw
             else:
                 x, y, turn = *rng.uniform(-12.0, 12.0, 2), rng.uniform(-np.pi, np.pi)
-            box = _box(card, float(x), float(y), float(turn) + float(rng.normal(0.0, 0.02)))
-            if not any(overlap(box, other, _GAP_M) for _, other in placed):
-                placed.append((card, box))
+            vehicle = Placement(card, float(x), float(y), float(turn) + float(rng.normal(0.0, 0.02)))
+            if not any(overlap(vehicle.box(), other.box(), _GAP_M) for other in placed):
+                placed.append(vehicle)
                 break
     return placed
 
@@ -97,11 +97,6 @@ def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator
 def _pick(library: FurnitureLibrary, use: str, rng: np.random.Generator) -> ModelCard | None:
     cards = library.models(use)
     return cards[int(rng.integers(len(cards)))] if cards else None
-
-
-def _box(card: ModelCard, x_m: float, y_m: float, yaw_rad: float) -> Box:
-    width, length, height = card.size_m
-    return Box(x_m, y_m, width / 2, length / 2, yaw_rad, 0.0, height)
 
 
 def _ground(rng: np.random.Generator) -> Material:

@@ -1,14 +1,36 @@
 """Putting models, quads and boxes into an ``MjSpec``: geometry that is only drawn, and boxes that are only touched."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from labeling.core.types import Box3d
 from sbm_gym.assets.models.model import FurnitureModel
 from sbm_gym.assets.models.surfaces import Material
-from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
+from sbm_gym.worlds.geometry.placing import Placement, rotation, yaw_quaternion
+from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL, ObjectInstance
+
+DRAWN: dict[str, Any] = {"group": GEOM_GROUP_VISUAL, "contype": 0, "conaffinity": 0, "mass": 0}
+"""Settings of geoms that are drawn and never touched."""
+
+
+def instance_of(piece: Placement, instance_id: int, body_name: str) -> ObjectInstance:
+    """The object that a piece of a class with a name is.
+
+    Args:
+        piece: what stands where.
+        instance_id: positive, unique within the world.
+        body_name: the body that holds its geoms.
+    """
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(piece.yaw_rad)
+    extent = np.array(piece.card.size_m, float)
+    centre = np.array([piece.x_m, piece.y_m, piece.z_m + extent[2] / 2])
+    assert piece.card.category is not None
+    return ObjectInstance(instance_id, piece.card.category, body_name, Box3d(centre, extent, turn), piece.card.model_id)
 
 
 class SceneBuilder:
@@ -24,6 +46,17 @@ class SceneBuilder:
     def _name(self, stem: str) -> str:
         self._count += 1
         return f"{stem}_{self._count}"
+
+    def place(self, name: str, piece: Placement, *, moves: bool = False) -> mujoco.MjsBody:
+        """Adds an empty body where a piece stands.
+
+        Args:
+            name: of the body.
+            piece: what will stand there.
+            moves: whether episodes put it elsewhere (a mocap body).
+        """
+        position_m, turn = [piece.x_m, piece.y_m, piece.z_m], yaw_quaternion(piece.yaw_rad)
+        return self.spec.worldbody.add_body(name=name, pos=position_m, quat=turn, mocap=moves)
 
     def texture(self, picture: UInt8[np.ndarray, "h w c"]) -> str:
         """Adds a picture (RGB or RGBA); the same array is added once."""
@@ -82,10 +115,7 @@ class SceneBuilder:
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=mesh,
             material=material,
-            group=GEOM_GROUP_VISUAL,
-            contype=0,
-            conaffinity=0,
-            mass=0,
+            **DRAWN,
             **where,
         )
 
@@ -99,10 +129,7 @@ class SceneBuilder:
             pos=0.5 * (low + high),
             size=np.maximum(0.5 * (high - low), 1e-4),
             material=material,
-            group=GEOM_GROUP_VISUAL,
-            contype=0,
-            conaffinity=0,
-            mass=0,
+            **DRAWN,
         )
 
     def touched_box(

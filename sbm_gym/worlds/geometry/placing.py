@@ -53,6 +53,16 @@ def rotation(yaw_rad: float) -> Float[np.ndarray, "2 2"]:
     return np.array([[cos, -sin], [sin, cos]])
 
 
+def yaw_quaternion(yaw_rad: float) -> list[float]:
+    """A turn about the upright axis, wxyz."""
+    return [float(np.cos(yaw_rad / 2)), 0.0, 0.0, float(np.sin(yaw_rad / 2))]
+
+
+def obstacle_rows(boxes: Iterable[Box]) -> Float[np.ndarray, "n 5"]:
+    """Boxes as obstacles of ``navigable_map``."""
+    return np.array([(b.x_m, b.y_m, b.half_x_m, b.half_y_m, b.yaw_rad) for b in boxes], float).reshape(-1, 5)
+
+
 def overlap(a: Box, b: Box, margin_m: float = 0.0) -> bool:
     """Whether two boxes come closer than ``margin_m`` on the plan and share heights (touching tops do not count).
 
@@ -76,7 +86,7 @@ def overlap(a: Box, b: Box, margin_m: float = 0.0) -> bool:
 
 @dataclass(frozen=True)
 class Placement:
-    """A piece of furniture where it stands; at yaw 0 its front looks towards -Y."""
+    """A piece of furniture or a vehicle where it stands; at yaw 0 its front looks towards -Y."""
 
     card: ModelCard
     x_m: float
@@ -99,6 +109,14 @@ class Placement:
         """Floor position of a point given along the piece's own axes, from its middle."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return np.array([self.x_m + cos * right_m - sin * back_m, self.y_m + sin * right_m + cos * back_m])
+
+    def footprint(self, rectangles_m: Float[np.ndarray, "boxes 4"]) -> list[Box]:
+        """The floor it covers, given the rectangles (min x, min y, max x, max y) that its model covers."""
+        found = []
+        for x0, y0, x1, y1 in rectangles_m:
+            x, y = self.at((x0 + x1) / 2, (y0 + y1) / 2)
+            found.append(Box(float(x), float(y), (x1 - x0) / 2, (y1 - y0) / 2, self.yaw_rad))
+        return found
 
     def front_zone(self, depth_m: float, width_m: float | None = None) -> Box:
         """The floor before the piece, as wide as the piece unless given."""

@@ -123,13 +123,6 @@ class FloorPlan:
         """Walls: rectangles that together with the open ones tile the bounds."""
         return complement(self.open_rectangles(), self.bounds)
 
-    def room_at(self, xy_m: Float[np.ndarray, "2"]) -> int | None:
-        """Number of the room that holds a point, None in walls and passages."""
-        for index, planned in enumerate(self.rooms):
-            if np.all(np.asarray(xy_m) >= planned.room.low_m) and np.all(np.asarray(xy_m) <= planned.room.high_m):
-                return index
-        return None
-
 
 def complement(holes: Sequence[Rectangle], bounds: Rectangle) -> list[Rectangle]:
     """Rectangles that cover ``bounds`` but for the holes: cells between all edges, merged where they line up."""

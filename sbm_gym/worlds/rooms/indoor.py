@@ -8,17 +8,16 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from labeling.core.types import Box3d
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.parametric.builtin import BuiltinLibrary
 from sbm_gym.assets.unseen import models_of_scene
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
-from sbm_gym.worlds.geometry.placing import Layout, Placement, Room, rotation
+from sbm_gym.worlds.geometry.placing import Layout, Placement, Room, obstacle_rows
 from sbm_gym.worlds.rooms.fittings import hang_lamps, hang_pictures, lay_rug
 from sbm_gym.worlds.rooms.floor_plan import OUTER_WALL_M, PROGRAMMES, FloorPlan, PlannedRoom, complement, draw_plan
 from sbm_gym.worlds.rooms.room_kinds import ROOM_KINDS, furnish
 from sbm_gym.worlds.rooms.shell import Style, build_shell, build_walls, draw_finish, draw_style
-from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import INTERIORS
 from sbm_gym.worlds.world import ObjectInstance, World
 
@@ -185,7 +184,7 @@ def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: Fur
     high = np.array(room.high_m) + margin
     # The room and its doorways are all there is: what one sees an object from is never behind a wall.
     open_floor = [(*room.low_m, *room.high_m), *(passage.through(margin) for passage in doorways)]
-    walls = np.concatenate([_rows(complement(open_floor, (*low.tolist(), *high.tolist()))), _leaf_rows(room)])
+    walls = np.concatenate([_rows(complement(open_floor, (*low.tolist(), *high.tolist()))), obstacle_rows(room.leaves)])
     while True:
         everything = navigable_map(
             low, high, np.concatenate([walls, _obstacles(layout.placements, library)]), cell_m=CELL_M
@@ -217,12 +216,6 @@ def _rows(rectangles) -> Float[np.ndarray, "n 5"]:
     return np.concatenate([middle, half, np.zeros((len(r), 1))], axis=1)
 
 
-def _leaf_rows(room: Room) -> Float[np.ndarray, "n 5"]:
-    """Open door leaves as rows of ``navigable_map``."""
-    rows = [(leaf.x_m, leaf.y_m, leaf.half_x_m, leaf.half_y_m, leaf.yaw_rad) for leaf in room.leaves]
-    return np.array(rows, float).reshape(-1, 5)
-
-
 def ring_viewpoints(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> Bool[np.ndarray, "bearings radii"]:
     """From which of ``BEARINGS`` directions and ``RING_M`` distances an object can be looked at."""
     bearing = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
@@ -241,14 +234,8 @@ def _can_be_looked_at(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"])
 
 def _obstacles(placements: list[Placement], library: FurnitureLibrary) -> Float[np.ndarray, "n 5"]:
     """What stands in the agent's way, as rows of ``navigable_map``."""
-    rows = []
-    for piece in placements:
-        if not _is_touched(piece):
-            continue
-        for x0, y0, x1, y1 in library.load(piece.card).footprint_m:
-            x, y = piece.at((x0 + x1) / 2, (y0 + y1) / 2)
-            rows.append((x, y, (x1 - x0) / 2, (y1 - y0) / 2, piece.yaw_rad))
-    return np.array(rows, float).reshape(-1, 5)
+    touched = [piece for piece in placements if _is_touched(piece)]
+    return obstacle_rows(box for piece in touched for box in piece.footprint(library.load(piece.card).footprint_m))
 
 
 def _is_touched(piece: Placement) -> bool:
@@ -278,18 +265,18 @@ def _assemble(
     pieces = 0
     for number, room in enumerate(rooms):
         _finish_room(builder, room, number, style, lamps[number], library, rng)
-        obstacles += [_leaf_rows(room.planned.room), _obstacles(room.layout.placements, library)]
+        obstacles += [obstacle_rows(room.planned.room.leaves), _obstacles(room.layout.placements, library)]
         for piece in room.layout.placements:
             body_name = f"{piece.card.category or piece.card.use}_{pieces:03d}"
             pieces += 1
-            body = _body(spec, body_name, piece)
+            body = builder.place(body_name, piece)
             model = library.load(piece.card)
             builder.furniture(body, model)
             if _is_touched(piece):
                 for rectangle in model.footprint_m:
                     builder.touched_box(body, rectangle, (0.0, piece.card.size_m[2]))
             if piece.card.category is not None:
-                objects.append(_instance(len(objects) + 1, piece, body_name))
+                objects.append(instance_of(piece, len(objects) + 1, body_name))
     everywhere = navigable_map(np.array([x0, y0]), np.array([x1, y1]), np.concatenate(obstacles), cell_m=CELL_M)
     # Pockets that cannot be reached are not free.
     navigable = NavigableMap(everywhere.largest_component, everywhere.origin_m, everywhere.cell_m)
@@ -327,27 +314,11 @@ def _finish_room(
         builder, planned.room, _taken_wall(layout), rng, f"pictures_{number}", ROOM_KINDS[planned.kind].pictures
     )
     for index, rug in enumerate(furnished.rugs):
-        body = _body(builder.spec, f"rug_{number}_{index}", rug)
+        body = builder.place(f"rug_{number}_{index}", rug)
         if rng.random() < 0.6:
             builder.furniture(body, library.load(rug.card))
         else:
             lay_rug(builder, body, rug.card.size_m, rng)
-
-
-def _body(spec: mujoco.MjSpec, name: str, piece: Placement) -> mujoco.MjsBody:
-    half = piece.yaw_rad / 2
-    return spec.worldbody.add_body(
-        name=name, pos=[piece.x_m, piece.y_m, piece.z_m], quat=[np.cos(half), 0.0, 0.0, np.sin(half)]
-    )
-
-
-def _instance(instance_id: int, piece: Placement, body_name: str) -> ObjectInstance:
-    turn = np.eye(3)
-    turn[:2, :2] = rotation(piece.yaw_rad)
-    extent = np.array(piece.card.size_m)
-    centre = np.array([piece.x_m, piece.y_m, piece.z_m + extent[2] / 2])
-    assert piece.card.category is not None
-    return ObjectInstance(instance_id, piece.card.category, body_name, Box3d(centre, extent, turn), piece.card.model_id)
 
 
 def _taken_wall(layout: Layout) -> list[tuple[int, float, float]]:

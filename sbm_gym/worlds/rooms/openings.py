@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sbm_gym.assets.models import surfaces
-from sbm_gym.worlds.geometry.placing import Box, Opening, Wall
+from sbm_gym.worlds.geometry.placing import Box, Opening, Wall, yaw_quaternion
 from sbm_gym.worlds.rooms.floor_plan import INNER_WALL_M
 from sbm_gym.worlds.scene_builder import SceneBuilder
 
@@ -77,8 +77,8 @@ def hang_leaf(builder: SceneBuilder, name: str, leaf: Box, colour: Rgba, panels:
     Returns:
         Its body, with the leaf's middle as origin, on the floor.
     """
-    turn = [np.cos(leaf.yaw_rad / 2), 0.0, 0.0, np.sin(leaf.yaw_rad / 2)]
-    body = builder.spec.worldbody.add_body(name=name, pos=[leaf.x_m, leaf.y_m, 0.0], quat=turn)
+    position_m, turn = [leaf.x_m, leaf.y_m, 0.0], yaw_quaternion(leaf.yaw_rad)
+    body = builder.spec.worldbody.add_body(name=name, pos=position_m, quat=turn)
     paint = builder.material(rgba=colour, specular=0.2)
     inset = builder.material(rgba=(0.9 * colour[0], 0.9 * colour[1], 0.9 * colour[2], 1.0), specular=0.2)
     steel = builder.material(rgba=(0.6, 0.6, 0.62, 1.0), specular=0.8, shininess=0.7)

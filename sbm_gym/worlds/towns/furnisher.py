@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.model import FurnitureModel
-from sbm_gym.worlds.geometry.placing import Box, overlap, rotation
+from sbm_gym.worlds.geometry.placing import Box, Placement, overlap, rotation, yaw_quaternion
 from sbm_gym.worlds.scene_builder import SceneBuilder
 from sbm_gym.worlds.static_meshes import QuadSoup, prism
 from sbm_gym.worlds.towns.plan import KERB_M, Rect
@@ -46,10 +46,9 @@ class Furnisher:
     def block(self, box: Box, height_m: float = 2.0) -> None:
         """Makes the agent walk around a box."""
         self.obstacles.append(box)
-        turn = [np.cos(box.yaw_rad / 2), 0.0, 0.0, np.sin(box.yaw_rad / 2)]
-        body = self.builder.spec.worldbody.add_body(
-            name=f"solid_{len(self.obstacles)}", pos=[box.x_m, box.y_m, 0.0], quat=turn
-        )
+        position_m, turn = [box.x_m, box.y_m, 0.0], yaw_quaternion(box.yaw_rad)
+        name = f"solid_{len(self.obstacles)}"
+        body = self.builder.spec.worldbody.add_body(name=name, pos=position_m, quat=turn)
         half = np.array([box.half_x_m, box.half_y_m])
         self.builder.touched_box(body, np.concatenate([-half, half]), (0.0, height_m))
 
@@ -79,11 +78,7 @@ class Furnisher:
             return False
         number = self._counts.get(card.use, 0)
         self._counts[card.use] = number + 1
-        body = self.builder.spec.worldbody.add_body(
-            name=f"{card.use}_{number}",
-            pos=[float(xy[0]), float(xy[1]), z_m],
-            quat=[np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)],
-        )
+        body = self.builder.place(f"{card.use}_{number}", Placement(card, float(xy[0]), float(xy[1]), yaw_rad, z_m))
         self.builder.furniture(body, model)
         self.block(box, max(min(model.size_m[2], 2.2), 0.3) + z_m)
         return True

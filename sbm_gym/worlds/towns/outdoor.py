@@ -17,8 +17,8 @@ from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.mixed import town_library
 from sbm_gym.assets.unseen import models_of_scene
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
-from sbm_gym.worlds.geometry.placing import Box, overlap
-from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.geometry.placing import Box, Placement, obstacle_rows, overlap, yaw_quaternion
+from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import TOWNS
 from sbm_gym.worlds.static_meshes import QuadSoup
 from sbm_gym.worlds.towns.furnisher import Furnisher, add_solid
@@ -26,7 +26,7 @@ from sbm_gym.worlds.towns.furniture import furnish_town
 from sbm_gym.worlds.towns.ground import build_ground
 from sbm_gym.worlds.towns.houses import build_houses, house_rows
 from sbm_gym.worlds.towns.plan import Spawn, TownPlan, draw_plan
-from sbm_gym.worlds.towns.vehicles import VEHICLE_USES, Standing, add_vehicle, fits, park
+from sbm_gym.worlds.towns.vehicles import VEHICLE_USES, add_vehicle, fits, park
 from sbm_gym.worlds.towns.weather import Weather, draw_weather
 from sbm_gym.worlds.world import Arrangement, ObjectInstance, World
 
@@ -97,22 +97,18 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     soup.build()
     walkable = plan.walkable
     low, high = np.array([walkable.x0, walkable.y0]), np.array([walkable.x1, walkable.y1])
-    still = navigable_map(low, high, _rows(furnisher.obstacles), cell_m=CELL_M)
+    still = navigable_map(low, high, obstacle_rows(furnisher.obstacles), cell_m=CELL_M)
     spawns = [spawn for spawn in plan.spawns if _in_the_open(spawn, furnisher.obstacles)]
     parked, taken = _park_vehicles(plan, spawns, still, library, rng)
     objects: list[ObjectInstance] = []
-    for number, standing in enumerate(parked, start=1):
-        body = add_vehicle(builder, library, standing, f"{standing.card.category}_{number:02d}", rng)
-        objects.append(standing.instance(number, body.name))
+    for number, vehicle in enumerate(parked, start=1):
+        body = add_vehicle(builder, library, vehicle, f"{vehicle.card.category}_{number:02d}", rng)
+        objects.append(instance_of(vehicle, number, body.name))
     navigable = _with_vehicles(still.free, low, parked, library)
     visitors = _add_visitors(builder, library, len(objects) + 1, rng)
     left = tuple(spawn for spawn in spawns if spawn not in taken)
-    stage = TownStage(navigable, left, visitors, tuple(objects), tuple(standing.box() for standing in parked), library)
+    stage = TownStage(navigable, left, visitors, tuple(objects), tuple(vehicle.box() for vehicle in parked), library)
     return World(name, spec, tuple(objects), navigable, stage=stage)
-
-
-def _rows(boxes: Sequence[Box]) -> Float[np.ndarray, "n 5"]:
-    return np.array([(b.x_m, b.y_m, b.half_x_m, b.half_y_m, b.yaw_rad) for b in boxes], float).reshape(-1, 5)
 
 
 def _in_the_open(spawn: Spawn, obstacles: Sequence[Box]) -> bool:
@@ -123,7 +119,7 @@ def _in_the_open(spawn: Spawn, obstacles: Sequence[Box]) -> bool:
 
 def _park_vehicles(
     plan: TownPlan, spawns: list[Spawn], still: NavigableMap, library: FurnitureLibrary, rng: np.random.Generator
-) -> tuple[list[Standing], set[Spawn]]:
+) -> tuple[list[Placement], set[Spawn]]:
     """The vehicles that belong to a town: some parked, some waiting, at most about a third of all places taken."""
     cards = {use: library.models(use) for use in VEHICLE_USES}
     if not any(cards.values()):
@@ -131,7 +127,7 @@ def _park_vehicles(
             "the furniture libraries hold no vehicles: run `sudo apt-get install sweethome3d-furniture`"
         )
     heavy: set[str] = set()
-    parked: list[Standing] = []
+    parked: list[Placement] = []
     taken: set[Spawn] = set()
     limit = min(MAX_PARKED, max(len(spawns) // 3, 2))
     shares = {"bay": 0.75, "loading": 0.9, "bus": 0.9, "lane": 0.45, "rack": 0.45}
@@ -149,14 +145,14 @@ def _park_vehicles(
         weights = np.array([VISITORS[card.use] / len(cards[card.use]) for card in choices])
         if not choices or rng.random() > shares[spawn.kind]:
             continue
-        standing = park(choices[int(rng.choice(len(choices), p=weights / weights.sum()))], spawn, rng)
-        if any(overlap(standing.box(), other.box(), 0.25) for other in parked):
+        vehicle = park(choices[int(rng.choice(len(choices), p=weights / weights.sum()))], spawn, rng)
+        if any(overlap(vehicle.box(), other.box(), 0.25) for other in parked):
             continue
         if approach_bearings(still, np.array([spawn.x_m, spawn.y_m])) < MIN_BEARINGS:
             continue
-        if library.triangles(standing.card) > HEAVY_TRIANGLES:
-            heavy.add(standing.card.model_id)
-        parked.append(standing)
+        if library.triangles(vehicle.card) > HEAVY_TRIANGLES:
+            heavy.add(vehicle.card.model_id)
+        parked.append(vehicle)
         taken.add(spawn)
     return parked, taken
 
@@ -191,7 +187,7 @@ def _add_visitors(
         for k in rng.permutation(len(cards))[:count]:
             number = len(visitors)
             card = cards[int(k)]
-            below = Standing(card, 0.0, 0.0, _UNDERGROUND_M - 10.0 * number, 0.0)
+            below = Placement(card, 0.0, 0.0, 0.0, _UNDERGROUND_M - 10.0 * number)
             body = add_vehicle(builder, library, below, f"visitor_{number}", rng, moves=True)
             visitors.append(Visitor(card, body.name, first_id + number))
     return tuple(visitors)
@@ -228,10 +224,10 @@ class TownStage:
             if starts.free.any() and reached >= MIN_BEARINGS:
                 break
         weather = draw_weather(rng)
-        instances = tuple(standing.instance(v.instance_id, v.body_name) for v, standing in placed)
+        instances = tuple(instance_of(vehicle, v.instance_id, v.body_name) for v, vehicle in placed)
         return Arrangement(self.objects + instances, navigable, starts, _Change(self.visitors, placed, weather))
 
-    def _draw(self, rng: np.random.Generator) -> tuple[tuple[Visitor, Standing], tuple[Visitor, Standing]] | None:
+    def _draw(self, rng: np.random.Generator) -> tuple[tuple[Visitor, Placement], tuple[Visitor, Placement]] | None:
         first = self._place(self.spawns[int(rng.integers(len(self.spawns)))], (), rng)
         if first is None:
             return None
@@ -244,18 +240,18 @@ class TownStage:
                 return (first, second) if apart >= MIN_APART_M else None
         return None
 
-    def _place(self, spawn: Spawn, others: tuple, rng: np.random.Generator) -> tuple[Visitor, Standing] | None:
+    def _place(self, spawn: Spawn, others: tuple, rng: np.random.Generator) -> tuple[Visitor, Placement] | None:
         """One of the visitors that fit a place and are not there yet; None if none does."""
         gone = {visitor.instance_id for visitor, _ in others}
         choices = [v for v in self.visitors if v.instance_id not in gone and fits(v.card, spawn)]
         if not choices:
             return None
         visitor = choices[int(rng.integers(len(choices)))]
-        standing = park(visitor.card, spawn, rng)
+        vehicle = park(visitor.card, spawn, rng)
         boxes = (*self.parked, *(other.box() for _, other in others))
-        return None if any(overlap(standing.box(), box, 0.2) for box in boxes) else (visitor, standing)
+        return None if any(overlap(vehicle.box(), box, 0.2) for box in boxes) else (visitor, vehicle)
 
-    def _around(self, placed: Sequence[tuple[Visitor, Standing]]) -> NavigableMap:
+    def _around(self, placed: Sequence[tuple[Visitor, Placement]]) -> NavigableMap:
         """The part of the map around the first vehicle, with both in it."""
         centre = np.array([placed[0][1].x_m, placed[0][1].y_m])
         whole = self.navigable
@@ -263,18 +259,18 @@ class TownStage:
         high = np.ceil((centre + NEARBY_M - whole.origin_m) / CELL_M).astype(int)
         low = np.maximum(low, 0)
         free = whole.free[low[1] : max(high[1], 1), low[0] : max(high[0], 1)]
-        vehicles = [standing for _, standing in placed]
+        vehicles = [vehicle for _, vehicle in placed]
         return _with_vehicles(free, whole.origin_m + CELL_M * low, vehicles, self.library)
 
 
 def _with_vehicles(
     free: Bool[np.ndarray, "ny nx"],
     origin_m: Float[np.ndarray, "2"],
-    vehicles: Sequence[Standing],
+    vehicles: Sequence[Placement],
     library: FurnitureLibrary,
 ) -> NavigableMap:
     """The connected part of a map that is left when vehicles stand on it."""
-    rows = np.concatenate([standing.obstacles(library) for standing in vehicles])
+    rows = obstacle_rows(box for one in vehicles for box in one.footprint(library.load(one.card).footprint_m))
     # A rim of two cells keeps the walls that a map has at its edges away from the cells that count.
     rim = 2 * CELL_M
     size_m = CELL_M * np.array(free.shape[::-1])
@@ -288,17 +284,17 @@ class _Change:
     """Brings the visitors of an episode to their places, the others below the ground, and changes the weather."""
 
     visitors: tuple[Visitor, ...]
-    placed: tuple[tuple[Visitor, Standing], ...]
+    placed: tuple[tuple[Visitor, Placement], ...]
     weather: Weather
 
     def __call__(self, model: mujoco.MjModel) -> None:
         for number, visitor in enumerate(self.visitors):
             body = model.body(visitor.body_name).id
             model.body_pos[body] = [0.0, 0.0, _UNDERGROUND_M - 10.0 * number]
-        for visitor, standing in self.placed:
+        for visitor, vehicle in self.placed:
             body = model.body(visitor.body_name).id
-            model.body_pos[body] = [standing.x_m, standing.y_m, standing.z_m]
-            model.body_quat[body] = standing.quaternion()
+            model.body_pos[body] = [vehicle.x_m, vehicle.y_m, vehicle.z_m]
+            model.body_quat[body] = yaw_quaternion(vehicle.yaw_rad)
         self.weather.apply(model)
 
 

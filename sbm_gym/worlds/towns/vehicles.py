@@ -1,18 +1,13 @@
 """Vehicles: which one fits where it could stand, painted one by one, as bodies of a world."""
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
-from jaxtyping import Float
 
-from labeling.core.types import Box3d
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.classes import VEHICLE_PAINT
-from sbm_gym.worlds.geometry.placing import Box, rotation
+from sbm_gym.worlds.geometry.placing import Placement
 from sbm_gym.worlds.scene_builder import SceneBuilder
 from sbm_gym.worlds.towns.plan import Spawn
-from sbm_gym.worlds.world import ObjectInstance
 
 VEHICLE_USES = ("car", "van", "truck", "bus", "motorcycle", "bicycle")
 FITTING = {
@@ -40,45 +35,6 @@ _PAINTS = (
 _PAINT_SHARES = np.array([0.18, 0.17, 0.14, 0.12, 0.08, 0.07, 0.08, 0.03, 0.03, 0.04, 0.03, 0.03])
 
 
-@dataclass(frozen=True)
-class Standing:
-    """A vehicle and where it stands."""
-
-    card: ModelCard
-    x_m: float
-    y_m: float
-    z_m: float
-    yaw_rad: float
-
-    def box(self) -> Box:
-        """The floor it takes."""
-        width, length, _ = self.card.size_m
-        return Box(self.x_m, self.y_m, width / 2, length / 2, self.yaw_rad)
-
-    def quaternion(self) -> list[float]:
-        """Its turn, wxyz."""
-        return [float(np.cos(self.yaw_rad / 2)), 0.0, 0.0, float(np.sin(self.yaw_rad / 2))]
-
-    def instance(self, instance_id: int, body_name: str) -> ObjectInstance:
-        """The object it is."""
-        turn = np.eye(3)
-        turn[:2, :2] = rotation(self.yaw_rad)
-        extent = np.array(self.card.size_m, float)
-        centre = np.array([self.x_m, self.y_m, self.z_m + extent[2] / 2])
-        assert self.card.category is not None
-        return ObjectInstance(
-            instance_id, self.card.category, body_name, Box3d(centre, extent, turn), self.card.model_id
-        )
-
-    def obstacles(self, library: FurnitureLibrary) -> Float[np.ndarray, "n 5"]:
-        """What stands in the agent's way, as rows of ``navigable_map``."""
-        rows = []
-        for x0, y0, x1, y1 in library.load(self.card).footprint_m:
-            x, y = np.array([self.x_m, self.y_m]) + rotation(self.yaw_rad) @ [(x0 + x1) / 2, (y0 + y1) / 2]
-            rows.append((x, y, (x1 - x0) / 2, (y1 - y0) / 2, self.yaw_rad))
-        return np.array(rows, float).reshape(-1, 5)
-
-
 def fits(card: ModelCard, spawn: Spawn) -> bool:
     """Whether a vehicle would stand in a place, and is of a kind that does."""
     width, length, _ = card.size_m
@@ -86,7 +42,7 @@ def fits(card: ModelCard, spawn: Spawn) -> bool:
     return card.use in FITTING[spawn.kind] and length <= spawn.length_m and width <= spawn.width_m + slack
 
 
-def park(card: ModelCard, spawn: Spawn, rng: np.random.Generator) -> Standing:
+def park(card: ModelCard, spawn: Spawn, rng: np.random.Generator) -> Placement:
     """Stands a vehicle in a place, not quite straight; in a bay wider than the vehicle, its kerb side near the kerb."""
     width, length, _ = card.size_m
     spare = max(spawn.length_m - length, 0.0) / 2
@@ -99,13 +55,13 @@ def park(card: ModelCard, spawn: Spawn, rng: np.random.Generator) -> Standing:
     heading = np.array([np.cos(spawn.heading_rad), np.sin(spawn.heading_rad)])
     x, y = np.array([spawn.x_m, spawn.y_m]) + ahead * heading + right * np.array([heading[1], -heading[0]])
     turned = float(np.clip(rng.normal(0.0, 0.015), -0.03, 0.03))
-    return Standing(card, float(x), float(y), spawn.z_m, spawn.yaw_rad + turned)
+    return Placement(card, float(x), float(y), spawn.yaw_rad + turned, spawn.z_m)
 
 
 def add_vehicle(
     builder: SceneBuilder,
     library: FurnitureLibrary,
-    standing: Standing,
+    vehicle: Placement,
     name: str,
     rng: np.random.Generator,
     *,
@@ -116,18 +72,16 @@ def add_vehicle(
     Args:
         builder: the world.
         library: where its model comes from.
-        standing: what and where.
+        vehicle: what and where.
         name: of its body.
         rng: draws the colour.
         moves: whether episodes put it elsewhere (a mocap body).
     """
-    model = library.load(standing.card)
-    body = builder.spec.worldbody.add_body(
-        name=name, pos=[standing.x_m, standing.y_m, standing.z_m], quat=standing.quaternion(), mocap=moves
-    )
-    paint = VEHICLE_PAINT.get(standing.card.model_id)
+    model = library.load(vehicle.card)
+    body = builder.place(name, vehicle, moves=moves)
+    paint = VEHICLE_PAINT.get(vehicle.card.model_id)
     colour = _PAINTS[int(rng.choice(len(_PAINTS), p=_PAINT_SHARES))]
     builder.furniture(body, model, None if paint is None else {paint: (*colour, 1.0)})
     for rectangle in model.footprint_m:
-        builder.touched_box(body, rectangle, (0.0, standing.card.size_m[2]))
+        builder.touched_box(body, rectangle, (0.0, vehicle.card.size_m[2]))
     return body

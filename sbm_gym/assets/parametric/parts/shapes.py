@@ -62,12 +62,6 @@ def turn_x(angle_rad: float) -> Float[np.ndarray, "3 3"]:
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
-def turn_y(angle_rad: float) -> Float[np.ndarray, "3 3"]:
-    """Turns +Z towards +X."""
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
 def grid_triangles(points: Float[np.ndarray, "a b 3"]) -> Triangles:
     """Two triangles for every cell; the normal is the first index's direction x the second's."""
     p, q, r, s = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
