@@ -13,7 +13,13 @@ from labeling.core.types import Detection
 
 
 class DetectorError(SbmError):
-    """A detector failed, its files are damaged, or it returned something else than detections."""
+    """A detector failed, its files are damaged, or it returned something else than detections.
+
+    Example:
+        >>> from labeling.core.errors import SbmError
+        >>> issubclass(DetectorError, SbmError)
+        True
+    """
 
 
 @dataclass(frozen=True)

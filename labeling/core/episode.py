@@ -9,7 +9,20 @@ from labeling.core.views import RgbdViews
 
 @dataclass(frozen=True, eq=False)
 class Episode(RgbdViews):
-    """The views of one episode, in the order they were taken, and what is known about them."""
+    """The views of one episode, in the order they were taken, and what is known about them.
+
+    Example:
+        >>> import numpy as np
+        >>> views = RgbdViews(
+        ...     rgb=np.zeros((1, 48, 64, 3), np.uint8),
+        ...     depth_m=np.ones((1, 48, 64), np.float32),
+        ...     intrinsics=np.diag([60.0, 60.0, 1.0])[None],
+        ...     camera_to_world=np.eye(4)[None],
+        ... )
+        >>> episode = Episode(**vars(views), name="kitchen", file_names=("rgb/000.png",))
+        >>> episode.num_views, episode.detections is None
+        (1, True)
+    """
 
     name: str
     """Name of the episode's folder; empty for an episode that never was on disk."""

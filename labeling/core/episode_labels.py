@@ -80,7 +80,14 @@ class SegmentedCloud:
 
 @dataclass(frozen=True)
 class EpisodeLabels:
-    """What the label generator found in one episode."""
+    """What the label generator found in one episode.
+
+    Example:
+        >>> points, none = np.zeros((1, 3), np.float32), np.zeros(1, np.int32)
+        >>> cloud = SegmentedCloud(points, points, none, np.zeros((1, 0), np.float32))
+        >>> EpisodeLabels(objects=(), labels=(), cloud=cloud, scale=None).cloud.confidence
+        array([1.], dtype=float32)
+    """
 
     objects: tuple[LabelledObject, ...]
     labels: tuple[PseudoLabel, ...]

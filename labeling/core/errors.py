@@ -8,6 +8,15 @@ class SbmError(Exception):
     """Root of all errors that a user of this project may want to catch.
 
     Command-line programs print the message of an ``SbmError`` on one line and exit with code 2.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from labeling import find_episodes
+        >>> try:
+        ...     find_episodes(Path("no/such/folder"))
+        ... except SbmError as error:
+        ...     print(error)
+        no/such/folder: no such folder; give an episode or a folder of episodes
     """
 
 

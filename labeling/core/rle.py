@@ -11,7 +11,12 @@ from jaxtyping import Bool
 
 
 def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
-    """COCO compressed RLE of a mask, ready for JSON: ``{"size": [height, width], "counts": text}``."""
+    """COCO compressed RLE of a mask, ready for JSON: ``{"size": [height, width], "counts": text}``.
+
+    Example:
+        >>> encode_mask(np.array([[False, True], [False, True]]))
+        {'size': [2, 2], 'counts': '22'}
+    """
     from hotcoco import mask as coco_mask
 
     rle = coco_mask.encode(mask)
@@ -37,6 +42,11 @@ def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
 
     Raises:
         ValueError: if the RLE is malformed or its runs do not fill its size.
+
+    Example:
+        >>> decode_mask({"size": [2, 2], "counts": [2, 2]})
+        array([[False,  True],
+               [False,  True]])
     """
     import cv2
     from hotcoco import mask as coco_mask

@@ -11,7 +11,13 @@ CONFIDENT = 0.9
 
 @dataclass(frozen=True)
 class Box3d:
-    """An oriented box in the world."""
+    """An oriented box in the world.
+
+    Example:
+        >>> box = Box3d(np.array([1.0, 2.0, 0.5]), np.array([0.4, 0.6, 1.0]), np.eye(3))
+        >>> box.corners().max(axis=0)
+        array([1.2, 2.3, 1. ])
+    """
 
     centre_m: Float[np.ndarray, "3"]
     extent_m: Float[np.ndarray, "3"]
@@ -27,7 +33,14 @@ class Box3d:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What a detector says about one object in one view. Equal if all fields are, the mask pixel by pixel."""
+    """What a detector says about one object in one view. Equal if all fields are, the mask pixel by pixel.
+
+    Example:
+        >>> mask = np.zeros((48, 64), bool)
+        >>> mask[10:20, 30:50] = True
+        >>> Detection(view_index=0, category="chair", confidence=0.93, mask=mask).mask.sum()
+        np.int64(200)
+    """
 
     view_index: int
     category: str
@@ -48,7 +61,13 @@ class Detection:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """What the simulator (or an annotator) knows about one object in one view."""
+    """What the simulator (or an annotator) knows about one object in one view.
+
+    Example:
+        >>> truth = GroundTruth(view_index=0, instance_id=7, category="chair", modal=np.ones((48, 64), bool))
+        >>> truth.amodal is None, truth.ignore
+        (True, False)
+    """
 
     view_index: int
     instance_id: int
@@ -65,7 +84,14 @@ class GroundTruth:
 
 @dataclass(frozen=True)
 class PseudoLabel:
-    """What the label generator says about one object in one view."""
+    """What the label generator says about one object in one view.
+
+    Example:
+        >>> seen, whole = np.eye(3, dtype=bool), np.ones((3, 3), bool)
+        >>> label = PseudoLabel(4, 1, "chair", 0.8, seen, whole, source_view_index=0, source_confidence=0.95)
+        >>> f"{label.category} in view {label.view_index}, {label.modal.sum()} of {label.amodal.sum()} pixels visible"
+        'chair in view 4, 3 of 9 pixels visible'
+    """
 
     view_index: int
     instance_id: int

@@ -10,7 +10,13 @@ from labeling.core.geometry import invert_rigid
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with a pose."""
+    """A pinhole camera with a pose.
+
+    Example:
+        >>> camera = Camera(np.diag([60.0, 60.0, 1.0]), np.eye(4), size=(48, 64))
+        >>> np.allclose(camera.world_to_camera @ camera.camera_to_world, np.eye(4))
+        True
+    """
 
     intrinsics: Float[np.ndarray, "3 3"]
     """K, pixels."""
@@ -31,6 +37,12 @@ class RgbdViews:
 
     Raises:
         ValueError: on construction, if the arrays do not belong together.
+
+    Example:
+        >>> rgb, depth_m = np.zeros((2, 48, 64, 3), np.uint8), np.ones((2, 48, 64), np.float32)
+        >>> views = RgbdViews(rgb, depth_m, np.stack([np.diag([60.0, 60.0, 1.0])] * 2), np.stack([np.eye(4)] * 2))
+        >>> views.num_views, views.size
+        (2, (48, 64))
     """
 
     rgb: UInt8[np.ndarray, "views h w 3"]

@@ -41,6 +41,13 @@ def load_detector(name: str, device: str | None = None, batch_size: int = 8) -> 
     Raises:
         UsageError: if there is no such detector.
         DetectorError: if its files are missing or damaged.
+
+    Example:
+        >>> load_detector("compcat")
+        Traceback (most recent call last):
+        ...
+        labeling.core.errors.UsageError: unknown detector 'compcat'; known: compact, maskrcnn_resnet50_fpn, onnx:FILE, \
+package.module:function, the folder of a labeling.finetune run
     """
     check_name(name)
     if batch_size < 1:

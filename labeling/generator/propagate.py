@@ -63,6 +63,19 @@ def propagate(
 
     Raises:
         ValueError: if a detection does not belong to the views.
+
+    Example:
+        >>> views = RgbdViews(
+        ...     rgb=np.zeros((1, 48, 64, 3), np.uint8),
+        ...     depth_m=np.full((1, 48, 64), 2.0, np.float32),
+        ...     intrinsics=np.array([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]])[None],
+        ...     camera_to_world=np.eye(4)[None],
+        ... )
+        >>> poster = np.zeros((48, 64), bool)
+        >>> poster[12:36, 20:44] = True
+        >>> labels = propagate(views, [Detection(0, "poster", 0.95, poster)])
+        >>> [one.category for one in labels.objects], len(labels.cloud.points) > 0
+        (['poster'], True)
     """
     config, detections = config or LabelConfig(), detections or ()
     _check_detections(detections, views)

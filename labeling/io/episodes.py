@@ -47,6 +47,15 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
 
     Raises:
         EpisodeFormatError: if the folder does not exist or holds no episode.
+
+    Example:
+        >>> import tempfile
+        >>> from labeling import RecordingConfig
+        >>> with tempfile.TemporaryDirectory() as dataset:
+        ...     (Path(dataset) / "kitchen").mkdir()
+        ...     (Path(dataset) / "kitchen" / "transforms.json").touch()
+        ...     print([folder.name for folder in find_episodes(Path(dataset), RecordingConfig(layout="nerfstudio"))])
+        ['kitchen']
     """
     from labeling.io.recordings.layouts import layout_of, looked_for
 
@@ -78,6 +87,14 @@ def read_episode(
 
     Raises:
         EpisodeFormatError: naming file and field, if anything is missing or malformed.
+
+    Example:
+        >>> from labeling import SbmError
+        >>> try:
+        ...     read_episode(Path("no/such/recording"))
+        ... except SbmError as error:
+        ...     print("refused")
+        refused
     """
     from labeling.io.recordings.frames import load
     from labeling.io.recordings.layouts import frames_of
@@ -99,6 +116,21 @@ def write_episode(folder: Path, episode: Episode) -> None:
     """Writes an episode; it appears under ``folder`` whole or not at all, and replaces what stood there.
 
     Depth is rounded to millimetres; returns beyond 65.535 m are written as 0 (no return).
+
+    Example:
+        >>> import tempfile
+        >>> episode = Episode(
+        ...     rgb=np.zeros((1, 48, 64, 3), np.uint8),
+        ...     depth_m=np.full((1, 48, 64), 2.0, np.float32),
+        ...     intrinsics=np.array([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]])[None],
+        ...     camera_to_world=np.eye(4)[None],
+        ...     name="kitchen",
+        ...     file_names=("rgb/000.png",),
+        ... )
+        >>> with tempfile.TemporaryDirectory() as dataset:
+        ...     write_episode(Path(dataset) / "kitchen", episode)
+        ...     print(read_episode(Path(dataset) / "kitchen").depth_m.max())
+        2.0
     """
     with atomic_folder(folder) as temporary:
         (temporary / "rgb").mkdir()

@@ -19,7 +19,13 @@ MODAL_FILE, AMODAL_FILE, SUMMARY_FILE = "instances_modal.json", "instances_amoda
 
 @dataclass(frozen=True)
 class LabelSet:
-    """The pseudo-labels of a dataset, as records without pictures."""
+    """The pseudo-labels of a dataset, as records without pictures.
+
+    Example:
+        >>> empty = LabelSet(Path("LABELS"), None, {("kitchen", 0): (48, 64)}, (), (), (), {})
+        >>> [view for view, size in empty.sizes.items() if size == (48, 64)]
+        [('kitchen', 0)]
+    """
 
     folder: Path
     dataset: Path | None
@@ -40,6 +46,15 @@ def read_label_set(folder: Path) -> LabelSet:
 
     Raises:
         LabelFormatError: naming file and field, if anything is missing or malformed.
+
+    Example:
+        >>> import json, tempfile
+        >>> image = {"id": 1, "file_name": "rgb/000.png", "width": 64, "height": 48, "episode": "kitchen", "view": 0}
+        >>> with tempfile.TemporaryDirectory() as labels:
+        ...     content = {"images": [image], "annotations": [], "categories": []}
+        ...     _ = (Path(labels) / "instances_modal.json").write_text(json.dumps(content))
+        ...     print(read_label_set(Path(labels)).sizes)
+        {('kitchen', 0): (48, 64)}
     """
     if not folder.is_dir():
         raise LabelFormatError(f"{folder}: no such folder; give the --out folder of labeling.generate")

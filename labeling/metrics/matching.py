@@ -13,7 +13,13 @@ Kind = Literal["mask", "box"]
 
 @dataclass(frozen=True)
 class MaskInstance:
-    """One object in one picture, predicted or true, as the metrics see it."""
+    """One object in one picture, predicted or true, as the metrics see it.
+
+    Example:
+        >>> from labeling.core.rle import encode_mask
+        >>> MaskInstance("view 1", "chair", encode_mask(np.ones((2, 2), bool)), confidence=0.9).category
+        'chair'
+    """
 
     image: Any
     """Names the picture; any value that can be hashed and sorted, such as ``(episode, view)`` or an image id."""

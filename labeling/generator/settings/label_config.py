@@ -13,7 +13,16 @@ from labeling.generator.settings.published_defects import PublishedDefects
 
 @dataclass(frozen=True)
 class LabelConfig:
-    """Settings of label generation."""
+    """Settings of label generation.
+
+    Example:
+        >>> LabelConfig(confident=0.7, free_space=False).confident
+        0.7
+        >>> LabelConfig(confident=1.5).check()
+        Traceback (most recent call last):
+        ...
+        labeling.core.errors.UsageError: --confident must lie above 0 and at most at 1, not 1.5
+    """
 
     confident: float = CONFIDENT
     """Detections at least this confident become sources of labels. Source: thesis A.2.2."""

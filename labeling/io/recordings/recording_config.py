@@ -11,7 +11,12 @@ Up = Literal["z", "y", "x", "-z", "-y", "-x"]
 
 @dataclass(frozen=True)
 class RecordingConfig:
-    """How to read a recording."""
+    """How to read a recording.
+
+    Example:
+        >>> RecordingConfig(every=10, up="y").max_views
+        200
+    """
 
     layout: LayoutName = "auto"
     """What the folder looks like inside; ``auto`` recognises it by its files."""
