@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from agents.planning.paths import way_length_m
+from agents.planning.paths import path_length_m
 from agents.planning.steering import bearing_rad, wrap
 from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.robot.seen_floor import SeenFloor
@@ -15,11 +15,11 @@ from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 MIN_STRIDES2 = 0.5
 """Smaller unseen patches, in squares of a stride, are not worth a step."""
-MAX_VAIN_LOOKS = 2
+MAX_FAILED_LOOKS = 2
 NEIGHBOURHOOD_STRIDES = 4.0
-"""A frontier promises the unseen floor so near to it; farther in, walls will hide it."""
-NUM_WEIGHED = 6
-"""So many frontiers, the best as the crow flies, are compared by their real ways."""
+"""The unseen floor so near to a frontier counts as its gain; farther in, walls will hide it."""
+NUM_COMPARED = 6
+"""So many frontiers, the best by straight-line distance, are compared by path length."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Frontier:
 
 
 class Frontiers:
-    """The frontiers of the floor that a robot has seen, but for those that it looked for in vain."""
+    """The frontiers of the floor that a robot has seen, without those that it looked at and could not see."""
 
     def __init__(self, floor: SeenFloor) -> None:
         """Starts with none given up.
@@ -44,32 +44,32 @@ class Frontiers:
         self._floor = floor
         self._since = 0
         self._given_up = np.zeros_like(floor.unseen())
-        self._vain_looks = np.zeros(self._given_up.shape, np.int32)
+        self._failed_looks = np.zeros(self._given_up.shape, np.int32)
 
     def give_up(self, place_m: Float[np.ndarray, "2"]) -> None:
-        """Leaves out unseen floor near a place: it has been looked for in vain."""
+        """Leaves out unseen floor near a place: it has been looked at and could not be seen."""
         rows, columns = self._floor.cells_near(place_m, self._floor.stride_m).T
         self._given_up[rows, columns] = True
 
-    def look_in_vain(self, place_m: Float[np.ndarray, "2"]) -> None:
-        """Notes that a frontier ought to have been seen and was not; after ``MAX_VAIN_LOOKS`` it is given up."""
+    def note_failed_look(self, place_m: Float[np.ndarray, "2"]) -> None:
+        """Notes that a frontier ought to have been seen and was not; after ``MAX_FAILED_LOOKS`` it is given up."""
         cell = self._floor.cell(place_m)
-        self._vain_looks[cell] += 1
-        if self._vain_looks[cell] >= MAX_VAIN_LOOKS:
+        self._failed_looks[cell] += 1
+        if self._failed_looks[cell] >= MAX_FAILED_LOOKS:
             self.give_up(place_m)
 
     def start_over(self) -> None:
         """Counts only what is seen from now on: for going round again."""
         self._since = self._floor.num_views + 1
-        self._given_up[:], self._vain_looks[:] = False, 0
+        self._given_up[:], self._failed_looks[:] = False, 0
 
-    def is_left(self, place_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether a frontier's place is still one to be seen."""
+    def is_open(self, place_m: Float[np.ndarray, "2"]) -> bool:
+        """Whether a frontier's place is still unseen and not given up."""
         cell = self._floor.cell(place_m)
         return bool(self._floor.unseen(self._since)[cell] and not self._given_up[cell])
 
-    def left(self) -> list[Frontier]:
-        """The patches of unseen floor that touch seen floor, each by its place nearest to the patch's rim's middle."""
+    def remaining(self) -> list[Frontier]:
+        """The patches of unseen floor that touch seen floor, each by the place nearest to the middle of its rim."""
         from scipy.ndimage import binary_dilation, label
 
         stride_m, cell_m = self._floor.stride_m, self._floor.cell_m
@@ -107,13 +107,13 @@ def best_frontier(
         stride_m: its longest move.
     """
 
-    def worth(frontier: Frontier, way_m: float) -> float:
+    def utility(frontier: Frontier, length_m: float) -> float:
         turns = abs(wrap(bearing_rad(position_m, frontier.place_m) - yaw_rad)) / TURN_RAD
-        return frontier.unseen_m2 / (1.0 + max(way_m / stride_m, turns))
+        return frontier.unseen_m2 / (1.0 + max(length_m / stride_m, turns))
 
-    by_air = sorted(frontiers, key=lambda one: -worth(one, float(np.linalg.norm(one.place_m - position_m))))
-    weighed = [
-        (worth(one, way_length_m(navigable, position_m, navigable.nearest_free(one.place_m))), -number)
-        for number, one in enumerate(by_air[:NUM_WEIGHED])
+    by_distance = sorted(frontiers, key=lambda one: -utility(one, float(np.linalg.norm(one.place_m - position_m))))
+    compared = [
+        (utility(one, path_length_m(navigable, position_m, navigable.nearest_free(one.place_m))), -number)
+        for number, one in enumerate(by_distance[:NUM_COMPARED])
     ]
-    return by_air[-max(weighed)[1]].place_m
+    return by_distance[-max(compared)[1]].place_m

@@ -1,4 +1,4 @@
-"""Following a way over the navigable map, one stride at a time."""
+"""Following a shortest path over the navigable map, one stride at a time."""
 
 import itertools
 
@@ -11,7 +11,7 @@ from sbm_gym.worlds.geometry.navigable import NavigableMap
 def advance(
     navigable: NavigableMap, position_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"], stride_m: float
 ) -> Float[np.ndarray, "2"] | None:
-    """The next straight move on the way to a goal.
+    """The next straight move on the shortest path to a goal.
 
     Args:
         navigable: the map.
@@ -20,31 +20,31 @@ def advance(
         stride_m: longest move.
 
     Returns:
-        A displacement of at most a stride; None if there is no way.
+        A displacement of at most a stride; None if there is no path.
     """
     start_m = position_m if navigable.is_free(position_m) else navigable.nearest_free(position_m)
-    way = navigable.shortest_path(start_m, goal_m)
-    if way is None:
+    path = navigable.shortest_path(start_m, goal_m)
+    if path is None:
         return None
-    ahead_m = _point_along(way, stride_m)
+    ahead_m = _point_along(path, stride_m)
     if not navigable.line_is_free(start_m, ahead_m):
-        ahead_m = way[1]
+        ahead_m = path[1]
     step_m = ahead_m - position_m
     length_m = float(np.linalg.norm(step_m))
     return step_m if length_m <= stride_m else step_m * (stride_m / length_m)
 
 
-def way_length_m(navigable: NavigableMap, position_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]) -> float:
-    """Length of the way to a goal, infinite if there is none."""
-    way = navigable.shortest_path(navigable.nearest_free(position_m), goal_m)
-    return float("inf") if way is None else float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+def path_length_m(navigable: NavigableMap, position_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]) -> float:
+    """Length of the shortest path to a goal, infinite if there is none."""
+    path = navigable.shortest_path(navigable.nearest_free(position_m), goal_m)
+    return float("inf") if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def _point_along(way: Float[np.ndarray, "k 2"], distance_m: float) -> Float[np.ndarray, "2"]:
+def _point_along(path: Float[np.ndarray, "k 2"], distance_m: float) -> Float[np.ndarray, "2"]:
     """The point that far along a polyline, or its end."""
-    for start, end in itertools.pairwise(way):
+    for start, end in itertools.pairwise(path):
         length_m = float(np.linalg.norm(end - start))
         if length_m >= distance_m:
             return start + (end - start) * (distance_m / max(length_m, 1e-12))
         distance_m -= length_m
-    return way[-1]
+    return path[-1]

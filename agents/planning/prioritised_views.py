@@ -1,4 +1,4 @@
-"""Actions that set priorities: the view planner weighs the views within reach by them, and the robot goes and looks.
+"""Actions that set priorities of the view planner, which then plans the next move and look.
 
 A policy that learns need not learn then how to steer around furniture, what hides what, and which sides of an object
 have been seen, for which the map and memory are enough, only what to go for when. An action of zero is the
@@ -7,7 +7,7 @@ Johannink et al. 2019).
 
 | | action: 1 is times 4.5, -1 divides by as much |
 |---|---|
-| 0 | what views of unconfirmed candidates promise |
+| 0 | the gain of views of unconfirmed candidates |
 | 1 | of unseen floor |
 | 2 | of the fixation target |
 | 3 | from new ranges and elevations in sectors that have been seen |
@@ -28,7 +28,7 @@ STRENGTH = 1.5
 """Exponent that an action of 1 stands for."""
 ACTION_SPACE = spaces.Box(-1.0, 1.0, (6,), np.float32)
 DRAW_SEED = 0
-"""Every episode draws the places to weigh from the same numbers: the action alone decides."""
+"""Every episode draws the places to compare from the same numbers: the action alone decides."""
 
 
 class PrioritisedViews(gym.Wrapper):
@@ -54,7 +54,7 @@ class PrioritisedViews(gym.Wrapper):
 
 def planner_of(env: gym.Env) -> ViewPlanner:
     """The planner of the episode that an environment has just begun."""
-    return ViewPlanner(env.unwrapped, np.random.default_rng(DRAW_SEED))
+    return ViewPlanner(env.get_wrapper_attr("knowledge"), np.random.default_rng(DRAW_SEED))
 
 
 def priorities_of(action: Float[np.ndarray, "6"]) -> Priorities:

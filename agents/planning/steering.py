@@ -25,7 +25,7 @@ def move_action(step_m: Float[np.ndarray, "2"], yaw_rad: float, stride_m: float)
     return np.clip(forward_left / stride_m, -1.0, 1.0)
 
 
-def look(
+def move_and_look(
     info: dict[str, Any],
     stride_m: float,
     step_m: Float[np.ndarray, "2"],

@@ -1,14 +1,15 @@
-"""Plans the next view: weighs the views within reach by what they promise for the steps they cost.
+"""Plans the next view: the one within reach with the highest utility, expected gain discounted by path length.
 
-Views are places within a few strides, each with directions to look in. A view promises
-- for each confirmed object in it that nothing known hides: 1 for a side (sector) not seen yet, a fraction for a new
-  range or elevation;
-- for each unconfirmed candidate in it: more, the surer the detector is already, less for each look that was in vain;
+Views are places within a few strides, each with directions to look in. The expected gain of a view is the sum of
+- for each confirmed object in it that nothing known hides: 1 for a sector not seen yet, a fraction for a new range or
+  elevation;
+- for each unconfirmed candidate in it: more, the surer the detector is already, less for each look that did not confirm
+  it;
 - for each frontier of the seen floor in it: by how much unseen floor lies there.
 
-What it promises counts the less the more steps it takes to get there, and nothing if the episode ends before. On the
-way the camera looks where most is to be seen. Where nothing within reach promises anything, it goes to the best
-frontier farther away. ``Priorities`` shift what counts how much.
+The gain is discounted for every step to the view, and nothing if the episode ends before. On the way the camera looks
+where the gain is highest. Where no view within reach has any, it goes to the best frontier farther away. ``Priorities``
+weigh the parts of the gain.
 
 Source: Connolly 1985, "The determination of next best views"; gain times exp(-lambda length): Gonzalez-Banos and
 Latombe 2002, "Navigation strategies for exploring indoor environments".
@@ -21,12 +22,13 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from agents.planning.frontiers import Frontier, Frontiers, best_frontier
+from agents.planning.kernels import expected_gains
 from agents.planning.paths import advance
-from agents.planning.planner_kernels import promised
-from agents.planning.reachable import Reachable, reachable_places
-from agents.planning.steering import bearing_rad, look, wrap
+from agents.planning.reachable import ReachablePlaces, reachable_places
+from agents.planning.steering import bearing_rad, move_and_look, wrap
 from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.env.state_vector import promise
+from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import Cell
 from sbm_gym.robot.seen_space import CLEAR_M
 from sbm_gym.robot.view_history import IN_VIEW_RAD
@@ -35,12 +37,12 @@ BANDS_STRIDES = (1.0, 2.0, 4.0, 8.0)
 """Places are drawn band by band, so that there are near ones to choose from; beyond the last one nothing is reached."""
 PLACES_PER_BAND = 30
 PATH_COST = 0.2
-"""A view's promise shrinks by so much, as an exponent, with every step to it."""
+"""Discount rate: the gain of a view is multiplied by exp(-PATH_COST) for every step to it."""
 NEW_CELL = 0.2
 """A new range or elevation within a known sector, as a share of a new sector (as the env's reward has it)."""
 CANDIDATE = 1.4
 """Looking at a candidate, in sectors, times the confidence it has already. Confirming it would be worth four (as the
-env's reward has it), but most looks are in vain: of 4 and 1.4, the latter earned more in training scenes."""
+env's reward has it), but most looks do not confirm it: of 4 and 1.4, the latter earned more in training scenes."""
 FRONTIER_PER_STRIDE2 = 0.04
 """Unseen floor, squares of a stride: 25 of them are worth a sector."""
 FLOOR_EYE_M = 0.1
@@ -71,18 +73,18 @@ class Priorities:
     """Views of confirmed objects."""
 
 
-DEFAULT = Priorities()
+DEFAULT_PRIORITIES = Priorities()
 
 
 @dataclass(frozen=True)
 class _Target:
-    """Something worth seeing."""
+    """An object, a candidate or a frontier to look at."""
 
     centre_m: Float[np.ndarray, "3"]
     stop_short_m: float
     """What stands so near to it belongs to it."""
-    worth_of_bins: Float[np.ndarray, "sectors ranges elevations"]
-    """Of a view of it from each bin."""
+    value_of_bins: Float[np.ndarray, "sectors ranges elevations"]
+    """Gain of a view of it from each bin."""
     binned: bool = True
     """Whether only views within the bins' ranges count; else all do, up to the robot's reach."""
     near: float = 0.0
@@ -92,23 +94,20 @@ class _Target:
 class ViewPlanner:
     """Plans one episode, view by view, from what the robot remembers."""
 
-    def __init__(self, env: Any, rng: np.random.Generator) -> None:
+    def __init__(self, robot: RobotKnowledge, rng: np.random.Generator) -> None:
         """Starts an episode.
 
         Args:
-            env: the unwrapped environment, just reset.
-            rng: draws the places to weigh.
+            robot: what the robot knows in this episode.
+            rng: draws the places to compare.
         """
-        self._env, self._rng = env, rng
-        self._profile, self._map, self._stride_m = env.profile, env.navigable, env.stride_m
-        self._bins = env.memory.config.bins
-        self._reach_m = env.profile.memory.max_depth_m
-        self._space = env.episode.space
-        self._frontiers = Frontiers(env.episode.floor)
+        self._robot, self._rng = robot, rng
+        self._map, self._stride_m, self._bins = robot.navigable, robot.stride_m, robot.view_bins
+        self._frontiers = Frontiers(robot.seen_floor)
         self.goal_m: Float[np.ndarray, "2"] | None = None
-        """Where it heads for, None if nothing within reach promises anything."""
+        """Where it heads for, None if no view within reach has any gain."""
 
-    def act(self, info: dict[str, Any], priorities: Priorities = DEFAULT) -> Float32[np.ndarray, "4"]:
+    def act(self, info: dict[str, Any], priorities: Priorities = DEFAULT_PRIORITIES) -> Float32[np.ndarray, "4"]:
         """The action that makes a stride towards the best view, and takes the best look from there.
 
         Args:
@@ -117,7 +116,7 @@ class ViewPlanner:
         """
         agent = info["agent"]
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
-        frontiers = self._note_vain_looks(agent["camera_to_world"], yaw_rad)
+        frontiers = self._note_failed_looks(agent["camera_to_world"], yaw_rad)
         targets = self._targets(frontiers, priorities)
         goal_m = self.goal_m = self._best_place(targets, info, PATH_COST * float(np.exp(-priorities.patience)))
         if goal_m is None:
@@ -136,53 +135,53 @@ class ViewPlanner:
             value = np.where(turns <= TURN_RAD + 0.5 * np.pi / HEADINGS, value, -np.inf)
         best = int(np.argmax(value))
         tilt_rad = self._tilt_rad(targets, after_m, float(headings[best]))
-        return look(info, self._stride_m, step_m, float(headings[best]), tilt_rad).astype(np.float32)
+        return move_and_look(info, self._stride_m, step_m, float(headings[best]), tilt_rad).astype(np.float32)
 
-    def _note_vain_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> list[Frontier]:
+    def _note_failed_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> list[Frontier]:
         """Notes the frontiers that the camera points at, that nothing known hides and that are unseen all the same.
 
         Returns:
             The frontiers left.
         """
-        eye_m, before = camera_to_world[:3, 3], self._frontiers.left()
-        any_in_vain = False
+        eye_m, before = camera_to_world[:3, 3], self._frontiers.remaining()
+        any_failed = False
         for frontier in before:
             centre_m = np.array([*frontier.place_m, FLOOR_EYE_M])
-            near = float(np.linalg.norm(frontier.place_m - eye_m[:2])) < self._reach_m
+            near = float(np.linalg.norm(frontier.place_m - eye_m[:2])) < self._robot.max_depth_m
             in_view = abs(wrap(bearing_rad(eye_m[:2], frontier.place_m) - yaw_rad)) < IN_VIEW_RAD
-            if near and in_view and self._space.sees(eye_m[None], centre_m, self._stride_m)[0]:
-                self._frontiers.look_in_vain(frontier.place_m)
-                any_in_vain = True
-        return self._frontiers.left() if any_in_vain else before
+            if near and in_view and self._robot.seen_space.sees(eye_m[None], centre_m, self._stride_m)[0]:
+                self._frontiers.note_failed_look(frontier.place_m)
+                any_failed = True
+        return self._frontiers.remaining() if any_failed else before
 
-    # What there is to see ---------------------------------------------------------------------------------------------
+    # Gains --------------------------------------------------------------------------------------------------------
 
     def _targets(self, frontiers: list[Frontier], priorities: Priorities) -> list[_Target]:
         """Confirmed objects, candidates and frontiers."""
-        found, looked = [], self._env.episode.looked
+        found, looked = [], self._robot.view_history
         detail = NEW_CELL * float(np.exp(priorities.detail))
-        for known in self._env.memory.objects:
-            focus = priorities.focus if known is self._env.episode.target else 0.0
-            worth = float(np.exp(priorities.sides + focus))
+        for known in self._robot.objects:
+            focus = priorities.focus if known is self._robot.target else 0.0
+            value = float(np.exp(priorities.sides + focus))
             short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
             done = known.cells | looked.tried(known.object_id)
-            bins = self._worth_of_bins(worth, detail * worth, known.azimuths, done)
+            bins = self._value_of_bins(value, detail * value, known.azimuths, done)
             found.append(_Target(known.centroid_m, short_m, bins, near=priorities.near))
         for one in looked.candidates:
-            worth = float(np.exp(priorities.candidates)) * CANDIDATE * promise(one)
-            bins = self._worth_of_bins(worth, worth, set(), one.looks)
+            value = float(np.exp(priorities.candidates)) * CANDIDATE * promise(one)
+            bins = self._value_of_bins(value, value, set(), one.looks)
             found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, bins, near=priorities.near))
         for frontier in frontiers:
-            worth = float(np.exp(priorities.floor)) * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
-            centre_m, bins = np.array([*frontier.place_m, FLOOR_EYE_M]), np.full(self._bins.shape, worth)
+            value = float(np.exp(priorities.floor)) * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
+            centre_m, bins = np.array([*frontier.place_m, FLOOR_EYE_M]), np.full(self._bins.shape, value)
             found.append(_Target(centre_m, self._stride_m, bins, binned=False))
         return found
 
-    def _worth_of_bins(
-        self, worth: float, detail: float, sectors: set[int], done: set[Cell]
+    def _value_of_bins(
+        self, value: float, detail: float, sectors: set[int], done: set[Cell]
     ) -> Float[np.ndarray, "sectors ranges elevations"]:
-        """What views of an object are worth: less in sectors it was seen from, nothing in the very same bins."""
-        table = np.full(self._bins.shape, worth)
+        """Gain of views of an object: less in sectors it was seen from, nothing in the very same bins."""
+        table = np.full(self._bins.shape, value)
         table[sorted(sectors)] = detail
         if done:
             table[tuple(np.array(sorted(done)).T)] = 0.0
@@ -191,57 +190,59 @@ class ViewPlanner:
     def _gains(
         self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"]
     ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "p d"]]:
-        """What a look from each place in each of some directions promises."""
+        """Directions of looks, and the expected gain of a look from each place in each of them."""
         headings = -np.pi + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
         if not targets:
             return headings, np.zeros((len(places_m), HEADINGS))
-        height_m = self._profile.body.camera_height_m
+        height_m = self._robot.camera_height_m
         eyes_m = np.concatenate([places_m, np.full((len(places_m), 1), height_m)], axis=1)
         centres_m = np.array([target.centre_m for target in targets])
         short_m = np.array([target.stop_short_m for target in targets])
-        worth = self._worth(targets, eyes_m)
-        filled, origin_m, cell_m = self._space.grid
-        return headings, promised(
-            worth, eyes_m, centres_m, short_m, headings, IN_VIEW_RAD, filled, origin_m, cell_m, CLEAR_M
+        values = self._values(targets, eyes_m)
+        filled, origin_m, cell_m = self._robot.seen_space.grid
+        return headings, expected_gains(
+            values, eyes_m, centres_m, short_m, headings, IN_VIEW_RAD, filled, origin_m, cell_m, CLEAR_M
         )
 
-    def _worth(self, targets: list[_Target], eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "t p"]:
-        """What seeing each target from each place is worth, if nothing hides it."""
+    def _values(self, targets: list[_Target], eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "t p"]:
+        """Gain of seeing each target from each place, if nothing hides it."""
         centres_m = np.array([target.centre_m for target in targets])[:, None]
         near = np.array([target.near for target in targets])[:, None]
         binned = np.array([target.binned for target in targets])[:, None]
         distances_m = np.linalg.norm(eyes_m[:, :2] - centres_m[..., :2], axis=-1)
         inside, bins = self._bins.cells(eyes_m, centres_m)
-        worth = np.array([target.worth_of_bins for target in targets])[np.arange(len(targets))[:, None], *bins]
+        value = np.array([target.value_of_bins for target in targets])[np.arange(len(targets))[:, None], *bins]
         nearness = 1.0 - 2.0 * distances_m / self._bins.range_edges_m[-1]
-        return np.where(np.where(binned, inside, distances_m < self._reach_m), worth * np.exp(near * nearness), 0.0)
+        return np.where(
+            np.where(binned, inside, distances_m < self._robot.max_depth_m), value * np.exp(near * nearness), 0.0
+        )
 
     # Where to go ------------------------------------------------------------------------------------------------------
 
     def _best_place(
         self, targets: list[_Target], info: dict[str, Any], path_cost: float
     ) -> Float[np.ndarray, "2"] | None:
-        """The place within reach with most to see for the steps it takes; None if there is nothing to see."""
+        """The place within reach whose best view has the highest utility; None if no view has any gain."""
         agent = info["agent"]
         found = reachable_places(self._map, agent["position_m"], self._stride_m, BANDS_STRIDES[-1] * self._stride_m)
-        chosen = self._some_of(found)
-        places_m, ways_m = found.places_m[chosen], found.ways_m[chosen]
+        chosen = self._candidate_places(found)
+        places_m, lengths_m = found.places_m[chosen], found.lengths_m[chosen]
         headings, gains = self._gains(targets, places_m)
-        steps = np.maximum(1.0, np.ceil(ways_m / self._stride_m - 1e-6))[:, None]
-        gains = np.where(steps <= self._env.num_views - self._env.episode.step_index, gains, 0.0)
+        steps = np.maximum(1.0, np.ceil(lengths_m / self._stride_m - 1e-6))[:, None]
+        gains = np.where(steps <= self._robot.views_left, gains, 0.0)
         if not info["confirmed_objects"]:
             steps = np.maximum(steps, np.ceil(np.abs(wrap(headings - agent["yaw_rad"])) / TURN_RAD - 0.1))
-        # Of equally good views the one on the shortest way.
-        value = gains * np.exp(-path_cost * steps) - 1e-4 * ways_m[:, None] / self._stride_m
-        best = int(np.argmax(value.max(axis=1)))
+        # Of equally good views the one with the shortest path.
+        utility = gains * np.exp(-path_cost * steps) - 1e-4 * lengths_m[:, None] / self._stride_m
+        best = int(np.argmax(utility.max(axis=1)))
         return places_m[best] if gains[best].max() > 0.0 else None
 
-    def _some_of(self, found: Reachable) -> Int[np.ndarray, "k"]:
-        """Which places to weigh: where it is, what it headed for last time, and some of each band of distances."""
+    def _candidate_places(self, found: ReachablePlaces) -> Int[np.ndarray, "k"]:
+        """Which places to compare: where it is, what it headed for last time, and some of each band of distances."""
         chosen = [0]
         if self.goal_m is not None:
             chosen.append(int(np.argmin(np.sum((found.places_m - self.goal_m) ** 2, axis=1))))
-        strides, low = found.ways_m / self._stride_m, 0.0
+        strides, low = found.lengths_m / self._stride_m, 0.0
         for high in BANDS_STRIDES:
             band = np.flatnonzero((strides > low) & (strides <= high))
             chosen.extend(self._rng.permutation(band)[:PLACES_PER_BAND])
@@ -250,21 +251,21 @@ class ViewPlanner:
 
     def _far_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
         """Somewhere beyond reach: the best frontier, else any place."""
-        frontiers = self._frontiers.left()
+        frontiers = self._frontiers.remaining()
         if frontiers:
             return self._map.nearest_free(best_frontier(self._map, frontiers, position_m, yaw_rad, self._stride_m))
         self._frontiers.start_over()
         return self._map.random_point(self._rng)
 
     def _tilt_rad(self, targets: list[_Target], place_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
-        """Up or down to what is worth seeing in that direction."""
-        eye_m = np.array([*place_m, self._profile.body.camera_height_m])
-        tilts, weights = [self._profile.rest_tilt_rad], [0.1]
+        """Up or down to the targets in that direction."""
+        eye_m = np.array([*place_m, self._robot.camera_height_m])
+        tilts, weights = [self._robot.rest_tilt_rad], [0.1]
         targets = [target for target in targets if target.binned]
-        worths = self._worth(targets, eye_m[None])[:, 0] if targets else []
-        for target, worth in zip(targets, worths, strict=True):
-            if worth > 0.0 and abs(wrap(bearing_rad(place_m, target.centre_m) - yaw_rad)) < IN_VIEW_RAD:
+        values = self._values(targets, eye_m[None])[:, 0] if targets else []
+        for target, value in zip(targets, values, strict=True):
+            if value > 0.0 and abs(wrap(bearing_rad(place_m, target.centre_m) - yaw_rad)) < IN_VIEW_RAD:
                 distance_m = float(np.linalg.norm(target.centre_m[:2] - place_m))
                 tilts.append(float(np.arctan2(target.centre_m[2] - eye_m[2], max(distance_m, 1e-6))))
-                weights.append(float(worth))
+                weights.append(float(value))
         return float(np.average(tilts, weights=weights))

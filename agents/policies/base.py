@@ -5,6 +5,8 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 
+from sbm_gym.robot.knowledge import RobotKnowledge
+
 
 class Policy(Protocol):
     """Chooses actions in a ``FixationEnv``, one episode at a time."""
@@ -15,7 +17,8 @@ class Policy(Protocol):
         """Starts an episode.
 
         Args:
-            env: the environment, just reset; policies may use its map and settings, never its ground truth.
+            env: the environment, just reset; policies may use its spaces and what its robot knows, never its ground
+                truth.
             observation: what ``env.reset`` returned.
             info: likewise.
             rng: the policy's only source of randomness.
@@ -30,3 +33,27 @@ class Policy(Protocol):
             info: that came with it.
         """
         ...
+
+
+class RobotPolicy:
+    """Base of policies that decide by what the robot knows; they define ``act``, and ``start`` to keep anything else.
+
+    >>> class Forward(RobotPolicy):
+    ...     def act(self, observation, info):
+    ...         return np.array([1.0, 0.0, 0.0, 0.0], np.float32)
+    """
+
+    robot: RobotKnowledge
+    """What the robot knows in the running episode."""
+    rng: np.random.Generator
+    """The policy's only source of randomness."""
+
+    def reset(
+        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
+    ) -> None:
+        """Starts an episode; see ``Policy``."""
+        self.robot, self.rng = env.get_wrapper_attr("knowledge"), rng
+        self.start(info)
+
+    def start(self, info: dict[str, Any]) -> None:
+        """Forgets the episode before; ``info`` is what ``env.reset`` returned."""

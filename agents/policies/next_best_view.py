@@ -1,28 +1,28 @@
-"""The ``next_best_view`` policy: greedy. It goes to the view that promises most information for the steps it costs, as
-``agents.planning.view_planner`` says.
+"""The ``next_best_view`` policy: greedy. It goes to the view with the highest utility, see
+``agents.planning.view_planner``.
 """
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from agents.planning.view_planner import DEFAULT, Priorities, ViewPlanner
+from agents.planning.view_planner import DEFAULT_PRIORITIES, Priorities, ViewPlanner
+from agents.policies.base import RobotPolicy
 from labeling.core.errors import UsageError
 
 NOTHING = -np.inf
 GOALS: dict[str, Priorities] = {
-    "both": DEFAULT,
+    "both": DEFAULT_PRIORITIES,
     "discovery": Priorities(sides=NOTHING),
     "diversity": Priorities(candidates=NOTHING, floor=NOTHING),
     "neither": Priorities(candidates=NOTHING, floor=NOTHING, sides=NOTHING),
 }
 """What it values, by the terms of the environment's reward: ``discovery`` is of objects, ``diversity`` of their sides.
-Where nothing within reach is worth anything it walks to unseen floor."""
+Where no view within reach has any gain it walks to unseen floor."""
 
 
-class NextBestView:
-    """Weighs the views within reach at every step."""
+class NextBestView(RobotPolicy):
+    """Compares the views within reach at every step."""
 
     def __init__(self, goal: str = "both") -> None:
         """Makes the policy.
@@ -37,11 +37,9 @@ class NextBestView:
             raise UsageError(f"policy 'next_best_view:{goal}': what it values must be one of {', '.join(GOALS)}")
         self._priorities = GOALS[goal]
 
-    def reset(
-        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
-    ) -> None:
-        """Starts an episode; see ``Policy``."""
-        self._planner = ViewPlanner(env.unwrapped, rng)
+    def start(self, info: dict[str, Any]) -> None:
+        """Starts an episode."""
+        self._planner = ViewPlanner(self.robot, self.rng)
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """A stride towards the best view, and the best look from there."""

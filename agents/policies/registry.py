@@ -1,59 +1,26 @@
 """Policies by name."""
 
-from collections.abc import Callable
+import importlib
 from pathlib import Path
 
 from agents.policies.base import Policy
 from labeling.core.errors import UsageError
 
-WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
-"""Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""
-TRAINED = "ppo"
-"""The trained policy of an env, or, with a colon and a path, any other one."""
-
-
-def _frontier() -> Policy:
-    from agents.policies.frontier import FrontierWalk
-
-    return FrontierWalk()
-
-
-def _next_best_view(goal: str = "both") -> Policy:
-    from agents.policies.next_best_view import NextBestView
-
-    return NextBestView(goal)
-
-
-def _random() -> Policy:
-    from agents.policies.random_walk import RandomWalk
-
-    return RandomWalk()
-
-
-def _ring() -> Policy:
-    from agents.policies.ring import Ring
-
-    return Ring()
-
-
-def _spin() -> Policy:
-    from agents.policies.spin import Spin
-
-    return Spin()
-
-
-_MAKERS: dict[str, Callable[[], Policy]] = {
-    "frontier": _frontier,
-    "next_best_view": _next_best_view,
-    "random": _random,
-    "ring": _ring,
-    "spin": _spin,
+POLICIES = {
+    "frontier": "agents.policies.frontier:FrontierPolicy",
+    "next_best_view": "agents.policies.next_best_view:NextBestView",
+    "random": "agents.policies.random_walk:RandomWalk",
+    "ring": "agents.policies.ring:Ring",
+    "spin": "agents.policies.spin:Spin",
 }
-BUILTIN = "Builtin"
+"""The hand-written ones: name -> module and class. A policy that is added here is known to all commands."""
 GREEDY = "next_best_view"
 """Goes by this name alone, or with a colon and what it values."""
-POLICIES = tuple(_MAKERS)
-"""The hand-written ones."""
+TRAINED = "ppo"
+"""The trained policy of an env, or, with a colon and a path, any other one."""
+WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
+"""Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""
+BUILTIN = "Builtin"
 
 
 def make_policy(name: str, env_id: str | None = None) -> Policy:
@@ -61,22 +28,43 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
 
     Args:
         name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), "ppo" (the trained
-            policy that comes with the project), or "ppo:CHECKPOINT".
+            policy that comes with the project), "ppo:CHECKPOINT", or "package.module:Class" for one of your own.
         env_id: for which environment; "ppo" alone needs it.
 
     Raises:
         UsageError: if there is none, naming those there are, or its checkpoint is missing or does not fit.
     """
-    if name in _MAKERS:
-        return _MAKERS[name]()
-    if name.startswith(f"{GREEDY}:"):
-        return _next_best_view(name.partition(":")[2])
-    checkpoint = checkpoint_of(name, env_id)
-    if checkpoint is None:
-        raise UsageError(f"unknown policy {name!r}; known: {', '.join(POLICIES)}, ppo, ppo:CHECKPOINT")
-    from agents.policies.ppo import Ppo
+    kind, colon, argument = name.partition(":")
+    if kind == GREEDY and colon:
+        from agents.policies.next_best_view import NextBestView
 
-    return Ppo(checkpoint)
+        return NextBestView(argument)
+    checkpoint = checkpoint_of(name, env_id)
+    if checkpoint is not None:
+        from agents.policies.ppo import Ppo
+
+        return Ppo(checkpoint)
+    if (not colon and name not in POLICIES) or (kind in POLICIES and colon):
+        raise UsageError(
+            f"unknown policy {name!r}; known: {', '.join(POLICIES)}, ppo, ppo:CHECKPOINT, package.module:Class"
+        )
+    return _policy_class(POLICIES.get(name, name))()
+
+
+def _policy_class(entry_point: str) -> type[Policy]:
+    """The class that ``module:Class`` names.
+
+    Raises:
+        UsageError: if there is none.
+    """
+    module, _, name = entry_point.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except (ImportError, ValueError, AttributeError) as error:
+        raise UsageError(f"policy {entry_point!r}: cannot be imported ({error})") from None
+    if not isinstance(found, type) or not all(hasattr(found, method) for method in ("reset", "act")):
+        raise UsageError(f"policy {entry_point!r}: must be a class with reset and act, as agents.policies.base.Policy")
+    return found
 
 
 def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
@@ -85,19 +73,19 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
     Raises:
         UsageError: if it is one, and there is nothing there.
     """
-    kind, colon, place = name.partition(":")
+    kind, colon, path = name.partition(":")
     if kind != TRAINED:
         return None
     if colon:
-        if not place or not Path(place).exists():
+        if not path or not Path(path).exists():
             raise UsageError(f"policy {name!r}: no such checkpoint; give ppo:RUN, where RUN is what agents.train wrote")
-        return Path(place)
+        return Path(path)
     if env_id is None:
         raise UsageError("policy 'ppo' is a trained one for each env, and no env is given; give ppo:CHECKPOINT")
-    name_of_env = env_id.rpartition("/")[2]
+    env_name = env_id.rpartition("/")[2]
     # Builtin furniture makes no difference to a robot's observations and actions.
-    places = [WEIGHTS / name_of_env, WEIGHTS / name_of_env.replace(BUILTIN, "")]
-    folder = next((place for place in places if place.is_dir()), None)
+    folders = [WEIGHTS / env_name, WEIGHTS / env_name.replace(BUILTIN, "")]
+    folder = next((folder for folder in folders if folder.is_dir()), None)
     if folder is None:
         shipped = sorted(path.name for path in WEIGHTS.glob("*") if path.is_dir())
         raise UsageError(

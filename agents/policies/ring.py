@@ -14,12 +14,12 @@ Source: thesis 4.2 and A.2.2.
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from jaxtyping import Float, Int
 
-from agents.planning.paths import advance, way_length_m
+from agents.planning.paths import advance, path_length_m
 from agents.planning.steering import bearing_rad, move_action, wrap
+from agents.policies.base import RobotPolicy
 from sbm_gym.env.gaze import TURN_RAD
 
 TURNS_PER_PLACE = 5
@@ -30,35 +30,28 @@ REVERSAL_STRIDES = 2.0
 """Going back is worth it only if the next sector is this many strides nearer on the other side."""
 
 
-class Ring:
+class Ring(RobotPolicy):
     """Spins until it finds an object, then circles it."""
 
-    def reset(
-        self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
-    ) -> None:
-        """Starts an episode; see ``Policy``."""
-        self._env: Any = env.unwrapped
-        self._profile = self._env.profile
-        self._rng = rng
-        self._map = self._env.navigable
+    def start(self, info: dict[str, Any]) -> None:
+        """Starts an episode."""
+        self._map = self.robot.navigable
         self._turns_left = TURNS_PER_PLACE
         self._search_goal: Float[np.ndarray, "2"] | None = None
         self._circled: int | None = None
         self._direction = 0
         self._given_up: dict[int, set[int]] = {}
         self._goal: tuple[int, Float[np.ndarray, "2"]] | None = None
-        self._before_m = info["agent"]["position_m"]
-        self._steps_left = self._env.num_views
+        self._previous_m = info["agent"]["position_m"]
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """Turns, walks or circles; see the module."""
         agent = info["agent"]
         action = self._circle(info) if info["fixation_target"] else self._search(info)
-        self._before_m = agent["position_m"]
-        self._steps_left -= 1
+        self._previous_m = agent["position_m"]
         return action.astype(np.float32)
 
-    # Stage one --------------------------------------------------------------------------------------------------------
+    # Stage one: search ------------------------------------------------------------------------------------------------
 
     def _search(self, info: dict[str, Any]) -> np.ndarray:
         agent = info["agent"]
@@ -67,7 +60,7 @@ class Ring:
             return np.array([0.0, 0.0, 1.0, 0.0])
         if self._search_goal is None:
             self._search_goal = self._another_place(agent["position_m"])
-        step_m = advance(self._map, agent["position_m"], self._search_goal, self._env.stride_m)
+        step_m = advance(self._map, agent["position_m"], self._search_goal, self.robot.stride_m)
         arrived = step_m is None or np.linalg.norm(agent["position_m"] + step_m - self._search_goal) < STUCK_M
         if arrived or info["collided"]:
             self._search_goal, self._turns_left = None, TURNS_PER_PLACE
@@ -78,41 +71,41 @@ class Ring:
 
     def _another_place(self, position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         """A random navigable point, neither too near nor too far."""
-        place = self._map.random_point(self._rng)
+        place = self._map.random_point(self.rng)
         for _ in range(20):
-            nearest_m, farthest_m = self._profile.search_distance_m
+            nearest_m, farthest_m = self.robot.search_distance_m
             if nearest_m <= np.linalg.norm(place - position_m) <= farthest_m:
                 break
-            place = self._map.random_point(self._rng)
+            place = self._map.random_point(self.rng)
         return place
 
-    # Stage two --------------------------------------------------------------------------------------------------------
+    # Stage two: circle ------------------------------------------------------------------------------------------------
 
     def _circle(self, info: dict[str, Any]) -> np.ndarray:
         target, agent = info["fixation_target"], info["agent"]
         position_m = agent["position_m"]
         if target["object_id"] != self._circled:
             self._circled, self._direction, self._goal = target["object_id"], 0, None
-        self._judge_arrival(target, position_m)
+        self._drop_goal_if_done(target, position_m)
         if self._goal is None:
             self._goal = self._next_goal(target, position_m)
         if self._goal is None:
             target = self._next_object(info) or target
             self._goal = self._next_goal(target, position_m) or (-1, self._any_ring_point(target, position_m))
-        step_m = advance(self._map, position_m, self._goal[1], self._env.stride_m)
+        step_m = advance(self._map, position_m, self._goal[1], self.robot.stride_m)
         if step_m is None:
             self._give_up(target["object_id"], self._goal[0])
             return np.zeros(4)
         return np.array([*self._move(step_m, agent), 0.0, 0.0])
 
-    def _judge_arrival(self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]) -> None:
+    def _drop_goal_if_done(self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]) -> None:
         """Drops the goal once reached or hopeless; a sector that was reached without being seen is given up."""
         if self._goal is None:
             return
         sector, place_m = self._goal
         if sector in target["azimuths"]:
             self._goal = None
-        elif np.linalg.norm(position_m - place_m) < STUCK_M or np.linalg.norm(position_m - self._before_m) < STUCK_M:
+        elif np.linalg.norm(position_m - place_m) < STUCK_M or np.linalg.norm(position_m - self._previous_m) < STUCK_M:
             self._give_up(target["object_id"], sector)
 
     def _give_up(self, object_id: int, sector: int) -> None:
@@ -128,19 +121,19 @@ class Ring:
         left = sorted(set(sectors.tolist()) - done)
         if not left:
             return None
-        if np.linalg.norm(position_m - target["centroid_m"][:2]) > self._profile.ring_m[1] + self._env.stride_m:
+        if np.linalg.norm(position_m - target["centroid_m"][:2]) > self.robot.ring_m[1] + self.robot.stride_m:
             return self._nearest(places, sectors, left, position_m)
-        count = self._env.num_azimuths
+        count = self.robot.view_bins.num_azimuths
         here = self._sector(target, position_m)
         goals = {}
-        for way in (1, -1):
-            sector = (here + way * min((way * (sector - here)) % count for sector in left)) % count
-            goals[way] = sector, self._place_in(places[sectors == sector], position_m)
+        for turn in (1, -1):
+            sector = (here + turn * min((turn * (sector - here)) % count for sector in left)) % count
+            goals[turn] = sector, self._place_in(places[sectors == sector], position_m)
         if self._direction == 0:
-            self._direction = _first_direction(left, here, count, self._steps_left)
+            self._direction = _first_direction(left, here, count, self.robot.views_left)
         elif goals[1][0] != goals[-1][0]:
-            ways_m = {way: way_length_m(self._map, position_m, place_m) for way, (_, place_m) in goals.items()}
-            if ways_m[self._direction] > ways_m[-self._direction] + REVERSAL_STRIDES * self._env.stride_m:
+            lengths_m = {turn: path_length_m(self._map, position_m, place_m) for turn, (_, place_m) in goals.items()}
+            if lengths_m[self._direction] > lengths_m[-self._direction] + REVERSAL_STRIDES * self.robot.stride_m:
                 self._direction = -self._direction
         return goals[self._direction]
 
@@ -148,8 +141,8 @@ class Ring:
         """A random one of the places that one stride reaches, else the nearest."""
         distances_m = np.linalg.norm(places - position_m, axis=1)
         start_m = self._map.nearest_free(position_m)
-        near = [place for place in places[distances_m <= self._env.stride_m] if self._map.line_is_free(start_m, place)]
-        return near[int(self._rng.integers(len(near)))] if near else places[int(np.argmin(distances_m))]
+        near = [place for place in places[distances_m <= self.robot.stride_m] if self._map.line_is_free(start_m, place)]
+        return near[int(self.rng.integers(len(near)))] if near else places[int(np.argmin(distances_m))]
 
     def _nearest(
         self,
@@ -158,10 +151,10 @@ class Ring:
         left: list[int],
         position_m: Float[np.ndarray, "2"],
     ) -> tuple[int, Float[np.ndarray, "2"]]:
-        """From afar: the place that the shortest way leads to, of the nearest one of each sector that is left."""
+        """From afar: the place at the end of the shortest path, of the nearest one of each sector that is left."""
         best = min(
             (
-                (way_length_m(self._map, position_m, place_m), sector, place_m)
+                (path_length_m(self._map, position_m, place_m), sector, place_m)
                 for sector in left
                 for place_m in [self._place_in(places[sectors == sector], position_m)]
             ),
@@ -173,21 +166,21 @@ class Ring:
         """Navigable, non-obstructed places around an object, and the sector of each."""
         rng = np.random.default_rng([target["object_id"], 1])
         angle = rng.uniform(0.0, 2.0 * np.pi, RING_SAMPLES)
-        low_m, high_m = self._profile.ring_m
-        if self._profile.ring_clearance_m > 0.0:
-            outside_m = 0.5 * float(np.max(target["extent_m"][:2])) + self._profile.ring_clearance_m
+        low_m, high_m = self.robot.ring_m
+        if self.robot.ring_clearance_m > 0.0:
+            outside_m = 0.5 * float(np.max(target["extent_m"][:2])) + self.robot.ring_clearance_m
             low_m = min(max(low_m, outside_m), 0.5 * (low_m + high_m))
         radius_m = rng.uniform(low_m, high_m, RING_SAMPLES)
         centroid_m = target["centroid_m"]
         places = centroid_m[:2] + radius_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         places = places[self._map.are_free(places)]
-        eyes = np.concatenate([places, np.full((len(places), 1), self._profile.body.camera_height_m)], axis=1)
+        eyes = np.concatenate([places, np.full((len(places), 1), self.robot.camera_height_m)], axis=1)
         stop_short_m = 0.25 + 0.5 * float(np.max(target["extent_m"]))
-        places = places[self._env.episode.space.sees(eyes, centroid_m, stop_short_m)]
+        places = places[self.robot.seen_space.sees(eyes, centroid_m, stop_short_m)]
         return places, np.array([self._sector(target, place) for place in places], int)
 
     def _sector(self, target: dict[str, Any], place_m: Float[np.ndarray, "2"]) -> int:
-        return self._env.azimuth_bin(bearing_rad(target["centroid_m"][:2], place_m))
+        return self.robot.view_bins.azimuth_bin(bearing_rad(target["centroid_m"][:2], place_m))
 
     def _next_object(self, info: dict[str, Any]) -> dict[str, Any] | None:
         """Fixates the confirmed object with most to gain, if another one has a reachable sector left."""
@@ -197,7 +190,7 @@ class Ring:
         for known in others:
             self._direction = 0
             if self._next_goal(known, position_m) is not None:
-                self._env.fixate(known["object_id"])
+                self.robot.fixate(known["object_id"])
                 self._circled, self._direction = known["object_id"], 0
                 return known
         return None
@@ -206,11 +199,11 @@ class Ring:
         """Somewhere else on the ring, for views at other ranges once every sector has been seen."""
         places, _ = self._ring(target)
         if len(places) == 0:
-            return self._map.random_point(self._rng)
-        return places[int(self._rng.integers(len(places)))]
+            return self._map.random_point(self.rng)
+        return places[int(self.rng.integers(len(places)))]
 
     def _move(self, step_m: Float[np.ndarray, "2"], agent: dict[str, Any]) -> Float[np.ndarray, "2"]:
-        return move_action(step_m, agent["yaw_rad"], self._env.stride_m)
+        return move_action(step_m, agent["yaw_rad"], self.robot.stride_m)
 
 
 def _first_direction(left: list[int], here: int, count: int, steps_left: int) -> int:

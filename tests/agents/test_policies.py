@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.planning.frontiers import Frontiers
-from agents.planning.paths import advance, way_length_m
+from agents.planning.paths import advance, path_length_m
 from agents.planning.reachable import reachable_places
-from agents.planning.steering import look, wrap
+from agents.planning.steering import move_and_look, wrap
 from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
 from agents.policies.ring import _first_direction
@@ -74,6 +74,19 @@ def test_policies_are_deterministic_and_stay_in_the_action_space(name):
 def test_unknown_policies_name_the_known_ones():
     with pytest.raises(UsageError, match="frontier, next_best_view, random, ring, spin, ppo, ppo:CHECKPOINT"):
         make_policy("clever")
+
+
+def test_policies_of_ones_own_go_by_module_and_class():
+    policy = make_policy("agents.policies.spin:Spin")
+    assert type(policy) is type(make_policy("spin"))
+    for name, says in (
+        ("agents.policies.spin:Top", "cannot be imported"),
+        ("no_such_module:Policy", "cannot be imported"),
+        ("collections:OrderedDict", "must be a class with reset and act"),
+        ("ring:fast", "unknown policy 'ring:fast'"),
+    ):
+        with pytest.raises(UsageError, match=says):
+            make_policy(name)
 
 
 def test_ppo_is_the_checkpoint_of_the_env_or_the_one_given(tmp_path, monkeypatch):
@@ -158,7 +171,7 @@ def test_frontier_sees_more_floor_than_spin_and_random_where_walls_hide_it():
 def test_advance_takes_strides_around_obstacles_to_the_goal():
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[0.0, 0.0, 0.1, 2.0, 0.0]]))
     position, goal = np.array([-1.0, 0.0]), np.array([1.0, 0.3])
-    length = way_length_m(room, position, goal)
+    length = path_length_m(room, position, goal)
     assert length > 4.0
     strides = 0
     while np.linalg.norm(goal - position) > 1e-6:
@@ -176,7 +189,7 @@ def test_advance_knows_when_there_is_no_way():
     wall = np.array([[0.0, 0.0, 0.1, 4.0, 0.0]])
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), wall)
     assert advance(room, np.array([-1.0, 0.0]), np.array([1.0, 0.0]), 0.5) is None
-    assert way_length_m(room, np.array([-1.0, 0.0]), np.array([1.0, 0.0])) == float("inf")
+    assert path_length_m(room, np.array([-1.0, 0.0]), np.array([1.0, 0.0])) == float("inf")
 
 
 def test_seen_walls_block_the_line_of_sight_and_unseen_space_does_not():
@@ -223,13 +236,13 @@ def test_seen_floor_is_what_depth_shows_and_not_what_walls_hide():
     assert floor.is_unseen(np.array([2.0, 0.0]))
     assert floor.is_unseen(np.array([-2.0, 2.5]))
     frontiers = Frontiers(floor)
-    places = [frontier.place_m for frontier in frontiers.left()]
+    places = [frontier.place_m for frontier in frontiers.remaining()]
     assert places
-    assert all(floor.is_unseen(place) and frontiers.is_left(place) for place in places)
-    frontiers.look_in_vain(places[0])
-    assert frontiers.is_left(places[0])
-    frontiers.look_in_vain(places[0])
-    assert not frontiers.is_left(places[0])
+    assert all(floor.is_unseen(place) and frontiers.is_open(place) for place in places)
+    frontiers.note_failed_look(places[0])
+    assert frontiers.is_open(places[0])
+    frontiers.note_failed_look(places[0])
+    assert not frontiers.is_open(places[0])
     # Giving up on a place is no news about the floor.
     assert floor.is_unseen(places[0])
 
@@ -243,15 +256,15 @@ def test_starting_over_counts_what_is_seen_from_then_on():
     far = np.full((64, 64), 7.0, np.float32)
     floor.add(far, intrinsics, down)
     ahead = np.array([1.0, 0.0])
-    assert not frontiers.is_left(ahead)
+    assert not frontiers.is_open(ahead)
     share = floor.seen_share
     frontiers.start_over()
-    assert frontiers.is_left(ahead)
+    assert frontiers.is_open(ahead)
     assert floor.seen_share == share
     floor.add(far, intrinsics, up)
-    assert frontiers.is_left(ahead)
+    assert frontiers.is_open(ahead)
     floor.add(far, intrinsics, down)
-    assert not frontiers.is_left(ahead)
+    assert not frontiers.is_open(ahead)
 
 
 def test_reachable_places_are_free_and_as_far_as_the_shortest_way():
@@ -260,10 +273,10 @@ def test_reachable_places_are_free_and_as_far_as_the_shortest_way():
     found = reachable_places(room, start, 0.5, 4.0)
     assert np.array_equal(found.places_m[0], start)
     assert all(room.is_free(place) for place in found.places_m)
-    assert found.ways_m.max() <= 4.0
+    assert found.lengths_m.max() <= 4.0
     assert np.linalg.norm(found.places_m - start, axis=1).max() > 3.0
-    for place, way in list(zip(found.places_m, found.ways_m, strict=True))[::97]:
-        shortest = way_length_m(room, start, place)
+    for place, way in list(zip(found.places_m, found.lengths_m, strict=True))[::97]:
+        shortest = path_length_m(room, start, place)
         assert 0.93 * shortest - 0.1 <= way <= 1.09 * shortest + 0.1
     # Just behind the wall is near by air and far on foot: out of reach.
     assert np.linalg.norm(found.places_m - np.array([1.0, 0.3]), axis=1).min() > 0.5
@@ -279,7 +292,7 @@ def test_look_points_the_camera_where_it_was_told():
             wanted = rng.uniform(-np.pi, np.pi)
             before = info["agent"]["yaw_rad"]
             step = rng.uniform(-0.1, 0.1, 2)
-            _, _, _, _, info = env.step(look(info, env.unwrapped.stride_m, step, wanted, -0.3))
+            _, _, _, _, info = env.step(move_and_look(info, env.unwrapped.stride_m, step, wanted, -0.3))
             if info["collided"]:
                 continue
             miss = abs(wrap(info["agent"]["yaw_rad"] - wanted))

@@ -54,7 +54,7 @@ def outcome(worlds, priorities: Priorities) -> dict[str, float]:
     for seed in range(4):
         _, info = env.reset(seed=seed)
         inner, ranges, goals, targets = env.unwrapped, [], [], []
-        planner = ViewPlanner(inner, np.random.default_rng(seed))
+        planner = ViewPlanner(inner.knowledge, np.random.default_rng(seed))
         for _ in range(15):
             *_, info = env.step(planner.act(info, priorities))
             here = info["agent"]["position_m"]
@@ -96,7 +96,7 @@ def test_doubtful_candidates_are_looked_at_more_if_they_count_more():
         env, count = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), colours=False), 0
         for seed in range(4):
             _, info = env.reset(seed=seed)
-            planner = ViewPlanner(env.unwrapped, np.random.default_rng(seed))
+            planner = ViewPlanner(env.unwrapped.knowledge, np.random.default_rng(seed))
             for _ in range(15):
                 *_, info = env.step(planner.act(info, Priorities(candidates=candidates)))
             count += sum(len(one.looks) for one in env.unwrapped.knowledge.view_history.candidates)
