@@ -85,13 +85,13 @@ def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
     """How honest and how good a ranking the confidences are, without the model and with it."""
     import numpy as np
 
-    from labeling.metrics.calibration_error import reliability
+    from labeling.metrics.calibration_error import calibration_curve
     from labeling.metrics.mask_ap import average_precision
 
     counted = ~samples.ignored
     found: dict[str, Any] = {"episodes": samples.origins, "labels": int(np.count_nonzero(counted))}
     for name, confidence in (("before", samples.confidence), ("after", model.expected_iou(samples.features))):
-        curve = reliability(confidence[counted], samples.iou[counted])
+        curve = calibration_curve(confidence[counted], samples.iou[counted])
         assert curve is not None, "samples_of gives at least one"
         ap50 = average_precision(samples.predictions(confidence), samples.truths, (0.5,)).mean[0.5]
         assert ap50 is not None, "samples_of gives at least one object"

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from labeling.metrics.bootstrap import mean_of, paired_difference
+from labeling.metrics.average_precision import mean_of
+from labeling.metrics.bootstrap import paired_difference
 
 DIGITS = 5
 

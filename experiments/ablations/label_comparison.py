@@ -9,7 +9,8 @@ from experiments.ablations.label_scores import FIGURES, Scored, pooled_figures, 
 from experiments.cache.episode_pool import Pool, about, record
 from experiments.cache.stages import Workplace
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.metrics.bootstrap import mean_of, paired_difference
+from labeling.metrics.average_precision import mean_of
+from labeling.metrics.bootstrap import paired_difference
 from labeling.metrics.matching import MaskInstance
 
 DIGITS = 5

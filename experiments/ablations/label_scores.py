@@ -126,32 +126,18 @@ def _warm_up(episode: "Episode") -> None:
 
 
 def _score(episode: "Episode", config: LabelConfig | None) -> dict[str, Any]:
-    from labeling.core.rle import encode_mask
     from labeling.generator.propagate import propagate
-    from labeling.metrics.matching import MaskInstance, match, mean_iou
+    from labeling.metrics.matching import instances_of, match, mean_iou
 
     name, seconds, objects = episode.name, 0.0, 0
     whole: list[MaskInstance] = []
     if config is None:
-        predictions = [
-            MaskInstance((name, d.view_index), d.category, encode_mask(d.mask), d.confidence)
-            for d in episode.detections or ()
-            if d.mask.any()
-        ]
+        predictions = instances_of(name, episode.detections or ())
     else:
         with _cpu_seconds() as spent:
             labels = propagate(episode, episode.detections, config)
         seconds, objects = spent[0], len(labels.objects)
-        predictions = [
-            MaskInstance((name, one.view_index), one.category, encode_mask(one.modal), one.confidence)
-            for one in labels.labels
-            if one.modal.any()
-        ]
-        whole = [
-            MaskInstance((name, one.view_index), one.category, encode_mask(one.amodal), one.confidence)
-            for one in labels.labels
-            if one.amodal.any()
-        ]
+        predictions, whole = instances_of(name, labels.labels), instances_of(name, labels.labels, "amodal")
     figures = _figures(predictions, _truths(episode, name))
     amodal_truths = _truths(episode, name, amodal=True)
     figures["amodal_mean_iou"] = mean_iou(amodal_truths, match(whole, amodal_truths)).mean_iou if whole else None
@@ -178,16 +164,11 @@ def _scored(record: dict[str, Any], folder: Path) -> Scored:
 
 def _truths(episode: "Episode", name: str, amodal: bool = False) -> "list[MaskInstance]":
     """Ground truth of the categories that the detector has a name for, as ``labeling.evaluate`` takes it."""
-    from labeling.core.rle import encode_mask
-    from labeling.metrics.matching import MaskInstance
+    from labeling.metrics.matching import instances_of
 
     known = episode.metadata.get("detector_categories")
-    found = []
-    for truth in episode.ground_truth or ():
-        mask = truth.amodal if amodal else truth.modal
-        if mask is not None and mask.any() and (known is None or truth.category in known):
-            found.append(MaskInstance((name, truth.view_index), truth.category, encode_mask(mask), ignore=truth.ignore))
-    return found
+    shared = [one for one in episode.ground_truth or () if known is None or one.category in known]
+    return instances_of(name, shared, "amodal" if amodal else "modal")
 
 
 def _figures(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance]") -> dict[str, float | None]:

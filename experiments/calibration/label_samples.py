@@ -12,13 +12,12 @@ from tqdm import tqdm
 from labeling.core.episode import Episode
 from labeling.core.errors import UsageError
 from labeling.core.masks import mask_iou
-from labeling.core.rle import encode_mask
 from labeling.core.types import PseudoLabel
 from labeling.generator.propagate import propagate
 from labeling.generator.quality.label_quality import FEATURES, features_of
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.episodes import find_episodes, read_episode
-from labeling.metrics.matching import MaskInstance
+from labeling.metrics.matching import MaskInstance, instances_of
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ def samples_of(datasets: Sequence[Path], seed: int) -> Samples:
         features.append(features_of(found, episode.detections)[[one.modal.any() for one in found.labels]])
         visible = [one for one in found.labels if one.modal.any()]
         rest += [(one.confidence, *_compared(one, episode)) for one in visible]
-        masks += [MaskInstance((number, one.view_index), one.category, encode_mask(one.modal)) for one in visible]
+        masks += instances_of(number, visible)
         truths += _truths(episode, number)
         origins.append(_origin(episode))
     if not rest:
@@ -84,11 +83,7 @@ def _compared(label: PseudoLabel, episode: Episode) -> tuple[float, bool]:
 
 def _truths(episode: Episode, number: int) -> list[MaskInstance]:
     known = episode.metadata.get("detector_categories")
-    return [
-        MaskInstance((number, truth.view_index), truth.category, encode_mask(truth.modal), ignore=truth.ignore)
-        for truth in episode.ground_truth or ()
-        if truth.modal.any() and (known is None or truth.category in known)
-    ]
+    return instances_of(number, (t for t in episode.ground_truth or () if known is None or t.category in known))
 
 
 def _origin(episode: Episode) -> str:

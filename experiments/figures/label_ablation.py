@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib import pyplot as plt
 
 from experiments.figures.style import GREEN, GREY, GRID, INK, save, tidy
-from labeling.metrics.bootstrap import beyond_chance
+from labeling.metrics.bootstrap import significant_sign
 
 ROW_IN = 0.235
 COLOURS = {1: GREEN, -1: "#b42318", 0: GREY}
@@ -34,7 +34,7 @@ def draw_label_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
         for place, (_, differences) in enumerate(rows):
             difference = None if differences is None else differences[key]
             if difference is not None:
-                colour = COLOURS[beyond_chance(difference)]
+                colour = COLOURS[significant_sign(difference)]
                 if difference["low"] is not None:
                     ends = [100 * difference["low"], 100 * difference["high"]]
                     axes.plot(ends, [place, place], color=colour, lw=2.2, solid_capstyle="round")

@@ -8,7 +8,7 @@ from experiments.benchmarks.rows import Row, ratio_text, row_of, seconds_per_vie
 from experiments.pages.markdown import points, read_result, render, table
 from experiments.pages.markdown import write_page as write
 from labeling.core.errors import SbmError
-from labeling.metrics.bootstrap import beyond_chance
+from labeling.metrics.bootstrap import significant_sign
 
 PAGE, PICTURE, SPEED_PICTURE = "label-generator.md", "label_ablation.png", "labels_views.png"
 SPEED = "bench/labels.json"
@@ -94,7 +94,7 @@ def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mea
         return "No figure is defined yet."
     best, worst = (pick(known, key=lambda name: known[name]["mean"]) for pick in (max, min))
     gain = _difference(known[best])
-    if beyond_chance(known[best]) > 0:
+    if significant_sign(known[best]) > 0:
         said = f"In training rooms “{best}” is better ({gain} points of mean IoU)"
     elif known[best]["mean"] > 0:
         said = f"Nothing tried is better beyond chance (at best “{best}”, {gain})"
@@ -120,7 +120,7 @@ def _cell(difference: Mapping[str, Any] | None, with_interval: bool) -> str:
     if difference is None:
         return "-"
     text = _difference(difference, with_interval)
-    return f"**{text}**" if beyond_chance(dict(difference)) else text
+    return f"**{text}**" if significant_sign(dict(difference)) else text
 
 
 def _difference(difference: Mapping[str, Any], with_interval: bool = True) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.pages.markdown import mean_std, points, read_result, render, table
 from experiments.pages.markdown import write_page as write
 from labeling.core.errors import SbmError
-from labeling.metrics.bootstrap import beyond_chance
+from labeling.metrics.bootstrap import significant_sign
 
 PAGE = "policies-results.md"
 EVALUATION, TEACHING, ABLATION = "policy_evaluation.json", "policies.json", "reward_ablation.json"
@@ -172,7 +172,7 @@ def cell(figure: Mapping[str, Any] | None, factor: float = 1) -> str:
     digits = 1 if factor == PERCENT else 2
     mean, std = f"{factor * figure['mean']:.{digits}f}", figure["std"]
     difference = figure.get("difference")
-    if difference is not None and beyond_chance(difference):
+    if difference is not None and significant_sign(difference):
         mean = f"**{mean}**"
     return mean if std is None else f"{mean} ± {factor * std:.{digits}f}"
 
@@ -186,7 +186,7 @@ def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
     if difference["low"] is None:
         return mean
     low, high = (f"{factor * difference[name]:+.{digits}f}" for name in ("low", "high"))
-    return f"{f'**{mean}**' if beyond_chance(dict(difference)) else mean} [{low}, {high}]"
+    return f"{f'**{mean}**' if significant_sign(dict(difference)) else mean} [{low}, {high}]"
 
 
 # What detectors learn ------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import numpy as np
 from labeling.core.errors import UsageError
 from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_nameless
 from labeling.io.label_set import LabelSet, View, read_label_set
+from labeling.metrics.average_precision import mean_of
 from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
 from labeling.metrics.matching import Kind, MaskInstance, Match, match, mean_iou
 from labeling.runtime.provenance import package_versions
@@ -173,14 +174,9 @@ def _ap_figures(
             (f"{kind}_ap30_all_point", every_point, 0.3),
         ):
             found[name] = (source.mean[threshold], {c: ap[threshold] for c, ap in source.per_class.items()})
-        over = {c: _mean([ap[threshold] for threshold in COCO_IOU_THRESHOLDS]) for c, ap in result.per_class.items()}
-        found[f"{kind}_ap"] = (_mean(over.values()), over)
+        over = {c: mean_of([ap[threshold] for threshold in COCO_IOU_THRESHOLDS]) for c, ap in result.per_class.items()}
+        found[f"{kind}_ap"] = (mean_of(list(over.values())), over)
     return found
-
-
-def _mean(values: Iterable[float | None]) -> float | None:
-    defined = [value for value in values if value is not None]
-    return float(np.mean(defined)) if defined else None
 
 
 def _undefined(truths: Sequence[MaskInstance]) -> dict[str, Any]:
@@ -228,8 +224,8 @@ def _view_figures(
             "episode": episode,
             "view": view,
             "ground_truth_instances": len(indices),
-            "detector_mean_iou": _mean([detector_matches[i].iou for i in indices]),
-            "pseudo_label_mean_iou": _mean([label_matches[i].iou for i in indices]),
+            "detector_mean_iou": mean_of([detector_matches[i].iou for i in indices]),
+            "pseudo_label_mean_iou": mean_of([label_matches[i].iou for i in indices]),
         }
         for (episode, view), indices in found.items()
     ]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
-from labeling.metrics.matching import MaskInstance, match
+from labeling.metrics.matching import MaskInstance, instances_of, match
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -46,7 +46,6 @@ def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]
     Raises:
         SbmError: if no episode has both.
     """
-    from labeling.core.rle import encode_mask
     from labeling.io.episodes import find_episodes, read_episode
 
     truths: list[MaskInstance] = []
@@ -67,16 +66,8 @@ def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]
         names.add(episode.metadata.get("detector"))
         stated = episode.metadata.get("detector_categories")
         known = None if known is None or not isinstance(stated, list) else known | set(stated)
-        truths += [
-            MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.modal), ignore=t.ignore)
-            for t in episode.ground_truth
-            if t.modal.any()
-        ]
-        found += [
-            MaskInstance((episode.name, d.view_index), d.category, encode_mask(d.mask), d.confidence)
-            for d in episode.detections
-            if d.mask.any()
-        ]
+        truths += instances_of(episode.name, episode.ground_truth)
+        found += instances_of(episode.name, episode.detections)
     stated_truths = {truth.category for truth in truths}
     shared = stated_truths if known is None else stated_truths & (known | {one.category for one in found})
     name = ", ".join(sorted(str(one) for one in names if one)) or "unknown"

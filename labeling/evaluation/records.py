@@ -6,11 +6,10 @@ from pathlib import Path
 
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
-from labeling.core.rle import encode_mask
 from labeling.generator.sources import with_source_detections
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.label_set import LabelSet, View, recording_config
-from labeling.metrics.matching import MaskInstance
+from labeling.metrics.matching import MaskInstance, instances_of
 
 
 @dataclass(frozen=True)
@@ -99,29 +98,17 @@ def _records(folder: Path, episode: Episode, labels: LabelSet) -> EpisodeRecords
                 f"(height, width), but it is {episode.size}"
             )
     kept = {view for _, view in views}
-    visible = [t for t in episode.ground_truth or () if t.view_index in kept and t.modal.any()]
-    whole = [t for t in episode.ground_truth or () if t.view_index in kept and t.amodal is not None and t.amodal.any()]
-    unknown = {t.view_index for t in episode.ground_truth or () if t.amodal is None}
+    truths = [t for t in episode.ground_truth or () if t.view_index in kept]
+    unknown = {t.view_index for t in truths if t.amodal is None}
     return EpisodeRecords(
         name=episode.name,
         folder=folder,
         views=views,
         has_detections=episode.detections is not None,
-        detections=tuple(
-            MaskInstance((episode.name, d.view_index), d.category, encode_mask(d.mask), d.confidence)
-            for d in episode.detections or ()
-            if d.view_index in kept and d.mask.any()
-        ),
-        truths=tuple(
-            MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.modal), ignore=t.ignore)
-            for t in visible
-        ),
-        instance_ids=tuple(t.instance_id for t in visible),
-        amodal_truths=tuple(
-            MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.amodal), ignore=t.ignore)
-            for t in whole
-            if t.amodal is not None
-        ),
+        detections=tuple(instances_of(episode.name, (d for d in episode.detections or () if d.view_index in kept))),
+        truths=tuple(instances_of(episode.name, truths)),
+        instance_ids=tuple(t.instance_id for t in truths if t.modal.any()),
+        amodal_truths=tuple(instances_of(episode.name, truths, "amodal")),
         amodal_views=frozenset(view for view in views if view[1] not in unknown),
         detector_categories=_detector_categories(folder, episode),
     )

@@ -1,4 +1,4 @@
-"""Paired comparison of two settings on the same episodes."""
+"""Paired bootstrap: two settings compared on the same episodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,14 +43,12 @@ def paired_difference(ours: Sequence[float | None], theirs: Sequence[float | Non
     return Difference(mean, float(low), float(high), count)
 
 
-def beyond_chance(difference: dict[str, Any]) -> int:
-    """1 if the interval of a difference (as JSON) lies above zero, -1 if below, 0 if neither or there is none."""
+def significant_sign(difference: dict[str, Any]) -> int:
+    """Which of two settings is significantly better, by their difference as JSON.
+
+    Returns:
+        1 if its interval lies above zero, -1 if below, 0 if neither, or if there is no interval.
+    """
     if difference["low"] is None:
         return 0
     return int(difference["low"] > 0) - int(difference["high"] < 0)
-
-
-def mean_of(values: Sequence[float | None]) -> float | None:
-    """Mean of the defined values; None if there is none."""
-    defined = [value for value in values if value is not None]
-    return float(np.mean(defined)) if defined else None

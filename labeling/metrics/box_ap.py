@@ -13,15 +13,13 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from labeling.core.box_overlap import box_iou_3d, box_iou_bird, shared_volume
 from labeling.core.types import Box3d
-from labeling.metrics.mask_ap import AveragePrecision
+from labeling.metrics.average_precision import AveragePrecision, check_ranking, interpolated_area, summarise
 
 Kind = Literal["3d", "bird"]
 IOU_THRESHOLDS = (0.25, 0.5)
-RECALLS = np.linspace(0.0, 1.0, 101)
 _ROUNDING = 1e-7
 """An overlap that falls short of a threshold by less has reached it."""
 
@@ -59,18 +57,14 @@ def average_precision_3d(
     Raises:
         ValueError: if a threshold lies outside (0, 1], or a confidence is not finite.
     """
-    thresholds = [float(t) for t in iou_thresholds]
-    if not thresholds or not all(0 < t <= 1 for t in thresholds):
-        raise ValueError(f"IoU thresholds lie in (0, 1], and there is at least one; given: {list(iou_thresholds)}")
-    if not all(np.isfinite(item.confidence) for item in predictions):
-        raise ValueError("confidences of predictions must be finite numbers")
+    thresholds = check_ranking(iou_thresholds, [item.confidence for item in predictions])
     per_class: dict[str, dict[float, float | None]] = {}
     for category in sorted({item.category for item in [*predictions, *ground_truth]}):
         found = [item for item in predictions if item.category == category]
         truths = [item for item in ground_truth if item.category == category]
         overlaps = _overlaps(found, truths, kind)
         per_class[category] = {t: _one_ap(found, truths, overlaps, t) for t in thresholds}
-    return AveragePrecision({t: _mean([one[t] for one in per_class.values()]) for t in thresholds}, per_class)
+    return summarise(per_class, thresholds)
 
 
 def average_precision_by_range(
@@ -154,19 +148,4 @@ def _one_ap(
             right.append(True)
         elif not any(truths[number].ignore for number, _ in reached):
             right.append(False)
-    return _area(np.array(right, bool), wanted)
-
-
-def _area(right: Bool[np.ndarray, "n"], wanted: int) -> float:
-    """Monotone precision, averaged over 101 recall points. Source: COCO."""
-    hits = np.cumsum(right)
-    precision: Float[np.ndarray, "n"] = hits / np.arange(1, len(right) + 1)
-    monotone = np.maximum.accumulate(precision[::-1])[::-1]
-    places = np.searchsorted(hits / wanted, RECALLS, side="left")
-    reached = places < len(right)
-    return float(np.sum(monotone[places[reached]]) / len(RECALLS))
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    defined = [value for value in values if value is not None]
-    return float(np.mean(defined)) if defined else None
+    return interpolated_area(np.array(right, bool), wanted)

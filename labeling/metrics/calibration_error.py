@@ -1,4 +1,4 @@
-"""Whether confidences are honest: how far they lie from what they predict."""
+"""Calibration of confidences: how far they lie from what they predict."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True)
-class Reliability:
+class CalibrationCurve:
     """Predictions gathered in bins of equal width over [0, 1]; empty bins are left out."""
 
     confidence: Float[np.ndarray, "b"]
@@ -22,9 +22,9 @@ class Reliability:
         return float(np.average(np.abs(self.confidence - self.outcome), weights=self.count))
 
 
-def reliability(
+def calibration_curve(
     confidence: Float[np.ndarray, "n"], outcome: Float[np.ndarray, "n"], num_bins: int = 10
-) -> Reliability | None:
+) -> CalibrationCurve | None:
     """Bins predictions by confidence; None without any.
 
     Args:
@@ -39,4 +39,4 @@ def reliability(
     used = np.flatnonzero(count)
     sums = (np.bincount(bins, weights=values, minlength=num_bins) for values in (confidence, outcome))
     means = [total[used] / count[used] for total in sums]
-    return Reliability(means[0], means[1], count[used])
+    return CalibrationCurve(means[0], means[1], count[used])

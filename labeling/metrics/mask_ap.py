@@ -9,12 +9,12 @@ Sources: Lin et al. 2014 and the COCO API; all-point interpolation: Padilla et a
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from labeling.metrics.average_precision import AveragePrecision, all_point_area, check_ranking, summarise
 from labeling.metrics.matching import Kind, MaskInstance
 
 Interpolation = Literal["101-point", "all-point"]
@@ -24,16 +24,6 @@ COCO_IOU_THRESHOLDS = tuple(round(0.5 + 0.05 * step, 2) for step in range(10))
 
 MAX_DETECTIONS = 100
 """Predictions of one category that count in one picture. Source: COCO."""
-
-
-@dataclass(frozen=True)
-class AveragePrecision:
-    """AP at each IoU threshold, in [0, 1]; None where there is no ground truth to find."""
-
-    mean: dict[float, float | None]
-    """Threshold -> mean over the categories that have ground truth."""
-    per_class: dict[str, dict[float, float | None]]
-    """Category -> threshold -> AP, for every category of ground truth or predictions, sorted by name."""
 
 
 def average_precision(
@@ -64,14 +54,10 @@ def average_precision(
         >>> round(result.per_class["chair"][0.5], 6)
         1.0
     """
-    thresholds = [float(t) for t in iou_thresholds]
-    if not thresholds or not all(0 < t <= 1 for t in thresholds):
-        raise ValueError(f"IoU thresholds lie in (0, 1], and there is at least one; given: {list(iou_thresholds)}")
-    if not all(np.isfinite(item.confidence) for item in predictions):
-        raise ValueError("confidences of predictions must be finite numbers")
+    thresholds = check_ranking(iou_thresholds, [item.confidence for item in predictions])
     categories = sorted({item.category for item in [*predictions, *ground_truth]})
     if not categories:
-        return AveragePrecision(dict.fromkeys(thresholds), {})
+        return summarise({}, thresholds)
     evaluation = _coco_evaluate(predictions, ground_truth, categories, thresholds, kind)
     if interpolation == "101-point":
         # Axes of hotcoco's (and pycocotools') table: threshold, recall, category, area range, detections a picture.
@@ -82,27 +68,7 @@ def average_precision(
         name: {t: None if table[row, column] < 0 else float(table[row, column]) for row, t in enumerate(thresholds)}
         for column, name in enumerate(categories)
     }
-    return AveragePrecision({t: _mean([per_class[name][t] for name in categories]) for t in thresholds}, per_class)
-
-
-def all_point_area(right: Bool[np.ndarray, "n"], num_truths: int) -> float:
-    """Area under the monotone precision-recall curve of ranked predictions. Source: Padilla et al. 2021, eq. 9-11.
-
-    Args:
-        right: for each prediction, the most confident first, whether it found a ground-truth instance of its own.
-        num_truths: how many instances there are to find, at least 1.
-    """
-    found = np.cumsum(right)
-    precision = found / np.arange(1, len(right) + 1)
-    monotone = np.maximum.accumulate(precision[::-1])[::-1]
-    # Recall rises by 1/num_truths at each right prediction and nowhere else.
-    return float(monotone[right].sum() / num_truths)
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    """Mean of what is defined."""
-    defined = [value for value in values if value is not None]
-    return float(np.mean(defined)) if defined else None
+    return summarise(per_class, thresholds)
 
 
 def _coco_evaluate(

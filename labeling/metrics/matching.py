@@ -1,12 +1,15 @@
 """Which prediction stands for which ground-truth instance: IoU of masks and boxes, one-to-one matching, mean IoU."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+from labeling.core.rle import encode_mask, rle_area
+from labeling.core.types import Detection, GroundTruth, PseudoLabel
 
 Kind = Literal["mask", "box"]
 
@@ -56,11 +59,32 @@ class MeanIou:
     num_matched: int
 
 
+def instances_of(
+    episode: Any,
+    found: Iterable[Detection | GroundTruth | PseudoLabel],
+    part: Literal["modal", "amodal"] = "modal",
+) -> list[MaskInstance]:
+    """What was found in the views of an episode, as the metrics see it; what has no pixel is left out.
+
+    Args:
+        episode: names the episode; ``image`` becomes ``(episode, view_index)``.
+        found: detections, ground truth or pseudo-labels.
+        part: of ground truth and pseudo-labels the visible part, or the whole object.
+    """
+    instances = []
+    for one in found:
+        mask = one.mask if isinstance(one, Detection) else one.modal if part == "modal" else one.amodal
+        if mask is not None and mask.any():
+            confidence = 1.0 if isinstance(one, GroundTruth) else one.confidence
+            ignore = isinstance(one, GroundTruth) and one.ignore
+            image = (episode, one.view_index)
+            instances.append(MaskInstance(image, one.category, encode_mask(mask), confidence, ignore))
+    return instances
+
+
 def is_empty(rle: dict) -> bool:
     """Whether a mask has no pixel."""
-    from hotcoco import mask as coco_mask
-
-    return int(coco_mask.area(rle)) == 0
+    return rle_area(rle) == 0
 
 
 def pairwise_iou(

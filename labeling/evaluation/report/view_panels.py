@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import UInt8
 
 from labeling.core.episode import Episode
-from labeling.core.rle import decode_mask, encode_mask
+from labeling.core.rle import decode_mask
 from labeling.evaluation.compare import Case, Evaluation
 from labeling.evaluation.records import EpisodeRecords
 from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail_size
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
-from labeling.metrics.matching import MaskInstance, match
+from labeling.metrics.matching import MaskInstance, instances_of, match
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -144,14 +144,10 @@ def _compare(
         for t in episode.ground_truth or ()
         if t.view_index == view[1] and t.modal.any()
     ]
-    truths = [MaskInstance(view, t.category, encode_mask(t.modal), ignore=t.ignore) for t in truth]
+    truths = instances_of(view[0], truth)
     order = sorted({t.instance_id for t in episode.ground_truth or ()})
     colours = [PALETTE[order.index(t.instance_id) % len(PALETTE)] for t in truth]
-    detections = [
-        MaskInstance(view, d.category, encode_mask(d.mask), d.confidence)
-        for d in episode.detections or ()
-        if d.view_index == view[1] and d.mask.any()
-    ]
+    detections = instances_of(view[0], (d for d in episode.detections or () if d.view_index == view[1]))
     found = _predictions(detections, truths, colours)
     made = _predictions(labels, truths, colours)
     true = [

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from labeling.core.masks import mask_iou
 from labeling.core.rle import decode_mask, encode_mask
 from labeling.io.episodes import read_episode
-from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, all_point_area, average_precision
+from labeling.metrics.average_precision import all_point_area
+from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
 from labeling.metrics.matching import MaskInstance, assign, is_empty, match, mean_iou, pairwise_iou
 
 SIZE = (8, 10)

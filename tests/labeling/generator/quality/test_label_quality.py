@@ -14,7 +14,6 @@ from labeling.generator.quality.label_quality import (
     label_features,
     load_model,
 )
-from labeling.metrics.calibration_error import reliability
 
 NAMES = list(FEATURES)
 
@@ -108,15 +107,3 @@ def test_a_hidden_object_has_finite_features() -> None:
     rows = label_features([hidden], [0.9], [seen(label(0), 0.8)])
     assert np.isfinite(rows).all()
     assert feature(rows, "visible_share")[0] == 0
-
-
-def test_honest_confidences_have_no_calibration_error() -> None:
-    confidence = np.repeat(np.linspace(0.05, 0.95, 10), 100)
-    honest = reliability(confidence, confidence)
-    boastful = reliability(confidence, 0.5 * confidence)
-    assert honest is not None
-    assert boastful is not None
-    assert honest.expected_calibration_error == pytest.approx(0)
-    assert boastful.expected_calibration_error == pytest.approx(0.25)
-    assert honest.count.tolist() == [100] * 10
-    assert reliability(np.zeros(0), np.zeros(0)) is None
