@@ -11,6 +11,7 @@ import tyro
 
 from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import DEFAULT
+from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import run_command
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from labeling.core.detector import Detector
     from labeling.core.episode import Episode
     from labeling.core.types import Detection
-
-DETECTIONS_FILE, ABOUT_FILE, TRUTH_FILE = "detections.json", "episode.json", "ground_truth.json"
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.io.file_names import DETECTIONS_3D_FILE, DETECTIONS_FILE
 from labeling.io.formats.atomic import write_json
-from labeling.io.formats.checked_json import DETECTIONS_3D_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import run_command
 
@@ -134,7 +134,7 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
         EpisodeFormatError: naming file and field, if it is malformed.
     """
     from labeling.detectors3d.base import Detection3d
-    from labeling.io.coco import read_sound_box_3d
+    from labeling.io.coco import read_valid_box_3d
     from labeling.io.formats.checked_json import read_json
 
     found = []
@@ -144,7 +144,7 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
             raise record.error(f"there is no view {view}; there are {num_views}", "view")
         if not 0.0 <= score <= 1.0:
             raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
-        found.append(Detection3d(view, record.text("category"), score, read_sound_box_3d(record.get("box_3d"))))
+        found.append(Detection3d(view, record.text("category"), score, read_valid_box_3d(record.get("box_3d"))))
     return found
 
 
@@ -164,7 +164,7 @@ def _mark(folder: Path, lifter: "Detector3d", finder: "Detector | None") -> str:
     """Changes with both detectors, and with the detections that are lifted."""
     import hashlib
 
-    recorded = folder / "detections.json"
+    recorded = folder / DETECTIONS_FILE
     source = finder.digest if finder is not None else recorded.read_bytes().hex() if recorded.is_file() else ""
     return hashlib.sha256(f"{lifter.digest}\0{source}".encode()).hexdigest()
 

@@ -52,7 +52,7 @@ def run_either(config: EvaluateConfig) -> None:
 def _holds_episodes(path: Path) -> bool:
     from labeling.core.errors import EpisodeFormatError
     from labeling.io.episodes import find_episodes
-    from labeling.io.label_set import MODAL_FILE
+    from labeling.io.file_names import MODAL_FILE
 
     if not path.is_dir() or (path / MODAL_FILE).is_file():
         return False

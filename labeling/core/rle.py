@@ -79,11 +79,12 @@ def check_rle(rle: Any) -> None:
         return
     if not isinstance(counts, str | bytes):
         raise ValueError(f"RLE counts must be text or a list of run lengths, not {type(counts).__name__}")
+    text = counts.decode("ascii") if isinstance(counts, bytes) else counts
     try:
-        text = coco_mask.rle_from_string(counts.decode("ascii") if isinstance(counts, bytes) else counts, *size)
+        coco_mask.rle_from_string(text, *size)
     except OverflowError:
         raise ValueError(f"RLE size {list(size)} is no picture's") from None
-    covered = _total_run_length(text["counts"])
+    covered = _total_run_length(text.encode("ascii"))
     if covered != size[0] * size[1]:
         raise ValueError(f"RLE runs cover {covered} pixels, but its size is {size[0]}x{size[1]}")
 
@@ -94,7 +95,7 @@ def _is_whole(value: object) -> bool:
 
 
 def _total_run_length(counts: bytes) -> int:
-    """Sum of the runs of well-formed counts.
+    """Sum of the runs.
 
     Source: the COCO API's maskApi, ``rleFrString``: a run is groups of 5 bits, the lowest first and the highest
     sign-extended, each with a sixth bit that says whether more follow, written as characters from ``0`` on; every run
@@ -103,6 +104,10 @@ def _total_run_length(counts: bytes) -> int:
     if not counts:
         return 0
     groups = np.frombuffer(counts, np.uint8).astype(np.int64) - 48
+    if groups.max() > 63:
+        raise ValueError(f"RLE counts hold a character outside the code: {chr(groups.max() + 48)!r}")
+    if groups[-1] & 32:
+        raise ValueError("RLE counts end in the middle of a run")
     last = np.flatnonzero(groups & 32 == 0)
     first = np.concatenate([[0], last[:-1] + 1])
     shift = 5 * (np.arange(len(groups)) - np.repeat(first, last - first + 1))

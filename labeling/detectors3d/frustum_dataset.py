@@ -22,12 +22,12 @@ from labeling.detectors3d.frustums import (
     recut,
 )
 from labeling.detectors3d.upright_boxes import to_numbers
-from labeling.io.coco import CategoryTable, read_sound_box_3d
+from labeling.io.coco import CategoryTable, is_ignored, read_valid_box_3d
 from labeling.io.episodes import find_episodes, read_episode
+from labeling.io.file_names import BOXES_FILE, MODAL_FILE
 from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.label_set import MODAL_FILE, read_label_set, recording_config
+from labeling.io.label_set import read_label_set, recording_config
 
-BOXES_FILE, TRUTH_FILE = "boxes_3d.json", "ground_truth.json"
 MARGIN = 0.15
 """How far beyond its 2-D box the points around an object are kept, in sides of the box: augmentation moves the box."""
 KEPT_POINTS = 4096
@@ -115,18 +115,16 @@ def _of_episodes(path: Path, seed: int) -> Iterator[Lesson]:
 
 def _of_label_set(path: Path, seed: int, dataset: Path | None) -> Iterator[Lesson]:
     labels = read_label_set(path)
-    dataset = dataset or labels.dataset
-    if dataset is None:
-        raise UsageError(f"{path}: label_set.json does not say which dataset it was made from; give --dataset")
+    dataset = labels.find_dataset(dataset)
     boxes_file = read_json(path / BOXES_FILE)
-    boxes = {record.integer("instance_id"): read_sound_box_3d(record) for record in boxes_file.list_of("boxes")}
+    boxes = {record.integer("instance_id"): read_valid_box_3d(record) for record in boxes_file.list_of("boxes")}
     modal = read_json(path / MODAL_FILE)
     table = CategoryTable.from_files([modal])
     views = {image.integer("id"): (image.text("episode"), image.integer("view")) for image in modal.list_of("images")}
     of_episode: dict[str, list[tuple[int, Json]]] = defaultdict(list)
     for record in modal.list_of("annotations"):
         episode, view = views[record.integer("image_id")]
-        if not (record.has("iscrowd") and record.integer("iscrowd")) and record.integer("instance_id") in boxes:
+        if not is_ignored(record) and record.integer("instance_id") in boxes:
             of_episode[episode].append((view, record))
     config = recording_config(labels.provenance)
     for number, folder in enumerate(find_episodes(dataset, config)):

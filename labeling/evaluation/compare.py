@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from labeling.core.errors import UsageError
 from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_nameless
 from labeling.io.label_set import LabelSet, View, read_label_set
 from labeling.metrics.average_precision import mean_of
@@ -90,9 +89,7 @@ def evaluate_label_set(
         SbmError: if the label set is malformed, or there is no dataset or no ground truth to compare with.
     """
     labels = read_label_set(folder)
-    dataset = dataset or labels.dataset
-    if dataset is None:
-        raise UsageError(f"{folder}: label_set.json does not say which dataset it was made from; give --dataset")
+    dataset = labels.find_dataset(dataset)
     notes: list[str] = []
     episodes = without_nameless(tuple(read_records(dataset, labels, progress, notes)), labels, notes)
     note_missing(episodes, labels, notes)

@@ -55,12 +55,11 @@ def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]
     views = 0
     for folder in progress(find_episodes(path)):
         episode = read_episode(folder)
-        if episode.ground_truth is None or episode.detections is None:
-            lacks = "ground_truth.json" if episode.ground_truth is None else "detections.json"
+        if episode.ground_truth is None:
+            raise UsageError(f"{folder}: has no ground_truth.json to compare with")
+        if episode.detections is None:
             raise UsageError(
-                f"{folder}: has no {lacks}; give --detector NAME to look now, or run labeling.detect first"
-                if lacks == "detections.json"
-                else f"{folder}: has no {lacks} to compare with"
+                f"{folder}: has no detections.json; give --detector NAME to look now, or run labeling.detect first"
             )
         views += episode.num_views
         names.add(episode.metadata.get("detector"))

@@ -47,16 +47,17 @@ class Job:
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
         from labeling.io.episodes import read_episode
+        from labeling.io.file_names import cloud_file
         from labeling.io.formats.atomic import write_json
         from labeling.io.formats.ply import write_ply
 
         name = folder.resolve().name
         relative = self.relative(folder)
-        record_file, cloud_file = self.out / "episodes" / f"{name}.json", self.out / "clouds" / f"{name}.ply"
+        record_file, points_file = self.out / "episodes" / f"{name}.json", cloud_file(self.out, name)
         try:
             mark = fingerprint(folder, self.label, list(self.inputs))
             record = read_record(record_file, mark)
-            if record is None or not cloud_file.is_file():
+            if record is None or not points_file.is_file():
                 episode = read_episode(folder, self.recording, ground_truth=self.sources.reads_ground_truth)
                 cache = self.out / DETECTIONS_FOLDER / f"{name}.json"
                 sources = find_sources(folder, episode, relative, self.sources, self.label, cache)
@@ -64,7 +65,7 @@ class Job:
 
                 labels = propagate(episode, sources.detections, self.label)
                 cloud = labels.cloud
-                write_ply(cloud_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
+                write_ply(points_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
                 record = episode_record(episode, labels, name, mark, sources.origin, (*episode.notes, *sources.notes))
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)

@@ -16,8 +16,8 @@ import numpy as np
 
 from labeling.core.rle import encode_mask, rle_area, rle_box_xywh
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, DETECTIONS_3D_FILE, MODAL_FILE, SUMMARY_FILE
 from labeling.io.formats.atomic import write_json
-from labeling.io.formats.checked_json import DETECTIONS_3D_FILE
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import package_versions
 
@@ -220,9 +220,9 @@ def write_label_set(
     for kind, kept in annotations.items():
         info = {**about, "masks": kind}
         content = {"info": info, "images": images, "categories": categories, "annotations": kept}
-        write_json(out / f"instances_{kind}.json", content)
-    write_json(out / "boxes_3d.json", {"info": about, "boxes": boxes})
-    write_json(out / "label_set.json", {**_summary(out, dataset, config, states), **(inputs or {})})
+        write_json(out / {"modal": MODAL_FILE, "amodal": AMODAL_FILE}[kind], content)
+    write_json(out / BOXES_FILE, {"info": about, "boxes": boxes})
+    write_json(out / SUMMARY_FILE, {**_summary(out, dataset, config, states), **(inputs or {})})
 
 
 def _images(state: EpisodeResult, record: dict[str, Any], first_image: int) -> list[dict[str, Any]]:

@@ -13,10 +13,9 @@ from labeling.core.masks import box_xywh, fill_polygons
 from labeling.core.rle import decode_mask
 from labeling.core.types import Box3d
 from labeling.io.coco import read_box_3d
+from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.label_set import AMODAL_FILE, MODAL_FILE, SUMMARY_FILE
 
-BOXES_FILE = "boxes_3d.json"
 BOX_TOLERANCE_PX = 1.0
 SAME_CATEGORY_OVERLAP, ANY_CATEGORY_OVERLAP = 0.5, 0.8
 """3-D IoU from which on two objects are taken for one."""
@@ -129,9 +128,9 @@ def _check_instances(file: Json, names: dict[int, str], known: _Known, masks: di
     seen: set[tuple[int, int]] = set()
     for record in file.list_of("annotations"):
         image_id, category_id = record.integer("image_id"), record.integer("category_id")
-        ignored = _is_ignored(record)
-        if record.has("ignore") and (record.integer("ignore") == 1) != ignored:
-            yield f"{record.where('ignore')}: is {record.integer('ignore')}, but iscrowd is {int(ignored)}"
+        ignored = record.flag("iscrowd")
+        if record.has("ignore") and record.flag("ignore") != ignored:
+            yield f"{record.where('ignore')}: is {int(not ignored)}, but iscrowd is {int(ignored)}"
         for name in ("image_id", "source_image_id"):
             if record.has(name) and record.integer(name) not in sizes:
                 yield f"{record.where(name)}: there is no image {record.integer(name)}"
@@ -146,10 +145,6 @@ def _check_instances(file: Json, names: dict[int, str], known: _Known, masks: di
                 yield from _check_score(record, name)
         if image_id in sizes:
             yield from _check_mask(record, sizes[image_id], masks)
-
-
-def _is_ignored(record: Json) -> bool:
-    return record.has("iscrowd") and record.integer("iscrowd") == 1
 
 
 def _check_object(record: Json, known: _Known, seen: set[tuple[int, int]]) -> Iterator[str]:
@@ -212,18 +207,18 @@ def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]
             error: Any = episode.value.get("error")
             yield f"{episode.where()}: {name} was not labelled ({error})"
             continue
-        cloud_file = folder / "clouds" / f"{name}.ply"
+        file = cloud_file(folder, name)
         try:
-            labels = set(np.unique(read_ply(cloud_file)["label"]).tolist()) - {0}
+            labels = set(np.unique(read_ply(file)["label"]).tolist()) - {0}
         except FileNotFoundError:
-            yield f"{cloud_file}: the segmented cloud is missing"
+            yield f"{file}: the segmented cloud is missing"
             continue
         except (OSError, ValueError) as error:
-            yield f"{cloud_file}: cannot be read ({error})"
+            yield f"{file}: cannot be read ({error})"
             continue
         objects = sum(owner == name for owner in known.objects.values())
         if labels - set(range(1, objects + 1)):
-            yield f"{cloud_file}: has points of object {max(labels)}, but the episode has {objects} objects"
+            yield f"{file}: has points of object {max(labels)}, but the episode has {objects} objects"
     stated = {episode.text("name") for episode in summary.list_of("episodes")}
     for name in sorted(set(known.episodes.values()) - stated):
         yield f"{summary.where('episodes')}: does not tell of episode {name}, which has images"

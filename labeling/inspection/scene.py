@@ -8,12 +8,12 @@ from jaxtyping import Float, Int32, UInt8
 
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, SbmError
 from labeling.core.types import Box3d
-from labeling.inspection.checks import BOXES_FILE
 from labeling.io.coco import read_box_3d
 from labeling.io.episodes import find_episodes
+from labeling.io.file_names import BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.formats.checked_json import read_json
 from labeling.io.formats.ply import hues, read_ply
-from labeling.io.label_set import MODAL_FILE, SUMMARY_FILE, recording_config
+from labeling.io.label_set import recording_config
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,11 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
 
 
 def _scene(folder: Path, name: str, boxes: list[tuple[str, float, Box3d]], cameras) -> LabelledScene:
-    cloud_file = folder / "clouds" / f"{name}.ply"
+    file = cloud_file(folder, name)
     try:
-        cloud = read_ply(cloud_file)
+        cloud = read_ply(file)
     except (OSError, ValueError) as error:
-        raise LabelFormatError(f"{cloud_file}: cannot be read ({error})") from None
+        raise LabelFormatError(f"{file}: cannot be read ({error})") from None
     tints = hues(np.arange(1, len(boxes) + 1))
     return LabelledScene(
         name=name,

@@ -1,21 +1,28 @@
-"""COCO files: those of an episode (``detections.json``, ``ground_truth.json``), and those of any annotation tool."""
+"""COCO files: those of an episode (``detections.json``, ``ground_truth.json``), and those of any annotation tool.
 
+The functions that check one field (``read_mask``, ``read_rle``, ``read_score``, ``read_size``, ``is_ignored``) serve
+whatever reads COCO.
+"""
+
+import contextlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool
 
-from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import is_rotation
 from labeling.core.masks import fill_polygons
-from labeling.core.rle import decode_mask
+from labeling.core.rle import check_rle, decode_mask, encode_mask
 from labeling.core.types import Box3d, Detection, GroundTruth
 from labeling.io.formats.checked_json import Json
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,72 @@ class CategoryTable:
         return self.name_of_id[category_id]
 
 
+def read_mask(record: Json, name: str, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
+    """A mask of the picture's size, RLE or polygons.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if it is malformed or of another size.
+    """
+    with _naming(record.get(name), size) as segmentation:
+        polygons = isinstance(segmentation.value, list)
+        return fill_polygons(segmentation.value, size) if polygons else decode_mask(segmentation.value)
+
+
+def read_rle(record: Json, name: str, size: tuple[int, int]) -> dict[str, Any]:
+    """The same as compressed RLE, decoded only where it has to be.
+
+    Raises:
+        EpisodeFormatError: naming file and field, if it is malformed or of another size.
+    """
+    with _naming(record.get(name), size) as segmentation:
+        if isinstance(segmentation.value, dict) and isinstance(segmentation.value.get("counts"), str):
+            check_rle(segmentation.value)
+            return segmentation.value
+    return encode_mask(read_mask(record, name, size))
+
+
+@contextlib.contextmanager
+def _naming(segmentation: Json, size: tuple[int, int]) -> Iterator[Json]:
+    """Checks the size before anything is decoded, so that a forged one claims no memory; errors name file and field."""
+    if not isinstance(segmentation.value, list):
+        stated = segmentation.mapping().get("size", list(size))
+        if stated != list(size):
+            raise segmentation.error(f"must be the picture's {list(size)} (height, width), not {stated}", "size")
+    try:
+        yield segmentation
+    except ValueError as error:
+        raise segmentation.error(str(error)) from None
+
+
+def read_score(record: Json, default: float | None = None) -> float:
+    """A confidence in [0, 1]."""
+    score = record.number("score") if default is None else record.number("score", default)
+    if not 0.0 <= score <= 1.0:
+        raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
+    return score
+
+
+def read_size(image: Json) -> tuple[int, int]:
+    """Height and width in pixels."""
+    for name in ("height", "width"):
+        if image.integer(name) <= 0:
+            raise image.error(f"must be above 0, not {image.integer(name)}", name)
+    return image.integer("height"), image.integer("width")
+
+
+def is_ignored(record: Json) -> bool:
+    """Whether an annotation marks a region to leave out of account: COCO's ``iscrowd``, or ``ignore``."""
+    return any(record.flag(name) for name in ("iscrowd", "ignore"))
+
+
+def image_of(record: Json, images: Mapping[int, T]) -> T:
+    """What stands under the ``image_id`` of an annotation or a result."""
+    image_id = record.integer("image_id")
+    if image_id not in images:
+        raise record.error(f"unknown image id {image_id}; there are {len(images)} images", "image_id")
+    return images[image_id]
+
+
 def read_detections(file: Json, table: CategoryTable, episode: "Episode", images: Json | None) -> tuple[Detection, ...]:
     """Reads COCO results: a list of ``image_id category_id segmentation score``.
 
@@ -64,10 +137,11 @@ def read_detections(file: Json, table: CategoryTable, episode: "Episode", images
     view_of_image = _view_of_image(images, episode)
     detections = []
     for record in file.items():
-        score = _score(record)
-        view = _view(record, view_of_image)
+        score = read_score(record)
+        view = image_of(record, view_of_image)
         if view is not None:
-            detections.append(Detection(view, table.name(record), score, _mask(record, "segmentation", episode.size)))
+            mask = read_mask(record, "segmentation", episode.size)
+            detections.append(Detection(view, table.name(record), score, mask))
     return tuple(detections)
 
 
@@ -94,11 +168,10 @@ def read_shared_file(
         return (), (f"{file.file}: has no picture of this episode",)
     found = []
     for record in file.list_of("annotations"):
-        view = _view(record, views)
-        crowd = record.has("iscrowd") and record.integer("iscrowd") == 1
-        if view is not None and not (crowd and not scored):
-            mask = _mask(record, "segmentation", episode.size)
-            found.append(Detection(view, table.name(record), _score(record) if scored else 1.0, mask, not scored))
+        view = image_of(record, views)
+        if view is not None and (scored or not is_ignored(record)):
+            mask = read_mask(record, "segmentation", episode.size)
+            found.append(Detection(view, table.name(record), read_score(record) if scored else 1.0, mask, not scored))
     return tuple(found), ()
 
 
@@ -111,7 +184,7 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
     ids: dict[tuple[int, int], int] = {}
     labels = []
     for record in file.list_of("annotations"):
-        view, category_id = _view(record, view_of_image), record.integer("category_id")
+        view, category_id = image_of(record, view_of_image), record.integer("category_id")
         if view is None:
             continue
         if record.has("instance_id"):
@@ -119,16 +192,16 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
         else:
             rank = seen[view, category_id] = seen.get((view, category_id), 0) + 1
             instance_id = ids.setdefault((category_id, rank), len(ids) + 1)
-        amodal = _mask(record, "amodal_segmentation", episode.size) if record.has("amodal_segmentation") else None
+        amodal = read_mask(record, "amodal_segmentation", episode.size) if record.has("amodal_segmentation") else None
         labels.append(
             GroundTruth(
                 view_index=view,
                 instance_id=instance_id,
                 category=table.name(record),
-                modal=_mask(record, "segmentation", episode.size),
+                modal=read_mask(record, "segmentation", episode.size),
                 amodal=amodal,
                 box_3d=read_box_3d(record.get("box_3d")) if record.has("box_3d") else None,
-                ignore=record.has("iscrowd") and record.integer("iscrowd") == 1,
+                ignore=is_ignored(record),
             )
         )
     return tuple(labels)
@@ -139,8 +212,8 @@ def read_box_3d(record: Json) -> Box3d:
     return Box3d(record.array("centre", (3,)), record.array("extent", (3,)), record.array("rotation", (3, 3)))
 
 
-def read_sound_box_3d(record: Json) -> Box3d:
-    """The same.
+def read_valid_box_3d(record: Json) -> Box3d:
+    """Reads a 3-D box that has a volume.
 
     Raises:
         EpisodeFormatError: naming file and field, if the box has no volume, or its axes are no rotation.
@@ -194,34 +267,3 @@ def _view_of_shared_image(file: Json, episode: "Episode", place: str) -> dict[in
 def _plain(name: str) -> str:
     """A file name without ``./`` and with forward slashes."""
     return PurePosixPath(name.replace("\\", "/")).as_posix()
-
-
-def _view(record: Json, view_of_image: dict[int, int | None]) -> int | None:
-    image_id = record.integer("image_id")
-    if image_id not in view_of_image:
-        raise record.error(f"unknown image id {image_id}; there are {len(view_of_image)} images", "image_id")
-    return view_of_image[image_id]
-
-
-def _score(record: Json) -> float:
-    score = record.number("score")
-    if not 0.0 <= score <= 1.0:
-        raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
-    return score
-
-
-def _mask(record: Json, name: str, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
-    segmentation = record.get(name)
-    try:
-        if isinstance(segmentation.value, list):
-            return fill_polygons(segmentation.value, size)
-        # The size is checked before anything is decoded, so that a forged size cannot claim memory.
-        stated = segmentation.mapping().get("size")
-        if stated is not None and stated != list(size):
-            problem = f"mask size {stated} is not the picture's {list(size)} (height, width)"
-            raise segmentation.error(problem, "size")
-        return decode_mask(segmentation.value)
-    except EpisodeFormatError:
-        raise
-    except ValueError as error:
-        raise segmentation.error(str(error)) from None

@@ -25,6 +25,7 @@ from labeling.core.geometry import flip_camera_axes
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d, Detection
+from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRANSFORMS_FILE, TRUTH_FILE
 from labeling.io.formats.atomic import atomic_folder, write_json
 from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from labeling.io.recordings.frames import LoadedViews
 
 DEPTH_UNIT_M = 0.001
-OPTIONAL_FILES = ("episode.json", "ground_truth.json", "detections.json")
-NAMING_FILES = ("ground_truth.json", "episode.json")
+OPTIONAL_FILES = (ABOUT_FILE, TRUTH_FILE, DETECTIONS_FILE)
+NAMING_FILES = (TRUTH_FILE, ABOUT_FILE)
 """Files that name the categories of the results in ``detections.json``."""
 
 
@@ -147,14 +148,14 @@ def write_episode(folder: Path, episode: Episode) -> None:
                     "transform_matrix": flip_camera_axes(episode.camera_to_world[view]).tolist(),
                 }
             )
-        write_json(temporary / "transforms.json", _transforms(episode, frames))
+        write_json(temporary / TRANSFORMS_FILE, _transforms(episode, frames))
         ids = {name: index + 1 for index, name in enumerate(_all_categories(episode))}
         if episode.detections is not None:
-            write_json(temporary / "detections.json", [_detection_record(d, ids) for d in episode.detections])
+            write_json(temporary / DETECTIONS_FILE, [_detection_record(d, ids) for d in episode.detections])
         if episode.ground_truth is not None:
-            write_json(temporary / "ground_truth.json", _ground_truth_record(episode, ids))
+            write_json(temporary / TRUTH_FILE, _ground_truth_record(episode, ids))
         categories = [{"id": index, "name": name} for name, index in ids.items()]
-        write_json(temporary / "episode.json", {**episode.metadata, "categories": categories})
+        write_json(temporary / ABOUT_FILE, {**episode.metadata, "categories": categories})
 
 
 # Reading -------------------------------------------------------------------------------------------------------------
@@ -166,14 +167,14 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Epi
 
     found = {name: read_json(folder / name) for name in OPTIONAL_FILES if (folder / name).is_file()}
     table = CategoryTable.from_files([found[name] for name in NAMING_FILES if name in found])
-    if "episode.json" in found:
-        metadata = {key: value for key, value in found["episode.json"].mapping().items() if key != "categories"}
+    if ABOUT_FILE in found:
+        metadata = {key: value for key, value in found[ABOUT_FILE].mapping().items() if key != "categories"}
         episode = replace(episode, metadata=metadata)
-    if "ground_truth.json" in found and ground_truth:
-        episode = replace(episode, ground_truth=read_ground_truth(found["ground_truth.json"], table, episode))
-    if "detections.json" in found:
-        images = found.get("ground_truth.json")
-        episode = replace(episode, detections=read_detections(found["detections.json"], table, episode, images))
+    if TRUTH_FILE in found and ground_truth:
+        episode = replace(episode, ground_truth=read_ground_truth(found[TRUTH_FILE], table, episode))
+    if DETECTIONS_FILE in found:
+        images = found.get(TRUTH_FILE)
+        episode = replace(episode, detections=read_detections(found[DETECTIONS_FILE], table, episode, images))
     return replace(episode, categories=table.names)
 
 

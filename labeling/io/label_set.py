@@ -4,17 +4,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labeling.core.errors import EpisodeFormatError, LabelFormatError
-from labeling.core.rle import decode_mask
-from labeling.io.coco import CategoryTable
+from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
+from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
+from labeling.io.file_names import AMODAL_FILE, MODAL_FILE, SUMMARY_FILE
 from labeling.io.formats.checked_json import Json, read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.metrics.matching import MaskInstance, is_empty
 
 View = tuple[str, int]
 """Name of an episode, and index of a view in it."""
-
-MODAL_FILE, AMODAL_FILE, SUMMARY_FILE = "instances_modal.json", "instances_amodal.json", "label_set.json"
 
 
 @dataclass(frozen=True)
@@ -39,6 +37,19 @@ class LabelSet:
     """Regions to leave out of account (COCO's ``iscrowd``): neither surely an object nor surely background."""
     provenance: dict[str, Any]
     """Content of ``label_set.json``; empty if there is none."""
+
+    def find_dataset(self, given: Path | None = None) -> Path:
+        """The dataset: the one given, or where the label set says.
+
+        Raises:
+            UsageError: if neither is known.
+        """
+        dataset = given or self.dataset
+        if dataset is None:
+            raise UsageError(
+                f"{self.folder}: {SUMMARY_FILE} does not say which dataset it was made from; give --dataset"
+            )
+        return dataset
 
 
 def read_label_set(folder: Path) -> LabelSet:
@@ -115,33 +126,14 @@ def _read_instances(path: Path) -> tuple[dict[View, tuple[int, int]], list[MaskI
         if view in sizes:
             raise image.error(f"view {view[1]} of episode {view[0]!r} is listed twice", "view")
         view_of_image[image.integer("id")] = view
-        sizes[view] = (_side(image, "height"), _side(image, "width"))
+        sizes[view] = read_size(image)
     instances = [_instance(record, table, view_of_image, sizes) for record in file.list_of("annotations")]
     return sizes, [item for item in instances if not is_empty(item.rle)]
-
-
-def _side(image: Json, name: str) -> int:
-    side = image.integer(name)
-    if side <= 0:
-        raise image.error(f"must be above 0, not {side}", name)
-    return side
 
 
 def _instance(
     record: Json, table: CategoryTable, view_of_image: dict[int, View], sizes: dict[View, tuple[int, int]]
 ) -> MaskInstance:
-    image_id, score = record.integer("image_id"), record.number("score")
-    if image_id not in view_of_image:
-        raise record.error(f"unknown image id {image_id}; there are {len(view_of_image)} images", "image_id")
-    if not 0.0 <= score <= 1.0:
-        raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
-    view = view_of_image[image_id]
-    rle = record.get("segmentation")
-    if rle.mapping().get("size") != list(sizes[view]):
-        raise rle.error(f"must be the picture's {list(sizes[view])} (height, width)", "size")
-    try:
-        decode_mask(rle.value)
-    except ValueError as error:
-        raise rle.error(str(error)) from None
-    ignore = any(record.has(name) and record.integer(name) == 1 for name in ("iscrowd", "ignore"))
-    return MaskInstance(view, table.name(record), rle.value, score, ignore)
+    view = image_of(record, view_of_image)
+    score, rle = read_score(record), read_rle(record, "segmentation", sizes[view])
+    return MaskInstance(view, table.name(record), rle, score, is_ignored(record))

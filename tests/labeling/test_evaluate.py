@@ -311,7 +311,7 @@ def change(scene, *keys_and_value) -> None:
         (("annotations", 0, "category_id", 9), "annotations[0].category_id: unknown category id 9"),
         (("annotations", 0, "segmentation", "counts", "z"), "annotations[0].segmentation: RLE"),
         (("annotations", 0, "segmentation", "size", [9, 9]), "annotations[0].segmentation.size: must be"),
-        (("annotations", 0, "segmentation", [[1, 2, 3]]), "annotations[0].segmentation: must be a JSON object"),
+        (("annotations", 0, "segmentation", [[1, 2, 3]]), "annotations[0].segmentation: a polygon needs"),
         (("annotations", {}), "annotations: must be a list"),
     ],
 )

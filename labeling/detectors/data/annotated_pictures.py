@@ -23,14 +23,12 @@ import numpy as np
 from jaxtyping import UInt8
 
 from labeling.core.errors import EpisodeFormatError, UsageError
-from labeling.core.masks import fill_polygons
-from labeling.core.rle import decode_mask, encode_mask
-from labeling.io.coco import CategoryTable
-from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.label_set import MODAL_FILE, read_label_set
+from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
+from labeling.io.file_names import MODAL_FILE, TRUTH_FILE
+from labeling.io.formats.checked_json import read_json
+from labeling.io.label_set import read_label_set
 
 ANNOTATIONS_FILE, PICTURES_FOLDER = "annotations.json", "images"
-TRUTH_FILE = "ground_truth.json"
 
 
 @dataclass(frozen=True)
@@ -93,10 +91,7 @@ def read_pictures(path: Path, part: str = "train", dataset: Path | None = None) 
     if not path.is_dir():
         raise UsageError(f"{path}: no such folder; give a label set, episodes with ground truth, or a COCO folder")
     if (path / MODAL_FILE).is_file():
-        dataset = dataset or read_label_set(path).dataset
-        if dataset is None:
-            raise UsageError(f"{path}: label_set.json does not say which dataset it was made from; give --dataset")
-        return read_coco(path / MODAL_FILE, dataset)
+        return read_coco(path / MODAL_FILE, read_label_set(path).find_dataset(dataset))
     if is_split(path):
         path = path / part
     if (path / ANNOTATIONS_FILE).is_file():
@@ -133,41 +128,16 @@ def read_coco(file: Path, folder: Path) -> list[AnnotatedPicture]:
     found: dict[int, list[Annotation]] = {}
     for image in content.list_of("images"):
         name = PurePosixPath(image.text("file_name").replace("\\", "/"))
-        number, size = image.integer("id"), (image.integer("height"), image.integer("width"))
-        if min(size) <= 0:
-            raise image.error(f"sides must be above 0, not {size}", "height")
+        number, size = image.integer("id"), read_size(image)
         if number in pictures:
             raise image.error(f"id {number} is used twice", "id")
         pictures[number] = AnnotatedPicture(folder / name, size, ())
         found[number] = []
     for record in content.list_of("annotations"):
-        number = record.integer("image_id")
-        if number not in pictures:
-            raise record.error(f"unknown image id {number}; there are {len(pictures)} images", "image_id")
-        found[number].append(_annotation(record, table, pictures[number].size))
+        size = image_of(record, pictures).size
+        rle, score = read_rle(record, "segmentation", size), read_score(record, 1.0)
+        found[record.integer("image_id")].append(Annotation(table.name(record), rle, score, is_ignored(record)))
     return [replace(picture, annotations=tuple(found[number])) for number, picture in pictures.items()]
-
-
-def _annotation(record: Json, table: CategoryTable, size: tuple[int, int]) -> Annotation:
-    weight = record.number("score", 1.0)
-    if not 0.0 <= weight <= 1.0:
-        raise record.error(f"a score lies in [0, 1], not {weight:g}", "score")
-    segmentation = record.get("segmentation")
-    try:
-        if isinstance(segmentation.value, list):
-            rle = encode_mask(fill_polygons(segmentation.value, size))
-        else:
-            if segmentation.mapping().get("size") != list(size):
-                raise segmentation.error(f"must be the picture's {list(size)} (height, width)", "size")
-            rle = segmentation.value if isinstance(segmentation.value.get("counts"), str) else None
-            checked = decode_mask(segmentation.value)
-            rle = rle or encode_mask(checked)
-    except EpisodeFormatError:
-        raise
-    except ValueError as error:
-        raise segmentation.error(str(error)) from None
-    flags = [bool(record.get(name).value) for name in ("iscrowd", "ignore") if record.has(name)]
-    return Annotation(table.name(record), rle, weight, any(flags))
 
 
 def _pictures_folder(folder: Path) -> Path:

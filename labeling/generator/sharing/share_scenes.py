@@ -23,6 +23,7 @@ from labeling.generator.sharing.scene_objects import (
     project_objects,
 )
 from labeling.io.episodes import read_episode
+from labeling.io.file_names import cloud_file
 from labeling.io.formats.checked_json import read_json
 from labeling.io.formats.ply import read_ply
 
@@ -73,7 +74,7 @@ def _scene(folder: Path) -> tuple[str, ...] | None:
 
 def _observations(job: Job, state: EpisodeResult) -> Iterator[ObjectObservation]:
     """The objects of an episode that are sure enough to be told to others."""
-    file = job.out / "clouds" / f"{state.name}.ply"
+    file = cloud_file(job.out, state.name)
     try:
         cloud = read_ply(file)
     except (OSError, ValueError) as error:

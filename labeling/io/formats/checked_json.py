@@ -11,9 +11,6 @@ from labeling.core.errors import EpisodeFormatError
 
 _REQUIRED = object()
 
-DETECTIONS_3D_FILE = "detections_3d.json"
-"""What ``labeling.detect3d`` writes beside an episode's frames; labels do not depend on it."""
-
 
 @dataclass(frozen=True)
 class Json:
@@ -86,6 +83,15 @@ class Json:
         if isinstance(value, bool) or not isinstance(value, int):
             raise self.error(f"must be a whole number, not {_kind(value)}", name)
         return value
+
+    def flag(self, name: str) -> bool:
+        """A truth value, 0 and 1 included; false where it is missing."""
+        if not self.has(name):
+            return False
+        value = self.get(name).value
+        if value not in (0, 1):
+            raise self.error(f"must be 0 or 1, not {_kind(value)}", name)
+        return bool(value)
 
     def array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
         """Numbers in nested lists of this shape, all finite."""

@@ -62,7 +62,8 @@ def read_ply(path: Path) -> np.ndarray:
     try:
         vertices = PlyData.read(str(path))["vertex"].data
     except (PlyParseError, KeyError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a PLY of points that can be read ({error})") from None
+        problem = "truncated" if "end-of-file" in str(error) else "not a PLY of points"
+        raise ValueError(f"{path}: {problem} ({error})") from None
     missing = [name for name in _VERTEX.names or () if name not in (vertices.dtype.names or ())]
     if missing:
         raise ValueError(

@@ -88,7 +88,7 @@ def broken(tmp_path, change):
         (lambda c: c["annotations"][0]["segmentation"].update(counts="~~"), "RLE counts"),
         (lambda c: c["annotations"][0].update(segmentation=[[1, 2]]), "a polygon needs x and y"),
         (lambda c: c["images"][1].update(id=7), "id 7 is used twice"),
-        (lambda c: c["images"][1].update(width=0), "sides must be above 0"),
+        (lambda c: c["images"][1].update(width=0), r"images\[1\].width: must be above 0"),
         (lambda c: c.pop("images"), "images: is missing"),
     ],
 )

@@ -45,8 +45,8 @@ def test_objects_have_colours_that_differ() -> None:
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (lambda content: content[:-3], "early end-of-file"),
-        (lambda content: content[:60], "PLY"),
+        (lambda content: content[:-3], "truncated"),
+        (lambda content: content[:60], "truncated"),
         (lambda content: b"", "PLY"),
         (lambda content: b"not a cloud\n" + content, "PLY"),
         (lambda content: content.replace(b"int label", b"int owner"), "no label"),
