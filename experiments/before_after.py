@@ -22,7 +22,7 @@ from labeling.runtime.cli import run_command
 class PictureConfig:
     """Draws what the pre-trained and the fine-tuned detector find in the same views of test scenes.
 
-    The fine-tuned one is that of the thesis' tables: taught if it is not in the cache yet.
+    The fine-tuned one is that of the thesis' tables: trained if it is not in the cache yet.
     """
 
     world: Literal["rooms", "streets"] = "rooms"
@@ -49,14 +49,14 @@ def run(config: PictureConfig) -> None:
     Raises:
         SbmError: if a world cannot be built, or no view has changed.
     """
-    from experiments.cache.stages import Workplace
-    from experiments.tables.training_sets import Lessons, Pupil
+    from experiments.cache.stages import RunContext
+    from experiments.tables.training_sets import Student, TrainingSets
     from labeling.detectors.registry import load_detector
     from labeling.io.formats.atomic import atomic_file, write_json
 
-    lessons = Lessons(config.world, Workplace(config.scale, (config.seed,), 1, config.cache))
-    names = lessons.detectors([Pupil(None, config.seed), Pupil(config.labels, config.seed)])
-    pairs = pairs_of(lessons.episodes("test"), *(load_detector(name) for name in names))
+    sets = TrainingSets(config.world, RunContext(config.scale, (config.seed,), 1, config.cache))
+    names = sets.detectors([Student(None, config.seed), Student(config.labels, config.seed)])
+    pairs = pairs_of(sets.episodes("test"), *(load_detector(name) for name in names))
     chosen = most_changed(pairs, config.best)
     if not chosen:
         raise SbmError(f"in none of {len(pairs)} views has anything changed; there is nothing to draw")

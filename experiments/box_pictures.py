@@ -14,7 +14,7 @@ from labeling.runtime.cli import run_command
 class PictureConfig:
     """Draws the boxes of LDLS and of the SbM frustum PointNet on views of test scenes, and from above.
 
-    The network is that of table 5.5: taught if it is not in the cache yet.
+    The network is that of table 5.5: trained if it is not in the cache yet.
     """
 
     world: Literal["rooms", "streets"] = "streets"
@@ -39,20 +39,23 @@ def run(config: PictureConfig) -> None:
     Raises:
         SbmError: if a world cannot be built.
     """
-    from experiments.cache.box_stages import detections, loaded
-    from experiments.cache.stages import Workplace
+    from experiments.cache.box_stages import detections, load_detector_3d
+    from experiments.cache.stages import RunContext
     from experiments.tables import table_5_5
-    from experiments.tables.training_sets import Lessons
+    from experiments.tables.training_sets import TrainingSets
     from labeling.io.episodes import read_episode
     from labeling.io.formats.atomic import write_json
 
-    workplace = Workplace(config.scale, (config.seed,), 1, config.cache)
-    lessons = Lessons(config.world, workplace)
-    network, categories = table_5_5.sbm_network(config.world, config.seed, workplace)
-    tried = table_5_5.tried_scales(config.world, lessons.episodes("choose"), categories, workplace)
-    detectors = {table_5_5.TUNED: loaded(table_5_5.tuned(tried)), table_5_5.OURS: loaded(network)}
+    context = RunContext(config.scale, (config.seed,), 1, config.cache)
+    sets = TrainingSets(config.world, context)
+    network, categories = table_5_5.sbm_network(config.world, config.seed, context)
+    ldls_ap25 = table_5_5.ldls_ap25_by_scale(config.world, sets.episodes("choose"), categories, context)
+    detectors = {
+        table_5_5.TUNED: load_detector_3d(table_5_5.best_ldls(ldls_ap25)),
+        table_5_5.OURS: load_detector_3d(network),
+    }
     panels, drawn = [], []
-    for folder in lessons.episodes(table_5_5.TRIED_ON)[: config.views]:
+    for folder in sets.episodes(table_5_5.TEST_SUBSET)[: config.views]:
         episode = read_episode(folder)
         view = busiest_view(episode, categories)
         seen = [one for one in detections(episode, "recorded", categories) if one.view_index == view]

@@ -3,32 +3,15 @@
 import os
 import sys
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
-from experiments.cache.stages import Scale, Workplace
+from experiments.cache.registry import Experiment, experiments
+from experiments.cache.stages import RunContext, Scale
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import run_command
-
-TABLES = ("5_1", "5_1_wide", "5_2", "5_3", "5_3_wide", "5_4", "a_1", "a_2", "a_3")
-EXPERIMENTS = {
-    "label_ablation": "experiments.ablations.label_ablation",
-    "label_modes": "experiments.ablations.label_modes",
-    "fine_tuning": "experiments.tables.fine_tuning",
-    "policy_evaluation": "experiments.tables.policy_evaluation",
-    "policies": "experiments.tables.policies",
-    "reward_ablation": "experiments.ablations.reward_ablation",
-    "never_ending": "experiments.tables.never_ending:rooms",
-    "never_ending_streets": "experiments.tables.never_ending:streets",
-    "table_5_5": "experiments.tables.table_5_5",
-    **{f"table_{number}": f"experiments.tables.thesis_tables:table_{number}" for number in TABLES},
-}
-"""Modules by the name of the experiment, or ``module:object``. Each has a ``DESCRIPTION``, a function
-``run(workplace)`` that returns what is to be kept of it as JSON, and a function ``report(results, docs)`` that writes
-the page about it."""
 
 
 @dataclass(frozen=True)
@@ -63,47 +46,35 @@ def run(config: RunConfig) -> None:
     Raises:
         SbmError: if there is no such experiment, or it cannot run.
     """
+    known = experiments()
     if config.name == "list":
-        for name, module in EXPERIMENTS.items():
-            print(f"{name:20} {_find(module).DESCRIPTION}")
+        for name, experiment in known.items():
+            print(f"{name:20} {experiment.description}")
         return
-    if config.name not in EXPERIMENTS:
-        raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(EXPERIMENTS)}")
+    if config.name not in known:
+        raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(known)}")
     if config.seeds < 1 or config.workers < 0:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
-    experiment = _find(EXPERIMENTS[config.name])
     if not config.report:
-        _run_one(experiment, config)
-    for path in experiment.report(config.results, config.docs):
+        _run_one(known[config.name], config)
+    for path in known[config.name].write_pages(config.results, config.docs):
         print(path)
 
 
-def _find(place: str) -> Any:
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name) if name else import_module(module)
-
-
-def _run_one(experiment: Any, config: RunConfig) -> None:
+def _run_one(experiment: Experiment, config: RunConfig) -> None:
     from labeling.io.formats.atomic import write_json
     from labeling.runtime.provenance import experiment_provenance
 
-    workplace = Workplace(
+    context = RunContext(
         scale=config.scale,
         seeds=tuple(range(config.seeds)),
         workers=config.workers or len(os.sched_getaffinity(0)),
         cache=config.cache,
     )
-    found = experiment.run(workplace)
+    results = experiment.run(context)
     path = config.results / f"{config.name}.json"
-    content = {
-        "experiment": config.name,
-        "description": experiment.DESCRIPTION,
-        "scale": config.scale,
-        "seeds": list(workplace.seeds),
-        **experiment_provenance(),
-        **found,
-    }
-    write_json(path, content)
+    about = {"experiment": config.name, "description": experiment.description, "scale": config.scale}
+    write_json(path, {**about, "seeds": list(context.seeds), **experiment_provenance(), **results})
     print(path)
 
 

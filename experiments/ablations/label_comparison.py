@@ -6,8 +6,8 @@ from statistics import median
 from typing import Any
 
 from experiments.ablations.label_scores import FIGURES, Scored, pooled_figures, score_all, true_instances
-from experiments.cache.episode_pool import Pool, about, record
-from experiments.cache.stages import Workplace
+from experiments.cache.episode_pool import EpisodePool, pool_record, record
+from experiments.cache.stages import RunContext
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.average_precision import mean_of
 from labeling.metrics.bootstrap import paired_difference
@@ -17,7 +17,7 @@ DIGITS = 5
 
 
 def compare(
-    named: dict[str, list[LabelConfig | None]], base: str, pools: Sequence[Pool], workplace: Workplace, title: str
+    named: dict[str, list[LabelConfig | None]], base: str, pools: Sequence[EpisodePool], context: RunContext, title: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Records the pools, labels them under all settings and compares.
 
@@ -25,7 +25,7 @@ def compare(
         named: settings by name, one for each seed; None stands for the detector's own masks.
         base: name of the settings that the others are compared with.
         pools: where.
-        workplace: scale, store, processes.
+        context: scale, store, processes.
         title: of the progress bar.
 
     Returns:
@@ -35,10 +35,10 @@ def compare(
     Raises:
         SbmError: if recording or labelling fails.
     """
-    folders = {pool.name: record(pool, workplace) for pool in pools}
+    folders = {pool.name: record(pool, context) for pool in pools}
     configs = [config for settings in named.values() for config in settings]
     every = [folder for found in folders.values() for folder in found]
-    rows = iter(score_all(every, configs, workplace, title))
+    rows = iter(score_all(every, configs, context, title))
     scored = {name: [next(rows) for _ in settings] for name, settings in named.items()}
     results: dict[str, Any] = {name: {} for name in named}
     start = 0
@@ -50,7 +50,7 @@ def compare(
         truths = true_instances(folders[pool.name])
         for name, seeds in episodes.items():
             results[name][pool.name] = _summary(truths, seeds, reference)
-    return {pool.name: about(pool, folders[pool.name]) for pool in pools}, results
+    return {pool.name: pool_record(pool, folders[pool.name]) for pool in pools}, results
 
 
 def _per_episode(seeds: Sequence[Sequence[Scored]]) -> dict[str, list[float | None]]:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cache.stages import Store, Workplace, digest, folder_digest, run_tasks
+from experiments.cache.stages import RunContext, Store, digest, folder_digest, run_tasks
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
@@ -54,14 +54,14 @@ class _Task:
 
 
 def score_all(
-    folders: Sequence[Path], configs: Sequence[LabelConfig | None], workplace: Workplace, title: str
+    folders: Sequence[Path], configs: Sequence[LabelConfig | None], context: RunContext, title: str
 ) -> list[list[Scored]]:
     """Labels and scores every episode under all settings, taking from the store what is there.
 
     Args:
         folders: the episodes.
         configs: the settings; None for the detector alone.
-        workplace: store and processes.
+        context: store and processes.
         title: of the progress bar.
 
     Returns:
@@ -83,16 +83,16 @@ def score_all(
         missing = {
             keys[folder, number]: config
             for number, config in enumerate(configs)
-            if not workplace.store.has(STAGE, keys[folder, number])
+            if not context.store.has(STAGE, keys[folder, number])
         }
         wanted = list(missing.items())
         tasks += [
-            _Task(str(folder), workplace.store, tuple(wanted[start : start + CONFIGS_PER_TASK]))
+            _Task(str(folder), context.store, tuple(wanted[start : start + CONFIGS_PER_TASK]))
             for start in range(0, len(wanted), CONFIGS_PER_TASK)
         ]
-    run_tasks(_work, tasks, workplace.workers, title, lambda task: len(task.wanted))
+    run_tasks(_work, tasks, context.workers, title, lambda task: len(task.wanted))
     return [
-        [_scored(workplace.store.read(STAGE, keys[folder, number]), folder) for folder in folders]
+        [_scored(context.store.read(STAGE, keys[folder, number]), folder) for folder in folders]
         for number in range(len(configs))
     ]
 

@@ -1,13 +1,12 @@
 """What each half of the reward is worth: a planner that values parts of it, measured by the whole."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from experiments.cache.stages import Scale, Workplace
+from experiments.cache.registry import experiment
+from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import WORLDS
 
-DESCRIPTION = "next_best_view told parts of the reward only, measured by the whole on validation scenes"
 DETECTOR = "simulated"
 SPLIT = "val"
 POLICIES = (
@@ -31,7 +30,12 @@ class Size:
 SIZES: dict[Scale, Size] = {"smoke": Size(1), "quick": Size(20), "full": Size(100)}
 
 
-def run(workplace: Workplace) -> dict[str, Any]:
+@experiment(
+    "reward_ablation",
+    "next_best_view with parts of the reward only, measured by the whole on validation scenes",
+    pages=("policies",),
+)
+def run(context: RunContext) -> dict[str, Any]:
     """Plays what has not been played, and sums up.
 
     Returns:
@@ -40,37 +44,26 @@ def run(workplace: Workplace) -> dict[str, Any]:
     Raises:
         SbmError: if a world cannot be built.
     """
-    worlds = {world: _one_world(env_id, workplace) for world, env_id in WORLDS.items()}
+    worlds = {world: _one_world(env_id, context) for world, env_id in WORLDS.items()}
     protocols = [world.pop("protocol") for world in worlds.values()]
     return {"compared_with": POLICIES[0], "worlds": worlds, "protocol": protocols[0]}
 
 
-def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
+def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import evaluate
-    from experiments.tables.policy_evaluation import played_folder
+    from experiments.tables.policy_evaluation import episodes_folder
 
     config = EvaluateConfig(
         policies=POLICIES,
         env=env_id,
         split=SPLIT,
-        episodes=SIZES[workplace.scale].episodes,
-        seeds=len(workplace.seeds),
+        episodes=SIZES[context.scale].episodes,
+        seeds=len(context.seeds),
         detector=DETECTOR,
         labels=False,
-        workers=workplace.workers,
-        out=played_folder("reward_ablation", env_id, SPLIT, DETECTOR, None, workplace),
+        workers=context.workers,
+        out=episodes_folder("reward_ablation", env_id, SPLIT, DETECTOR, None, context),
     )
     content = evaluate(config)
     return {name: content[name] for name in ("settings", "policies", "protocol")}
-
-
-def report(results: Path, docs: Path) -> list[Path]:
-    """Writes the page about policies, and the pictures in it.
-
-    Returns:
-        The files written.
-    """
-    from experiments.pages.policies import write_page
-
-    return write_page(results, docs)

@@ -1,4 +1,4 @@
-"""Stages of experiments with 3-D boxes: train frustum PointNets, lift detections, score. None is done twice."""
+"""Stages of experiments with 3-D boxes: train frustum PointNets, lift detections, score. Outcomes are kept."""
 
 import sys
 from collections.abc import Sequence
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from experiments.cache.detector_stages import side_by_side
-from experiments.cache.stages import Workplace, digest
+from experiments.cache.stages import RunContext, cached, digest
 from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
 from labeling.runtime.code_digest import code_digest
 
@@ -27,15 +26,15 @@ SCORE_CODE = (
     "labeling.io.episodes",
     "experiments.cache.box_stages",
 )
-Finder = Literal["recorded", "told"]
-"""Who finds objects in pictures: the detector whose detections were recorded with the episodes, or ground truth."""
+MaskSource = Literal["recorded", "told"]
+"""Whose masks are lifted: of the detections that were recorded with the episodes, or of ground truth ("told")."""
 EDGES_M = {"rooms": (0.0, 2.0, 3.0, 5.0, 50.0), "streets": (0.0, 10.0, 20.0, 30.0, 50.0)}
-"""Between distances that are told apart."""
+"""Of the bins of distance in which AP is told apart, by world."""
 
 
 @dataclass(frozen=True)
-class Course3d:
-    """What a frustum PointNet is to learn, and how."""
+class TrainJob3d:
+    """A training of a frustum PointNet."""
 
     learn: Path
     """A label set, or episodes with ground truth."""
@@ -50,28 +49,25 @@ class Course3d:
     title: str
 
 
-def taught_3d(courses: Sequence[Course3d], workplace: Workplace) -> list[str]:
-    """Trains frustum PointNets side by side.
+def train_detectors_3d(jobs: Sequence[TrainJob3d], context: RunContext) -> list[str]:
+    """Trains frustum PointNets in parallel.
 
     Args:
-        courses: one for each.
-        workplace: where to keep the runs.
+        jobs: one for each.
+        context: where to keep the runs.
 
     Returns:
         Names of the detectors, in order: the folders of their runs.
     """
-    code, outs = code_digest(*TRAIN_CODE), []
-    missing: dict[str, tuple[Course3d, Workplace, str]] = {}
-    for course in courses:
+    code, keyed = code_digest(*TRAIN_CODE), []
+    for job in jobs:
         key = digest(
-            [_content(course.learn), _content(course.choose), list(course.categories)],
-            [asdict(replace(course.train, seed=course.seed)), asdict(course.augment), code],
+            [_content(job.learn), _content(job.choose), list(job.categories)],
+            [asdict(replace(job.train, seed=job.seed)), asdict(job.augment), code],
         )
-        outs.append(str(workplace.cache / "detectors3d" / key))
-        if not workplace.store.has("taught_3d", key):
-            missing[key] = (course, workplace, key)
-    side_by_side(_teach, list(missing.values()), workplace, "training 3-D detectors")
-    return outs
+        keyed.append((key, (job, context.cache / "detectors3d" / key)))
+    cached("detectors_3d", _train, keyed, context, "training 3-D detectors")
+    return [str(out) for _, (_, out) in keyed]
 
 
 def _content(folder: Path) -> list[str]:
@@ -79,107 +75,94 @@ def _content(folder: Path) -> list[str]:
     return [folder.name, *sorted(path.name for path in folder.iterdir() if path.is_dir())]
 
 
-def _teach(task: tuple[Course3d, Workplace, str]) -> None:
+def _train(task: tuple[TrainJob3d, Path]) -> dict[str, Any]:
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_dataset import read_lessons
     from labeling.detectors3d.training_run import train
 
-    course, workplace, key = task
-    title, out = f"{course.title}, seed {course.seed}", workplace.cache / "detectors3d" / key
+    job, out = task
+    title = f"{job.title}, seed {job.seed}"
     learn, choose = (
-        [one for one in read_lessons(path, course.seed) if one.category in course.categories]
-        for path in (course.learn, course.choose)
+        [one for one in read_lessons(path, job.seed) if one.category in job.categories]
+        for path in (job.learn, job.choose)
     )
     state = train(
         learn,
         choose,
         out,
-        replace(course.train, seed=course.seed),
-        course.augment,
+        replace(job.train, seed=job.seed),
+        job.augment,
         choose_device(),
-        {"labels": course.title},
+        {"labels": job.title},
         lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True),
     )
-    about = {"title": title, "folder": str(out), "objects": [len(learn), len(choose)], "history": state.history}
-    workplace.store.write("taught_3d", key, about)
+    return {"title": title, "folder": str(out), "objects": [len(learn), len(choose)], "history": state.history}
 
 
-def target_scores(labels: Sequence[Path], episodes: Sequence[Path], workplace: Workplace) -> list[dict[str, Any]]:
-    """How good the boxes are that label sets teach, by category: ``experiments.cache.box_targets`` of each."""
-    code = code_digest(*TARGET_CODE)
-    keys = [digest(_content(one), [folder.name for folder in episodes], code) for one in labels]
-    missing = {
-        key: (one, tuple(episodes), workplace, key)
-        for one, key in zip(labels, keys, strict=True)
-        if not workplace.store.has("box_targets", key)
-    }
-    side_by_side(_compare, list(missing.values()), workplace, "comparing box targets")
-    return [workplace.store.read("box_targets", key) for key in keys]
+def score_box_targets(labels: Sequence[Path], episodes: Sequence[Path], context: RunContext) -> list[dict[str, Any]]:
+    """How good the boxes of label sets are, by category: ``experiments.cache.box_targets`` of each."""
+    names, code = [folder.name for folder in episodes], code_digest(*TARGET_CODE)
+    jobs = [(digest(_content(one), names, code), (one, tuple(episodes))) for one in labels]
+    return cached("box_targets", _score_targets, jobs, context, "scoring box targets")
 
 
-def _compare(task: tuple[Path, tuple[Path, ...], Workplace, str]) -> None:
+def _score_targets(task: tuple[Path, tuple[Path, ...]]) -> dict[str, Any]:
     from experiments.cache.box_targets import box_targets
 
-    labels, episodes, workplace, key = task
-    workplace.store.write("box_targets", key, box_targets(labels, episodes))
+    return box_targets(*task)
 
 
 @dataclass(frozen=True)
-class Trial:
+class BoxEvaluation:
     """One 3-D detector on the views of some episodes."""
 
     world: str
     episodes: tuple[Path, ...]
     detector: str
     """``ldls``, ``ldls:SCALE``, or the folder of a run."""
-    finder: Finder
+    masks: MaskSource
     categories: tuple[str, ...]
 
     def key(self) -> str:
         """Changes with all that decides the outcome."""
         names = [folder.parent.name + "/" + folder.name for folder in self.episodes]
-        mark = loaded(self.detector).digest
-        return digest(self.world, names, mark, self.finder, list(self.categories), code_digest(*SCORE_CODE))
+        weights = load_detector_3d(self.detector).digest
+        return digest(self.world, names, weights, self.masks, list(self.categories), code_digest(*SCORE_CODE))
 
 
-def box_scores(trials: Sequence[Trial], workplace: Workplace) -> list[dict[str, Any]]:
-    """AP of boxes, one record for each trial."""
-    keys = [trial.key() for trial in trials]
-    missing = {
-        key: (trial, workplace, key)
-        for trial, key in zip(trials, keys, strict=True)
-        if not workplace.store.has("box_scores", key)
-    }
-    side_by_side(_score, list(missing.values()), workplace, "trying 3-D detectors")
-    return [workplace.store.read("box_scores", key) for key in keys]
+def score_boxes(evaluations: Sequence[BoxEvaluation], context: RunContext) -> list[dict[str, Any]]:
+    """AP of boxes, one record for each evaluation."""
+    jobs = [(one.key(), one) for one in evaluations]
+    return cached("box_scores", _score, jobs, context, "scoring 3-D detectors")
 
 
-def loaded(name: str) -> "Detector3d":
+def load_detector_3d(name: str) -> "Detector3d":
     """A 3-D detector by name; ``ldls:SCALE`` is LDLS with neighbours weighed over so many metres."""
+    from labeling.detectors3d import registry
     from labeling.detectors3d.ldls import Ldls, LdlsConfig
-    from labeling.detectors3d.registry import load_detector_3d
 
     kind, _, scale = name.partition(":")
-    return Ldls(LdlsConfig(scale_m=float(scale))) if kind == "ldls" and scale else load_detector_3d(name)
+    return Ldls(LdlsConfig(scale_m=float(scale))) if kind == "ldls" and scale else registry.load_detector_3d(name)
 
 
-def _score(task: tuple[Trial, Workplace, str]) -> None:
+def _score(evaluation: BoxEvaluation) -> dict[str, Any]:
     from labeling.io.episodes import read_episode
     from labeling.metrics.box_ap import average_precision_3d, average_precision_by_range
 
-    trial, workplace, key = task
-    detector = loaded(trial.detector)
+    detector = load_detector_3d(evaluation.detector)
     found: list[BoxInstance] = []
     truths: list[BoxInstance] = []
-    for folder in trial.episodes:
+    for folder in evaluation.episodes:
         episode = read_episode(folder)
-        found += instances(episode, detector.lift(episode, detections(episode, trial.finder, trial.categories)))
-        truths += true_instances(episode, trial.categories)
+        found += instances(
+            episode, detector.lift(episode, detections(episode, evaluation.masks, evaluation.categories))
+        )
+        truths += true_instances(episode, evaluation.categories)
     space, bird = (average_precision_3d(found, truths, kind=kind) for kind in ("3d", "bird"))
-    edges = EDGES_M[trial.world]
+    edges = EDGES_M[evaluation.world]
     by_range = average_precision_by_range(found, truths, edges)
-    counts = {name: sum(one.category == name and not one.ignore for one in truths) for name in trial.categories}
-    content = {
+    counts = {name: sum(one.category == name and not one.ignore for one in truths) for name in evaluation.categories}
+    return {
         **{f"ap{round(100 * t)}": value for t, value in space.mean.items()},
         **{f"bird_ap{round(100 * t)}": value for t, value in bird.mean.items()},
         **{
@@ -197,14 +180,13 @@ def _score(task: tuple[Trial, Workplace, str]) -> None:
             for (low, high), ap in by_range.items()
         ],
     }
-    workplace.store.write("box_scores", key, content)
 
 
-def detections(episode: "Episode", finder: Finder, categories: Sequence[str]) -> "list[Detection]":
-    """What is found in the pictures of an episode."""
+def detections(episode: "Episode", masks: MaskSource, categories: Sequence[str]) -> "list[Detection]":
+    """The 2-D detections of an episode that are lifted."""
     from labeling.core.types import Detection
 
-    if finder == "recorded":
+    if masks == "recorded":
         return [one for one in episode.detections or () if one.category in categories]
     return [
         Detection(one.view_index, one.category, 1.0, one.modal)

@@ -1,12 +1,12 @@
-"""Stages of experiments that teach detectors: label episodes, fine-tune, score. Each is kept and not done twice."""
+"""Stages that train 2-D detectors: make labels, fine-tune, score. Each outcome is kept in the cache."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from experiments.cache.stages import Workplace, digest, run_tasks
+from experiments.cache.stages import RunContext, cached, digest
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.train_config import TrainConfig
@@ -25,13 +25,12 @@ SCORE_CODE = (
     "labeling.detectors.networks.network_detector",
     "labeling.detectors.data.annotated_pictures",
 )
-Task = TypeVar("Task")
 
 
-def label(
+def make_labels(
     episodes: Sequence[Path],
     seed: int,
-    workplace: Workplace,
+    context: RunContext,
     settings: LabelConfig | None = None,
     sources: SourceConfig | None = None,
     share_scenes: bool = False,
@@ -42,7 +41,7 @@ def label(
     Args:
         episodes: all folders of one dataset.
         seed: of the label generator.
-        workplace: where to keep the label set.
+        context: where to keep the label set.
         settings: of label generation; None takes the defaults. Their seed is replaced.
         sources: where the masks come from that labels are made of; by default the detections of the episodes.
         share_scenes: label what one episode has found in the others of its scene, too.
@@ -58,14 +57,14 @@ def label(
     sources = sources or SourceConfig()
     dataset = episodes[0].parent
     inputs = [dataset.name, "growing" if growing else len(episodes), asdict(config), identity(sources), share_scenes]
-    out = workplace.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
+    out = context.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
     generate.run(
         generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes)
     )
     return out
 
 
-def label_scores(labels: Path) -> dict[str, Any]:
+def score_labels(labels: Path) -> dict[str, Any]:
     """AP of a label set beside that of the detector whose confident detections it was made from, on the same views."""
     from labeling.evaluation.compare import evaluate_label_set
 
@@ -75,16 +74,16 @@ def label_scores(labels: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Course:
-    """What a detector is to learn, and how."""
+class TrainJob:
+    """A fine-tuning."""
 
     detector: str
-    """Where to start."""
+    """Whose network it starts from."""
     learn: Sequence[AnnotatedPicture]
     choose: Sequence[AnnotatedPicture]
     """The network that does best on these is kept."""
     replay: Sequence[AnnotatedPicture]
-    """Source pictures to mix in."""
+    """Source photographs to mix in."""
     train: TrainConfig
     """Its seed is replaced."""
     augment: AugmentConfig
@@ -93,75 +92,70 @@ class Course:
     title: str
     """What is learnt from, for the records."""
     new_categories: tuple[str, ...] = ()
-    """To learn beside those it knows."""
+    """To learn beside those that the network knows."""
 
 
-def taught(courses: Sequence[Course], workplace: Workplace) -> list[str]:
-    """Fine-tunes detectors, as ``labeling.finetune`` does, side by side.
+def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
+    """Fine-tunes detectors as ``labeling.finetune`` does, in parallel.
 
     Args:
-        courses: one for each detector.
-        workplace: where to keep the runs.
+        jobs: one for each detector.
+        context: where to keep the runs.
 
     Returns:
         Names of the detectors, in order: the folders of their runs.
     """
     from labeling.detectors.registry import load_named_network
 
-    weights = {name: load_named_network(name)[1] for name in {course.detector for course in courses}}
-    code, outs = code_digest(*TRAIN_CODE), []
-    missing: dict[str, tuple[Course, Workplace, str]] = {}
-    for course in courses:
-        inputs = [weights[course.detector], _content(course.learn), _content(course.choose), len(course.replay)]
-        inputs += [asdict(replace(course.train, seed=course.seed)), asdict(course.augment)]
-        key = digest(*inputs, list(course.new_categories), code)
-        outs.append(str(workplace.cache / "detectors" / key))
-        if not workplace.store.has("taught", key):
-            missing[key] = (course, workplace, key)
-    side_by_side(_teach, list(missing.values()), workplace, "training detectors")
-    return outs
+    weights = {name: load_named_network(name)[1] for name in {job.detector for job in jobs}}
+    code, keyed = code_digest(*TRAIN_CODE), []
+    for job in jobs:
+        inputs = [weights[job.detector], _content(job.learn), _content(job.choose), len(job.replay)]
+        inputs += [asdict(replace(job.train, seed=job.seed)), asdict(job.augment)]
+        key = digest(*inputs, list(job.new_categories), code)
+        keyed.append((key, (job, context.cache / "detectors" / key)))
+    cached("detectors", _train, keyed, context, "training detectors")
+    return [str(out) for _, (_, out) in keyed]
 
 
-def _teach(task: tuple[Course, Workplace, str]) -> None:
-    """Trains one detector."""
+def _train(task: tuple[TrainJob, Path]) -> dict[str, Any]:
     import torch
 
     from labeling.detectors.finetuning.training_run import train
     from labeling.detectors.networks.mask_rcnn import with_categories
     from labeling.detectors.registry import choose_device, load_named_network
 
-    course, workplace, key = task
-    network, weights = load_named_network(course.detector)
-    if course.new_categories:
-        torch.manual_seed(course.seed)
-        network = with_categories(network, (*network.spec.categories, *course.new_categories))
-    about = {"started_from": course.detector, "started_from_digest": weights, "labels": course.title}
-    title, out = f"{course.title}, seed {course.seed}", workplace.cache / "detectors" / key
+    job, out = task
+    network, weights = load_named_network(job.detector)
+    if job.new_categories:
+        torch.manual_seed(job.seed)
+        network = with_categories(network, (*network.spec.categories, *job.new_categories))
+    title = f"{job.title}, seed {job.seed}"
     train(
         network,
         out,
-        course.learn,
-        course.choose,
-        replace(course.train, seed=course.seed),
-        course.augment,
-        course.replay,
+        job.learn,
+        job.choose,
+        replace(job.train, seed=job.seed),
+        job.augment,
+        job.replay,
         choose_device(),
-        about,
+        {"started_from": job.detector, "started_from_digest": weights, "labels": job.title},
         lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True),
-        new_categories=course.new_categories,
+        new_categories=job.new_categories,
     )
-    workplace.store.write("taught", key, {"title": title, "folder": str(out)})
+    return {"title": title, "folder": str(out)}
 
 
-def detector_scores(
-    detectors: Sequence[str], sets: Mapping[str, Sequence[AnnotatedPicture]], workplace: Workplace
+def score_detectors(
+    detectors: Sequence[str], sets: Mapping[str, Sequence[AnnotatedPicture]], context: RunContext
 ) -> list[dict[str, Any]]:
     """AP of detectors on sets of annotated pictures, by the sets' names.
 
     Args:
         detectors: names, or folders of runs.
         sets: pictures.
-        workplace: where figures are kept.
+        context: where figures are kept.
 
     Returns:
         Figures for each detector, in order.
@@ -170,50 +164,44 @@ def detector_scores(
 
     code, contents = code_digest(*SCORE_CODE), {name: _content(pictures) for name, pictures in sets.items()}
     digests = {detector: load_detector(detector).digest for detector in detectors}
-    keys = {
-        (detector, name): digest(weights, content, code)
-        for detector, weights in digests.items()
+    jobs = [
+        (digest(digests[detector], content, code), (detector, sets[name]))
+        for detector in detectors
         for name, content in contents.items()
-    }
-    missing = {
-        key: (detector, sets[name], workplace, key)
-        for (detector, name), key in keys.items()
-        if not workplace.store.has("detector_scores", key)
-    }
-    side_by_side(_score, list(missing.values()), workplace, "trying detectors")
-    return [
-        {name: workplace.store.read("detector_scores", keys[detector, name]) for name in sets} for detector in detectors
     ]
+    scores = iter(cached("detector_scores", _score, jobs, context, "scoring detectors"))
+    return [{name: next(scores) for name in sets} for _ in detectors]
 
 
-def _score(task: tuple[str, Sequence[AnnotatedPicture], Workplace, str]) -> None:
-    """Tries one detector on one set."""
+def _score(task: tuple[str, Sequence[AnnotatedPicture]]) -> dict[str, Any]:
     from labeling.detectors.finetuning.epochs import evaluate
     from labeling.detectors.registry import load_detector
 
-    detector, pictures, workplace, key = task
-    workplace.store.write("detector_scores", key, asdict(evaluate(load_detector(detector), pictures)))
+    detector, pictures = task
+    return asdict(evaluate(load_detector(detector), pictures))
 
 
-def side_by_side(work: Callable[[Task], object], tasks: Sequence[Task], workplace: Workplace, title: str) -> None:
-    """Works through tasks in processes of one thread each, which takes two thirds of the time of one after the other
-    in as many threads; but one after the other, here, with a GPU or a single worker.
+def train_and_score(
+    runs: Sequence[tuple[dict[str, Any], TrainJob]],
+    start: str,
+    sets: Mapping[str, Sequence[AnnotatedPicture]],
+    context: RunContext,
+) -> dict[str, Any]:
+    """Fine-tunes detectors and scores them beside the one that they start from.
 
     Args:
-        work: a function of a module, which keeps its outcome itself.
-        tasks: what to give it; picklable.
-        workplace: says how many processes.
-        title: of the progress bar.
+        runs: what the record says about each, and the training.
+        start: the detector before.
+        sets: pictures, by the name of the set.
+        context: cache and workers.
+
+    Returns:
+        Scores ``before``, and for each of ``runs`` what the record says with its scores.
     """
-    from tqdm import tqdm
-
-    from labeling.detectors.registry import choose_device
-
-    if workplace.workers > 1 and choose_device() == "cpu":
-        run_tasks(work, tasks, workplace.workers, title)
-        return
-    for task in tqdm(tasks, desc=title, unit="run", file=sys.stderr):
-        work(task)
+    trained = train_detectors([job for _, job in runs], context)
+    before, *after = score_detectors([start, *trained], sets, context)
+    records = [{**about, **scores} for (about, _), scores in zip(runs, after, strict=True)]
+    return {"before": before, "runs": records}
 
 
 def _content(pictures: Sequence[AnnotatedPicture]) -> str:

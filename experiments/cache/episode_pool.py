@@ -1,4 +1,4 @@
-"""Recorded episodes that experiments share: rooms to choose settings on, others to report them on, and streets."""
+"""Recorded episodes that experiments share."""
 
 import os
 import shutil
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from experiments.cache.stages import Scale, Workplace, digest
+from experiments.cache.stages import RunContext, Scale, digest
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
 
@@ -15,8 +15,8 @@ RECORDING_CODE = ("agents.rollouts.recorder", "sbm_gym.env.fixation_env", "sbm_g
 
 
 @dataclass(frozen=True)
-class Pool:
-    """Some episodes of one kind of world and one split."""
+class EpisodePool:
+    """Episodes of one kind of world and one split."""
 
     name: str
     env: str
@@ -33,19 +33,19 @@ class Pool:
     """Begun in different places."""
 
 
-def pools(scale: Scale) -> tuple[Pool, ...]:
-    """The pools of a scale."""
+def ablation_pools(scale: Scale) -> tuple[EpisodePool, ...]:
+    """Of the ablation of the label generator: rooms and streets to choose settings on, and to report them on."""
     counts = {"smoke": (2, 1, 1, 1), "quick": (10, 6, 4, 3), "full": (30, 12, 12, 8)}[scale]
     rooms, streets = "sbm_gym/Indoor-v0", "sbm_gym/Outdoor-v0"
     return (
-        Pool("rooms_train", rooms, "train", counts[0]),
-        Pool("rooms_val", rooms, "val", counts[1]),
-        Pool("streets_train", streets, "train", counts[2]),
-        Pool("streets_val", streets, "val", counts[3]),
+        EpisodePool("rooms_train", rooms, "train", counts[0]),
+        EpisodePool("rooms_val", rooms, "val", counts[1]),
+        EpisodePool("streets_train", streets, "train", counts[2]),
+        EpisodePool("streets_val", streets, "val", counts[3]),
     )
 
 
-def record(pool: Pool, workplace: Workplace) -> list[Path]:
+def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     """Records what the pool lacks.
 
     Episode i depends on the settings and on i alone, so that pools of different sizes share their first episodes.
@@ -68,30 +68,29 @@ def record(pool: Pool, workplace: Workplace) -> list[Path]:
         "detector": pool.detector,
         "episodes_per_scene": pool.episodes_per_scene,
     }
-    mover = policy_key(pool.policy, pool.env)
     depends_on = [
-        {**settings, "policy": mover},
+        {**settings, "policy": policy_key(pool.policy, pool.env)},
         experiment_versions(),
         code_digest(*RECORDING_CODE),
         detector_digest(pool.detector),
     ]
     name = f"{pool.name}-{digest(*depends_on)}"
-    out = workplace.cache / "episodes" / name
-    return collect(CollectConfig(out=out, episodes=pool.episodes, workers=workplace.workers, **settings))
+    out = context.cache / "episodes" / name
+    return collect(CollectConfig(out=out, episodes=pool.episodes, workers=context.workers, **settings))
 
 
-def gather(name: str, episodes: Mapping[str, Path], workplace: Workplace) -> list[Path]:
+def link_dataset(name: str, episodes: Mapping[str, Path], context: RunContext) -> list[Path]:
     """One dataset of the episodes of several pools.
 
     Args:
         name: of the dataset. Episodes that it holds from before and that are not asked for any more are removed.
         episodes: folders, by the names that they are to have; another episode needs another name.
-        workplace: where datasets are kept. Files are hard links where the file system has them.
+        context: where datasets are kept. Files are hard links where the file system has them.
 
     Returns:
         The folders, by name.
     """
-    out = workplace.cache / "episodes" / name
+    out = context.cache / "episodes" / name
     out.mkdir(parents=True, exist_ok=True)
     for folder in out.iterdir():
         if folder.name not in episodes:
@@ -124,8 +123,8 @@ def detector_digest(name: str) -> str:
     return load_detector(name).digest
 
 
-def about(pool: Pool, folders: list[Path]) -> dict[str, Any]:
-    """What a reader of figures wants to know about the pool."""
+def pool_record(pool: EpisodePool, folders: list[Path]) -> dict[str, Any]:
+    """What the record of results says about a pool."""
     import json
 
     scenes = [json.loads((folder / "episode.json").read_text())["scene"] for folder in folders]

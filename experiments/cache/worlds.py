@@ -1,12 +1,99 @@
-"""The worlds that experiments speak of, and the detector in their loops."""
+"""The worlds that experiments are run in, the detector that they begin with, and how much of everything a scale has."""
 
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from experiments.cache.stages import RunContext, Scale
+from labeling.detectors.data.augment_config import AugmentConfig
+from labeling.detectors.finetuning.train_config import TrainConfig
 
 if TYPE_CHECKING:
-    pass
-
+    from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
 DETECTOR = "compact"
-
-
 WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
+
+
+@dataclass(frozen=True)
+class Size:
+    """How many episodes and photographs a scale has, and how its detectors are fine-tuned."""
+
+    episodes: dict[str, tuple[int, int, int]]
+    """By world: episodes to learn from, to choose the best network by (both of training scenes), and to report on (of
+    validation scenes)."""
+    photographs: tuple[int, int]
+    """To replay, and held out to measure forgetting on."""
+    train: TrainConfig
+    augment: dict[str, AugmentConfig] = field(default_factory=lambda: dict.fromkeys(WORLDS, AugmentConfig()))
+    """By world."""
+    wide: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WORLDS, 1))
+    """By world: episodes of many scenes beyond the thesis' to report on."""
+    new: dict[str, Any] = field(default_factory=dict)
+    """Settings of training that differ where categories are learnt that no photograph has shown: that takes more than
+    getting better at those that one knows."""
+
+    def train_new(self) -> TrainConfig:
+        """Settings of training with such categories."""
+        return replace(self.train, **self.new)
+
+    def settings(self, *worlds: str) -> dict[str, Any]:
+        """What the record of results says about training in these worlds."""
+        augment = {world: asdict(self.augment[world]) for world in worlds}
+        return {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
+
+
+SIZES: dict[Scale, Size] = {
+    "smoke": Size(
+        dict.fromkeys(WORLDS, (1, 1, 1)),
+        (12, 6),
+        TrainConfig(iterations=4, validate_every=2, warmup=2),
+        dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
+    ),
+    "quick": Size(
+        {"rooms": (40, 8, 16), "streets": (20, 5, 10)},
+        (1200, 600),
+        TrainConfig(
+            iterations=240,
+            batch_size=8,
+            optimizer="adamw",
+            learning_rate=3e-4,
+            weight_decay=0.01,
+            schedule="cosine",
+            warmup=20,
+            validate_every=120,
+            average=0.97,
+            replay_share=0.5,
+            frozen_stages=4,
+        ),
+        # Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tested at.
+        {
+            "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
+            "streets": AugmentConfig(window_px=256, scale=(0.7, 1.1)),
+        },
+        {"rooms": 40, "streets": 16},
+        {"learning_rate": 6e-4, "replay_share": 0.3},
+    ),
+    "full": Size(
+        {"rooms": (60, 12, 20), "streets": (40, 8, 16)}, (6000, 600), TrainConfig(), wide={"rooms": 80, "streets": 36}
+    ),
+}
+
+
+def source_photographs(
+    counts: tuple[int, int], context: RunContext
+) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture]]":
+    """Photographs that ``compact`` was pre-trained on, and others held out; taken anew where they are missing.
+
+    Args:
+        counts: how many of either.
+        context: cache and workers.
+    """
+    from labeling.detectors.data.annotated_pictures import read_pictures
+    from sbm_gym.photographs.album import AlbumSettings, make_album
+
+    found = []
+    for split, count in zip(("train", "val"), counts, strict=True):
+        folder = context.cache / "photographs" / f"{split}_{count}"
+        make_album(folder, AlbumSettings(split, 0, 192, False), count, context.workers)
+        found.append(read_pictures(folder))
+    return found[0], found[1]

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from experiments.cache.stages import Scale, Workplace, digest
+from experiments.cache.registry import experiment
+from experiments.cache.stages import RunContext, Scale, digest
 from experiments.cache.worlds import DETECTOR, WORLDS
 from labeling.runtime.code_digest import code_digest
 
-DESCRIPTION = "what policies earn, and how good the labels of their views are, on validation scenes with compact"
 SPLIT = "val"
 POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
@@ -41,7 +41,12 @@ class Size:
 SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(20, 6), "full": Size(50, 50)}
 
 
-def run(workplace: Workplace) -> dict[str, Any]:
+@experiment(
+    "policy_evaluation",
+    "what policies earn, and how good the labels of their views are, on validation scenes with compact",
+    pages=("policies",),
+)
+def run(context: RunContext) -> dict[str, Any]:
     """Plays what has not been played, and sums up.
 
     Returns:
@@ -50,27 +55,27 @@ def run(workplace: Workplace) -> dict[str, Any]:
     Raises:
         SbmError: if a world cannot be built, or a trained policy is not for this version of it.
     """
-    worlds = {world: _one_world(env_id, workplace) for world, env_id in WORLDS.items()}
+    worlds = {world: _one_world(env_id, context) for world, env_id in WORLDS.items()}
     protocols = [world.pop("protocol") for world in worlds.values()]
     return {"compared_with": POLICIES[0], "worlds": worlds, "protocol": protocols[0]}
 
 
-def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
+def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import evaluate
 
-    size = SIZES[workplace.scale]
-    policies, left_out = present(env_id, POLICIES)
+    size = SIZES[context.scale]
+    policies, left_out = available_policies(env_id, POLICIES)
     config = EvaluateConfig(
         policies=policies,
         env=env_id,
         split=SPLIT,
         episodes=size.episodes,
-        seeds=len(workplace.seeds),
+        seeds=len(context.seeds),
         detector=DETECTOR,
         labels=False,
-        workers=workplace.workers,
-        out=played_folder("policy_evaluation", env_id, SPLIT, DETECTOR, None, workplace),
+        workers=context.workers,
+        out=episodes_folder("policy_evaluation", env_id, SPLIT, DETECTOR, None, context),
     )
     with_labels = replace(
         config,
@@ -78,7 +83,7 @@ def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
         episodes=size.labelled,
         labels=True,
         size=size.picture_px,
-        out=played_folder("policy_evaluation_labelled", env_id, SPLIT, DETECTOR, size.picture_px, workplace),
+        out=episodes_folder("policy_evaluation_labelled", env_id, SPLIT, DETECTOR, size.picture_px, context),
     )
     labelled = evaluate(with_labels)
     content = evaluate(config, played=with_labels.out)
@@ -88,13 +93,13 @@ def _one_world(env_id: str, workplace: Workplace) -> dict[str, Any]:
         "settings": content["settings"],
         "labelled": {"episodes": size.labelled, "picture_px": size.picture_px},
         "left_out": left_out,
-        "trained": trained(policies, env_id),
+        "trained": training_of(policies, env_id),
         "policies": content["policies"],
         "protocol": labelled["protocol"],
     }
 
 
-def present(env_id: str, policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+def available_policies(env_id: str, policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     """Which of the policies there are for an env, and why there is none of the others."""
     from agents.policies.registry import checkpoint_of
     from labeling.core.errors import UsageError
@@ -110,8 +115,8 @@ def present(env_id: str, policies: Sequence[str]) -> tuple[tuple[str, ...], dict
     return tuple(there), left_out
 
 
-def played_folder(
-    experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, workplace: Workplace
+def episodes_folder(
+    experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, context: RunContext
 ) -> Path:
     """Where results of episodes are kept: another folder whenever something changes that decides them."""
     from experiments.cache.episode_pool import detector_digest
@@ -119,11 +124,11 @@ def played_folder(
 
     settings = [env_id, split, detector, picture_px]
     name = digest(settings, experiment_versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
-    return workplace.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
+    return context.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
 
 
-def trained(policies: Sequence[str], env_id: str) -> dict[str, dict[str, Any]]:
-    """Where the weights of those that are trained come from."""
+def training_of(policies: Sequence[str], env_id: str) -> dict[str, dict[str, Any]]:
+    """How those policies were trained whose weights come with the project."""
     from agents.evaluation.store import policy_key
     from agents.policies.registry import checkpoint_of
     from experiments.tables.trained_policies import origin_of
@@ -134,14 +139,3 @@ def trained(policies: Sequence[str], env_id: str) -> dict[str, dict[str, Any]]:
         if checkpoint is not None:
             found[policy] = {"checkpoint": policy_key(policy, env_id), **origin_of(checkpoint)}
     return found
-
-
-def report(results: Path, docs: Path) -> list[Path]:
-    """Writes the page about policies, and the pictures in it.
-
-    Returns:
-        The files written.
-    """
-    from experiments.pages.policies import write_page
-
-    return write_page(results, docs)

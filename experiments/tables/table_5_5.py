@@ -5,22 +5,27 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.cache.box_stages import Course3d, Finder, Trial, box_scores, target_scores, taught_3d
-from experiments.cache.stages import Scale, Workplace
+from experiments.cache.box_stages import (
+    BoxEvaluation,
+    MaskSource,
+    TrainJob3d,
+    score_box_targets,
+    score_boxes,
+    train_detectors_3d,
+)
+from experiments.cache.registry import experiment
+from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import DETECTOR, WORLDS
-from experiments.tables.training_sets import Lessons, Part
+from experiments.tables.training_sets import Subset, TrainingSets
 from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
 
-DESCRIPTION = (
-    "3-D boxes on unseen towns and homes: LDLS, and frustum PointNets taught by SbM labels and by ground truth"
-)
 LDLS, TUNED, OURS, CEILING = "LDLS", "LDLS, tuned", "SbM F-PointNet", "supervised F-PointNet"
 ROWS = (LDLS, TUNED, OURS, CEILING)
-FINDERS: tuple[Finder, ...] = ("recorded", "told")
-TRIED_ON: Part = "wide"
+MASK_SOURCES: tuple[MaskSource, ...] = ("recorded", "told")
+TEST_SUBSET: Subset = "wide"
 """The thesis' single test town and two test homes have too few objects to tell networks apart."""
 SCALES_M = (0.03, 0.1, 0.3, 1.0)
-"""Distances over which LDLS weighs neighbours, tried for its tuned row. As published: 1 m."""
+"""Distances over which LDLS weighs neighbours, of which its tuned row takes the best. As published: 1 m."""
 
 
 @dataclass(frozen=True)
@@ -42,94 +47,92 @@ SIZES: dict[Scale, Size] = {
 }
 
 
-def run(workplace: Workplace) -> dict[str, Any]:
+@experiment(
+    "table_5_5",
+    "3-D boxes on unseen towns and homes: LDLS, and frustum PointNets trained on SbM labels and on ground truth",
+    pages=("results",),
+)
+def run(context: RunContext) -> dict[str, Any]:
     """Records, labels, trains and scores, in both worlds.
 
     Returns:
-        By world: the episodes, and by row and by who found the objects in pictures the figures of each seed.
+        By world: the episodes, and by row and by where masks come from the figures of each seed.
     """
-    size = SIZES[workplace.scale]
+    size = SIZES[context.scale]
     return {
         "settings": {"train": asdict(size.train), "augment": asdict(size.augment), "ldls_scales_m": SCALES_M},
         "finder": DETECTOR,
-        "worlds": {world: one_world(world, size, workplace) for world in WORLDS},
+        "worlds": {world: one_world(world, size, context) for world in WORLDS},
     }
 
 
-def one_world(world: str, size: Size, workplace: Workplace) -> dict[str, Any]:
+def one_world(world: str, size: Size, context: RunContext) -> dict[str, Any]:
     """One world."""
-    lessons = Lessons(world, workplace)
-    parts: tuple[Part, ...] = ("learn", "choose", TRIED_ON)
-    episodes = {part: lessons.episodes(part) for part in parts}
+    sets = TrainingSets(world, context)
+    subsets: tuple[Subset, ...] = ("learn", "choose", TEST_SUBSET)
+    episodes = {subset: sets.episodes(subset) for subset in subsets}
     categories = known_categories()
-    courses = [
-        course_of(title, lessons, seed, categories, size) for seed in workplace.seeds for title in (OURS, CEILING)
-    ]
-    networks = taught_3d(courses, workplace)
-    tried = tried_scales(world, episodes["choose"], categories, workplace)
-    detectors = {
-        LDLS: ["ldls"],
-        TUNED: [tuned(tried)],
-        OURS: networks[0::2],
-        CEILING: networks[1::2],
+    jobs = [train_job(title, sets, seed, categories, size) for seed in context.seeds for title in (OURS, CEILING)]
+    networks = train_detectors_3d(jobs, context)
+    ldls_ap25 = ldls_ap25_by_scale(world, episodes["choose"], categories, context)
+    detectors: dict[str, list[tuple[int | None, str]]] = {
+        LDLS: [(None, "ldls")],
+        TUNED: [(None, best_ldls(ldls_ap25))],
+        OURS: list(zip(context.seeds, networks[0::2], strict=True)),
+        CEILING: list(zip(context.seeds, networks[1::2], strict=True)),
     }
-    rows = []
-    trials = [
-        Trial(world, tuple(episodes[TRIED_ON]), detector, finder, categories)
-        for row in ROWS
-        for finder in FINDERS
-        for detector in detectors[row]
+    test = tuple(episodes[TEST_SUBSET])
+    wanted: list[tuple[str, MaskSource]] = [(row, masks) for row in ROWS for masks in MASK_SOURCES]
+    evaluations = [
+        BoxEvaluation(world, test, name, masks, categories) for row, masks in wanted for _, name in detectors[row]
     ]
-    figures = iter(box_scores(trials, workplace))
-    for row in ROWS:
-        for finder in FINDERS:
-            runs = [
-                {"seed": None if len(detectors[row]) == 1 and "LDLS" in row else seed, **next(figures)}
-                for seed, _ in zip(workplace.seeds, detectors[row], strict=False)
-            ]
-            rows.append({"name": row, "boxes": finder, "runs": runs})
+    scores = iter(score_boxes(evaluations, context))  # of all at once, which is in parallel
+    rows = [
+        {"name": row, "boxes": masks, "runs": [{"seed": seed, **next(scores)} for seed, _ in detectors[row]]}
+        for row, masks in wanted
+    ]
     return {
         "categories": list(categories),
-        "pools": {part: lessons.about(part) for part in parts},
-        "ldls_ap25_by_scale_m": {str(scale): ap25 for scale, ap25 in tried.items()},
+        "pools": {subset: sets.pool_record(subset) for subset in subsets},
+        "ldls_ap25_by_scale_m": {str(scale): ap25 for scale, ap25 in ldls_ap25.items()},
         "rows": rows,
-        "targets": target_scores(
-            [lessons.labels("learn", "sbm", seed) for seed in workplace.seeds], episodes["learn"], workplace
+        "targets": score_box_targets(
+            [sets.labels("learn", "sbm", seed) for seed in context.seeds], episodes["learn"], context
         ),
-        "training": histories(networks, courses),
+        "training": histories(networks, jobs),
     }
 
 
-def tried_scales(
-    world: str, episodes: Sequence[Path], categories: tuple[str, ...], workplace: Workplace
+def ldls_ap25_by_scale(
+    world: str, episodes: Sequence[Path], categories: tuple[str, ...], context: RunContext
 ) -> dict[float, float]:
     """AP25 of LDLS by the distance over which it weighs neighbours, of training scenes that no network learns from."""
-    trials = [Trial(world, tuple(episodes), f"ldls:{scale}", "recorded", categories) for scale in SCALES_M]
-    found = box_scores(trials, workplace)
+    names = [f"ldls:{scale}" for scale in SCALES_M]
+    evaluations = [BoxEvaluation(world, tuple(episodes), name, "recorded", categories) for name in names]
+    found = score_boxes(evaluations, context)
     return {scale: figures["ap25"] or 0.0 for scale, figures in zip(SCALES_M, found, strict=True)}
 
 
-def tuned(tried: Mapping[float, float]) -> str:
+def best_ldls(ap25: Mapping[float, float]) -> str:
     """Name of LDLS with the best distance."""
-    return f"ldls:{max(tried, key=lambda scale: tried[scale])}"
+    return f"ldls:{max(ap25, key=lambda scale: ap25[scale])}"
 
 
-def course_of(title: str, lessons: Lessons, seed: int, categories: tuple[str, ...], size: Size) -> Course3d:
-    """What the frustum PointNet of a row learns."""
-    parts: tuple[Part, Part] = ("learn", "choose")
+def train_job(title: str, sets: TrainingSets, seed: int, categories: tuple[str, ...], size: Size) -> TrainJob3d:
+    """The training of the frustum PointNet of a row."""
+    subsets: tuple[Subset, Subset] = ("learn", "choose")
     if title == OURS:
-        learn, choose = (lessons.labels(part, "sbm", seed) for part in parts)
+        learn, choose = (sets.labels(subset, "sbm", seed) for subset in subsets)
     else:
-        learn, choose = (lessons.episodes(part)[0].parent for part in parts)
-    return Course3d(learn, choose, categories, size.train, size.augment, seed, f"{title} of {lessons.world}")
+        learn, choose = (sets.episodes(subset)[0].parent for subset in subsets)
+    return TrainJob3d(learn, choose, categories, size.train, size.augment, seed, f"{title} of {sets.world}")
 
 
-def sbm_network(world: str, seed: int, workplace: Workplace) -> tuple[str, tuple[str, ...]]:
-    """The frustum PointNet that SbM labels have taught, and its categories."""
-    lessons = Lessons(world, workplace)
+def sbm_network(world: str, seed: int, context: RunContext) -> tuple[str, tuple[str, ...]]:
+    """The frustum PointNet that was trained on SbM labels, and its categories."""
     categories = known_categories()
-    course = course_of(OURS, lessons, seed, categories, SIZES[workplace.scale])
-    return taught_3d([course], workplace)[0], categories
+    job = train_job(OURS, TrainingSets(world, context), seed, categories, SIZES[context.scale])
+    return train_detectors_3d([job], context)[0], categories
 
 
 def known_categories() -> tuple[str, ...]:
@@ -142,25 +145,14 @@ def known_categories() -> tuple[str, ...]:
     return tuple(sorted(names))
 
 
-def histories(networks: Sequence[str], courses: Sequence[Course3d]) -> list[dict[str, Any]]:
+def histories(networks: Sequence[str], jobs: Sequence[TrainJob3d]) -> list[dict[str, Any]]:
     """Validation curves."""
     from labeling.io.formats.checked_json import read_json
     from labeling.training.run_files import HISTORY_FILE
 
     found = []
-    for folder, course in zip(networks, courses, strict=True):
+    for folder, job in zip(networks, jobs, strict=True):
         history = read_json(Path(folder) / HISTORY_FILE).items()
         curve = [[one.integer("iteration"), one.number("mean_iou")] for one in history if one.has("mean_iou")]
-        found.append({"title": course.title, "seed": course.seed, "mean_iou": curve})
+        found.append({"title": job.title, "seed": job.seed, "mean_iou": curve})
     return found
-
-
-def report(results: Path, docs: Path) -> list[Path]:
-    """Writes the page of all results, and its pictures.
-
-    Returns:
-        The files written.
-    """
-    from experiments.pages.results import write_page
-
-    return write_page(results, docs)

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-from experiments.cache.stages import Workplace
-from experiments.tables.training_sets import NOVEL, Lessons, Part, Pupil
+from experiments.cache.registry import Experiment, register
+from experiments.cache.stages import RunContext
+from experiments.tables.training_sets import NOVEL, Student, Subset, TrainingSets
 
 
 @dataclass(frozen=True)
@@ -14,26 +14,26 @@ class Row:
     """One method: labels, or a detector."""
 
     name: str
-    part: Part
+    subset: Subset
     """The episodes it is scored on."""
     labels: str | None = None
-    """Kind of labels that are scored; None scores a detector."""
+    """Recipe of the labels that are scored; None scores a detector."""
     teacher: str | None = None
-    """What the detector has learnt from that is scored, or whose detections the labels are made from; None is the
+    """What the detector was fine-tuned on that is scored, or whose detections the labels are made from; None is the
     pre-trained one."""
     new_categories: tuple[str, ...] = ()
-    """That this detector was taught beside those it knew."""
+    """That this detector learnt beside those it knew."""
 
-    def pupil(self, seed: int) -> Pupil:
+    def student(self, seed: int) -> Student:
         """The detector of a seed."""
-        return Pupil(self.teacher, seed, self.new_categories)
+        return Student(self.teacher, seed, self.new_categories)
 
 
 @dataclass(frozen=True)
 class Table:
-    """An experiment."""
+    """Methods that are scored on the same episodes."""
 
-    DESCRIPTION: str
+    description: str
     world: str
     rows: tuple[Row, ...]
     categories: tuple[str, ...] | None = None
@@ -43,7 +43,7 @@ class Table:
     above: tuple[tuple[str, str], ...] = ()
     """Pairs of rows of which the first should be above the second on every category."""
 
-    def run(self, workplace: Workplace) -> dict[str, Any]:
+    def run(self, context: RunContext) -> dict[str, Any]:
         """Makes what is missing and scores every row with every seed.
 
         Returns:
@@ -52,23 +52,23 @@ class Table:
         Raises:
             SbmError: if a world cannot be built, or a stage fails.
         """
-        lessons = Lessons(self.world, workplace)
-        detectors = self._detectors(lessons, workplace.seeds)
+        sets = TrainingSets(self.world, context)
+        detectors = self._detectors(sets, context.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
-        for seed, row in _in_turn(workplace.seeds, self.rows):
-            rows[row.name].append({"seed": seed, **self._figures(lessons, row, seed, detectors[row.pupil(seed)])})
-        rows = compared_alike(rows)
-        parts: dict[Part, None] = dict.fromkeys(part for row in self.rows for part in _parts(row))
+        for seed, row in _with_progress(context.seeds, self.rows):
+            rows[row.name].append({"seed": seed, **self._scores(sets, row, seed, detectors[row.student(seed)])})
+        rows = over_shared_categories(rows)
+        subsets: dict[Subset, None] = dict.fromkeys(subset for row in self.rows for subset in _subsets(row))
         return {
             "world": self.world,
             "gaps": self.gaps,
             "above": self.above,
-            "pools": {part: lessons.about(part) for part in parts},
-            "settings": lessons.settings(any(row.new_categories for row in self.rows)),
+            "pools": {subset: sets.pool_record(subset) for subset in subsets},
+            "settings": sets.settings(any(row.new_categories for row in self.rows)),
             "rows": [
                 {
                     "name": row.name,
-                    "part": row.part,
+                    "part": row.subset,
                     "labels": row.labels,
                     "teacher": row.teacher,
                     "runs": rows[row.name],
@@ -77,33 +77,23 @@ class Table:
             ],
         }
 
-    def report(self, results: Path, docs: Path) -> list[Path]:
-        """Writes the page of all results, and its pictures.
-
-        Returns:
-            The files written.
-        """
-        from experiments.pages.results import write_page
-
-        return write_page(results, docs)
-
-    def _detectors(self, lessons: Lessons, seeds: Sequence[int]) -> dict[Pupil, str]:
-        """Those that rows ask for, taught and tried side by side before they are asked one by one."""
-        pupils = list(dict.fromkeys(row.pupil(seed) for seed in seeds for row in self.rows))
-        names = dict(zip(pupils, lessons.detectors(pupils), strict=True))
-        tried: dict[Part, dict[str, None]] = {}
+    def _detectors(self, sets: TrainingSets, seeds: Sequence[int]) -> dict[Student, str]:
+        """Those that rows ask for, trained and scored in parallel before they are asked for one by one."""
+        students = list(dict.fromkeys(row.student(seed) for seed in seeds for row in self.rows))
+        names = dict(zip(students, sets.detectors(students), strict=True))
+        scored: dict[Subset, dict[str, None]] = {}
         for row in self.rows:
             if row.labels is None:
-                tried.setdefault(row.part, {}).update({names[row.pupil(seed)]: None for seed in seeds})
-        for part, some in tried.items():
-            lessons.detector_figures(part, list(some))
+                scored.setdefault(row.subset, {}).update({names[row.student(seed)]: None for seed in seeds})
+        for subset, some in scored.items():
+            sets.detector_scores(subset, list(some))
         return names
 
-    def _figures(self, lessons: Lessons, row: Row, seed: int, detector: str) -> dict[str, Any]:
+    def _scores(self, sets: TrainingSets, row: Row, seed: int, detector: str) -> dict[str, Any]:
         if row.labels is None:
-            found = lessons.detector_figures(row.part, [detector])[0]
+            found = sets.detector_scores(row.subset, [detector])[0]
         else:
-            found = lessons.label_figures(row.part, row.labels, seed, detector if row.teacher else None)
+            found = sets.label_scores(row.subset, row.labels, seed, detector if row.teacher else None)
         return found if self.categories is None else only(self.categories, found)
 
 
@@ -124,7 +114,7 @@ def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
     return {**rest, **means, **of_each}
 
 
-def compared_alike(rows: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
+def over_shared_categories(rows: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
     """The figures of rows over the categories that all of them have: means over different ones do not compare."""
     of_rows = [tuple(run["per_class_ap50"]) for runs in rows.values() for run in runs]
     shared = [name for name in of_rows[0] if all(name in names for names in of_rows)]
@@ -134,16 +124,16 @@ def compared_alike(rows: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict
 
 
 def in_more_scenes(*rows: Row) -> tuple[Row, ...]:
-    """Rows of detectors, tried on many unseen scenes instead of the thesis' few."""
-    return tuple(replace(row, part="wide") for row in rows)
+    """Rows of detectors, scored on many unseen scenes instead of the thesis' few."""
+    return tuple(replace(row, subset="wide") for row in rows)
 
 
-def _parts(row: Row) -> tuple[Part, ...]:
-    return (row.part,) if row.teacher is None else ("learn", "choose", row.part)
+def _subsets(row: Row) -> tuple[Subset, ...]:
+    return (row.subset,) if row.teacher is None else ("learn", "choose", row.subset)
 
 
-def _in_turn(seeds: Sequence[int], rows: Sequence[Row]) -> Iterator[tuple[int, Row]]:
-    """Seed by seed, with a progress bar."""
+def _with_progress(seeds: Sequence[int], rows: Sequence[Row]) -> Iterator[tuple[int, Row]]:
+    """Rows seed by seed, with a progress bar."""
     import sys
 
     from tqdm import tqdm
@@ -169,106 +159,110 @@ SHARED_GAP = (PRE_TRAINED.name, SHARED.name, CEILING.name)
 BOTH_GAP = (PRE_TRAINED.name, BOTH.name, CEILING.name)
 SECOND_GAP = (PRE_TRAINED.name, SECOND.name, CEILING.name)
 
-table_5_1 = Table(
-    "streets: pre-trained, SbM labels, and detectors fine-tuned on these and on ground truth, on unseen towns; labels "
-    "are made of each episode alone, as in the thesis, or shared by the episodes of a town, and then a second time "
-    "with what the detector finds that these have taught",
-    "streets",
-    (
-        PRE_TRAINED,
-        Row("pre-trained, training towns", "learn"),
-        Row("SbM labels, training towns", "learn", labels="sbm"),
-        Row("shared SbM labels, training towns", "learn", labels="shared"),
-        Row("shared SbM labels of the second round, training towns", "learn", labels="second round"),
-        Row("SbM labels, test town", "test", labels="sbm"),
-        FINE_TUNED,
-        SHARED,
-        SECOND,
-        CEILING,
+TABLES = {
+    "table_5_1": Table(
+        "streets: pre-trained, SbM labels, and detectors fine-tuned on these and on ground truth, on unseen towns; "
+        "labels are made of each episode alone, as in the thesis, or shared by the episodes of a town, and then a "
+        "second time with what the detector finds that was fine-tuned on these",
+        "streets",
+        (
+            PRE_TRAINED,
+            Row("pre-trained, training towns", "learn"),
+            Row("SbM labels, training towns", "learn", labels="sbm"),
+            Row("shared SbM labels, training towns", "learn", labels="shared"),
+            Row("shared SbM labels of the second round, training towns", "learn", labels="second round"),
+            Row("SbM labels, test town", "test", labels="sbm"),
+            FINE_TUNED,
+            SHARED,
+            SECOND,
+            CEILING,
+        ),
+        gaps=(GAP, SHARED_GAP, SECOND_GAP),
+        above=(
+            ("SbM labels, training towns", "pre-trained, training towns"),
+            ("shared SbM labels, training towns", "SbM labels, training towns"),
+            ("shared SbM labels of the second round, training towns", "shared SbM labels, training towns"),
+        ),
     ),
-    gaps=(GAP, SHARED_GAP, SECOND_GAP),
-    above=(
-        ("SbM labels, training towns", "pre-trained, training towns"),
-        ("shared SbM labels, training towns", "SbM labels, training towns"),
-        ("shared SbM labels of the second round, training towns", "shared SbM labels, training towns"),
+    "table_5_1_wide": Table(
+        "streets: table 5.1's detectors on a dozen unseen towns besides: one test town tells chance from gain poorly",
+        "streets",
+        in_more_scenes(PRE_TRAINED, FINE_TUNED, SHARED, SECOND, CEILING),
+        gaps=(GAP, SHARED_GAP, SECOND_GAP),
     ),
-)
-table_5_1_wide = Table(
-    "streets: table 5.1's detectors on a dozen unseen towns besides: one test town tells chance from gain poorly",
-    "streets",
-    in_more_scenes(PRE_TRAINED, FINE_TUNED, SHARED, SECOND, CEILING),
-    gaps=(GAP, SHARED_GAP, SECOND_GAP),
-)
-table_5_2 = Table(
-    "rooms: pre-trained, SbM labels (of each episode alone, as in the thesis, or shared by the episodes of a home) and "
-    "weakly supervised SbM labels, on the views of training scenes",
-    "rooms",
-    (
-        Row("pre-trained", "learn"),
-        Row("SbM labels", "learn", labels="sbm"),
-        Row("shared SbM labels", "learn", labels="shared"),
-        Row("SbM-ws labels", "learn", labels="weak"),
+    "table_5_2": Table(
+        "rooms: pre-trained, SbM labels (of each episode alone, as in the thesis, or shared by the episodes of a home) "
+        "and weakly supervised SbM labels, on the views of training scenes",
+        "rooms",
+        (
+            Row("pre-trained", "learn"),
+            Row("SbM labels", "learn", labels="sbm"),
+            Row("shared SbM labels", "learn", labels="shared"),
+            Row("SbM-ws labels", "learn", labels="weak"),
+        ),
+        above=(
+            ("SbM labels", "pre-trained"),
+            ("shared SbM labels", "pre-trained"),
+            ("shared SbM labels", "SbM labels"),
+            ("SbM-ws labels", "SbM labels"),
+        ),
     ),
-    above=(
-        ("SbM labels", "pre-trained"),
-        ("shared SbM labels", "pre-trained"),
-        ("shared SbM labels", "SbM labels"),
-        ("SbM-ws labels", "SbM labels"),
+    "table_5_3": Table(
+        "rooms: pre-trained, SbM fine-tuned (on labels of each episode alone, as in the thesis; shared by the episodes "
+        "of a home; or made a second time with what the detector fine-tuned on these and the pre-trained one find) and "
+        "GT fine-tuned, on unseen homes",
+        "rooms",
+        (PRE_TRAINED, FINE_TUNED, SHARED, BOTH, CEILING),
+        gaps=(GAP, SHARED_GAP, BOTH_GAP),
     ),
-)
-table_5_3 = Table(
-    "rooms: pre-trained, SbM fine-tuned (on labels of each episode alone, as in the thesis; shared by the episodes of "
-    "a home; or made a second time with what the detector finds that these have taught and with what the pre-trained "
-    "one does) and GT fine-tuned, on unseen homes",
-    "rooms",
-    (PRE_TRAINED, FINE_TUNED, SHARED, BOTH, CEILING),
-    gaps=(GAP, SHARED_GAP, BOTH_GAP),
-)
-table_5_3_wide = Table(
-    "rooms: table 5.3's detectors in 40 unseen interiors besides: two test homes tell chance from gain poorly",
-    "rooms",
-    in_more_scenes(PRE_TRAINED, FINE_TUNED, SHARED, BOTH, CEILING),
-    gaps=(GAP, SHARED_GAP, BOTH_GAP),
-)
-table_5_4 = Table(
-    "rooms: labels made with the pre-trained detector, with the fine-tuned one and with both, on the views of training "
-    "scenes; of each episode alone, as in the thesis, or shared by the episodes of a home",
-    "rooms",
-    (
-        Row("SbM labels", "learn", labels="sbm"),
-        Row("SbM labels of the fine-tuned detector", "learn", labels="sbm", teacher="sbm"),
-        Row("shared SbM labels", "learn", labels="shared"),
-        Row("shared SbM labels of the fine-tuned detector", "learn", labels="second round"),
-        Row("shared SbM labels of both detectors", "learn", labels="both detectors"),
+    "table_5_3_wide": Table(
+        "rooms: table 5.3's detectors in 40 unseen interiors besides: two test homes tell chance from gain poorly",
+        "rooms",
+        in_more_scenes(PRE_TRAINED, FINE_TUNED, SHARED, BOTH, CEILING),
+        gaps=(GAP, SHARED_GAP, BOTH_GAP),
     ),
-)
-table_a_1 = Table(
-    "rooms: fine-tuned on labels with and without the consistency filter, on unseen homes",
-    "rooms",
-    (
-        PRE_TRAINED,
-        Row("SbM without consistency", "test", teacher="sbm"),
-        Row("SbM with consistency", "test", teacher="consistent"),
-        Row("pre-trained, more homes", "wide"),
-        Row("SbM without consistency, more homes", "wide", teacher="sbm"),
-        Row("SbM with consistency, more homes", "wide", teacher="consistent"),
+    "table_5_4": Table(
+        "rooms: labels made with the pre-trained detector, with the fine-tuned one and with both, on the views of "
+        "training scenes; of each episode alone, as in the thesis, or shared by the episodes of a home",
+        "rooms",
+        (
+            Row("SbM labels", "learn", labels="sbm"),
+            Row("SbM labels of the fine-tuned detector", "learn", labels="sbm", teacher="sbm"),
+            Row("shared SbM labels", "learn", labels="shared"),
+            Row("shared SbM labels of the fine-tuned detector", "learn", labels="second round"),
+            Row("shared SbM labels of both detectors", "learn", labels="both detectors"),
+        ),
     ),
-)
-table_a_2 = Table(
-    "rooms: weakly supervised SbM labels of categories that no photograph has taught",
-    "rooms",
-    (Row("SbM-ws labels", "learn", labels="weak"),),
-    categories=NOVEL,
-)
-table_a_3 = Table(
-    "rooms: detectors of novel categories, taught by weak labels or by the annotated views alone, in 40 unseen "
-    "interiors (the thesis: cushions only)",
-    "rooms",
-    (
-        Row("SbM-ws labels", "learn", labels="weak"),
-        Row("SbM trained", "wide", teacher="weak", new_categories=NOVEL),
-        Row("trained on the annotated views alone", "wide", teacher="annotated views", new_categories=NOVEL),
-        Row("GT trained, all views", "wide", teacher="truth", new_categories=NOVEL),
+    "table_a_1": Table(
+        "rooms: fine-tuned on labels with and without the consistency filter, on unseen homes",
+        "rooms",
+        (
+            PRE_TRAINED,
+            Row("SbM without consistency", "test", teacher="sbm"),
+            Row("SbM with consistency", "test", teacher="consistent"),
+            Row("pre-trained, more homes", "wide"),
+            Row("SbM without consistency, more homes", "wide", teacher="sbm"),
+            Row("SbM with consistency, more homes", "wide", teacher="consistent"),
+        ),
     ),
-    categories=NOVEL,
-)
+    "table_a_2": Table(
+        "rooms: weakly supervised SbM labels of categories that no photograph has shown",
+        "rooms",
+        (Row("SbM-ws labels", "learn", labels="weak"),),
+        categories=NOVEL,
+    ),
+    "table_a_3": Table(
+        "rooms: detectors of novel categories, trained on weak labels or on the annotated views alone, in 40 unseen "
+        "interiors (the thesis: cushions only)",
+        "rooms",
+        (
+            Row("SbM-ws labels", "learn", labels="weak"),
+            Row("SbM trained", "wide", teacher="weak", new_categories=NOVEL),
+            Row("trained on the annotated views alone", "wide", teacher="annotated views", new_categories=NOVEL),
+            Row("GT trained, all views", "wide", teacher="truth", new_categories=NOVEL),
+        ),
+        categories=NOVEL,
+    ),
+}
+for _name, _table in TABLES.items():
+    register(Experiment(_name, _table.description, _table.run, pages=("results",)))

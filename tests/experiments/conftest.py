@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import experiments.cache.episode_pool
-from experiments.tables import fine_tuning
-from experiments.tables.fine_tuning import SIZES, Size
+from experiments.cache import worlds
+from experiments.cache.worlds import SIZES, Size
 from labeling.detectors.data.annotated_pictures import read_pictures
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.train_config import TrainConfig
@@ -21,7 +21,7 @@ def small_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     """Tiny rooms in place of recorded ones and of photographs; returns the pools that were asked for."""
     asked: list = []
 
-    def record(pool, workplace):
+    def record(pool, context):
         asked.append(pool)
         folder = tmp_path / "episodes" / pool.name / "0000"
         if not folder.exists():
@@ -29,16 +29,16 @@ def small_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
             write_episode(folder, replace(room, name=folder.name, metadata={"scene": "room/0"}))
         return [folder]
 
-    def photographs(counts, workplace):
-        pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, workplace)[0])
+    def photographs(counts, context):
+        pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, context)[0])
         return pictures, pictures[:1]
 
     train = TrainConfig(iterations=2, validate_every=1, warmup=1)
     size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
     monkeypatch.setitem(SIZES, "smoke", size)
     monkeypatch.setattr(experiments.cache.episode_pool, "record", record)
-    monkeypatch.setattr(fine_tuning, "replayed_photographs", photographs)
+    monkeypatch.setattr(worlds, "source_photographs", photographs)
     return asked
 
 
-POOL = experiments.cache.episode_pool.Pool("photographs", "none", "train", 1)
+POOL = experiments.cache.episode_pool.EpisodePool("photographs", "none", "train", 1)

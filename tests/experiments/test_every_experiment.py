@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.run import EXPERIMENTS, main
+from experiments.cache.registry import experiments
+from experiments.run import main
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +17,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("name", experiments())
 def test_it_runs_end_to_end(name: str, places: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [f"--{place}={folder}" for place, folder in places.items()]
     assert main([name, "--scale", "smoke", "--seeds", "1", "--workers", "2", *arguments]) == 0

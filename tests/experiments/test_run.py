@@ -8,8 +8,9 @@ import experiments.cache.episode_pool
 from experiments.ablations import label_ablation, label_comparison
 from experiments.ablations.ablation_variants import FACTORS, NOT_STUDIED, Factor, Variant, variants
 from experiments.ablations.label_modes import modes
-from experiments.cache.episode_pool import Pool, pools
-from experiments.run import EXPERIMENTS, main
+from experiments.cache.episode_pool import EpisodePool, ablation_pools
+from experiments.cache.registry import experiments as known_experiments
+from experiments.run import main
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.episodes import write_episode
 
@@ -46,7 +47,7 @@ def test_modes_are_checked_presets_and_at_full_scale_each_defect_alone() -> None
 
 def test_settings_are_never_chosen_on_test_scenes() -> None:
     for scale in ("smoke", "quick", "full"):
-        found = pools(scale)
+        found = ablation_pools(scale)
         assert {pool.split for pool in found} == {"train", "val"}
         assert all(pool.name.endswith(pool.split) for pool in found)
 
@@ -54,7 +55,7 @@ def test_settings_are_never_chosen_on_test_scenes() -> None:
 def test_list_names_every_experiment(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(EXPERIMENTS)
+    assert [line.split()[0] for line in lines] == list(known_experiments())
     assert all(len(line.split()) > 4 for line in lines)
 
 
@@ -78,15 +79,15 @@ def test_a_report_needs_figures(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.fixture
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two tiny rooms in place of recorded ones, and two variants."""
-    some = (Pool("rooms_train", "none", "train", 2), Pool("rooms_val", "none", "val", 1))
+    some = (EpisodePool("rooms_train", "none", "train", 2), EpisodePool("rooms_val", "none", "val", 1))
     folders = {}
     for number, pool in enumerate(some):
         folders[pool.name] = [tmp_path / pool.name / f"{index:04d}" for index in range(pool.episodes)]
         for index, folder in enumerate(folders[pool.name]):
             room = make_episode(7 + number + 2 * index, 3, (36, 48), num_objects=3, confident_share=2.0)
             write_episode(folder, replace(room, name=folder.name, metadata={"scene": f"room/{index}"}))
-    monkeypatch.setattr(experiments.cache.episode_pool, "pools", lambda scale: some)
-    monkeypatch.setattr(label_comparison, "record", lambda pool, workplace: folders[pool.name])
+    monkeypatch.setattr(experiments.cache.episode_pool, "ablation_pools", lambda scale: some)
+    monkeypatch.setattr(label_comparison, "record", lambda pool, context: folders[pool.name])
     tried = (Variant("no direct votes", {"votes": False}), Variant("no CRF", {"iterations": 0}))
     factor = Factor("Anything", ("votes",), "Why not.", tried)
     monkeypatch.setattr(label_ablation, "FACTORS", (factor,))

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from experiments.cache import episode_pool
-from experiments.cache.episode_pool import gather
-from experiments.cache.stages import Workplace
+from experiments.cache.episode_pool import link_dataset
+from experiments.cache.stages import RunContext
 
 
 @pytest.fixture
@@ -34,22 +34,22 @@ def test_episodes_of_several_pools_come_together(
 
     if not links:
         monkeypatch.setattr(episode_pool.os, "link", refuse)
-    place = Workplace("smoke", (0,), 1, tmp_path / "cache")
+    context = RunContext("smoke", (0,), 1, tmp_path / "cache")
     wanted = {"b": sources["first"], "a": sources["second"]}
-    folders = gather("both", wanted, place)
+    folders = link_dataset("both", wanted, context)
     assert contents(folders) == {"a": "second", "b": "first"}
     assert [folder.parent.name for folder in folders] == ["both", "both"]
-    assert contents(gather("both", wanted, place)) == contents(folders)
+    assert contents(link_dataset("both", wanted, context)) == contents(folders)
 
 
 def test_what_is_not_asked_for_goes_and_what_was_cut_short_is_made_anew(
     sources: dict[str, Path], tmp_path: Path
 ) -> None:
-    place = Workplace("smoke", (0,), 1, tmp_path / "cache")
-    (first,) = gather("some", {"old": sources["first"]}, place)
+    context = RunContext("smoke", (0,), 1, tmp_path / "cache")
+    (first,) = link_dataset("some", {"old": sources["first"]}, context)
     (first.parent / ".new").mkdir()
     (first.parent / ".new" / "half").write_text("")
-    folders = gather("some", {"new": sources["second"]}, place)
+    folders = link_dataset("some", {"new": sources["second"]}, context)
     assert contents(folders) == {"new": "second"}
     assert [path.name for path in first.parent.iterdir()] == ["new"]
     assert contents([sources["first"]]) == {"0000": "first"}

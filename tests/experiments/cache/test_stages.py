@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from experiments.cache import stages
 from experiments.cache.stages import Store, digest, folder_digest, run_tasks
 from labeling.core.errors import SbmError
 from labeling.runtime.code_digest import code_digest, reached_files
@@ -49,7 +48,7 @@ def test_code_reaches_what_is_imported_in_functions_and_through_packages(
     (package / "b.py").write_text("from labeling.c import x\n")
     (package / "c.py").write_text("import labeling.a\nx = 1\n")
     (package / "d.py").write_text("x = 2\n")
-    monkeypatch.setattr(stages, "ROOT", tmp_path)
+    monkeypatch.setattr("labeling.runtime.code_digest.ROOT", tmp_path)
     (package / "learnt.json").write_text("{}")
     names = {path.name for path in reached_files(["labeling.a"])}
     assert names == {"__init__.py", "a.py", "b.py", "c.py", "learnt.json"}

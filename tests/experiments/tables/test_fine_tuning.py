@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
-from experiments.tables.fine_tuning import SIZES
 from labeling.detectors.finetuning import training_run
 
 

@@ -10,19 +10,20 @@ from hypothesis import strategies as st
 
 from experiments.run import main
 from experiments.tables import never_ending
-from experiments.tables.never_ending import SIZES, Signs, collapse, signs_of
+from experiments.tables.never_ending import SIZES, collapse_reason, label_statistics
+from experiments.tables.never_ending import LabelStatistics as Statistics
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
 from labeling.detectors.finetuning import training_run
 from labeling.io.label_set import read_label_set
 from labeling.training.run_files import CONFIG_FILE
 
-STEADY = Signs(3.0, 0.7, {"chair": 0.6, "table": 0.4})
+STEADY = Statistics(3.0, 0.7, {"chair": 0.6, "table": 0.4})
 
 
 def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(never_ending, "collapse", lambda signs: None)
+    monkeypatch.setattr(never_ending, "collapse_reason", lambda rounds: None)
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["never_ending", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
     content = json.loads((tmp_path / "results" / "never_ending.json").read_text())
@@ -59,7 +60,7 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
 def test_a_collapse_ends_the_loop_before_anything_is_learnt_from_it(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(never_ending, "signs_of", lambda pictures: Signs(0.0, 0.0, {}))
+    monkeypatch.setattr(never_ending, "label_statistics", lambda pictures: Statistics(0.0, 0.0, {}))
     monkeypatch.setattr(training_run, "train_one_epoch", None)
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["never_ending", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
@@ -73,27 +74,30 @@ def test_a_collapse_ends_the_loop_before_anything_is_learnt_from_it(
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda s: Signs(0.0, 0.0, {}), "no labels"),
-        (lambda s: Signs(1.4, s.confidence, s.shares), "from 3.00 to 1.40"),
-        (lambda s: Signs(s.labels_per_view, 0.5, s.shares), "from 0.70 to 0.50"),
-        (lambda s: Signs(s.labels_per_view, s.confidence, {"chair": 0.9, "table": 0.1}), "90% of all labels are chair"),
+        (lambda s: Statistics(0.0, 0.0, {}), "no labels"),
+        (lambda s: Statistics(1.4, s.confidence, s.shares), "from 3.00 to 1.40"),
+        (lambda s: Statistics(s.labels_per_view, 0.5, s.shares), "from 0.70 to 0.50"),
+        (
+            lambda s: Statistics(s.labels_per_view, s.confidence, {"chair": 0.9, "table": 0.1}),
+            "90% of all labels are chair",
+        ),
     ],
 )
-def test_each_way_to_collapse_is_named(change: Callable[[Signs], Signs], says: str) -> None:
-    said = collapse([STEADY, STEADY, change(STEADY)])
+def test_each_way_to_collapse_is_named(change: Callable[[Statistics], Statistics], says: str) -> None:
+    said = collapse_reason([STEADY, STEADY, change(STEADY)])
     assert said is not None
     assert says in said
 
 
 def test_what_was_one_sided_from_the_start_is_no_collapse() -> None:
-    streets = Signs(3.0, 0.7, {"car": 0.95, "bus": 0.05})
-    assert collapse([streets, streets]) is None
+    streets = Statistics(3.0, 0.7, {"car": 0.95, "bus": 0.05})
+    assert collapse_reason([streets, streets]) is None
 
 
 @given(st.lists(st.floats(0.5, 5.0), min_size=1, max_size=6), st.floats(0.0, 1.0))
 def test_rounds_that_only_get_better_never_collapse(counts: list[float], confidence: float) -> None:
-    rounds = [Signs(count, confidence, STEADY.shares) for count in sorted(counts)]
-    assert collapse(rounds) is None
+    rounds = [Statistics(count, confidence, STEADY.shares) for count in sorted(counts)]
+    assert collapse_reason(rounds) is None
 
 
 def picture(*labels: tuple[str, float, bool]) -> AnnotatedPicture:
@@ -102,8 +106,8 @@ def picture(*labels: tuple[str, float, bool]) -> AnnotatedPicture:
     return AnnotatedPicture(Path("view.png"), (4, 4), annotations)
 
 
-def test_signs_count_labels_and_leave_out_regions_to_ignore() -> None:
-    found = signs_of([picture(("chair", 0.8, False), ("table", 0.4, False), ("couch", 0.9, True)), picture()])
+def test_label_statistics_count_labels_and_leave_out_regions_to_ignore() -> None:
+    found = label_statistics([picture(("chair", 0.8, False), ("table", 0.4, False), ("couch", 0.9, True)), picture()])
     assert found.labels_per_view == pytest.approx(1.0)
     assert found.confidence == pytest.approx(0.6)
     assert found.shares == {"chair": pytest.approx(0.5), "table": pytest.approx(0.5)}

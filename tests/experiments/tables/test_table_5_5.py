@@ -11,12 +11,11 @@ import pytest
 import experiments.cache.episode_pool
 from experiments import box_pictures, run
 from experiments.cache.box_targets import box_targets, heading_apart_deg
-from experiments.cache.worlds import WORLDS
+from experiments.cache.worlds import SIZES, WORLDS, Size
 from experiments.figures.boxes_on_views import boxes_on_view, edges_in_view
 from experiments.pages.boxes import PICTURE
 from experiments.pages.results import page
 from experiments.tables import table_5_5
-from experiments.tables.fine_tuning import SIZES, Size
 from labeling.core.geometry import intrinsics_from_fov, look_at, project
 from labeling.core.types import Box3d
 from labeling.detectors.finetuning.train_config import TrainConfig
@@ -32,7 +31,7 @@ def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     """Rooms with plain boxes in place of recorded worlds; returns the pools that were asked for."""
     asked: list = []
 
-    def record(pool, workplace):
+    def record(pool, context):
         asked.append(pool)
         folder = tmp_path / "episodes" / pool.name / "0000"
         if not folder.exists():
@@ -55,7 +54,7 @@ def test_the_table_runs_resumes_and_reports(
     content = json.loads((tmp_path / "results" / "table_5_5.json").read_text())
     for found in content["worlds"].values():
         assert [(row["name"], row["boxes"]) for row in found["rows"]] == [
-            (name, finder) for name in table_5_5.ROWS for finder in table_5_5.FINDERS
+            (name, masks) for name in table_5_5.ROWS for masks in table_5_5.MASK_SOURCES
         ]
         assert [len(row["runs"]) for row in found["rows"]] == [1, 1, 1, 1, 2, 2, 2, 2]
         assert all(0 <= run["ap25"] <= 1 for row in found["rows"] for run in row["runs"])
@@ -63,8 +62,8 @@ def test_the_table_runs_resumes_and_reports(
         assert len(found["targets"]) == 2
         assert set(found["targets"][0]) <= set(SIDES)
         assert [float(scale) for scale in found["ldls_ap25_by_scale_m"]] == list(table_5_5.SCALES_M)
-    taught = {pool.split for pool in boxed_rooms if pool.name.endswith(("_learn", "_choose"))}
-    assert taught == {"train"}
+    learnt_from = {pool.split for pool in boxed_rooms if pool.name.endswith(("_learn", "_choose"))}
+    assert learnt_from == {"train"}
     assert {pool.split for pool in boxed_rooms if pool.name.endswith("_wide")} == {"wide"}
     text = (tmp_path / "docs" / "results.md").read_text()
     assert "## Table 5.5: boxes in three dimensions" in text
@@ -102,7 +101,7 @@ def test_the_section_tells_shares_and_leads() -> None:
     rows = [
         {"name": name, "boxes": boxes, "runs": figures(ap, 1 if "LDLS" in name else 3)}
         for name, ap in aps.items()
-        for boxes in table_5_5.FINDERS
+        for boxes in table_5_5.MASK_SOURCES
     ]
     pools = {part: {"episodes": 2} for part in ("learn", "choose", "wide")}
     train = {"iterations": 10, "batch_size": 32, "num_points": 512, "width": 0.5}

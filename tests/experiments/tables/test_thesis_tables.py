@@ -9,13 +9,20 @@ import numpy as np
 import pytest
 
 from experiments.ablations import label_modes
-from experiments.cache.stages import Workplace
+from experiments.cache.registry import experiments
+from experiments.cache.stages import RunContext
 from experiments.figures.thesis_values import MEANS
-from experiments.run import EXPERIMENTS, TABLES, main
-from experiments.tables import thesis_tables
-from experiments.tables import training_sets as lessons_module
-from experiments.tables.thesis_tables import Table, compared_alike, only
-from experiments.tables.training_sets import NOVEL, SPLITS, Lessons, Pupil, annotated_views, sure_of
+from experiments.run import main
+from experiments.tables.thesis_tables import TABLES, Table, only, over_shared_categories
+from experiments.tables.training_sets import (
+    LABEL_RECIPES,
+    NOVEL,
+    SPLITS,
+    Student,
+    TrainingSets,
+    annotated_views,
+    ignore_unsure,
+)
 from labeling.core.rle import decode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation, read_pictures
 from labeling.detectors.finetuning import training_run
@@ -25,18 +32,16 @@ from labeling.training.run_files import CONFIG_FILE
 
 from ...labeling.synthetic_room import make_episode
 
-ALL = {f"table_{number}": getattr(thesis_tables, f"table_{number}") for number in TABLES}
-
 
 def test_every_table_runs_resumes_and_reports(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["table_5_3", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
-    workplace = Workplace("smoke", (0,), 1, tmp_path / "cache")
-    contents = {name: dataclasses.replace(table, world="rooms").run(workplace) for name, table in ALL.items()}
+    context = RunContext("smoke", (0,), 1, tmp_path / "cache")
+    contents = {name: dataclasses.replace(table, world="rooms").run(context) for name, table in TABLES.items()}
     assert json.loads((tmp_path / "results" / "table_5_3.json").read_text())["rows"] == contents["table_5_3"]["rows"]
-    for name, table in ALL.items():
+    for name, table in TABLES.items():
         assert [row["name"] for row in contents[name]["rows"]] == [row.name for row in table.rows]
     taught = {pool.split for pool in small_rooms if pool.name in ("rooms_learn", "rooms_choose")}
     assert taught == {"train"}
@@ -46,55 +51,57 @@ def test_every_table_runs_resumes_and_reports(
     assert rows["table_5_3"]["pre-trained"] == rows["table_a_1"]["pre-trained"]
     assert rows["table_5_3"]["SbM fine-tuned"] == rows["table_a_1"]["SbM without consistency"]
     assert rows["table_5_2"]["SbM labels"] == rows["table_5_4"]["SbM labels"]
-    presets = label_modes.TAUGHT.run(workplace)
-    assert [row["name"] for row in presets["rows"]] == [row.name for row in label_modes.TAUGHT.rows]
+    presets = label_modes.DETECTORS.run(context)
+    assert [row["name"] for row in presets["rows"]] == [row.name for row in label_modes.DETECTORS.rows]
     found = {row["name"]: row["runs"] for row in presets["rows"]}
     assert found["fine-tuned on default"] == rows["table_5_3"]["SbM fine-tuned"]
     page = (tmp_path / "docs" / "results.md").read_text()
-    assert page.count("Has not been run yet") == len(ALL) - 1 + 4  # and label_modes, table_5_5 and two loops
+    assert page.count("Has not been run yet") == len(TABLES) - 1 + 4  # and label_modes, table_5_5 and two loops
     monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
-    assert ALL["table_5_3"].run(workplace) == contents["table_5_3"]
+    assert TABLES["table_5_3"].run(context) == contents["table_5_3"]
     capsys.readouterr()
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", TABLES)
 def test_only_training_scenes_teach(name: str) -> None:
-    table: Table = ALL[name]
+    table: Table = TABLES[name]
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
     assert {row for gap in table.gaps for row in gap} <= set(names)
     assert {row for pair in table.above for row in pair} <= set(names)
-    assert EXPERIMENTS[name] == f"experiments.tables.thesis_tables:{name}"
+    assert experiments()[name].description == table.description
     assert set(MEANS.get(name, {})) <= set(names), "the thesis' figures stand beside rows that there are"
 
 
 def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taught(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lessons = Lessons("rooms", Workplace("smoke", (0, 1), 1, tmp_path))
-    first = lessons.detectors([Pupil("shared", seed) for seed in (0, 1)])
-    made = [read_label_set(lessons.labels("learn", "second round", seed)) for seed in (0, 1)]
+    sets = TrainingSets("rooms", RunContext("smoke", (0, 1), 1, tmp_path))
+    first = sets.detectors([Student("shared", seed) for seed in (0, 1)])
+    made = [read_label_set(sets.labels("learn", "second round", seed)) for seed in (0, 1)]
     assert [labels.provenance["sources"]["detector"] for labels in made] == first
-    second = lessons.detectors([Pupil("second round", seed) for seed in (0, 1)])
+    second = sets.detectors([Student("second round", seed) for seed in (0, 1)])
     assert len({*first, *second}) == 4
     started_from = [json.loads((Path(folder) / CONFIG_FILE).read_text())["about"]["started_from"] for folder in second]
     assert started_from == ["compact", "compact"]
-    both = lessons.labels("learn", "both detectors", 0)
+    both = sets.labels("learn", "both detectors", 0)
     sources = read_label_set(both).provenance["sources"]
     assert (sources["detector"], sources["with_recorded"]) == (first[0], True)
     weights = [one.weight for picture in read_pictures(both) for one in picture.annotations]
-    for least_sure in (0.0, statistics.median_high(weights), 2.0):
-        kind = dataclasses.replace(lessons_module.KINDS["both detectors"], least_sure=least_sure)
-        monkeypatch.setitem(lessons_module.KINDS, "both detectors", kind)
-        taught = [one for picture in lessons.lesson("learn", "both detectors", 0) for one in picture.annotations]
-        assert [one.ignore for one in taught] == [weight < least_sure for weight in weights]
+    for min_confidence in (0.0, statistics.median_high(weights), 2.0):
+        recipe = dataclasses.replace(LABEL_RECIPES["both detectors"], min_confidence=min_confidence)
+        monkeypatch.setitem(LABEL_RECIPES, "both detectors", recipe)
+        taught = [
+            one for picture in sets.training_pictures("learn", "both detectors", 0) for one in picture.annotations
+        ]
+        assert [one.ignore for one in taught] == [weight < min_confidence for weight in weights]
     capsys.readouterr()
 
 
 def test_unsure_labels_are_neither_objects_nor_background() -> None:
     labels = ("chair", 0.8, False), ("table", 0.49, False), ("couch", 0.9, True), ("bed", 0.5, False)
     annotations = tuple(Annotation(name, {}, weight, ignore) for name, weight, ignore in labels)
-    (found,) = sure_of([AnnotatedPicture(Path("view.png"), (4, 4), annotations)], 0.5)
+    (found,) = ignore_unsure([AnnotatedPicture(Path("view.png"), (4, 4), annotations)], 0.5)
     assert [(one.category, one.weight, one.ignore) for one in found.annotations] == [
         ("chair", 0.8, False),
         ("table", 0.49, True),
@@ -103,13 +110,13 @@ def test_unsure_labels_are_neither_objects_nor_background() -> None:
     ]
 
 
-def test_labels_of_test_scenes_are_refused_as_a_lesson(tmp_path: Path) -> None:
-    lessons = Lessons("rooms", Workplace("smoke", (0,), 1, tmp_path))
+def test_labels_of_test_scenes_are_refused_as_training_sets(tmp_path: Path) -> None:
+    sets = TrainingSets("rooms", RunContext("smoke", (0,), 1, tmp_path))
     assert (SPLITS["test"], SPLITS["wide"]) == ("test", "wide")
-    with pytest.raises(ValueError, match="teach nobody"):
-        lessons.lesson("test", "sbm", 0)
-    with pytest.raises(ValueError, match="teach nobody"):
-        lessons.lesson("wide", "sbm", 0)
+    with pytest.raises(ValueError, match="nothing may be trained"):
+        sets.training_pictures("test", "sbm", 0)
+    with pytest.raises(ValueError, match="nothing may be trained"):
+        sets.training_pictures("wide", "sbm", 0)
 
 
 def test_annotated_views_show_each_object_once_and_say_nothing_of_the_rest(tmp_path: Path) -> None:
@@ -161,10 +168,10 @@ def test_rows_are_compared_over_the_categories_they_share() -> None:
         }
 
     rows = {"few": [run(bed=0.2, chair=0.4)], "more": [run(bed=0.4, chair=0.6, shelf=1.0)]}
-    found = compared_alike(rows)
+    found = over_shared_categories(rows)
     assert [found[name][0]["mask_ap50"] for name in rows] == pytest.approx([0.3, 0.5])
     assert set(found["more"][0]["instances"]) == {"bed", "chair"}
     assert found["more"][0]["photographs_ap50"] == 0.8
     assert "box_ap50" not in found["more"][0]
     alike = {name: [run(bed=0.2)] for name in "ab"}
-    assert compared_alike(alike) == alike
+    assert over_shared_categories(alike) == alike
