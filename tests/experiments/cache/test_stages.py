@@ -65,7 +65,7 @@ def test_code_reaches_what_is_imported_in_functions_and_through_packages(
 
 def test_labels_depend_on_the_code_that_makes_them() -> None:
     names = {path.stem for path in reached_files(["labeling.generator.propagate"])}
-    assert {"fusion", "crf", "lattice", "unary_choices", "per_detection", "published_defects"} <= names
+    assert {"association", "mean_field", "permutohedral_lattice", "per_detection", "published_defects"} <= names
     assert not names & {"report", "viewer"}
 
 
