@@ -1,12 +1,20 @@
-"""Compiled kernels that take the light of a point from pixels around it that see the same surface in the same light.
+"""Compiled kernels of irradiance interpolation: light of a point is taken from pixels around it on the same surface.
 
-Light on a surface changes slowly, except at the edges of shadows. In a picture it is worked out for every other pixel,
-like the black squares of a chessboard; a white one between four that agree lies between them in brightness too. (A
-shadow one pixel wide differs from two of the four.) Sub-rays of an edge pixel take the light of what they hit from the
-pixels around them, where the edges of shadows have been softened. What a surface looks like is always its own.
+Irradiance changes slowly along a surface, except at the edges of shadows. In a picture it is computed for every other
+pixel, like the black squares of a chessboard; a white one between four that agree gets their mean. (A shadow one pixel
+wide differs from two of the four.) Sub-rays of an edge pixel take the light of what they hit from the pixels around
+them, where the edges of shadows have been softened. Colours of surfaces are never interpolated.
+
+Arguments that the kernels share: ``start`` and ``stop``, the range of rows to work on; ``width`` and ``height`` of the
+picture in pixels, whose n rows go line by line; ``across`` and ``below``, (n,) bool, whether a pixel's right and lower
+neighbour see the same surface; ``light``, (n, 6) float32, linear red, green and blue irradiance, then the same as
+gloss; ``lit``, (n,) uint64, one bit for each lamp that shines there; ``is_open``, (n,) bool, rows whose light must
+still be computed. Source: after Ward et al., A Ray Tracing Solution for Diffuse Interreflection, 1988.
 """
 
 from numba import njit
+
+from sbm_gym.rendering.rays.surface_table import SurfaceTable
 
 SAME_SURFACE_COSINE = 0.9
 """Neighbouring hits whose normals differ by less may belong to one surface."""
@@ -19,8 +27,19 @@ CLOSE = 0.01
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def relate(start, stop, width, height, rays, t, triangle, geom, normal, across, below):
-    """Whether pixels of a picture see the same smooth surface as their right and as their lower neighbour."""
+def same_surface(start, stop, width, height, seen: SurfaceTable, across, below):
+    """Whether pixels see the same smooth surface as their right and as their lower neighbour; see the module.
+
+    Args:
+        start: first pixel.
+        stop: behind the last one.
+        width: of the picture.
+        height: of the picture.
+        seen: what the pixels see.
+        across: written.
+        below: written.
+    """
+    rays, t, triangle, geom, normal = seen
     for i in range(start, stop):
         across[i] = below[i] = False
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
@@ -43,20 +62,20 @@ def relate(start, stop, width, height, rays, t, triangle, geom, normal, across, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light_white_pixels(start, stop, width, height, geom, across, below, light, lit, is_open):
-    """Takes light of white pixels from the four black ones around; marks those where they do not agree.
+def interpolate_light(start, stop, width, height, geom, across, below, light, lit, is_open):
+    """Gives white pixels the mean light of the four black ones around; marks those where these do not agree.
 
     Args:
         start: first pixel.
         stop: behind the last one.
         width: of the picture.
         height: of the picture.
-        geom: what pixels see.
-        across: whether their right neighbours see the same surface.
-        below: whether the lower ones do.
-        light: light there; of black pixels it is known, of white ones it is written.
-        lit: the lamps that shine there; likewise.
-        is_open: white pixels that are left to be worked out; written.
+        geom: (n,) int32, the geom that each pixel sees, -1 for nothing.
+        across: see the module.
+        below: see the module.
+        light: of black pixels it is known, of white ones it is written.
+        lit: likewise.
+        is_open: white pixels that are left; written.
     """
     for i in range(start, stop):
         is_open[i] = False
@@ -99,12 +118,12 @@ def soften_shadows(start, stop, width, height, geom, across, below, light, lit, 
         stop: behind the last one.
         width: of the picture.
         height: of the picture.
-        geom: what pixels see.
-        across: whether their right neighbours see the same surface.
-        below: whether the lower ones do.
-        light: light there.
-        lit: the lamps that shine there.
-        softened: the new light; written.
+        geom: (n,) int32, the geom that each pixel sees, -1 for nothing.
+        across: see the module.
+        below: see the module.
+        light: see the module.
+        lit: see the module.
+        softened: (n, 6) float32, the new light; written.
     """
     for i in range(start, stop):
         for channel in range(6):
@@ -145,50 +164,36 @@ def soften_shadows(start, stop, width, height, geom, across, below, light, lit, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light_samples(
+def interpolate_samples(
     start,
     stop,
     pixels,
     samples,
     width,
     height,
-    rays,
-    t,
-    triangle,
-    geom,
-    normal,
-    of_rays,
-    of_t,
-    of_triangle,
-    of_geom,
-    of_normal,
-    of_light,
+    seen: SurfaceTable,
+    around: SurfaceTable,
+    around_light,
     light,
     is_open,
 ):
-    """Takes light of sub-rays from their own pixel, else from those beside it; marks those where none fits.
+    """Gives sub-rays the light of their own pixel, else of those beside it; marks those where none fits.
 
     Args:
         start: first sub-ray.
         stop: behind the last one.
-        pixels: the pixel of every ``samples`` sub-rays.
+        pixels: (k,) int64, the pixel of every ``samples`` sub-rays.
         samples: sub-rays of a pixel.
         width: of the picture.
         height: of the picture.
-        rays: the sub-rays.
-        t: where they hit.
-        triangle: what.
-        geom: what.
-        normal: there.
-        of_rays: the rays of the picture's pixels.
-        of_t: where they hit.
-        of_triangle: what.
-        of_geom: what.
-        of_normal: there.
-        of_light: light there.
-        light: light where the sub-rays hit; written.
-        is_open: sub-rays whose light must be worked out; written.
+        seen: what the k * samples sub-rays hit.
+        around: what the pixels see.
+        around_light: (n, 6) float32, light there.
+        light: of the sub-rays; written.
+        is_open: sub-rays that are left; written.
     """
+    rays, t, triangle, geom, normal = seen
+    of_rays, of_t, of_triangle, of_geom, of_normal = around
     for i in range(start, stop):
         is_open[i] = False
         if geom[i] < 0:
@@ -221,7 +226,7 @@ def light_samples(
             found += 1.0
             for channel in range(6):
                 before = light[i, channel] if found > 1.0 else 0.0
-                light[i, channel] = before + (of_light[j, channel] - before) / found
+                light[i, channel] = before + (around_light[j, channel] - before) / found
             if step == 0:
                 break
         is_open[i] = found == 0.0

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
+from sbm_gym.rendering.rays.surface_table import SurfaceTable
 from sbm_gym.rendering.tables.light_tables import (
     DIRECTIONAL,
     NOWHERE,
@@ -34,11 +35,7 @@ def lamp_rays(
     start,
     stop,
     chosen,
-    rays,
-    t,
-    triangle,
-    geom,
-    normal,
+    seen: SurfaceTable,
     triangles: TriangleTable,
     geoms: GeomTable,
     lights: LightTable,
@@ -58,26 +55,23 @@ def lamp_rays(
     Args:
         start: first block of points.
         stop: behind the last block.
-        chosen: the points, as numbers of rays.
-        rays: from the eye.
-        t: where they hit.
-        triangle: what.
-        geom: what.
-        normal: there.
+        chosen: (k,) int64, the points: rows of ``seen``.
+        seen: what rays hit.
         triangles: of the scene.
         geoms: of the scene.
         lights: of the scene.
-        reach: how much of them is drawn where.
+        reach: how much of each lamp's light is drawn where.
         ambient: the light from everywhere.
         far_m: shadow rays to the sun are this long.
-        light: red, green and blue light on the surface, and off it as gloss; written for the chosen.
-        lit: one bit for each lamp that shines there; written for the chosen.
-        shadow_rays: (blocks, n, 6); written.
-        point_of: the point to which each belongs, (blocks, n); written.
-        lamp_of: its lamp, (blocks, n); written.
-        gain: how much the lamp adds on the surface and as gloss, (blocks, n, 2); written.
-        count: how many there are in each block; written.
+        light: (n, 6) float32, linear red, green and blue irradiance, then the same as gloss; written for the chosen.
+        lit: (n,) uint64, one bit for each lamp that shines there; set to 0 for the chosen.
+        shadow_rays: (blocks, m, 6) float32, from a point to a lamp at parameter 1; written.
+        point_of: (blocks, m) int32, the row of ``seen`` to which each shadow ray belongs; written.
+        lamp_of: (blocks, m) int32, its lamp; written.
+        gain: (blocks, m, 2) float32, what the lamp's colours are multiplied by on the surface and as gloss; written.
+        count: (blocks,) int64, how many shadow rays each block has; written.
     """
+    rays, t, triangle, geom, normal = seen
     # Arrays are taken out of their tables once: in a loop that costs reference counting.
     face_normals, speculars = triangles.face_normals, geoms.specular
     gloss_cosines, gloss_exponents = geoms.gloss_cosine, geoms.gloss_exponent
@@ -193,14 +187,37 @@ def lamp_rays(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def line_up(start, stop, count, first, shadow_rays, together):
-    """Copies the shadow rays of blocks to one list without gaps; ``first``: where each block's begin there."""
+    """Copies the shadow rays of blocks to one list without gaps.
+
+    Args:
+        start: first block.
+        stop: behind the last one.
+        count: (blocks,) int64, shadow rays of each block.
+        first: (blocks,) int64, where each block's begin in the list.
+        shadow_rays: (blocks, m, 6) float32.
+        together: (sum of count, 6) float32; written.
+    """
     for block in range(start, stop):
         together[first[block] : first[block] + count[block]] = shadow_rays[block, : count[block]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_lamps(start, stop, count, first, occluded, point_of, lamp_of, gain, lights: LightTable, light, lit):
-    """Adds the light whose shadow rays arrived. See ``lamp_rays`` and ``line_up``."""
+    """Adds the light whose shadow rays arrived.
+
+    Args:
+        start: first block.
+        stop: behind the last one.
+        count: as in ``line_up``.
+        first: as in ``line_up``.
+        occluded: (sum of count,) bool, by place in the list of ``line_up``.
+        point_of: as in ``lamp_rays``.
+        lamp_of: as in ``lamp_rays``.
+        gain: as in ``lamp_rays``.
+        lights: of the scene.
+        light: (n, 6) float32; added to.
+        lit: (n,) uint64; bits are set.
+    """
     diffuse, specular = lights.diffuse, lights.specular
     for block in range(start, stop):
         for k in range(count[block]):
@@ -216,9 +233,15 @@ def add_lamps(start, stop, count, first, occluded, point_of, lamp_of, gain, ligh
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _share(share, code, slot, gx, gy, gz):
-    """Share of a lamp's light that is drawn at a point, in cells from the grid's corner: 1 outside.
+    """Share of a lamp's light that is drawn at a point, trilinear between the centres of cells; 1 outside the grid.
 
-    Between the centres of cells it is trilinear.
+    Args:
+        share: as in ``LampReach``.
+        code: ``around`` of ``LampReach``.
+        slot: the lamp's shadow slot.
+        gx: x of the point, in cells from the grid's corner; likewise gy and gz.
+        gy: see gx.
+        gz: see gx.
     """
     depth, height, width = share.shape[1:]
     if not (0.0 <= gx < width and 0.0 <= gy < height and 0.0 <= gz < depth):
@@ -241,7 +264,14 @@ def _share(share, code, slot, gx, gy, gz):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _density(density, gx, gy, gz):
-    """Trilinear look-up in the grid of filled space, at cells counted from the centre of the first; 0 outside it."""
+    """Trilinear look-up in the grid of filled space; 0 outside it.
+
+    Args:
+        density: (z, y, x) float32, as in ``AmbientTable``.
+        gx: x of the point, in cells from the centre of the first one; likewise gy and gz.
+        gy: see gx.
+        gz: see gx.
+    """
     depth, height, width = density.shape
     if not (0.0 <= gx < width - 1 and 0.0 <= gy < height - 1 and 0.0 <= gz < depth - 1):
         return 0.0
@@ -262,6 +292,18 @@ def _openness(density, gx, gy, gz, nx, ny, nz):
     """How much ambient light reaches a point: one cone of three steps through the grid of filled space.
 
     Source: after Crassin et al., Interactive Indirect Illumination Using Voxel Cone Tracing, 2011.
+
+    Args:
+        density: as in ``_density``.
+        gx: the point, as in ``_density``; likewise gy and gz.
+        gy: see gx.
+        gz: see gx.
+        nx: x of the unit normal of the surface there; likewise ny and nz.
+        ny: see nx.
+        nz: see nx.
+
+    Returns:
+        From 0.3 (enclosed) to 1 (open).
     """
     through = 1.0
     step = 1.6

@@ -6,12 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, Int64, UInt64
 
-from sbm_gym.rendering.rays.irradiance_interpolation import light_samples, light_white_pixels, relate, soften_shadows
+from sbm_gym.rendering.rays.irradiance_interpolation import (
+    interpolate_light,
+    interpolate_samples,
+    same_surface,
+    soften_shadows,
+)
 from sbm_gym.rendering.rays.light_kernels import BLOCK, add_lamps, lamp_rays, line_up
 from sbm_gym.rendering.rays.picture_kernels import combine
 from sbm_gym.rendering.rays.raycast import Caster, Hits
 from sbm_gym.rendering.rays.scratch import Scratch
 from sbm_gym.rendering.rays.surface_kernels import describe
+from sbm_gym.rendering.rays.surface_table import SurfaceTable
 from sbm_gym.rendering.rays.workers import LEAST, Workers
 from sbm_gym.rendering.tables.light_tables import AmbientTable, LampReach, LightTable
 from sbm_gym.rendering.tables.scene_tables import SceneTables
@@ -47,9 +53,9 @@ class Surfaces:
     """One bit for each lamp that casts shadows and shines there."""
 
     @property
-    def seen(self) -> tuple[np.ndarray, ...]:
-        """What tells surfaces apart: rays, where they hit and what, the normals there."""
-        return self.rays, self.hits.t, self.hits.triangle, self.geom, self.normal
+    def table(self) -> SurfaceTable:
+        """The points that were hit, for kernels."""
+        return SurfaceTable(self.rays, self.hits.t, self.hits.triangle, self.geom, self.normal)
 
 
 class Shader:
@@ -114,13 +120,13 @@ class Shader:
         """Works out the light everywhere."""
         self._light(np.arange(len(surfaces.rays)), surfaces, scene)
 
-    def relate(
+    def same_surface(
         self, surfaces: Surfaces, height_px: int, width_px: int
     ) -> tuple[Bool[np.ndarray, "n"], Bool[np.ndarray, "n"]]:
         """Whether pixels of a picture see the same surface as their right and as their lower neighbour."""
         count = height_px * width_px
         across, below = np.empty(count, bool), np.empty(count, bool)
-        self._workers.split(relate, count, width_px, height_px, *surfaces.seen, across, below)
+        self._workers.split(same_surface, count, width_px, height_px, surfaces.table, across, below)
         return across, below
 
     def light_picture(
@@ -138,14 +144,14 @@ class Shader:
             surfaces: of the pixels of a picture, row by row.
             scene: its light.
             black: pixels whose row and column are an even number together.
-            related: what ``relate`` found.
+            related: what ``same_surface`` found.
             height_px: of the picture.
             width_px: of the picture.
         """
         self._light(black, surfaces, scene)
         is_open = np.empty(len(surfaces.rays), bool)
         columns = (surfaces.geom, *related, surfaces.light, surfaces.lit, is_open)
-        self._workers.split(light_white_pixels, len(is_open), width_px, height_px, *columns)
+        self._workers.split(interpolate_light, len(is_open), width_px, height_px, *columns)
         self._light(np.flatnonzero(is_open), surfaces, scene)
 
     def soften_shadows(
@@ -160,7 +166,7 @@ class Shader:
 
         Args:
             surfaces: of its pixels, row by row, with the light there.
-            related: what ``relate`` found.
+            related: what ``same_surface`` found.
             height_px: of the picture.
             width_px: of the picture.
             memory: holds the new light until it is used again.
@@ -192,14 +198,14 @@ class Shader:
         count = len(surfaces.rays)
         is_open = np.empty(count, bool)
         self._workers.split(
-            light_samples,
+            interpolate_samples,
             count,
             pixels,
             count // len(pixels),
             width_px,
             height_px,
-            *surfaces.seen,
-            *around.seen,
+            surfaces.table,
+            around.table,
             around.light,
             surfaces.light,
             is_open,
@@ -209,8 +215,8 @@ class Shader:
     def colours(self, surfaces: Surfaces, ambient: AmbientTable, memory: Scratch) -> Float32[np.ndarray, "n 3"]:
         """Linear light that comes back along each ray."""
         colour = memory.take("colour", surfaces.albedo.shape)
-        columns = (surfaces.rays, surfaces.hits.t, surfaces.geom, self._tables.geoms, ambient)
-        self._workers.split(combine, len(colour), *columns, surfaces.albedo, surfaces.light, colour)
+        columns = (surfaces.table, self._tables.geoms, ambient, surfaces.albedo, surfaces.light, colour)
+        self._workers.split(combine, len(colour), *columns)
         return colour
 
     def _light(self, chosen: Int64[np.ndarray, "k"], surfaces: Surfaces, scene: Illumination) -> None:
@@ -227,7 +233,7 @@ class Shader:
             lamp_rays,
             blocks,
             chosen,
-            *surfaces.seen,
+            surfaces.table,
             *(self._tables.triangles, self._tables.geoms, scene.lights, scene.reach, scene.ambient, scene.far_m),
             *(surfaces.light, surfaces.lit, shadow_rays, point_of, lamp_of, gain, count),
         )

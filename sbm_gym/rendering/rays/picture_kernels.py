@@ -4,6 +4,7 @@ import math
 
 from numba import njit
 
+from sbm_gym.rendering.rays.surface_table import SurfaceTable
 from sbm_gym.rendering.tables.light_tables import AmbientTable
 from sbm_gym.rendering.tables.scene_tables import GeomTable
 from sbm_gym.rendering.tables.textures import LINEAR_STEPS, LINEAR_TO_BYTE
@@ -13,8 +14,20 @@ SHOULDER = 0.6
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def combine(start, stop, rays, t, geom, geoms: GeomTable, ambient: AmbientTable, albedo, light, colour):
-    """Linear light that comes back along each ray: off the surface, as gloss, by its own glow, through haze."""
+def combine(start, stop, seen: SurfaceTable, geoms: GeomTable, ambient: AmbientTable, albedo, light, colour):
+    """Linear light that comes back along each ray: off the surface, as gloss, by its own glow, through haze.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        seen: what the n rays hit.
+        geoms: of the scene.
+        ambient: of the scene.
+        albedo: (n, 3) float32, linear colour of the surface; the sky's light where nothing was hit.
+        light: (n, 6) float32, irradiance and gloss.
+        colour: (n, 3) float32; written.
+    """
+    rays, t, _, geom, _ = seen
     emission, horizon, haze_per_m = geoms.emission, ambient.sky[1], ambient.haze_per_m
     for i in range(start, stop):
         if geom[i] < 0:
@@ -40,7 +53,15 @@ def _tone(linear):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def encode(start, stop, colour, exposure, rgb):
-    """Pixels as sRGB bytes."""
+    """Pixels as sRGB bytes.
+
+    Args:
+        start: first pixel.
+        stop: behind the last one.
+        colour: (n, 3) float32, linear light.
+        exposure: what it is multiplied by.
+        rgb: (n, 3) uint8; written.
+    """
     for i in range(start, stop):
         for channel in range(3):
             rgb[i, channel] = LINEAR_TO_BYTE[int(_tone(exposure * colour[i, channel]) * LINEAR_STEPS + 0.5)]
@@ -48,7 +69,18 @@ def encode(start, stop, colour, exposure, rgb):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def encode_samples(start, stop, pixels, samples, colour, of_colour, exposure, rgb):
-    """Some pixels as sRGB bytes: the mean of their own tone-mapped colour and that of their sub-rays."""
+    """Some pixels as sRGB bytes: the mean of their own tone-mapped colour and that of their sub-rays.
+
+    Args:
+        start: first of these pixels.
+        stop: behind the last one.
+        pixels: (k,) int64, their numbers in the picture.
+        samples: sub-rays of a pixel.
+        colour: (k * samples, 3) float32, linear light of the sub-rays.
+        of_colour: (n, 3) float32, linear light of all pixels.
+        exposure: what it is multiplied by.
+        rgb: (n, 3) uint8; written.
+    """
     for k in range(start, stop):
         for channel in range(3):
             total = _tone(exposure * of_colour[pixels[k], channel])

@@ -2,6 +2,10 @@
 
 Every kernel works on a range [start, stop) of rays and writes only there, so that any split over threads gives the
 same bytes. No kernel uses fast-math or numba's own threads: both would let the result depend on the split.
+
+Arguments that the kernels share: ``start`` and ``stop``, the range of rays to work on; ``rays``, (n, 6) float32, ``t``,
+(n,) float32, and ``triangle``, (n,) int64, as in ``SurfaceTable``; ``uv``, (n, 2) float32, barycentric coordinates of a
+hit, on planes metres along the plane's axes; ``planes``, the plane geoms of the scene.
 """
 
 import math
@@ -13,7 +17,18 @@ from sbm_gym.rendering.tables.scene_tables import PlaneTable
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def camera_rays(start, stop, pixels, width, offsets, origin, pixel_to_world, rays):
-    """Rays (origin, un-normalised direction) of ``len(offsets)`` samples per pixel; the hit parameter is z-depth."""
+    """Camera rays of some samples of each pixel.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        pixels: (k,) int64, numbers of pixels, line by line.
+        width: of the picture, pixels.
+        offsets: (samples, 2) float64, x and y of the samples from the pixel's centre, pixels.
+        origin: (3,) float64, the camera's place in the world.
+        pixel_to_world: (3, 3) float64, turns (x, y, 1) of a pixel into a world direction of z-depth one.
+        rays: (k * samples, 6) float32, the samples of a pixel together; written.
+    """
     samples = offsets.shape[0]
     for i in range(start, stop):
         pixel = pixels[i // samples]
@@ -26,21 +41,47 @@ def camera_rays(start, stop, pixels, width, offsets, origin, pixel_to_world, ray
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def name_triangles(start, stop, t, primitive, rows, triangle):
-    """Rows of the tables of what Embree hit, -1 for nothing."""
+    """Rows of the tables of what Embree hit.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        t: see the module.
+        primitive: (n,) uint32, Embree's number of the triangle; any for nothing.
+        rows: (triangles,) int64, its row in the ``TriangleTable``.
+        triangle: see the module; written.
+    """
     for i in range(start, stop):
         triangle[i] = rows[primitive[i]] if t[i] < math.inf else -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def name_geoms(start, stop, triangle, geom_of, geom):
-    """Geoms of what rays hit, -1 for nothing."""
+    """Geoms of what rays hit.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        triangle: see the module.
+        geom_of: (triangles,) int32, the geom of each row of the ``TriangleTable``.
+        geom: (n,) int32, -1 for nothing; written.
+    """
     for i in range(start, stop):
         geom[i] = geom_of[triangle[i]] if triangle[i] >= 0 else -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def reach_boxes(start, stop, rays, far, boxes, reached):
-    """Whether rays enter any of some boxes (low corner, high corner) before ``far``; none do if that is negative."""
+    """Whether rays enter any of some boxes before a parameter.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        rays: see the module.
+        far: (n,) float32, the parameter; rays with a negative one reach nothing.
+        boxes: (boxes, 2, 3) float64, low and high corners.
+        reached: (n,) bool; written.
+    """
     for i in range(start, stop):
         reached[i] = False
         x, y, z = rays[i, 0], rays[i, 1], rays[i, 2]
@@ -59,7 +100,18 @@ def reach_boxes(start, stop, rays, far, boxes, reached):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def intersect_planes(start, stop, rays, planes: PlaneTable, first_plane, t, triangle, uv):
-    """Replaces hits by nearer ones with planes, seen from their front."""
+    """Replaces hits by nearer ones with planes, seen from their front.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        rays: see the module.
+        planes: see the module.
+        first_plane: number that ``triangle`` gets for the first plane.
+        t: see the module; lowered where a plane is nearer.
+        triangle: see the module; likewise changed.
+        uv: see the module; likewise changed.
+    """
     for p in range(planes.origin.shape[0]):
         nx, ny, nz = planes.axes[p, 2, 0], planes.axes[p, 2, 1], planes.axes[p, 2, 2]
         for i in range(start, stop):
@@ -84,7 +136,15 @@ def intersect_planes(start, stop, rays, planes: PlaneTable, first_plane, t, tria
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def occlude_planes(start, stop, rays, planes: PlaneTable, occluded):
-    """Marks shadow rays (to the light at parameter 1) that a plane blocks, from either side."""
+    """Marks shadow rays that a plane blocks, from either side.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        rays: see the module; the light is at parameter 1.
+        planes: see the module.
+        occluded: (n,) bool; set where a plane stands in the way.
+    """
     for p in range(planes.origin.shape[0]):
         nx, ny, nz = planes.axes[p, 2, 0], planes.axes[p, 2, 1], planes.axes[p, 2, 2]
         for i in range(start, stop):

@@ -81,7 +81,7 @@ class RaysRenderer:
             return Frame(np.zeros((*shape, 3), np.uint8), depth_m.reshape(shape), geom.reshape(shape))
         scene = self._scene.illumination(data, camera_to_world, self._shadows)
         surfaces = self._shader.surfaces(rays, hits, scene.ambient, footprint, memory)
-        related = self._shader.relate(surfaces, height_px, width_px)
+        related = self._shader.same_surface(surfaces, height_px, width_px)
         self._shader.light_picture(surfaces, scene, black, related, height_px, width_px)
         if antialias:
             self._shader.soften_shadows(surfaces, related, height_px, width_px, memory)
@@ -210,7 +210,7 @@ def _footprint(intrinsics: Float[np.ndarray, "3 3"]) -> float:
 def _edges(
     across: Bool[np.ndarray, "n"], below: Bool[np.ndarray, "n"], height_px: int, width_px: int
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels that see another surface than one of their four neighbours. See ``Shader.relate``."""
+    """Pixels that see another surface than one of their four neighbours. See ``Shader.same_surface``."""
     apart = ~across.reshape(height_px, width_px)[:, :-1]
     above = ~below.reshape(height_px, width_px)[:-1]
     is_edge = np.zeros((height_px, width_px), bool)

@@ -26,7 +26,24 @@ def describe(
     normal,
     albedo,
 ):
-    """What each ray hit: geom (-1: nothing), smooth normal on the side that is seen, colour (the sky's for nothing)."""
+    """What each ray hit: its geom, normal and colour.
+
+    Args:
+        start: first ray.
+        stop: behind the last one.
+        rays: (n, 6) float32, as in ``SurfaceTable``.
+        t: (n,) float32, likewise.
+        triangle: (n,) int64, likewise.
+        uv: (n, 2) float32, barycentric coordinates of the hits; on planes metres along the plane's axes.
+        triangles: of the scene.
+        geoms: of the scene.
+        textures: of the scene.
+        ambient: for the sky.
+        footprint: metres per metre of depth that a ray stands for; 0 takes textures in full detail.
+        geom: (n,) int32, -1 for nothing; written.
+        normal: (n, 3) float32, unit, on the side that is seen; written where something was hit.
+        albedo: (n, 3) float32, linear colour, the sky's light for nothing; written.
+    """
     texels, level_start, level_size, level_count, is_cube = textures
     n, face_normals, c = triangles.normals, triangles.face_normals, triangles.texture_coordinates
     geom_of, log2_density, colours, texture_of = (
@@ -76,6 +93,7 @@ def describe(
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _background(dx, dy, dz, ambient: AmbientTable, textures: TextureTable, footprint):
+    """Linear red, green and blue light of the sky in direction (dx, dy, dz), of any length."""
     if ambient.sky_texture >= 0:
         texture = ambient.sky_texture
         # The skybox stands upright: its own up is the world's +Z. Source: MuJoCo, render_gl3.c, settexture.
