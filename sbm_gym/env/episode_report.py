@@ -10,7 +10,7 @@ from sbm_gym.env.state_vector import (
     OTHERS,
     UNSEEN_DIRECTIONS,
     UNSEEN_STRIDES,
-    Situation,
+    StateInputs,
     free_distances_m,
     state_vector,
 )
@@ -33,7 +33,7 @@ def observation(
     others = [known for known in simulation.robot.objects if known is not target]
     others.sort(key=lambda known: float(np.linalg.norm((known.centroid_m - body.camera_to_world[:3, 3])[:2])))
     told = others[:OTHERS] + ([] if target is None else [target])
-    situation = Situation(
+    situation = StateInputs(
         yaw_rad=body.yaw_rad,
         tilt_rad=body.tilt_rad,
         camera_m=body.camera_to_world[:3, 3],

@@ -10,7 +10,7 @@ from labeling.core.types import Detection
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
 from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
-from sbm_gym.rendering.third_person import AgentTrace, Find
+from sbm_gym.rendering.third_person import AgentTrace, ShownObject
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import KnownObject, MemoryUpdate
 from sbm_gym.robot.seen_floor import SeenFloor
@@ -162,8 +162,8 @@ class Simulation:
             intrinsics=self.view.intrinsics,
             picture_size_px=self._config.image_size,
             path_m=tuple(self._places_m),
-            finds=tuple(
-                Find(
+            objects=tuple(
+                ShownObject(
                     known.centroid_m,
                     float(np.max(known.extent_m)),
                     f"{known.category} {known.best_confidence:.2f}",

@@ -28,7 +28,7 @@ ROOM_SCALES = ObservationScales()
 
 
 @dataclass(frozen=True)
-class Situation:
+class StateInputs:
     """Everything the state vector is made of."""
 
     yaw_rad: float = 0.0
@@ -62,11 +62,11 @@ def state_names(bins: ViewBins) -> tuple[str, ...]:
     and directions go counter-clockwise, sector 0 being the one the agent stands in, direction 0 the one that the camera
     points in.
     """
-    return tuple(_entries(Situation(), bins, ROOM_SCALES))
+    return tuple(_entries(StateInputs(), bins, ROOM_SCALES))
 
 
 def state_vector(
-    situation: Situation, bins: ViewBins, scales: ObservationScales = ROOM_SCALES
+    situation: StateInputs, bins: ViewBins, scales: ObservationScales = ROOM_SCALES
 ) -> Float32[np.ndarray, "n"]:
     """The ``state`` observation; entries as ``state_names`` says."""
     return np.clip(list(_entries(situation, bins, scales).values()), -1.0, 1.0).astype(np.float32)
@@ -77,7 +77,7 @@ def promise(candidate: Candidate) -> float:
     return candidate.confidence * VAIN_LOOK ** len(candidate.looks)
 
 
-def _entries(s: Situation, bins: ViewBins, scales: ObservationScales) -> dict[str, float]:
+def _entries(s: StateInputs, bins: ViewBins, scales: ObservationScales) -> dict[str, float]:
     """All entries by name, in order."""
     found = _of_object("target", s, s.target, s.target_visible, bins, scales)
     found["target_elevation"] = 0.0
@@ -107,7 +107,7 @@ def _entries(s: Situation, bins: ViewBins, scales: ObservationScales) -> dict[st
 
 
 def _of_object(
-    name: str, s: Situation, known: KnownObject | None, visible: bool, bins: ViewBins, scales: ObservationScales
+    name: str, s: StateInputs, known: KnownObject | None, visible: bool, bins: ViewBins, scales: ObservationScales
 ) -> dict[str, float]:
     """What is told about a confirmed object; zeros if there is none."""
     covered = set() if known is None else known.azimuths
@@ -126,7 +126,7 @@ def _of_object(
     return {f"{name}_{entry}": value for entry, value in entries.items()}
 
 
-def _of_candidate(name: str, s: Situation, one: Candidate | None, scales: ObservationScales) -> dict[str, float]:
+def _of_candidate(name: str, s: StateInputs, one: Candidate | None, scales: ObservationScales) -> dict[str, float]:
     """What is told about an unconfirmed object; zeros if there is none."""
     entries = {
         "confidence": 0.0 if one is None else one.confidence,
@@ -136,7 +136,7 @@ def _of_candidate(name: str, s: Situation, one: Candidate | None, scales: Observ
     return {f"{name}_{entry}": value for entry, value in entries.items()}
 
 
-def _place(s: Situation, point_m: Float[np.ndarray, "3"] | None, scales: ObservationScales) -> dict[str, float]:
+def _place(s: StateInputs, point_m: Float[np.ndarray, "3"] | None, scales: ObservationScales) -> dict[str, float]:
     """Horizontal range as a share of its reach, and the direction."""
     if point_m is None:
         return {"range": 0.0, "ahead": 0.0, "left": 0.0}
@@ -150,11 +150,11 @@ def _place(s: Situation, point_m: Float[np.ndarray, "3"] | None, scales: Observa
     }
 
 
-def _camera_m(s: Situation) -> Float[np.ndarray, "3"]:
+def _camera_m(s: StateInputs) -> Float[np.ndarray, "3"]:
     return np.zeros(3) if s.camera_m is None else s.camera_m
 
 
-def _sector_of_agent(s: Situation, known: KnownObject, bins: ViewBins) -> int:
+def _sector_of_agent(s: StateInputs, known: KnownObject, bins: ViewBins) -> int:
     """The azimuth sector around an object in which the agent stands."""
     away = _camera_m(s) - known.centroid_m
     return bins.azimuth_bin(float(np.arctan2(away[1], away[0])))

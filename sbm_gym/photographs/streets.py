@@ -7,7 +7,7 @@ from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
 from sbm_gym.worlds.geometry.placing import Box, Placement, overlap
-from sbm_gym.worlds.static_meshes import QuadSoup, box_quads
+from sbm_gym.worlds.static_meshes import StaticMeshes, box_quads
 from sbm_gym.worlds.towns import materials as materials
 from sbm_gym.worlds.towns.furnisher import Furnisher
 from sbm_gym.worlds.towns.ground import PAINT, PAINT_M, flat
@@ -37,20 +37,20 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     spec = mujoco.MjSpec()
     draw_weather(rng).add_to(spec)
     builder = SetBuilder(spec, library, rng)
-    soup = QuadSoup(builder.scene, spec.worldbody.add_body(name="ground"))
+    meshes = StaticMeshes(builder.scene, spec.worldbody.add_body(name="ground"))
     vehicles = _vehicles(category, library, rng)
     back_m = max(vehicle.box().corners()[:, 1].max() for vehicle in vehicles)
     wide = Rect(-_AROUND_M, -_AROUND_M, _AROUND_M, _AROUND_M)
-    soup.tiled(flat(wide, 0.0), _ground(rng))
+    meshes.tiled(flat(wide, 0.0), _ground(rng))
     edge_m = float(back_m + rng.uniform(0.3, 2.0))
     is_street = rng.random() < 0.6
     if is_street:
-        _pavement(soup, edge_m, rng)
+        _pavement(meshes, edge_m, rng)
     behind_m = edge_m + float(rng.uniform(3.0, 6.0))
-    _backdrop(soup, behind_m, is_street, rng)
-    _around(soup, rng)
-    _things(builder, soup, [vehicle.box() for vehicle in vehicles], edge_m, behind_m, library, rng)
-    soup.build()
+    _backdrop(meshes, behind_m, is_street, rng)
+    _around(meshes, rng)
+    _things(builder, meshes, [vehicle.box() for vehicle in vehicles], edge_m, behind_m, library, rng)
+    meshes.build()
     for number, vehicle in enumerate(vehicles):
         builder.stand(vehicle, subject=number == 0 or rng.random() < 0.7)
     return PhotoSet(
@@ -104,41 +104,41 @@ def _ground(rng: np.random.Generator) -> Material:
     return retinted(kinds[rng.choice(5, p=[0.5, 0.15, 0.12, 0.12, 0.11])](), rng, 0.4)
 
 
-def _pavement(soup: QuadSoup, edge_m: float, rng: np.random.Generator) -> None:
+def _pavement(meshes: StaticMeshes, edge_m: float, rng: np.random.Generator) -> None:
     """A raised pavement from a kerb on, and perhaps markings on the road."""
     low, high = np.array([[-_AROUND_M, edge_m, 0.0]]), np.array([[_AROUND_M, _AROUND_M, KERB_M]])
-    soup.tiled(box_quads(low, high), retinted(materials.paving(), rng, 0.4))
+    meshes.tiled(box_quads(low, high), retinted(materials.paving(), rng, 0.4))
     if rng.random() < 0.6:
         line_m = edge_m - float(rng.uniform(4.5, 7.0))
         starts = np.arange(-_AROUND_M, _AROUND_M, 6.0)
         dashes = [flat(Rect(x, line_m - 0.06, x + 3.0, line_m + 0.06), PAINT_M)[0] for x in starts.tolist()]
-        soup.plain(np.array(dashes), PAINT)
+        meshes.plain(np.array(dashes), PAINT)
 
 
-def _backdrop(soup: QuadSoup, behind_m: float, is_street: bool, rng: np.random.Generator) -> None:
+def _backdrop(meshes: StaticMeshes, behind_m: float, is_street: bool, rng: np.random.Generator) -> None:
     """Houses, a wall, a hedge or the open behind the vehicles."""
     shares = [0.8, 0.1, 0.05, 0.05] if is_street else [0.4, 0.25, 0.2, 0.15]
     kind = str(rng.choice(["houses", "wall", "hedge", "open"], p=shares))
     if kind == "houses":
-        build_houses(soup, _row(behind_m, 0, rng), rng)
+        build_houses(meshes, _row(behind_m, 0, rng), rng)
     elif kind == "wall":
         stone = materials.wall_materials(STYLES[rng.integers(3)])
         high = float(rng.uniform(1.6, 6.0))
         quads = box_quads(np.array([[-_AROUND_M, behind_m, 0.0]]), np.array([[_AROUND_M, behind_m + 0.4, high]]))
-        soup.tiled(quads, retinted(stone[rng.integers(len(stone))], rng, 0.5))
+        meshes.tiled(quads, retinted(stone[rng.integers(len(stone))], rng, 0.5))
     elif kind == "hedge":
         high = float(rng.uniform(0.9, 2.6))
         quads = box_quads(np.array([[-_AROUND_M, behind_m, 0.0]]), np.array([[_AROUND_M, behind_m + 1.0, high]]))
-        soup.tiled(quads, retinted(materials.leaves(), rng, 0.3))
+        meshes.tiled(quads, retinted(materials.leaves(), rng, 0.3))
 
 
-def _around(soup: QuadSoup, rng: np.random.Generator) -> None:
+def _around(meshes: StaticMeshes, rng: np.random.Generator) -> None:
     """Houses on the other sides, which views along the street show."""
     if rng.random() < 0.6:
-        build_houses(soup, _row(-float(rng.uniform(30.0, 44.0)), 2, rng), rng)
+        build_houses(meshes, _row(-float(rng.uniform(30.0, 44.0)), 2, rng), rng)
     for side in (1, 3):
         if rng.random() < 0.6:
-            build_houses(soup, _row((side - 2) * float(rng.uniform(32.0, 46.0)), side, rng), rng)
+            build_houses(meshes, _row((side - 2) * float(rng.uniform(32.0, 46.0)), side, rng), rng)
 
 
 def _row(edge_m: float, side: int, rng: np.random.Generator) -> list[House]:
@@ -182,7 +182,7 @@ def _house(rect: Rect, side: int, rng: np.random.Generator) -> House:
 
 def _things(
     builder: SetBuilder,
-    soup: QuadSoup,
+    meshes: StaticMeshes,
     reserved: list[Box],
     edge_m: float,
     behind_m: float,
@@ -190,7 +190,7 @@ def _things(
     rng: np.random.Generator,
 ) -> None:
     """Trees, lamps, bins, benches and cones about the vehicles."""
-    furnisher = Furnisher(builder.scene, soup, library, rng, reserved)
+    furnisher = Furnisher(builder.scene, meshes, library, rng, reserved)
     for _ in range(int(rng.choice([0, 1, 2], p=[0.4, 0.4, 0.2]))):
         place = np.array([rng.uniform(-18.0, 18.0), rng.uniform(edge_m + 0.6, max(behind_m - 0.5, edge_m + 0.7))])
         furnisher.tree(furnisher.pick(str(rng.choice(["street_tree", "park_tree"]))), place)

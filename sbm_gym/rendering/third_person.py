@@ -1,4 +1,4 @@
-"""A look at the agent from outside: its body, camera, path and finds in a world whose ceiling is taken off."""
+"""A look at the agent from outside: its body, camera, path and known objects in a world without its ceiling."""
 
 import copy
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ _PATH, _FRUSTUM, _FOUND, _TARGET = (255, 190, 40), (255, 120, 20), (60, 160, 255
 
 
 @dataclass(frozen=True)
-class Find:
+class ShownObject:
     """An object that the agent knows."""
 
     centroid_m: Float[np.ndarray, "3"]
@@ -50,7 +50,7 @@ class AgentTrace:
     """Height and width."""
     path_m: Sequence[Float[np.ndarray, "2"]] = ()
     """Where it stood at every view, the present place last."""
-    finds: Sequence[Find] = field(default=())
+    objects: Sequence[ShownObject] = field(default=())
 
 
 class ThirdPersonView:
@@ -205,8 +205,8 @@ class _Overlay:
     def trace(self, trace: AgentTrace) -> None:
         path = np.array([[*place, 0.03] for place in trace.path_m]).reshape(-1, 3)
         self._line(path, _PATH, dots=True)
-        for find in trace.finds:
-            self._find(find)
+        for known in trace.objects:
+            self._object(known)
         for line in frustum_lines(trace.camera_to_world, trace.intrinsics, *trace.picture_size_px):
             self._line(line, _FRUSTUM)
 
@@ -230,23 +230,23 @@ class _Overlay:
         for pixel in pixels if dots else ():
             cv2.circle(self._picture, tuple(pixel.tolist()), 16 * (self._width + 1), colour, -1, cv2.LINE_AA, shift=4)
 
-    def _find(self, find: Find) -> None:
+    def _object(self, known: ShownObject) -> None:
         import cv2
 
-        colour = _TARGET if find.is_target else _FOUND
+        colour = _TARGET if known.is_target else _FOUND
         around = np.linspace(0.0, 2.0 * np.pi, 33)[:, None]
-        radius = 0.5 * max(find.extent_m, 0.2)
-        ring = find.centroid_m + radius * np.concatenate([np.cos(around), np.sin(around), 0 * around], axis=1)
+        radius = 0.5 * max(known.extent_m, 0.2)
+        ring = known.centroid_m + radius * np.concatenate([np.cos(around), np.sin(around), 0 * around], axis=1)
         self._line(ring, colour)
-        pixels = self._pixels(np.asarray(find.centroid_m)[None])
+        pixels = self._pixels(np.asarray(known.centroid_m)[None])
         if pixels is None:
             return
         scale = max(0.3, min(self._picture.shape[:2]) / 900)
-        (width, height), _ = cv2.getTextSize(find.label, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+        (width, height), _ = cv2.getTextSize(known.label, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
         x, y = (pixels[0] // 16).tolist()
         at = (int(np.clip(x - width // 2, 1, max(self._picture.shape[1] - width - 1, 1))), y + height // 2)
         for thickness, shade in ((3, (0, 0, 0)), (1, (255, 255, 255))):
-            cv2.putText(self._picture, find.label, at, cv2.FONT_HERSHEY_SIMPLEX, scale, shade, thickness, cv2.LINE_AA)
+            cv2.putText(self._picture, known.label, at, cv2.FONT_HERSHEY_SIMPLEX, scale, shade, thickness, cv2.LINE_AA)
 
 
 def frustum_lines(

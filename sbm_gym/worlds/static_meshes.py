@@ -17,7 +17,7 @@ _Mapping = tuple[float, float] | Float[np.ndarray, "4 2"] | None
 
 
 @dataclass
-class QuadSoup:
+class StaticMeshes:
     """Quads of one body, one mesh for each look. A triangle is a quad whose last two corners are the same point."""
 
     builder: SceneBuilder

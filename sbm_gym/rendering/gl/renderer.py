@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from sbm_gym.rendering.base import Frame, check_camera
 from sbm_gym.rendering.gl.context import GlContext
 from sbm_gym.rendering.gl.lights import place_lights
-from sbm_gym.rendering.gl.sheets import sheets
+from sbm_gym.rendering.gl.two_sided_meshes import two_sided_meshes
 from sbm_gym.rendering.tables.lights import LightLevel, light_level, sky_of
 from sbm_gym.rendering.tables.scene_tables import GLASS, HOLES, geom_kinds, visible_geoms
 from sbm_gym.rendering.tables.sky import add_haze, sky_colour
@@ -68,7 +68,7 @@ class GlRenderer:
         self._open: _Open | None = None
         self._level: LightLevel | None = None
         self._kind = geom_kinds(model)
-        self._is_sheet = sheets(model) & (self._kind != GLASS)
+        self._is_two_sided = two_sided_meshes(model) & (self._kind != GLASS)
         self._has_skybox = bool(np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX))
         self._drawn = set(np.flatnonzero(visible_geoms(model)).tolist())
         self._options = _scene_options()
@@ -231,7 +231,7 @@ class GlRenderer:
         for index in range(self._scene.ngeom):
             geom = self._geoms[index]
             number = geom.objid
-            if (self._kind[number] == HOLES and geom.type == _MESH) or self._is_sheet[number]:
+            if (self._kind[number] == HOLES and geom.type == _MESH) or self._is_two_sided[number]:
                 # MuJoCo does not cut out what a texture leaves transparent, nor can it leave out the side of a cloth
                 # that is not seen: these are drawn afterwards.
                 self._cut_out.append((index, number))
@@ -348,7 +348,7 @@ class GlRenderer:
                 GL.glColor4f(*(float(value) for value in geom.rgba))
                 GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_EMISSION, (*(geom.emission * geom.rgba[:3]), 1.0))
                 GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_SPECULAR, (geom.specular,) * 3 + (1.0,))
-            (GL.glEnable if self._is_sheet[number] else GL.glDisable)(GL.GL_CULL_FACE)
+            (GL.glEnable if self._is_two_sided[number] else GL.glDisable)(GL.GL_CULL_FACE)
             texture = self._texture_of(geom)
             (GL.glEnable if texture >= 0 else GL.glDisable)(GL.GL_TEXTURE_2D)
             if texture >= 0:

@@ -8,7 +8,7 @@ seen. Shadow rays are cast only where something is left of them.
 import numpy as np
 from jaxtyping import Float
 
-from sbm_gym.rendering.rays.raycast import Caster
+from sbm_gym.rendering.rays.raycast import RayCaster
 from sbm_gym.rendering.tables.light_tables import DIRECTIONAL, NOWHERE, SOMEWHAT, WHOLLY, LampReach, LightTable
 
 CELL_M = 0.5
@@ -33,7 +33,7 @@ def everywhere(lights: LightTable) -> LampReach:
     return LampReach(np.ones(shape, np.float32), np.full(shape, WHOLLY, np.uint8), np.full(3, 1e9), 1.0)
 
 
-def lamp_reach(lights: LightTable, caster: Caster, bounds: Float[np.ndarray, "2 3"]) -> LampReach:
+def lamp_reach(lights: LightTable, caster: RayCaster, bounds: Float[np.ndarray, "2 3"]) -> LampReach:
     """Looks from everywhere in a world for every fixed lamp.
 
     Args:
@@ -76,7 +76,7 @@ def lamp_reach(lights: LightTable, caster: Caster, bounds: Float[np.ndarray, "2 
     return LampReach(share, around, origin, cell)
 
 
-def _surroundings(lamp: Float[np.ndarray, "3"], offsets: Float[np.ndarray, "n 3"], caster: Caster):
+def _surroundings(lamp: Float[np.ndarray, "3"], offsets: Float[np.ndarray, "n 3"], caster: RayCaster):
     """As many places as there are samples in a cell, all lit by the lamp."""
     rays = np.empty((len(offsets), 6), np.float32)
     rays[:, :3] = lamp

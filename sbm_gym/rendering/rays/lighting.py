@@ -14,11 +14,11 @@ from sbm_gym.rendering.rays.irradiance_interpolation import (
 )
 from sbm_gym.rendering.rays.light_kernels import BLOCK, add_lamps, lamp_rays, line_up
 from sbm_gym.rendering.rays.picture_kernels import combine
-from sbm_gym.rendering.rays.raycast import Caster, Hits
-from sbm_gym.rendering.rays.scratch import Scratch
+from sbm_gym.rendering.rays.raycast import Hits, RayCaster
+from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.surface_kernels import describe
 from sbm_gym.rendering.rays.surface_table import SurfaceTable
-from sbm_gym.rendering.rays.workers import LEAST, Workers
+from sbm_gym.rendering.rays.workers import MIN_RAYS, Workers
 from sbm_gym.rendering.tables.light_tables import AmbientTable, LampReach, LightTable
 from sbm_gym.rendering.tables.scene_tables import SceneTables
 from sbm_gym.rendering.tables.texture_sampling import TextureTable
@@ -61,7 +61,7 @@ class Surfaces:
 class Shader:
     """Works out surfaces and light at hits."""
 
-    def __init__(self, tables: SceneTables, textures: TextureTable, caster: Caster, workers: Workers) -> None:
+    def __init__(self, tables: SceneTables, textures: TextureTable, caster: RayCaster, workers: Workers) -> None:
         """Reads nothing yet.
 
         Args:
@@ -74,10 +74,15 @@ class Shader:
         self._textures = textures
         self._caster = caster
         self._workers = workers
-        self._shadow_memory = Scratch()
+        self._shadow_memory = ReusedArrays()
 
     def surfaces(
-        self, rays: Float32[np.ndarray, "n 6"], hits: Hits, ambient: AmbientTable, footprint: float, memory: Scratch
+        self,
+        rays: Float32[np.ndarray, "n 6"],
+        hits: Hits,
+        ambient: AmbientTable,
+        footprint: float,
+        memory: ReusedArrays,
     ) -> Surfaces:
         """What rays hit; the light there is yet to come.
 
@@ -160,7 +165,7 @@ class Shader:
         related: tuple[Bool[np.ndarray, "n"], Bool[np.ndarray, "n"]],
         height_px: int,
         width_px: int,
-        memory: Scratch,
+        memory: ReusedArrays,
     ) -> None:
         """Smooths the edges of shadows in a picture.
 
@@ -212,7 +217,7 @@ class Shader:
         )
         self._light(np.flatnonzero(is_open), surfaces, scene)
 
-    def colours(self, surfaces: Surfaces, ambient: AmbientTable, memory: Scratch) -> Float32[np.ndarray, "n 3"]:
+    def colours(self, surfaces: Surfaces, ambient: AmbientTable, memory: ReusedArrays) -> Float32[np.ndarray, "n 3"]:
         """Linear light that comes back along each ray."""
         colour = memory.take("colour", surfaces.albedo.shape)
         columns = (surfaces.table, self._tables.geoms, ambient, surfaces.albedo, surfaces.light, colour)
@@ -247,4 +252,4 @@ class Shader:
         self._split(add_lamps, blocks, *arrived)
 
     def _split(self, kernel: Callable[..., None], blocks: int, *arguments: object) -> None:
-        self._workers.split(kernel, blocks, *arguments, least=LEAST // BLOCK)
+        self._workers.split(kernel, blocks, *arguments, least=MIN_RAYS // BLOCK)

@@ -1,4 +1,4 @@
-"""The geometry of a model as the ray renderer follows it from picture to picture."""
+"""The geometry of a model as the ray renderer keeps it, brought up to date from picture to picture."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from jaxtyping import Float, Int64
 
 from sbm_gym.rendering.rays.lamp_reach import lamp_reach
 from sbm_gym.rendering.rays.lighting import Illumination
-from sbm_gym.rendering.rays.raycast import Caster, TriangleScene
+from sbm_gym.rendering.rays.raycast import RayCaster, TriangleScene
 from sbm_gym.rendering.rays.workers import Workers
 from sbm_gym.rendering.tables.light_tables import LampReach, LightTable
 from sbm_gym.rendering.tables.lights import LightLevel, ambient_light, light_level, light_table
@@ -28,7 +28,7 @@ STORE_BELOW_M = -20.0
 """Moving things wholly below this height wait their turn out of the world, and no ray looks for them there."""
 
 
-class FollowedScene:
+class RayScene:
     """Tables and search trees of a model. What stands still is prepared once, what moves is placed anew."""
 
     def __init__(self, model: mujoco.MjModel, workers: Workers) -> None:
@@ -41,34 +41,34 @@ class FollowedScene:
         store = lay_out_textures(model)
         self._model = model
         self._workers = workers
-        _, self.tables = self._side_by_side(lambda: fill_textures(model, store), lambda: SceneTables(model, store))
+        _, self.tables = self._in_parallel(lambda: fill_textures(model, store), lambda: SceneTables(model, store))
         self.textures = TextureTable(
             store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
         )
-        self.caster = Caster(self.tables, self.textures, workers)
+        self.caster = RayCaster(self.tables, self.textures, workers)
         self.caster.plane_rows = self.tables.first_plane + np.arange(len(self.tables.plane_geoms))
-        self._still = Caster(self.tables, self.textures, workers)
+        self._still = RayCaster(self.tables, self.textures, workers)
         self._scenes: dict[tuple[bool, bool], TriangleScene] = {}
-        self._followed = {
+        self._geoms = {
             moving: np.array(self.tables.spans[moving, False].geoms + self.tables.spans[moving, True].geoms, np.int64)
             for moving in (False, True)
         }
-        # Planes have no tree to rebuild: they are followed with the moving geometry.
-        self._followed[True] = np.append(self._followed[True], np.array(self.tables.plane_geoms, np.int64))
+        # Planes have no tree to rebuild: they are kept with the moving geometry.
+        self._geoms[True] = np.append(self._geoms[True], np.array(self.tables.plane_geoms, np.int64))
         self._placed: dict[bool, Float[np.ndarray, "g 12"]] = {}
         self._filled = fill_space(np.zeros((0, 3, 3), np.float32))
         self._far_m = 1.0
         self._bounds = np.zeros((2, 3))
         self._level: LightLevel | None = None
         self._reach: tuple[bytes, LampReach] | None = None
-        self._geom_sets: OrderedDict[tuple[int, ...], tuple[Float[np.ndarray, "g 12"], Caster]] = OrderedDict()
+        self._geom_sets: OrderedDict[tuple[int, ...], tuple[Float[np.ndarray, "g 12"], RayCaster]] = OrderedDict()
 
-    def follow(self, data: mujoco.MjData) -> None:
+    def update(self, data: mujoco.MjData) -> None:
         """Brings the world-frame tables up to date with ``data``.
 
         Static geometry moves only when somebody edits the model in place; it is compared too, which costs little.
         """
-        for moving, geoms in self._followed.items():
+        for moving, geoms in self._geoms.items():
             pose = _poses(data, geoms)
             moved = np.ones(len(geoms), bool)
             if moving in self._placed:
@@ -80,12 +80,12 @@ class FollowedScene:
             if moving:
                 self._rebuild(moving)
             else:
-                self._side_by_side(self._measure_world, self._rebuild_still)
+                self._in_parallel(self._measure_world, self._rebuild_still)
 
     def illumination(
         self, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"], shadows: bool
     ) -> Illumination:
-        """The light of the scene as it was last followed.
+        """The light of the scene as it was last updated.
 
         Args:
             data: where lamps are.
@@ -105,7 +105,7 @@ class FollowedScene:
             self._reach = (key, lamp_reach(lights, self._still, self._bounds))
         return self._reach[1]
 
-    def _side_by_side(self, one: Callable[[], _One], other: Callable[[], _Other]) -> tuple[_One, _Other]:
+    def _in_parallel(self, one: Callable[[], _One], other: Callable[[], _Other]) -> tuple[_One, _Other]:
         """What two functions that have nothing to do with each other return; run at a time if there are threads."""
         tasks: tuple[Callable[[], Any], ...] = (one, other)
         results: list[Any] = [None, None]
@@ -159,17 +159,19 @@ class FollowedScene:
         else:
             self._far_m = 1000.0
 
-    def geom_set(self, data: mujoco.MjData, geoms: tuple[int, ...]) -> tuple[Caster, Float[np.ndarray, "2 3"] | None]:
+    def geom_set(
+        self, data: mujoco.MjData, geoms: tuple[int, ...]
+    ) -> tuple[RayCaster, Float[np.ndarray, "2 3"] | None]:
         """Casts rays against a few geoms alone; and their bounding box (None: infinite).
 
         Args:
-            data: the same that was last followed.
+            data: the same as at the last update.
             geoms: drawn geoms, sorted.
         """
         pose = _poses(data, np.array(geoms, np.int64))
         cached = self._geom_sets.get(geoms)
         if cached is None or not np.array_equal(cached[0], pose):
-            caster = Caster(self.tables, self.textures, self._workers)
+            caster = RayCaster(self.tables, self.textures, self._workers)
             rows = {False: [], True: []}
             planes = []
             for geom in geoms:

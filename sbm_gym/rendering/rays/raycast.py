@@ -89,14 +89,14 @@ class Hits:
 
 
 @dataclass
-class Panes:
+class GlassHits:
     """Glass between the eye and what it sees: one entry per ray and pane, near ones first on each ray."""
 
     ray: Int64[np.ndarray, "k"]
     hits: Hits
 
 
-class Caster:
+class RayCaster:
     """Casts rays against a set of Embree scenes (opaque, and special: with holes or of glass) and planes."""
 
     def __init__(self, tables: SceneTables, textures: TextureTable, workers: Workers) -> None:
@@ -127,7 +127,7 @@ class Caster:
 
     def first_hits(
         self, rays: Float32[np.ndarray, "n 6"], footprint: float, with_panes: bool = True
-    ) -> tuple[Hits, Panes | None]:
+    ) -> tuple[Hits, GlassHits | None]:
         """Nearest opaque hits, and the panes of glass before them.
 
         Args:
@@ -173,7 +173,7 @@ class Caster:
 
     def _walk_special(
         self, rays, hits: Hits, footprint: float, active: Int64[np.ndarray, "k"] | None = None
-    ) -> Panes | None:
+    ) -> GlassHits | None:
         """Follows rays through holes and glass until something opaque stops them; updates ``hits``.
 
         Args:
@@ -207,7 +207,7 @@ class Caster:
         if not any(len(part[0]) for part in found):
             return None
         ray, t, triangle, uv = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return Panes(ray, Hits(t, triangle, uv))
+        return GlassHits(ray, Hits(t, triangle, uv))
 
     def _holes(self, rays, active, t, triangle, uv, is_glass, footprint: float) -> Bool[np.ndarray, "n"]:
         falls_through = np.ones(len(active), bool)

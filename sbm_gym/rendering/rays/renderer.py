@@ -13,9 +13,9 @@ from sbm_gym.rendering.base import Frame, check_camera
 from sbm_gym.rendering.rays.lighting import Illumination, Shader, Surfaces
 from sbm_gym.rendering.rays.picture_kernels import encode, encode_samples
 from sbm_gym.rendering.rays.ray_kernels import camera_rays, name_geoms
-from sbm_gym.rendering.rays.ray_scene import FollowedScene
-from sbm_gym.rendering.rays.raycast import Panes
-from sbm_gym.rendering.rays.scratch import Scratch
+from sbm_gym.rendering.rays.ray_scene import RayScene
+from sbm_gym.rendering.rays.raycast import GlassHits
+from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.workers import Workers
 
 CENTRE = np.zeros((1, 2))
@@ -44,9 +44,9 @@ class RaysRenderer:
         self._model = model
         self._shadows = shadows
         self._workers = Workers(int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
-        self._scene = FollowedScene(model, self._workers)
+        self._scene = RayScene(model, self._workers)
         self._shader = Shader(self._scene.tables, self._scene.textures, self._scene.caster, self._workers)
-        self._memory = {use: Scratch() for use in ("picture", "samples", "panes")}
+        self._memory = {use: ReusedArrays() for use in ("picture", "samples", "panes")}
         self._pixels: tuple[tuple[int, int], Int64[np.ndarray, "n"], Int64[np.ndarray, "k"]] | None = None
 
     def render(
@@ -66,7 +66,7 @@ class RaysRenderer:
             ValueError: if the picture has no pixels, or camera numbers are not finite.
         """
         pixel_to_world = _pixel_to_world(intrinsics, camera_to_world, height_px, width_px)
-        self._scene.follow(data)
+        self._scene.update(data)
         camera = (np.asarray(camera_to_world[:3, 3], float), pixel_to_world)
         footprint = _footprint(intrinsics)
         pixels, black = self._numbers(height_px, width_px)
@@ -120,7 +120,7 @@ class RaysRenderer:
         drawn = tuple(sorted({geom for geom in geoms if geom in self._scene.tables.geom_span}))
         if not drawn:
             return mask
-        self._scene.follow(data)
+        self._scene.update(data)
         caster, bounds = self._scene.geom_set(data, drawn)
         window = _window(bounds, intrinsics, camera_to_world, height_px, width_px)
         if window is None:
@@ -149,14 +149,14 @@ class RaysRenderer:
         return self._pixels[1:]
 
     def _rays(
-        self, pixels: Int64[np.ndarray, "k"], width_px: int, offsets, camera, memory: Scratch
+        self, pixels: Int64[np.ndarray, "k"], width_px: int, offsets, camera, memory: ReusedArrays
     ) -> Float32[np.ndarray, "n 6"]:
         origin, pixel_to_world = camera
         rays = memory.take("rays", (len(pixels) * len(offsets), 6))
         self._workers.split(camera_rays, len(rays), pixels, width_px, offsets, origin, pixel_to_world, rays)
         return rays
 
-    def _add_panes(self, colour, rays, panes: Panes | None, scene: Illumination, footprint: float) -> None:
+    def _add_panes(self, colour, rays, panes: GlassHits | None, scene: Illumination, footprint: float) -> None:
         """Puts glass before what is seen through it, from the farthest pane to the nearest."""
         if panes is None:
             return
@@ -246,7 +246,7 @@ def _window(bounds, intrinsics, camera_to_world, height_px: int, width_px: int) 
     return (int(left), int(top), int(right), int(bottom)) if left < right and top < bottom else None
 
 
-def _mark_pane_edges(panes: Panes, is_edge: Bool[np.ndarray, "h w"]) -> None:
+def _mark_pane_edges(panes: GlassHits, is_edge: Bool[np.ndarray, "h w"]) -> None:
     """Marks the outlines of glass, which the opaque hits behind it do not show."""
     covered = np.zeros(is_edge.size, np.int64)
     np.add.at(covered, panes.ray, 1)

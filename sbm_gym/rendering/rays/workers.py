@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-LEAST = 2048
+MIN_RAYS = 2048
 """Rays for which another thread is worth its start."""
 
 
@@ -20,7 +20,7 @@ class Workers:
         self.threads = threads
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
-    def split(self, kernel: Callable[..., None], count: int, *arguments: object, least: int = LEAST) -> None:
+    def split(self, kernel: Callable[..., None], count: int, *arguments: object, least: int = MIN_RAYS) -> None:
         """Calls ``kernel(start, stop, *arguments)`` for parts that cover ``range(count)``, none below ``least``."""
         parts = min(self.threads, max(count // least, 1))
         if parts == 1 or self._pool is None:

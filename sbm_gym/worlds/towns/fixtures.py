@@ -30,7 +30,7 @@ def sign(furnisher: Furnisher, xy: Float[np.ndarray, "2"], front: Float[np.ndarr
     picture = materials.road_sign(kind)
     for offset, side, shown in ((0.045, 1.0, picture), (0.040, -1.0, _back_of(kind))):
         facade = Facade(xy + offset * front - side * 0.33 * right, side * right, KERB_M)
-        furnisher.soup.pictured(facade.quads(0.0, 0.66, 2.1, 2.76), shown, specular=0.1)
+        furnisher.meshes.pictured(facade.quads(0.0, 0.66, 2.1, 2.76), shown, specular=0.1)
 
 
 @functools.cache
@@ -44,8 +44,8 @@ def _back_of(kind: str) -> np.ndarray:
 def post_box(furnisher: Furnisher, xy: Float[np.ndarray, "2"]) -> None:
     """A red pillar box, unless something is in the way."""
     if furnisher.post(xy, 0.24, 1.25, (0.70, 0.07, 0.08, 1.0)):
-        furnisher.soup.plain(prism(xy, 0.28, KERB_M + 1.25, KERB_M + 1.38), (0.62, 0.05, 0.06, 1.0), specular=0.3)
-        furnisher.soup.plain(prism(xy, 0.26, KERB_M, KERB_M + 0.18), DARK)
+        furnisher.meshes.plain(prism(xy, 0.28, KERB_M + 1.25, KERB_M + 1.38), (0.62, 0.05, 0.06, 1.0), specular=0.3)
+        furnisher.meshes.plain(prism(xy, 0.26, KERB_M, KERB_M + 0.18), DARK)
 
 
 def hydrant(furnisher: Furnisher, xy: Float[np.ndarray, "2"], front: Float[np.ndarray, "2"]) -> None:
@@ -53,7 +53,7 @@ def hydrant(furnisher: Furnisher, xy: Float[np.ndarray, "2"], front: Float[np.nd
     red = (0.72, 0.06, 0.05, 1.0)
     if not furnisher.post(xy, 0.13, 0.50, red):
         return
-    soup, z = furnisher.soup, KERB_M
+    meshes, z = furnisher.meshes, KERB_M
     for radius, low, high in (
         (0.19, 0.0, 0.06),
         (0.17, 0.44, 0.5),
@@ -61,12 +61,12 @@ def hydrant(furnisher: Furnisher, xy: Float[np.ndarray, "2"], front: Float[np.nd
         (0.10, 0.58, 0.66),
         (0.04, 0.66, 0.74),
     ):
-        soup.plain(prism(xy, radius, z + low, z + high, 12), red, specular=0.4)
+        meshes.plain(prism(xy, radius, z + low, z + high, 12), red, specular=0.4)
     right = np.array([-front[1], front[0]])
     for out, reach in ((front, 0.20), (right, 0.19), (-right, 0.19)):
         side = np.array([-out[1], out[0]])
         spout = Facade(xy - 0.07 * side, side, z)
-        soup.plain(spout.boxes(0.0, 0.14, 0.0, reach, 0.29, 0.43), (0.62, 0.05, 0.05, 1.0), specular=0.4)
+        meshes.plain(spout.boxes(0.0, 0.14, 0.0, reach, 0.29, 0.43), (0.62, 0.05, 0.05, 1.0), specular=0.4)
 
 
 def traffic_light(furnisher: Furnisher, xy: Float[np.ndarray, "2"], heading: Float[np.ndarray, "2"]) -> None:
@@ -76,8 +76,8 @@ def traffic_light(furnisher: Furnisher, xy: Float[np.ndarray, "2"], heading: Flo
     right = np.array([heading[1], -heading[0]])
     facade = Facade(xy - 0.15 * heading - 0.16 * right, right, KERB_M)
     lit = int(furnisher.rng.integers(2)) * 2
-    furnisher.soup.plain(facade.boxes(0.0, 0.32, -0.22, 0.0, 2.4, 3.35), DARK)
-    furnisher.soup.plain(Facade(xy + 0.08 * heading + 0.16 * right, -right, KERB_M).quads(0.0, 0.32, 2.4, 3.35), DARK)
+    furnisher.meshes.plain(facade.boxes(0.0, 0.32, -0.22, 0.0, 2.4, 3.35), DARK)
+    furnisher.meshes.plain(Facade(xy + 0.08 * heading + 0.16 * right, -right, KERB_M).quads(0.0, 0.32, 2.4, 3.35), DARK)
     for k, colour in enumerate(((0.95, 0.12, 0.08), (0.95, 0.65, 0.10), (0.10, 0.85, 0.35))):
         glow = 1.0 if k == lit else 0.22
         shown = (glow * colour[0], glow * colour[1], glow * colour[2], 1.0)
@@ -86,7 +86,7 @@ def traffic_light(furnisher: Furnisher, xy: Float[np.ndarray, "2"], heading: Flo
         rim = facade.points(0.16 + 0.11 * np.cos(angles), 0.012, height + 0.11 * np.sin(angles))
         middle = np.broadcast_to(facade.points(0.16, 0.012, height), rim.shape)
         after = np.roll(rim, -1, axis=0)
-        furnisher.soup.plain(np.stack([middle, rim, after, after], axis=1), shown, specular=0.3)
+        furnisher.meshes.plain(np.stack([middle, rim, after, after], axis=1), shown, specular=0.3)
 
 
 def bus_stop(furnisher: Furnisher, spawn: Spawn) -> None:
@@ -102,12 +102,12 @@ def bus_stop(furnisher: Furnisher, spawn: Spawn) -> None:
     furnisher.block(back)
     # Seen from the road: along it to the right is against the traffic's heading.
     shelter = Facade(middle + half_length * ahead + 0.35 * right, -ahead, KERB_M)
-    soup, length = furnisher.soup, 2 * half_length
+    meshes, length = furnisher.meshes, 2 * half_length
     posts = np.array([0.0, 0.5, 1.0]) * (length - 0.08)
-    soup.plain(shelter.boxes(posts, posts + 0.08, 0.0, 0.08, 0.0, 2.35), DARK, specular=0.2)
-    soup.plain(shelter.boxes(0.0, length, 0.0, 1.5, 2.35, 2.47), STEEL, specular=0.2)
-    soup.plain(shelter.quads(0.08, length - 0.08, 0.3, 2.25, 0.04), (0.75, 0.82, 0.84, 0.25), specular=0.8)
-    soup.plain(shelter.boxes(0.5, length - 0.5, 0.15, 0.5, 0.42, 0.48), (0.45, 0.32, 0.20, 1.0))
-    soup.pictured(
+    meshes.plain(shelter.boxes(posts, posts + 0.08, 0.0, 0.08, 0.0, 2.35), DARK, specular=0.2)
+    meshes.plain(shelter.boxes(0.0, length, 0.0, 1.5, 2.35, 2.47), STEEL, specular=0.2)
+    meshes.plain(shelter.quads(0.08, length - 0.08, 0.3, 2.25, 0.04), (0.75, 0.82, 0.84, 0.25), specular=0.8)
+    meshes.plain(shelter.boxes(0.5, length - 0.5, 0.15, 0.5, 0.42, 0.48), (0.45, 0.32, 0.20, 1.0))
+    meshes.pictured(
         shelter.quads(length - 1.3, length - 0.2, 0.5, 2.0, 0.06), fascia("BUS", (24, 78, 160), (244, 244, 240))
     )

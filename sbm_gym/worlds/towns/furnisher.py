@@ -10,7 +10,7 @@ from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.model import FurnitureModel
 from sbm_gym.worlds.geometry.placing import Box, Placement, overlap, rotation, yaw_quaternion
 from sbm_gym.worlds.scene_builder import SceneBuilder
-from sbm_gym.worlds.static_meshes import QuadSoup, prism
+from sbm_gym.worlds.static_meshes import StaticMeshes, prism
 from sbm_gym.worlds.towns.plan import KERB_M, Rect
 
 MAX_TREES = 10
@@ -26,7 +26,7 @@ class Furnisher:
     """Puts things into a town and keeps account of the floor they take."""
 
     builder: SceneBuilder
-    soup: QuadSoup
+    meshes: StaticMeshes
     library: FurnitureLibrary
     rng: np.random.Generator
     reserved: list[Box]
@@ -97,7 +97,7 @@ class Furnisher:
         box = Box(float(xy[0]), float(xy[1]), radius_m, radius_m, 0.0)
         if not self.fits(box):
             return False
-        self.soup.plain(prism(xy, radius_m, z_m, z_m + height_m), rgba, specular=0.2)
+        self.meshes.plain(prism(xy, radius_m, z_m, z_m + height_m), rgba, specular=0.2)
         self.block(box)
         return True
 

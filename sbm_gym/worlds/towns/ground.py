@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
-from sbm_gym.worlds.static_meshes import QuadSoup
+from sbm_gym.worlds.static_meshes import StaticMeshes
 from sbm_gym.worlds.towns import materials as materials
 from sbm_gym.worlds.towns.plan import (
     CORNER_M,
@@ -29,26 +29,26 @@ _ARC = 6
 """Pieces of a rounded corner."""
 
 
-def build_ground(soup: QuadSoup, plan: TownPlan, rng: np.random.Generator) -> None:
+def build_ground(meshes: StaticMeshes, plan: TownPlan, rng: np.random.Generator) -> None:
     """Adds everything that one walks and drives on."""
     road = plan.carriageway
-    soup.tiled(flat(road, 0.0), materials.asphalt())
+    meshes.tiled(flat(road, 0.0), materials.asphalt())
     for block in plan.blocks:
         outline = rounded(block.rect, CORNER_M)
         inner = rounded(block.rect.shrunk(KERB_STONE_M), CORNER_M - KERB_STONE_M)
-        _kerb(soup, outline, inner)
-        soup.tiled(fan(inner, KERB_M), materials.paving())
-    _outer_pavement(soup, plan)
+        _kerb(meshes, outline, inner)
+        meshes.tiled(fan(inner, KERB_M), materials.paving())
+    _outer_pavement(meshes, plan)
     for segment in plan.segments:
-        _markings(soup, segment)
+        _markings(meshes, segment)
     for spawn in plan.spawns:
         if spawn.kind in ("bay", "loading", "bus"):
-            _bay(soup, spawn)
+            _bay(meshes, spawn)
     for segment in plan.segments:
         along = rng.uniform(segment.start_m + 6, segment.end_m - 6)
         x, y = segment.street.point(along, rng.choice([-1, 1]) * LANE_M * 0.5)
         cover = Rect(x - 0.45, y - 0.45, x + 0.45, y + 0.45)
-        soup.pictured(flat(cover, 0.5 * PAINT_M), materials.manhole(), specular=0.2)
+        meshes.pictured(flat(cover, 0.5 * PAINT_M), materials.manhole(), specular=0.2)
 
 
 def flat(rect: Rect, z_m: float) -> Float[np.ndarray, "1 4 3"]:
@@ -77,27 +77,27 @@ def fan(outline: Float[np.ndarray, "n 2"], z_m: float) -> Float[np.ndarray, "n 4
     return np.concatenate([plan, np.full((*plan.shape[:2], 1), z_m)], axis=2)
 
 
-def _kerb(soup: QuadSoup, outline: Float[np.ndarray, "n 2"], inner: Float[np.ndarray, "n 2"]) -> None:
+def _kerb(meshes: StaticMeshes, outline: Float[np.ndarray, "n 2"], inner: Float[np.ndarray, "n 2"]) -> None:
     """Kerb stones along an outline: their faces to the road and their tops."""
     a, b = outline, np.roll(outline, -1, axis=0)
     c, d = np.roll(inner, -1, axis=0), inner
     low, high = np.zeros((len(a), 1)), np.full((len(a), 1), KERB_M)
     face = np.stack([np.hstack(v) for v in ((a, low), (b, low), (b, high), (a, high))], axis=1)
     top = np.stack([np.hstack(v) for v in ((a, high), (b, high), (c, high), (d, high))], axis=1)
-    soup.tiled(np.concatenate([face, top]), materials.concrete())
+    meshes.tiled(np.concatenate([face, top]), materials.concrete())
 
 
-def _outer_pavement(soup: QuadSoup, plan: TownPlan) -> None:
+def _outer_pavement(meshes: StaticMeshes, plan: TownPlan) -> None:
     """The pavement around the ring, before the outermost houses."""
     road, outer = plan.carriageway, plan.walkable
     kerb = road.shrunk(-KERB_STONE_M)
     for rect in _frame(kerb, outer):
-        soup.tiled(flat(rect, KERB_M), materials.paving())
+        meshes.tiled(flat(rect, KERB_M), materials.paving())
     for rect in _frame(road, kerb):
-        soup.tiled(flat(rect, KERB_M), materials.concrete())
+        meshes.tiled(flat(rect, KERB_M), materials.concrete())
     corners = np.array([(road.x0, road.y0), (road.x0, road.y1), (road.x1, road.y1), (road.x1, road.y0)])
     for a, b in itertools.pairwise([*corners, corners[0]]):
-        soup.tiled(np.array([[[*a, 0.0], [*b, 0.0], [*b, KERB_M], [*a, KERB_M]]]), materials.concrete())
+        meshes.tiled(np.array([[[*a, 0.0], [*b, 0.0], [*b, KERB_M], [*a, KERB_M]]]), materials.concrete())
 
 
 def _frame(a: Rect, b: Rect) -> list[Rect]:
@@ -117,7 +117,7 @@ def _stripe(segment: Segment, a0: float, a1: float, t0: float, t1: float) -> Flo
     return flat(Rect(*low, *high), PAINT_M)[0]
 
 
-def _markings(soup: QuadSoup, segment: Segment) -> None:
+def _markings(meshes: StaticMeshes, segment: Segment) -> None:
     """Centre line, stop lines, zebra crossings, arrows."""
     street, quads = segment.street, []
     start = segment.start_m + (STOP_LINE_M if segment.stops[0] else 1.0)
@@ -138,7 +138,7 @@ def _markings(soup: QuadSoup, segment: Segment) -> None:
         for t in np.arange(low + 0.35, high - 0.45, 1.0):
             quads.append(_stripe(segment, edge + inward * CROSSING_M[0], edge + inward * CROSSING_M[1], t, t + 0.5))
         quads += _arrow(segment, edge + inward * (STOP_LINE_M + 7.5), -inward, side * LANE_M / 2)
-    soup.plain(np.stack(quads), PAINT)
+    meshes.plain(np.stack(quads), PAINT)
 
 
 def _arrow(segment: Segment, tail_m: float, towards: float, across_m: float) -> list[Float[np.ndarray, "4 3"]]:
@@ -152,7 +152,7 @@ def _arrow(segment: Segment, tail_m: float, towards: float, across_m: float) -> 
     return [shaft, np.array([[*p, PAINT_M] for p in (first, second, tip, tip)])]
 
 
-def _bay(soup: QuadSoup, spawn: Spawn) -> None:
+def _bay(meshes: StaticMeshes, spawn: Spawn) -> None:
     """White lines at both ends of a parking bay, and one along the lane."""
     ahead = np.array([np.cos(spawn.heading_rad), np.sin(spawn.heading_rad)])
     left = np.array([-ahead[1], ahead[0]])
@@ -170,4 +170,4 @@ def _bay(soup: QuadSoup, spawn: Spawn) -> None:
         corners = ((a0 - da, t0 - dt), (a1 + da, t0 - dt), (a1 + da, t1 + dt), (a0 - da, t1 + dt))
         height = spawn.z_m + PAINT_M
         quads.append([[*(middle + a * ahead + t * left), height] for a, t in corners])
-    soup.plain(np.array(quads), PAINT)
+    meshes.plain(np.array(quads), PAINT)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sbm_gym.assets.models.surfaces import Material
-from sbm_gym.worlds.static_meshes import Facade, QuadSoup, Rgba, box_quads
+from sbm_gym.worlds.static_meshes import Facade, Rgba, StaticMeshes, box_quads
 from sbm_gym.worlds.towns import materials as materials
 from sbm_gym.worlds.towns import shops as shops
 from sbm_gym.worlds.towns.plan import HOUSE_DEPTH_M, KERB_M, PAVEMENT_M, Rect, TownPlan
@@ -120,16 +120,16 @@ def _house(rect: Rect, street_sides: tuple[int, ...], rng: np.random.Generator) 
     )
 
 
-def build_houses(soup: QuadSoup, houses: list[House], rng: np.random.Generator) -> None:
+def build_houses(meshes: StaticMeshes, houses: list[House], rng: np.random.Generator) -> None:
     """Adds what is seen of the houses."""
     for house in houses:
         for side in range(4):
             facade, length = _facade(house.rect, side)
             if side in house.street_sides:
-                _street_front(soup, house, facade, length, rng)
+                _street_front(meshes, house, facade, length, rng)
             else:
-                soup.tiled(facade.quads(0.0, length, 0.0, house.eaves_m), house.wall)
-        _roof(soup, house, rng)
+                meshes.tiled(facade.quads(0.0, length, 0.0, house.eaves_m), house.wall)
+        _roof(meshes, house, rng)
 
 
 def _facade(rect: Rect, side: int) -> tuple[Facade, float]:
@@ -139,7 +139,7 @@ def _facade(rect: Rect, side: int) -> tuple[Facade, float]:
     return Facade(start, (end - start) / length, KERB_M), length
 
 
-def _street_front(soup: QuadSoup, house: House, facade: Facade, length: float, rng: np.random.Generator) -> None:
+def _street_front(meshes: StaticMeshes, house: House, facade: Facade, length: float, rng: np.random.Generator) -> None:
     window_w = float(rng.uniform(1.0, 1.35)) if house.style != "modern" else float(rng.uniform(1.6, 2.2))
     window_h = min(1.55 if house.style != "modern" else 1.5, house.storey_m - 1.2)
     count = max(int((length - 0.8) / (window_w + float(rng.uniform(0.95, 1.3)))), 1)
@@ -148,17 +148,17 @@ def _street_front(soup: QuadSoup, house: House, facade: Facade, length: float, r
         floor = house.ground_m + (storey - 1) * house.storey_m
         sill = floor + 0.85
         _windowed_wall(
-            soup, house, facade, length, floor, floor + house.storey_m, centres, window_w, sill, window_h, rng
+            meshes, house, facade, length, floor, floor + house.storey_m, centres, window_w, sill, window_h, rng
         )
     if house.shop and length > 5.5:
-        _shop_front(soup, house, facade, length, rng)
+        _shop_front(meshes, house, facade, length, rng)
     else:
-        _ground_floor(soup, house, facade, length, centres, window_w, rng)
-    _cornice(soup, house, facade, length)
+        _ground_floor(meshes, house, facade, length, centres, window_w, rng)
+    _cornice(meshes, house, facade, length)
 
 
 def _windowed_wall(
-    soup: QuadSoup,
+    meshes: StaticMeshes,
     house: House,
     facade: Facade,
     length: float,
@@ -172,15 +172,15 @@ def _windowed_wall(
 ) -> None:
     """A stretch of wall with a row of windows."""
     left, right, head = centres - window_w / 2, centres + window_w / 2, sill + window_h
-    soup.tiled(facade.quads(0.0, length, low, sill), house.wall)
-    soup.tiled(facade.quads(0.0, length, head, high), house.wall)
-    soup.tiled(facade.quads(np.append(0.0, right), np.append(left, length), sill, head), house.wall)
-    soup.tiled(facade.reveals(left, right, sill, head, REVEAL_M), house.wall)
-    _windows(soup, house, facade, left, right, sill, head, rng)
+    meshes.tiled(facade.quads(0.0, length, low, sill), house.wall)
+    meshes.tiled(facade.quads(0.0, length, head, high), house.wall)
+    meshes.tiled(facade.quads(np.append(0.0, right), np.append(left, length), sill, head), house.wall)
+    meshes.tiled(facade.reveals(left, right, sill, head, REVEAL_M), house.wall)
+    _windows(meshes, house, facade, left, right, sill, head, rng)
 
 
 def _windows(
-    soup, house: House, facade: Facade, left, right, sill: float, head: float, rng: np.random.Generator
+    meshes, house: House, facade: Facade, left, right, sill: float, head: float, rng: np.random.Generator
 ) -> None:
     panes = materials.window_panes()
     chosen = rng.integers(len(panes), size=len(left))
@@ -188,7 +188,7 @@ def _windows(
         at = chosen == number
         if at.any():
             quads = facade.quads(left[at], right[at], sill, head, -REVEAL_M + 0.01)
-            soup.pictured(quads, pane, specular=0.6, shininess=0.8)
+            meshes.pictured(quads, pane, specular=0.6, shininess=0.8)
     deep, front, bar = -REVEAL_M, -REVEAL_M + 0.06, 0.06
     parts = [
         facade.boxes(left, left + bar, deep, front, sill, head),
@@ -200,7 +200,7 @@ def _windows(
     if house.style in ("brick", "stone"):
         level = sill + 0.55 * (head - sill)
         parts.append(facade.boxes(left, right, deep, front, level - 0.025, level + 0.025))
-    soup.plain(np.concatenate(parts), house.frame, specular=0.1)
+    meshes.plain(np.concatenate(parts), house.frame, specular=0.1)
     trim = [facade.boxes(left - 0.08, right + 0.08, -REVEAL_M, 0.07, sill - 0.08, sill)]
     if house.style == "brick":
         trim.append(facade.boxes(left - 0.12, right + 0.12, 0.0, 0.03, head, head + 0.2))
@@ -210,19 +210,25 @@ def _windows(
             facade.boxes(right, right + 0.12, 0.0, 0.04, sill, head + 0.12),
             facade.boxes(left, right, 0.0, 0.04, head, head + 0.12),
         ]
-    soup.plain(np.concatenate(trim), house.accent)
+    meshes.plain(np.concatenate(trim), house.accent)
 
 
 def _ground_floor(
-    soup: QuadSoup, house: House, facade: Facade, length: float, centres, window_w: float, rng: np.random.Generator
+    meshes: StaticMeshes,
+    house: House,
+    facade: Facade,
+    length: float,
+    centres,
+    window_w: float,
+    rng: np.random.Generator,
 ) -> None:
     """A front door between windows, on a plinth."""
     entry = int(rng.integers(len(centres)))
     door_w, door_h = 1.05, 2.45
     middle = float(centres[entry])
     windows = np.delete(centres, entry)
-    soup.plain(facade.boxes(0.0, middle - door_w / 2, 0.0, 0.05, 0.0, 0.5), house.accent)
-    soup.plain(facade.boxes(middle + door_w / 2, length, 0.0, 0.05, 0.0, 0.5), house.accent)
+    meshes.plain(facade.boxes(0.0, middle - door_w / 2, 0.0, 0.05, 0.0, 0.5), house.accent)
+    meshes.plain(facade.boxes(middle + door_w / 2, length, 0.0, 0.05, 0.0, 0.5), house.accent)
     # The wall is cut in three: beside the door on both sides, and above it.
     for start, end in ((0.0, middle - door_w / 2 - 0.15), (middle + door_w / 2 + 0.15, length)):
         inside = windows[(windows > start) & (windows < end)]
@@ -231,53 +237,53 @@ def _ground_floor(
             continue
         fits = (inside - start > window_w / 2 + 0.1) & (end - inside > window_w / 2 + 0.1)
         _windowed_wall(
-            soup, house, part, end - start, 0.0, house.ground_m, inside[fits] - start, window_w, 0.95, 1.75, rng
+            meshes, house, part, end - start, 0.0, house.ground_m, inside[fits] - start, window_w, 0.95, 1.75, rng
         )
     low, high = middle - door_w / 2, middle + door_w / 2
-    soup.tiled(facade.quads([low - 0.15, high], [low, high + 0.15], 0.0, house.ground_m), house.wall)
-    soup.tiled(facade.quads(low, high, door_h, house.ground_m), house.wall)
-    soup.tiled(facade.reveals(low, high, 0.0, door_h, REVEAL_M), house.wall)
+    meshes.tiled(facade.quads([low - 0.15, high], [low, high + 0.15], 0.0, house.ground_m), house.wall)
+    meshes.tiled(facade.quads(low, high, door_h, house.ground_m), house.wall)
+    meshes.tiled(facade.reveals(low, high, 0.0, door_h, REVEAL_M), house.wall)
     colour = _DOORS[int(rng.integers(len(_DOORS)))]
-    soup.pictured(facade.quads(low, high, 0.12, door_h, -REVEAL_M + 0.01), materials.door(colour), specular=0.2)
-    soup.plain(facade.boxes(low - 0.1, high + 0.1, -REVEAL_M, 0.32, 0.0, 0.12), house.accent)
-    soup.plain(facade.boxes(low - 0.25, high + 0.25, 0.0, 0.4, door_h + 0.12, door_h + 0.2), house.accent)
+    meshes.pictured(facade.quads(low, high, 0.12, door_h, -REVEAL_M + 0.01), materials.door(colour), specular=0.2)
+    meshes.plain(facade.boxes(low - 0.1, high + 0.1, -REVEAL_M, 0.32, 0.0, 0.12), house.accent)
+    meshes.plain(facade.boxes(low - 0.25, high + 0.25, 0.0, 0.4, door_h + 0.12, door_h + 0.2), house.accent)
 
 
-def _shop_front(soup: QuadSoup, house: House, facade: Facade, length: float, rng: np.random.Generator) -> None:
+def _shop_front(meshes: StaticMeshes, house: House, facade: Facade, length: float, rng: np.random.Generator) -> None:
     """Large windows over a low wall, a glass door, a board with a name, perhaps an awning."""
     edge, door_w, head, sill = 0.35, 1.1, 2.75, 0.55
     board = house.ground_m - head - 0.25
     colours = (*_BOARDS, *_BOARDS_DARK)
     ground, ink = colours[int(rng.integers(len(colours)))]
     paint = (ground[0] / 255, ground[1] / 255, ground[2] / 255, 1.0)
-    soup.tiled(facade.quads([0.0, length - edge], [edge, length], 0.0, house.ground_m), house.wall)
-    soup.tiled(facade.quads(edge, length - edge, head + board, house.ground_m), house.wall)
+    meshes.tiled(facade.quads([0.0, length - edge], [edge, length], 0.0, house.ground_m), house.wall)
+    meshes.tiled(facade.quads(edge, length - edge, head + board, house.ground_m), house.wall)
     door_at = edge if rng.random() < 0.5 else length - edge - door_w
     first, last = (door_at + door_w, length - edge) if door_at == edge else (edge, door_at)
     count = max(int((last - first) / 2.2), 1)
     cuts = np.linspace(first, last, count + 1)
-    soup.plain(facade.boxes(first, last, -REVEAL_M, 0.0, 0.0, sill), paint, specular=0.15)
+    meshes.plain(facade.boxes(first, last, -REVEAL_M, 0.0, 0.0, sill), paint, specular=0.15)
     trade = list(shops.SHOPS)[int(rng.integers(len(shops.SHOPS)))]
     picture = shops.shop_window(trade)
     glass: dict[str, Any] = {"picture": picture, "specular": 0.6, "shininess": 0.8}
-    # Panes show one part of the shop after the other; two shops of one trade hardly ever begin with the same.
+    # GlassHits show one part of the shop after the other; two shops of one trade hardly ever begin with the same.
     begin = float(rng.uniform())
     for a0, a1 in [(float(a), float(b)) for a, b in itertools.pairwise(cuts)]:
         part = (begin + a0 / shops.WINDOW_M, begin + a1 / shops.WINDOW_M)
-        soup.pictured(facade.quads(a0, a1, sill, head, -0.1), part=part, **glass)
+        meshes.pictured(facade.quads(a0, a1, sill, head, -0.1), part=part, **glass)
     posts = np.append(cuts, door_at if door_at == edge else door_at + door_w)
-    soup.plain(facade.boxes(posts - 0.05, posts + 0.05, -REVEAL_M, 0.02, 0.0, head), paint, specular=0.15)
-    soup.plain(facade.boxes(edge, length - edge, -REVEAL_M, 0.02, head - 0.08, head), paint, specular=0.15)
+    meshes.plain(facade.boxes(posts - 0.05, posts + 0.05, -REVEAL_M, 0.02, 0.0, head), paint, specular=0.15)
+    meshes.plain(facade.boxes(edge, length - edge, -REVEAL_M, 0.02, head - 0.08, head), paint, specular=0.15)
     part = (begin + door_at / shops.WINDOW_M, begin + (door_at + door_w) / shops.WINDOW_M)
-    soup.pictured(facade.quads(door_at, door_at + door_w, 0.12, head, -0.12), part=part, **glass)
+    meshes.pictured(facade.quads(door_at, door_at + door_w, 0.12, head, -0.12), part=part, **glass)
     rails = [facade.boxes(door_at, door_at + door_w, -0.12, -0.08, z, z + 0.1) for z in (0.12, 1.0)]
-    soup.plain(np.concatenate(rails), paint, specular=0.15)
-    soup.plain(facade.boxes(door_at, door_at + door_w, -0.2, 0.1, 0.0, 0.12), house.accent)
-    soup.plain(facade.boxes(edge, length - edge, 0.0, 0.08, head, head + board), paint, specular=0.15)
+    meshes.plain(np.concatenate(rails), paint, specular=0.15)
+    meshes.plain(facade.boxes(door_at, door_at + door_w, -0.2, 0.1, 0.0, 0.12), house.accent)
+    meshes.plain(facade.boxes(edge, length - edge, 0.0, 0.08, head, head + board), paint, specular=0.15)
     wide = min(length - 2 * edge, 7 * board)
     middle = length / 2
     sign = facade.quads(middle - wide / 2, middle + wide / 2, head, head + board, 0.085)
-    soup.pictured(sign, shops.fascia(trade, ground, ink), specular=0.1)
+    meshes.pictured(sign, shops.fascia(trade, ground, ink), specular=0.1)
     if rng.random() < 0.5:
         cloth = shops.awning(_AWNINGS[int(rng.integers(len(_AWNINGS)))])
         p, reach = facade.points, 1.25
@@ -289,10 +295,10 @@ def _shop_front(soup: QuadSoup, house: House, facade: Facade, length: float, rng
             p(a1, reach, head - 0.45),
             p(a0, reach, head - 0.45),
         ]
-        soup.pictured(np.array([slope, hem]), cloth)
+        meshes.pictured(np.array([slope, hem]), cloth)
 
 
-def _cornice(soup: QuadSoup, house: House, facade: Facade, length: float) -> None:
+def _cornice(meshes: StaticMeshes, house: House, facade: Facade, length: float) -> None:
     """A moulding under the roof, and one over the ground floor."""
     top = house.eaves_m
     parts = [
@@ -301,23 +307,23 @@ def _cornice(soup: QuadSoup, house: House, facade: Facade, length: float) -> Non
     ]
     if house.style in ("stone", "plaster"):
         parts.append(facade.boxes(0.0, length, 0.0, 0.08, house.ground_m - 0.12, house.ground_m + 0.06))
-    soup.plain(np.concatenate(parts), house.accent)
+    meshes.plain(np.concatenate(parts), house.accent)
 
 
-def _roof(soup: QuadSoup, house: House, rng: np.random.Generator) -> None:
+def _roof(meshes: StaticMeshes, house: House, rng: np.random.Generator) -> None:
     r, top = house.rect, house.eaves_m + KERB_M
     width, depth = r.size_m
     if not house.pitched:
-        soup.tiled(
+        meshes.tiled(
             np.array([[[r.x0, r.y0, top], [r.x1, r.y0, top], [r.x1, r.y1, top], [r.x0, r.y1, top]]]),
             materials.flat_roof(),
         )
         wall, rise = 0.25, 0.7
         low = [[r.x0, r.y0, top], [r.x0, r.y1 - wall, top], [r.x0, r.y0, top], [r.x1 - wall, r.y0, top]]
         high = [[r.x1, r.y0 + wall], [r.x1, r.y1], [r.x0 + wall, r.y1], [r.x1, r.y1]]
-        soup.tiled(box_quads(np.array(low), np.array([[*h, top + rise] for h in high])), house.wall)
+        meshes.tiled(box_quads(np.array(low), np.array([[*h, top + rise] for h in high])), house.wall)
         coping = 0.03
-        soup.boxes(
+        meshes.boxes(
             np.add(low, [-coping, -coping, rise]),
             np.array([[h[0] + coping, h[1] + coping, top + rise + 0.07] for h in high]),
             house.accent,
@@ -343,8 +349,8 @@ def _roof(soup: QuadSoup, house: House, rng: np.random.Generator) -> None:
             [[r.x0 - over, r.y1, top - drop], [r.x0 - over, r.y0, top - drop], [x, r.y0, peak], [x, r.y1, peak]],
         ]
         gables = [[[r.x0, y, top], [r.x1, y, top], [x, y, peak], [x, y, peak]] for y in (r.y0, r.y1)]
-    soup.tiled(np.array(slopes), tiles)
-    soup.tiled(np.array(gables), house.wall)
+    meshes.tiled(np.array(slopes), tiles)
+    meshes.tiled(np.array(gables), house.wall)
     stack = np.array([r.x0 + 0.25 * width, r.y0 + 0.4 * depth])
     chimney = box_quads(np.array([[*(stack - 0.4), top]]), np.array([[*(stack + 0.4), peak + 0.6]]))
-    soup.tiled(chimney, materials.brick((112, 66, 56)))
+    meshes.tiled(chimney, materials.brick((112, 66, 56)))

@@ -91,4 +91,4 @@ def _tree_pit(furnisher: Furnisher, tree: ModelCard | None, xy: Float[np.ndarray
     if tree is None or not furnisher.tree(tree, xy):
         return
     pit = Rect(xy[0] - 0.65, xy[1] - 0.65, xy[0] + 0.65, xy[1] + 0.65)
-    furnisher.soup.tiled(flat(pit, KERB_M + 0.012), materials.gravel(), (0.55, 0.45, 0.38, 1.0))
+    furnisher.meshes.tiled(flat(pit, KERB_M + 0.012), materials.gravel(), (0.55, 0.45, 0.38, 1.0))

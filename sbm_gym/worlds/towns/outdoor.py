@@ -1,8 +1,8 @@
 """Towns: from a name or a seed to a world of streets, with two more vehicles in every episode.
 
 What belongs to a town for ever: its plan, houses, trees, and the vehicles that are parked or wait there. What an
-episode adds: two vehicles of the town's visitors at free places where vehicles naturally stand (thesis A.2.2),
-and the weather. All vehicles are objects: a label of a parked car is as right as one of a visitor.
+episode adds: two vehicles, of a few that are moved about, at free places where vehicles naturally stand (thesis
+A.2.2), and the weather. All vehicles are objects: a label of a parked car is as right as one of these two.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Box, Placement, obstacle_rows, overlap, yaw_quaternion
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import TOWNS
-from sbm_gym.worlds.static_meshes import QuadSoup
+from sbm_gym.worlds.static_meshes import StaticMeshes
 from sbm_gym.worlds.towns.furnisher import Furnisher, add_solid
 from sbm_gym.worlds.towns.furniture import furnish_town
 from sbm_gym.worlds.towns.ground import build_ground
@@ -45,12 +45,12 @@ MIN_APART_M = 3.0
 """Between the two vehicles of an episode. Source: thesis A.2.2."""
 MAX_PARKED = 16
 """Vehicles that belong to a town."""
-VISITORS = {"car": 4, "van": 1, "truck": 1, "bus": 1, "motorcycle": 2, "bicycle": 1}
+MOVED_VEHICLES = {"car": 4, "van": 1, "truck": 1, "bus": 1, "motorcycle": 2, "bicycle": 1}
 """Of which an episode shows two; roads have about these shares."""
 HEAVY_TRIANGLES = 16_000
 """Of models with more triangles a town has one at most."""
-VISITOR_TRIANGLES = 6_000
-"""Visitors have no more triangles than this where there is a choice: they move between episodes, which costs time."""
+MOVED_TRIANGLES = 6_000
+"""Moved vehicles have no more triangles than this where there is a choice: to move them between episodes costs time."""
 _UNDERGROUND_M = -60.0
 
 
@@ -85,16 +85,16 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     spec.stat.extent, spec.stat.center = 40.0, [0.0, 0.0, 2.0]
     draw_weather(rng).add_to(spec)
     builder = SceneBuilder(spec)
-    soup = QuadSoup(builder, spec.worldbody.add_body(name="town"))
-    build_ground(soup, plan, rng)
+    meshes = StaticMeshes(builder, spec.worldbody.add_body(name="town"))
+    build_ground(meshes, plan, rng)
     houses = house_rows(plan, rng)
-    build_houses(soup, houses, rng)
+    build_houses(meshes, houses, rng)
     solid = [
         add_solid(spec, builder, house.rect, house.eaves_m, f"house_{number}") for number, house in enumerate(houses)
     ]
-    furnisher = Furnisher(builder, soup, library, rng, [spawn.area() for spawn in plan.spawns], list(solid))
+    furnisher = Furnisher(builder, meshes, library, rng, [spawn.area() for spawn in plan.spawns], list(solid))
     furnish_town(furnisher, plan)
-    soup.build()
+    meshes.build()
     walkable = plan.walkable
     low, high = np.array([walkable.x0, walkable.y0]), np.array([walkable.x1, walkable.y1])
     still = navigable_map(low, high, obstacle_rows(furnisher.obstacles), cell_m=CELL_M)
@@ -105,9 +105,9 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
         body = add_vehicle(builder, library, vehicle, f"{vehicle.card.category}_{number:02d}", rng)
         objects.append(instance_of(vehicle, number, body.name))
     navigable = _with_vehicles(still.free, low, parked, library)
-    visitors = _add_visitors(builder, library, len(objects) + 1, rng)
+    moved = _add_moved_vehicles(builder, library, len(objects) + 1, rng)
     left = tuple(spawn for spawn in spawns if spawn not in taken)
-    stage = TownStage(navigable, left, visitors, tuple(objects), tuple(vehicle.box() for vehicle in parked), library)
+    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box() for vehicle in parked), library)
     return World(name, spec, tuple(objects), navigable, stage=stage)
 
 
@@ -142,7 +142,7 @@ def _park_vehicles(
             if fits(card, spawn) and not (heavy and library.triangles(card) > HEAVY_TRIANGLES)
         ]
         # Nobody parks a motorcycle where a car fits as often as a car.
-        weights = np.array([VISITORS[card.use] / len(cards[card.use]) for card in choices])
+        weights = np.array([MOVED_VEHICLES[card.use] / len(cards[card.use]) for card in choices])
         if not choices or rng.random() > shares[spawn.kind]:
             continue
         vehicle = park(choices[int(rng.choice(len(choices), p=weights / weights.sum()))], spawn, rng)
@@ -169,7 +169,7 @@ def approach_bearings(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"])
 
 
 @dataclass(frozen=True)
-class Visitor:
+class MovedVehicle:
     """A vehicle that episodes put somewhere; elsewhile it waits below the ground."""
 
     card: ModelCard
@@ -177,20 +177,23 @@ class Visitor:
     instance_id: int
 
 
-def _add_visitors(
+_Placed = tuple[MovedVehicle, Placement]
+
+
+def _add_moved_vehicles(
     builder: SceneBuilder, library: FurnitureLibrary, first_id: int, rng: np.random.Generator
-) -> tuple[Visitor, ...]:
-    visitors: list[Visitor] = []
-    for use, count in VISITORS.items():
+) -> tuple[MovedVehicle, ...]:
+    moved: list[MovedVehicle] = []
+    for use, count in MOVED_VEHICLES.items():
         cards = sorted(library.models(use), key=library.triangles)
-        cards = [card for card in cards if library.triangles(card) <= VISITOR_TRIANGLES] or cards[:1]
+        cards = [card for card in cards if library.triangles(card) <= MOVED_TRIANGLES] or cards[:1]
         for k in rng.permutation(len(cards))[:count]:
-            number = len(visitors)
+            number = len(moved)
             card = cards[int(k)]
             below = Placement(card, 0.0, 0.0, 0.0, _UNDERGROUND_M - 10.0 * number)
             body = add_vehicle(builder, library, below, f"visitor_{number}", rng, moves=True)
-            visitors.append(Visitor(card, body.name, first_id + number))
-    return tuple(visitors)
+            moved.append(MovedVehicle(card, body.name, first_id + number))
+    return tuple(moved)
 
 
 @dataclass(frozen=True)
@@ -200,7 +203,7 @@ class TownStage:
     navigable: NavigableMap
     spawns: tuple[Spawn, ...]
     """Places that the town's own vehicles leave free."""
-    visitors: tuple[Visitor, ...]
+    moved: tuple[MovedVehicle, ...]
     objects: tuple[ObjectInstance, ...]
     parked: tuple[Box, ...]
     library: FurnitureLibrary
@@ -225,9 +228,9 @@ class TownStage:
                 break
         weather = draw_weather(rng)
         instances = tuple(instance_of(vehicle, v.instance_id, v.body_name) for v, vehicle in placed)
-        return Arrangement(self.objects + instances, navigable, starts, _Change(self.visitors, placed, weather))
+        return Arrangement(self.objects + instances, navigable, starts, _Change(self.moved, placed, weather))
 
-    def _draw(self, rng: np.random.Generator) -> tuple[tuple[Visitor, Placement], tuple[Visitor, Placement]] | None:
+    def _draw(self, rng: np.random.Generator) -> tuple[_Placed, _Placed] | None:
         first = self._place(self.spawns[int(rng.integers(len(self.spawns)))], (), rng)
         if first is None:
             return None
@@ -240,18 +243,18 @@ class TownStage:
                 return (first, second) if apart >= MIN_APART_M else None
         return None
 
-    def _place(self, spawn: Spawn, others: tuple, rng: np.random.Generator) -> tuple[Visitor, Placement] | None:
-        """One of the visitors that fit a place and are not there yet; None if none does."""
-        gone = {visitor.instance_id for visitor, _ in others}
-        choices = [v for v in self.visitors if v.instance_id not in gone and fits(v.card, spawn)]
+    def _place(self, spawn: Spawn, others: tuple, rng: np.random.Generator) -> _Placed | None:
+        """One of the vehicles that fit a place and are not placed yet; None if none does."""
+        gone = {one.instance_id for one, _ in others}
+        choices = [v for v in self.moved if v.instance_id not in gone and fits(v.card, spawn)]
         if not choices:
             return None
-        visitor = choices[int(rng.integers(len(choices)))]
-        vehicle = park(visitor.card, spawn, rng)
+        one = choices[int(rng.integers(len(choices)))]
+        vehicle = park(one.card, spawn, rng)
         boxes = (*self.parked, *(other.box() for _, other in others))
-        return None if any(overlap(vehicle.box(), box, 0.2) for box in boxes) else (visitor, vehicle)
+        return None if any(overlap(vehicle.box(), box, 0.2) for box in boxes) else (one, vehicle)
 
-    def _around(self, placed: Sequence[tuple[Visitor, Placement]]) -> NavigableMap:
+    def _around(self, placed: Sequence[_Placed]) -> NavigableMap:
         """The part of the map around the first vehicle, with both in it."""
         centre = np.array([placed[0][1].x_m, placed[0][1].y_m])
         whole = self.navigable
@@ -281,18 +284,18 @@ def _with_vehicles(
 
 @dataclass(frozen=True)
 class _Change:
-    """Brings the visitors of an episode to their places, the others below the ground, and changes the weather."""
+    """Brings the vehicles of an episode to their places, the others below the ground, and changes the weather."""
 
-    visitors: tuple[Visitor, ...]
-    placed: tuple[tuple[Visitor, Placement], ...]
+    moved: tuple[MovedVehicle, ...]
+    placed: tuple[_Placed, ...]
     weather: Weather
 
     def __call__(self, model: mujoco.MjModel) -> None:
-        for number, visitor in enumerate(self.visitors):
-            body = model.body(visitor.body_name).id
+        for number, one in enumerate(self.moved):
+            body = model.body(one.body_name).id
             model.body_pos[body] = [0.0, 0.0, _UNDERGROUND_M - 10.0 * number]
-        for visitor, vehicle in self.placed:
-            body = model.body(visitor.body_name).id
+        for one, vehicle in self.placed:
+            body = model.body(one.body_name).id
             model.body_pos[body] = [vehicle.x_m, vehicle.y_m, vehicle.z_m]
             model.body_quat[body] = yaw_quaternion(vehicle.yaw_rad)
         self.weather.apply(model)

@@ -14,11 +14,11 @@ def park(furnisher: Furnisher, block: Block) -> None:
     """Lawns between crossing paths, a fountain, trees, hedges, benches."""
     lawn, rng = block.rect.shrunk(PAVEMENT_M - 0.6), furnisher.rng
     x, y = 0.5 * (lawn.x0 + lawn.x1), 0.5 * (lawn.y0 + lawn.y1)
-    furnisher.soup.tiled(flat(lawn, KERB_M + 0.01), materials.grass())
+    furnisher.meshes.tiled(flat(lawn, KERB_M + 0.01), materials.grass())
     path = 1.3
     for rect in (Rect(lawn.x0, y - path, lawn.x1, y + path), Rect(x - path, lawn.y0, x + path, lawn.y1)):
-        furnisher.soup.tiled(flat(rect, KERB_M + 0.022), materials.gravel())
-    furnisher.soup.tiled(flat(Rect(x - 3.2, y - 3.2, x + 3.2, y + 3.2), KERB_M + 0.03), materials.gravel())
+        furnisher.meshes.tiled(flat(rect, KERB_M + 0.022), materials.gravel())
+    furnisher.meshes.tiled(flat(Rect(x - 3.2, y - 3.2, x + 3.2, y + 3.2), KERB_M + 0.03), materials.gravel())
     furnisher.stand(furnisher.pick("fountain"), np.array([x, y]), 0.0)
     for angle in (0.25, 0.75, 1.25, 1.75):
         away = 4.3 * np.array([np.cos(np.pi * angle), np.sin(np.pi * angle)])
@@ -40,7 +40,7 @@ def square(furnisher: Furnisher, block: Block) -> None:
     """A paved square with a fountain, cafe tables under parasols, trees and benches."""
     ground, rng = block.rect.shrunk(PAVEMENT_M - 1.0), furnisher.rng
     x, y = 0.5 * (ground.x0 + ground.x1), 0.5 * (ground.y0 + ground.y1)
-    furnisher.soup.tiled(flat(ground, KERB_M + 0.01), materials.ashlar((170, 166, 158)))
+    furnisher.meshes.tiled(flat(ground, KERB_M + 0.01), materials.ashlar((170, 166, 158)))
     furnisher.stand(furnisher.pick("fountain"), np.array([x, y]), 0.0)
     for _ in range(4):
         table = rng.uniform([ground.x0 + 3, ground.y0 + 3], [ground.x1 - 3, ground.y1 - 3])
@@ -65,10 +65,10 @@ def square(furnisher: Furnisher, block: Block) -> None:
 def car_park(furnisher: Furnisher, block: Block) -> None:
     """Asphalt with two rows of bays, a drive to the street, trees at its corners."""
     yard = block.rect.shrunk(PAVEMENT_M - 0.8)
-    furnisher.soup.tiled(flat(yard, CAR_PARK_M), materials.asphalt())
+    furnisher.meshes.tiled(flat(yard, CAR_PARK_M), materials.asphalt())
     y = 0.5 * (yard.y0 + yard.y1)
     for x0, x1 in ((block.rect.x0, yard.x0), (yard.x1, block.rect.x1)):
-        furnisher.soup.tiled(flat(Rect(x0, y - 2.8, x1, y + 2.8), CAR_PARK_M - 0.004), materials.asphalt())
+        furnisher.meshes.tiled(flat(Rect(x0, y - 2.8, x1, y + 2.8), CAR_PARK_M - 0.004), materials.asphalt())
     for sx, sy in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
         point = np.array([0.5 * (yard.x0 + yard.x1), y]) + np.array([sx, sy]) * (0.5 * np.array(yard.size_m) - 1.2)
         furnisher.tree(furnisher.pick("street_tree"), point)
@@ -82,5 +82,5 @@ def _hedge(furnisher: Furnisher, rect: Rect) -> None:
     box = Box(0.5 * (rect.x0 + rect.x1), 0.5 * (rect.y0 + rect.y1), width / 2, depth / 2, 0.0)
     if furnisher.fits(box):
         quads = box_quads(np.array([[rect.x0, rect.y0, KERB_M]]), np.array([[rect.x1, rect.y1, KERB_M + 1.0]]))
-        furnisher.soup.tiled(quads, materials.leaves())
+        furnisher.meshes.tiled(quads, materials.leaves())
         furnisher.block(box, 1.1)

@@ -10,7 +10,7 @@ from sbm_gym.assets.parametric.builtin import BuiltinLibrary
 from sbm_gym.assets.reserved import ENOUGH_MODELS, RESERVED_SHARE, kept_apart, worlds_library
 from sbm_gym.assets.unseen import too_small
 from sbm_gym.photographs.models import BUILTIN_SEEDS, SPLITS, PhotographLibrary, catalogue_models
-from sbm_gym.worlds.towns.outdoor import VISITORS
+from sbm_gym.worlds.towns.outdoor import MOVED_VEHICLES
 
 KEPT_APART = [use for use, described in USES.items() if described.category in kept_apart()]
 
@@ -52,7 +52,7 @@ def test_worlds_can_still_hold_models_back_from_training():
 def test_worlds_keep_enough_light_cars_for_visitors():
     library = worlds_library()
     light = [card for card in library.models("car") if library.load(card).num_triangles <= 16_000]
-    assert len(light) >= VISITORS["car"]
+    assert len(light) >= MOVED_VEHICLES["car"]
 
 
 def test_all_installed_models_of_other_classes_stay_in_worlds():

@@ -12,7 +12,7 @@ import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from sbm_gym.rendering.rays.renderer import RaysRenderer
-from sbm_gym.rendering.rays.scratch import Scratch
+from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.workers import Workers
 
 
@@ -59,14 +59,14 @@ def test_pictures_do_not_depend_on_what_memory_held(monkeypatch):
         return picture_hash(glass=True)
 
     before, poison = pictures(), itertools.cycle([0, 255, 113])
-    original = Scratch.take
+    original = ReusedArrays.take
 
     def take(self, name, shape, dtype=np.float32):
         array = original(self, name, shape, dtype)
         array.view(np.uint8)[...] = next(poison)
         return array
 
-    monkeypatch.setattr(Scratch, "take", take)
+    monkeypatch.setattr(ReusedArrays, "take", take)
     for _ in range(3):
         assert pictures() == before
         next(poison)

@@ -14,7 +14,7 @@ from labeling.core.geometry import intrinsics_from_fov, look_at
 from sbm_gym.rendering.gl import context as gl_context
 from sbm_gym.rendering.gl.context import NoOpenGlError
 from sbm_gym.rendering.gl.renderer import FAR_M, GlRenderer
-from sbm_gym.rendering.gl.sheets import sheets
+from sbm_gym.rendering.gl.two_sided_meshes import two_sided_meshes
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.scenes.compiled import make_renderer
 
@@ -220,7 +220,7 @@ def test_cloth_with_a_front_and_a_back_in_one_place_has_no_speckles():
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    assert sheets(model).tolist() == [True, False]
+    assert two_sided_meshes(model).tolist() == [True, False]
     middle = data.geom_xpos[0]
     camera = look_at(middle + np.array([3.0, 0.4, 0.3]), middle)
     frame = GlRenderer(model).render(data, INTRINSICS, camera, HEIGHT_PX, WIDTH_PX)

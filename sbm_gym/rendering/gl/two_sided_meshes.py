@@ -14,13 +14,13 @@ FLAT = 1e-3
 """Angle-weighted normals around a corner may add up to this much, as rounding leaves it."""
 
 
-def sheets(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
+def two_sided_meshes(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
     """Which geoms are meshes whose surface lies twice in each place, once facing either way.
 
     Args:
         model: the compiled model.
     """
-    of_mesh = np.array([_is_sheet(_triangles(model, mesh)) for mesh in range(model.nmesh)], bool)
+    of_mesh = np.array([_is_two_sided(_triangles(model, mesh)) for mesh in range(model.nmesh)], bool)
     found = np.zeros(model.ngeom, bool)
     is_mesh = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
     found[is_mesh] = of_mesh[model.geom_dataid[is_mesh]]
@@ -36,7 +36,7 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> Float[np.ndarray, "n 3 3"]:
     return places[np.asarray(model.mesh_face[start : start + count])]
 
 
-def _is_sheet(corners: Float[np.ndarray, "n 3 3"]) -> bool:
+def _is_two_sided(corners: Float[np.ndarray, "n 3 3"]) -> bool:
     """Whether around every corner as much surface faces one way as the other.
 
     Angles count, not areas: they are the same however a polygon is cut into triangles.

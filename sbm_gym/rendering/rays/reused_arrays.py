@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 
-class Scratch:
+class ReusedArrays:
     """Arrays by name."""
 
     def __init__(self) -> None:
