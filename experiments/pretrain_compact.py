@@ -8,6 +8,7 @@ from typing import Any, Literal
 from experiments.pretraining.world_views import WORLDS, ViewsConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import run_command
+from labeling.runtime.ranges import Positive, check_ranges
 
 MAX_BYTES = 20_000_000
 
@@ -34,9 +35,9 @@ class CompactConfig:
     """File for the weights."""
     results: Path = Path("experiments/results/pretrain_compact.json")
     """File for the figures."""
-    minutes: float = 90.0
+    minutes: Positive[float] = 90.0
     """Time for training; a run that is cut short has learned with a schedule of this length."""
-    steps: int = 6000
+    steps: Positive[int] = 6000
     """Batches at most; training ends when either is used up."""
     batch_size: int = 16
     """Views in a batch."""
@@ -65,11 +66,12 @@ def run(config: CompactConfig) -> None:
 
     training = PretrainConfig(
         minutes=config.minutes,
-        steps=config.steps,
+        iterations=config.steps,
         batch_size=config.batch_size,
         learning_rate=config.learning_rate,
         seed=config.seed,
     )
+    check_ranges(config)
     training.check()
     train, val = _photographs(config)
     finished = _trained(config, training, train, val)
@@ -108,13 +110,13 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     import json
     from dataclasses import asdict, replace
 
-    from experiments.pretraining.loop import HISTORY_FILE
     from experiments.pretraining.world_views import figures, summary, world_views
-    from labeling.detectors.finetuning.epochs import detect_all
     from labeling.detectors.networks.calibration import fit_calibration, outcomes
     from labeling.detectors.networks.network_detector import NetworkDetector
     from labeling.detectors.networks.weights import load_network, save_network
+    from labeling.detectors.scoring import detect_all
     from labeling.io.formats.atomic import write_json
+    from labeling.training.files import HISTORY_FILE
 
     raw = NetworkDetector(network, "compact")
     splits: tuple[Literal["train", "val"], ...] = ("train", "val")

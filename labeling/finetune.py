@@ -2,38 +2,36 @@
 
 import functools
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
 from labeling.core.errors import UsageError
 from labeling.detectors.data.augment_config import AugmentConfig
-from labeling.detectors.finetuning.train_config import TrainConfig
+from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.registry import DEFAULT, check_name
-from labeling.runtime.cli import check_sources, run_command
+from labeling.runtime.cli import run_command
+from labeling.runtime.ranges import Share, check_ranges
+from labeling.training.command import Labels, TrainingCommand, progress_bar, say
 
 if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
-    from labeling.detectors.finetuning.epochs import Scores
+    from labeling.detectors.scoring import Scores
 
 
 @dataclass(frozen=True)
-class FinetuneConfig:
+class FinetuneCommand(TrainingCommand):
     """Makes a detector better with pseudo-labels, or with ground truth.
 
     Keeps the best network, by AP50 on --val, in RUN/detector.safetensors; RUN is then a detector by that name. A run
     that was killed goes on where it stopped when the same command is given again.
     """
 
-    labels: tyro.conf.Positional[
-        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
-    ]
+    labels: Labels
     """What to learn from, one or several: label sets, episodes with ground truth, or COCO folders. The score of a label
     is its weight; regions marked ``iscrowd`` or ``ignore`` teach nothing."""
-    out: Path
-    """Folder of the run."""
     detector: str = DEFAULT
     """Where to start: ``compact``, ``maskrcnn_resnet50_fpn``, or the folder of another run."""
     val: Path | None = None
@@ -41,19 +39,29 @@ class FinetuneConfig:
     replay: Path | None = None
     """Source pictures (a COCO folder) to mix in, against forgetting. If it has parts ``train`` and ``val``, forgetting
     is measured on ``val``, else on every tenth picture, which is then not replayed."""
-    dataset: Path | None = None
-    """Where the pictures of LABELS lie, if not where the label set says; with one label set only."""
-    least_confidence: float = 0.0
+    least_confidence: Share[float] = 0.0
     """Labels less confident than this become regions to ignore."""
     new_categories: bool = False
     """Learn categories that the detector has no name for yet; otherwise they are background."""
-    device: str | None = None
-    """cpu, cuda, ...; by default a GPU if there is one."""
-    train: tyro.conf.OmitArgPrefixes[TrainConfig] = field(default_factory=TrainConfig)
+    train: tyro.conf.OmitArgPrefixes[FinetuneConfig] = field(default_factory=FinetuneConfig)
     augment: tyro.conf.OmitArgPrefixes[AugmentConfig] = field(default_factory=AugmentConfig)
 
 
-def run(config: FinetuneConfig) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Pictures:
+    """What a fine-tuning reads."""
+
+    learn: "list[AnnotatedPicture]"
+    """To learn from."""
+    validation: "list[AnnotatedPicture]"
+    """To choose the best network by."""
+    replay: "list[AnnotatedPicture]"
+    """Source pictures to mix in."""
+    source: "list[AnnotatedPicture]"
+    """Source pictures to measure forgetting on."""
+
+
+def run(command: FinetuneCommand) -> dict[str, Any]:
     """Trains and prints the final table.
 
     Returns:
@@ -62,106 +70,89 @@ def run(config: FinetuneConfig) -> dict[str, Any]:
     Raises:
         SbmError: if detector, labels or settings are at fault.
     """
-    from tqdm import tqdm
-
-    from labeling.detectors.finetuning.epochs import evaluate
-    from labeling.detectors.finetuning.training_run import best_of, train
+    from labeling.detectors.finetuning.training import best_of, train
     from labeling.detectors.networks.network_detector import NetworkDetector
     from labeling.detectors.registry import choose_device, load_named_network
-    from labeling.io.formats.atomic import write_json
-    from labeling.training.run_files import RESULTS_FILE
+    from labeling.detectors.scoring import evaluate
 
-    check_name(config.detector)
-    config.train.check()
-    config.augment.check()
-    device = choose_device(config.device)
-    network, digest = load_named_network(config.detector)
-    pictures, validation, replay, source = _read(config)
+    check_name(command.detector)
+    command.train.check()
+    command.augment.check()
+    device = choose_device(command.device)
+    network, digest = load_named_network(command.detector)
+    pictures = read(command)
     known = network.spec.categories
-    names = _categories(config, known, pictures, validation)
+    names = _categories(command, known, pictures)
     if names != known:
         from labeling.detectors.networks.mask_rcnn import with_categories
 
         network = with_categories(network, names)
-    sets = {"validation": validation, "source pictures": source}
-    bar = functools.partial(tqdm, delay=2.0, leave=False, file=sys.stderr)
+    sets = {"validation": pictures.validation, "source pictures": pictures.source}
 
     def scores(which: Any) -> dict[str, "Scores"]:
         detector = NetworkDetector(which, "scored", device=device)
         return {
-            name: evaluate(detector, some, functools.partial(bar, desc=f"scoring on {name}", unit="batch"))
+            name: evaluate(detector, some, functools.partial(progress_bar, desc=f"scoring on {name}"))
             for name, some in sets.items()
             if some
         }
 
     before = scores(network)
-    about = {"started_from": config.detector, "started_from_digest": digest, "labels": _sources(config)}
-    state = train(
+    progress = train(
         network,
-        config.out,
-        pictures,
-        validation,
-        config.train,
-        config.augment,
-        replay,
+        command.out,
+        pictures.learn,
+        pictures.validation,
+        command.train,
+        command.augment,
+        pictures.replay,
         device,
-        about,
-        functools.partial(print, flush=True),
-        functools.partial(bar, unit="batch"),
+        {"started_from": command.detector, "started_from_digest": digest, "labels": command.sources},
+        say,
+        progress_bar,
         tuple(name for name in names if name not in known),
     )
-    after = scores(best_of(config.out))
+    after = scores(best_of(command.out))
     results = {
-        "detector": config.detector,
-        "labels": _sources(config),
-        "best_iteration": state.best_iteration,
-        "iterations": state.iteration,
+        "detector": command.detector,
+        "labels": command.sources,
+        "best_iteration": progress.best_iteration,
+        "iterations": progress.iteration,
         "before": {name: asdict(one) for name, one in before.items()},
         "after": {name: asdict(one) for name, one in after.items()},
-        "seed": config.train.seed,
+        "seed": command.train.seed,
     }
-    write_json(config.out / RESULTS_FILE, results)
+    command.write_results(results)
     print_table(before, after)
-    print(f"detector: {config.out}")
+    print(f"detector: {command.out}")
     return results
 
 
-def _sources(config: FinetuneConfig) -> str:
-    """What is learnt from, in words."""
-    return ", ".join(map(str, config.labels))
+def read(command: FinetuneCommand) -> Pictures:
+    """Reads all pictures that the command names.
 
+    Raises:
+        SbmError: if there is nothing to learn from, or something is malformed.
+    """
+    from labeling.detectors.data.annotated_pictures import is_split, read_pictures, train_val_split, with_annotations
 
-def _read(
-    config: FinetuneConfig,
-) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture], list[AnnotatedPicture], list[AnnotatedPicture]]":
-    """Pictures to learn from, to validate on, to replay, and to measure forgetting on."""
-    from dataclasses import replace
-
-    from labeling.detectors.data.annotated_pictures import hold_out, is_split, read_pictures, with_annotations
-
-    check_sources(config.labels, config.dataset)
-    if not 0 <= config.least_confidence <= 1:
-        raise UsageError(f"--least-confidence must lie in [0, 1], not {config.least_confidence:g}")
-    pictures = with_annotations(
-        [picture for one in config.labels for picture in read_pictures(one, "train", config.dataset)],
-        lambda one: replace(one, ignore=one.ignore or one.weight < config.least_confidence),
+    command.check_sources()
+    check_ranges(command)
+    learn = with_annotations(
+        [picture for one in command.labels for picture in read_pictures(one, "train", command.dataset)],
+        lambda one: replace(one, ignore=one.ignore or one.weight < command.least_confidence),
     )
-    if not any(not one.ignore for picture in pictures for one in picture.annotations):
-        raise UsageError(f"{_sources(config)}: no label that could be learnt from, in {len(pictures)} pictures")
-    validation = read_pictures(config.val, "val") if config.val is not None else []
-    if config.replay is None:
-        return pictures, validation, [], []
-    if is_split(config.replay):
-        return pictures, validation, read_pictures(config.replay, "train"), read_pictures(config.replay, "val")
-    return pictures, validation, *hold_out(read_pictures(config.replay))
+    if not any(not one.ignore for picture in learn for one in picture.annotations):
+        raise UsageError(f"{command.sources}: no label that could be learnt from, in {len(learn)} pictures")
+    validation = read_pictures(command.val, "val") if command.val is not None else []
+    if command.replay is None:
+        return Pictures(learn, validation, [], [])
+    if is_split(command.replay):
+        return Pictures(learn, validation, read_pictures(command.replay, "train"), read_pictures(command.replay, "val"))
+    return Pictures(learn, validation, *train_val_split(read_pictures(command.replay)))
 
 
-def _categories(
-    config: FinetuneConfig,
-    known: tuple[str, ...],
-    pictures: "list[AnnotatedPicture]",
-    validation: "list[AnnotatedPicture]",
-) -> tuple[str, ...]:
+def _categories(command: FinetuneCommand, known: tuple[str, ...], pictures: Pictures) -> tuple[str, ...]:
     """The categories that the trained detector is to have.
 
     Raises:
@@ -169,19 +160,19 @@ def _categories(
     """
     from labeling.detectors.data.annotated_pictures import category_names
 
-    taught = category_names(pictures)
+    taught = category_names(pictures.learn)
     new = tuple(name for name in taught if name not in known)
-    if new and config.new_categories:
+    if new and command.new_categories:
         known = (*known, *new)
     elif len(new) == len(taught):
         raise UsageError(
-            f"{_sources(config)}: none of the categories there ({', '.join(taught)}) is one that {config.detector} "
+            f"{command.sources}: none of the categories there ({', '.join(taught)}) is one that {command.detector} "
             f"knows ({', '.join(name for name in known if name)}); --new-categories teaches them"
         )
     elif new:
-        print(f"note: {config.detector} has no name for {', '.join(new)}: background; --new-categories teaches them")
-    if validation and not set(category_names(validation)) & set(known):
-        raise UsageError(f"{config.val}: none of its categories is one that the detector knows, nothing to validate on")
+        print(f"note: {command.detector} has no name for {', '.join(new)}: background; --new-categories teaches them")
+    if pictures.validation and not set(category_names(pictures.validation)) & set(known):
+        raise UsageError(f"{command.val}: none of its categories is one that the detector knows")
     return known
 
 
@@ -225,7 +216,7 @@ def _change(old: float | None, new: float | None) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(FinetuneConfig, run, "python -m labeling.finetune", arguments)
+    return run_command(FinetuneCommand, run, "python -m labeling.finetune", arguments)
 
 
 if __name__ == "__main__":

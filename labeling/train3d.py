@@ -1,25 +1,25 @@
 """Trains a 3-D detector on labels: ``python -m labeling.train3d LABELS --out RUN``."""
 
-import functools
 import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
-from labeling.runtime.cli import check_sources, run_command
+from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
+from labeling.runtime.cli import run_command
+from labeling.training.command import Labels, TrainingCommand, progress_bar, say
 
 if TYPE_CHECKING:
-    from labeling.detectors3d.frustum_dataset import Lesson
+    from labeling.detectors3d.frustum_samples import FrustumSample
 
-HELD_OUT = 0.1
-"""Share of the objects that choose the best network, without --val."""
+EVERY_HELD_OUT = 10
+"""Without --val every tenth object is held out to choose the best network by."""
 
 
 @dataclass(frozen=True)
-class Train3dCommand:
+class Train3dCommand(TrainingCommand):
     """Trains a frustum PointNet with masks and 3-D boxes that nobody has drawn, or with ground truth.
 
     Keeps the best network, by mean IoU of its boxes on --val, in RUN/detector.safetensors; RUN is then a 3-D detector
@@ -27,24 +27,16 @@ class Train3dCommand:
     again.
     """
 
-    labels: tyro.conf.Positional[
-        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
-    ]
+    labels: Labels
     """What to learn from, one or several: label sets, or episodes whose ground truth has 3-D boxes."""
-    out: Path
-    """Folder of the run."""
     val: Path | None = None
     """What to choose the best by: label set, or episodes with ground truth. Without it some objects of LABELS are held
     out."""
-    dataset: Path | None = None
-    """Where the recordings of LABELS lie, if not where the label set says; with one label set only."""
-    device: str | None = None
-    """cpu, cuda, ...; by default a GPU if there is one."""
     train: tyro.conf.OmitArgPrefixes[Train3dConfig] = field(default_factory=Train3dConfig)
     augment: tyro.conf.OmitArgPrefixes[Augment3dConfig] = field(default_factory=Augment3dConfig)
 
 
-def run(config: Train3dCommand) -> dict[str, Any]:
+def run(command: Train3dCommand) -> dict[str, Any]:
     """Trains and prints the final figures.
 
     Returns:
@@ -53,68 +45,61 @@ def run(config: Train3dCommand) -> dict[str, Any]:
     Raises:
         SbmError: if labels or settings are at fault.
     """
-    from tqdm import tqdm
-
     from labeling.detectors.registry import choose_device
-    from labeling.detectors3d.frustum_dataset import category_names, read_lessons
+    from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
+    from labeling.detectors3d.frustum_training import evaluate, train
     from labeling.detectors3d.frustum_weights import load_network
-    from labeling.detectors3d.training_run import evaluate, train
-    from labeling.io.formats.atomic import write_json
-    from labeling.training.run_files import RESULTS_FILE, WEIGHTS_FILE
+    from labeling.training.files import WEIGHTS_FILE
 
-    config.train.check()
-    config.augment.check()
-    check_sources(config.labels, config.dataset)
-    device = choose_device(config.device)
-    lessons = [one for path in config.labels for one in read_lessons(path, config.train.seed, config.dataset)]
-    sources = ", ".join(map(str, config.labels))
-    if config.val is not None:
-        validation = read_lessons(config.val, config.train.seed)
+    command.train.check()
+    command.augment.check()
+    command.check_sources()
+    device, seed = choose_device(command.device), command.train.seed
+    samples = [one for path in command.labels for one in read_frustum_samples(path, seed, command.dataset)]
+    if command.val is not None:
+        validation = read_frustum_samples(command.val, seed)
     else:
-        lessons, validation = held_out(lessons)
-    names = category_names(lessons)
-    print(f"{len(lessons)} objects in views to learn from: {', '.join(names)}; {len(validation)} to choose by")
-    state = train(
-        lessons,
-        validation,
-        config.out,
-        config.train,
-        config.augment,
-        device,
-        {"labels": sources},
-        functools.partial(print, flush=True),
-        functools.partial(tqdm, delay=2.0, leave=False, file=sys.stderr, unit="batch"),
-    )
+        samples, validation = train_val_split_by_object(samples)
+    names = category_names(samples)
+    print(f"{len(samples)} objects in views to learn from: {', '.join(names)}; {len(validation)} to choose by")
+    about = {"labels": command.sources}
+    progress = train(samples, validation, command.out, command.train, command.augment, device, about, say, progress_bar)
     known = [one for one in validation if one.category in names]
-    best = evaluate(load_network(config.out / WEIGHTS_FILE).to(device), known, device) if known else None
+    best = evaluate(load_network(command.out / WEIGHTS_FILE).to(device), known, device) if known else None
     results = {
-        "labels": sources,
+        "labels": command.sources,
         "categories": list(names),
-        "best_iteration": state.best_iteration,
-        "iterations": state.iteration,
-        "seed": config.train.seed,
+        "best_iteration": progress.best_iteration,
+        "iterations": progress.iteration,
+        "seed": seed,
         "validation": None if best is None else asdict(best),
     }
-    write_json(config.out / RESULTS_FILE, results)
+    command.write_results(results)
     if best is not None:
         print(
             f"boxes on validation: mean IoU {best.mean_iou:.3f}; {100 * best.right_at_25:.1f} % right at .25, "
             f"{100 * best.right_at_50:.1f} % at .5"
         )
-    print(f"detector: {config.out}")
+    print(f"detector: {command.out}")
     return results
 
 
-def held_out(lessons: "list[Lesson]") -> "tuple[list[Lesson], list[Lesson]]":
-    """Splits lessons; all views of an object lie on one side. Objects are told apart by their boxes."""
-    of_object: dict[tuple[float, ...], list[Lesson]] = {}
-    for one in lessons:
+def train_val_split_by_object(
+    samples: "list[FrustumSample]", every: int = EVERY_HELD_OUT
+) -> "tuple[list[FrustumSample], list[FrustumSample]]":
+    """Splits samples into training and validation; all views of an object lie on one side.
+
+    Args:
+        samples: objects are told apart by their boxes.
+        every: the last of so many objects is for validation.
+    """
+    of_object: dict[tuple[float, ...], list[FrustumSample]] = {}
+    for one in samples:
         of_object.setdefault((*one.box.centre_m.tolist(), *one.box.extent_m.tolist()), []).append(one)
-    every = max(2, round(1 / HELD_OUT))
-    groups = list(of_object.values())
-    held = [one for number, group in enumerate(groups) if number % every == every - 1 for one in group]
-    kept = [one for number, group in enumerate(groups) if number % every != every - 1 for one in group]
-    return kept, held
+    sides: tuple[list[FrustumSample], list[FrustumSample]] = [], []
+    for number, views in enumerate(of_object.values()):
+        sides[number % every == every - 1].extend(views)
+    return sides
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from experiments.cache.stages import RunContext, cached, digest
-from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
+from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 from labeling.runtime.code_digest import code_digest
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from labeling.detectors3d.base import Detection3d, Detector3d
     from labeling.metrics.box_ap import BoxInstance
 
-TRAIN_CODE = ("labeling.detectors3d.training_run", "labeling.detectors3d.frustum_dataset")
-TARGET_CODE = ("experiments.cache.box_targets", "labeling.detectors3d.frustum_dataset", "labeling.core.boxes3d")
+TRAIN_CODE = ("labeling.detectors3d.frustum_training", "labeling.detectors3d.frustum_samples")
+TARGET_CODE = ("experiments.cache.box_targets", "labeling.detectors3d.frustum_samples", "labeling.core.boxes3d")
 SCORE_CODE = (
     "labeling.detectors3d.registry",
     "labeling.metrics.box_ap",
@@ -77,13 +77,13 @@ def _content(folder: Path) -> list[str]:
 
 def _train(task: tuple[TrainJob3d, Path]) -> dict[str, Any]:
     from labeling.detectors.registry import choose_device
-    from labeling.detectors3d.frustum_dataset import read_lessons
-    from labeling.detectors3d.training_run import train
+    from labeling.detectors3d.frustum_samples import read_frustum_samples
+    from labeling.detectors3d.frustum_training import train
 
     job, out = task
     title = f"{job.title}, seed {job.seed}"
     learn, choose = (
-        [one for one in read_lessons(path, job.seed) if one.category in job.categories]
+        [one for one in read_frustum_samples(path, job.seed) if one.category in job.categories]
         for path in (job.learn, job.choose)
     )
     state = train(

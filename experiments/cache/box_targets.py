@@ -10,7 +10,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from labeling.core.types import Box3d
-    from labeling.detectors3d.frustum_dataset import Lesson
+    from labeling.detectors3d.frustum_samples import FrustumSample
 
 NEAR_M = 1.5
 """An object whose centre is further from that of a label's box is not what the label means."""
@@ -34,21 +34,21 @@ def box_targets(labels: Path, episodes: Sequence[Path]) -> dict[str, dict[str, A
     """
     from labeling.core.box_overlap import box_iou_3d
     from labeling.core.boxes3d import fit_box
-    from labeling.detectors3d.frustum_dataset import read_lessons
+    from labeling.detectors3d.frustum_samples import read_frustum_samples
 
     truths = _true_boxes(episodes)
-    of_object: dict[tuple[Any, ...], list[Lesson]] = defaultdict(list)
-    for one in read_lessons(labels):
+    of_object: dict[tuple[Any, ...], list[FrustumSample]] = defaultdict(list)
+    for one in read_frustum_samples(labels):
         of_object[(one.category, *one.box.centre_m.tolist())].append(one)
     found: dict[str, list[dict[str, float]]] = defaultdict(list)
-    for (category, *_), lessons in of_object.items():
-        box = lessons[0].box
+    for (category, *_), samples in of_object.items():
+        box = samples[0].box
         truth = _nearest(box, [one for name, one in truths if name == category])
         singles = []
-        for lesson in lessons:
-            single = fit_box(lesson.frustum.points[lesson.own].astype(float))
+        for sample in samples:
+            single = fit_box(sample.frustum.points[sample.foreground].astype(float))
             if truth is not None and single is not None:
-                singles.append(box_iou_3d(lesson.frustum.to_world(single), truth))
+                singles.append(box_iou_3d(sample.frustum.to_world(single), truth))
         figures = {"iou": 0.0 if truth is None else box_iou_3d(box, truth), "single": _mean(singles)}
         if truth is not None and figures["iou"] >= 0.25:
             figures["heading"] = heading_apart_deg(box, truth)
@@ -58,9 +58,9 @@ def box_targets(labels: Path, episodes: Sequence[Path]) -> dict[str, dict[str, A
 
 def heading_apart_deg(box: "Box3d", truth: "Box3d") -> float:
     """Angle between the longer sides of two upright boxes; between any sides if the true one is nearly square."""
-    from labeling.detectors3d.upright_boxes import to_numbers
+    from labeling.detectors3d.upright_boxes import encode_box
 
-    ours, true = to_numbers(box), to_numbers(truth)
+    ours, true = encode_box(box), encode_box(truth)
     period = np.pi if true[3] >= 1.25 * true[4] else np.pi / 2
     apart = np.mod(ours[6] - true[6], period)
     return float(np.rad2deg(min(apart, period - apart)))

@@ -9,19 +9,19 @@ from typing import Any
 from experiments.cache.stages import RunContext, cached, digest
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.data.augment_config import AugmentConfig
-from labeling.detectors.finetuning.train_config import TrainConfig
+from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.runtime.code_digest import code_digest
 
 LABEL_CODE = ("labeling.generate",)
 TRAIN_CODE = (
-    "labeling.detectors.finetuning.training_run",
+    "labeling.detectors.finetuning.training",
     "labeling.detectors.networks.mask_rcnn",
     "labeling.detectors.data.annotated_pictures",
 )
 SCORE_CODE = (
-    "labeling.detectors.finetuning.epochs",
+    "labeling.detectors.scoring",
     "labeling.detectors.networks.network_detector",
     "labeling.detectors.data.annotated_pictures",
 )
@@ -84,7 +84,7 @@ class TrainJob:
     """The network that does best on these is kept."""
     replay: Sequence[AnnotatedPicture]
     """Source photographs to mix in."""
-    train: TrainConfig
+    train: FinetuneConfig
     """Its seed is replaced."""
     augment: AugmentConfig
     seed: int
@@ -121,7 +121,7 @@ def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
 def _train(task: tuple[TrainJob, Path]) -> dict[str, Any]:
     import torch
 
-    from labeling.detectors.finetuning.training_run import train
+    from labeling.detectors.finetuning.training import train
     from labeling.detectors.networks.mask_rcnn import with_categories
     from labeling.detectors.registry import choose_device, load_named_network
 
@@ -174,8 +174,8 @@ def score_detectors(
 
 
 def _score(task: tuple[str, Sequence[AnnotatedPicture]]) -> dict[str, Any]:
-    from labeling.detectors.finetuning.epochs import evaluate
     from labeling.detectors.registry import load_detector
+    from labeling.detectors.scoring import evaluate
 
     detector, pictures = task
     return asdict(evaluate(load_detector(detector), pictures))

@@ -3,9 +3,10 @@
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from labeling.detectors.finetuning.train_config import TrainConfig
+
 from experiments.cache.stages import RunContext, Scale
 from labeling.detectors.data.augment_config import AugmentConfig
-from labeling.detectors.finetuning.train_config import TrainConfig
 
 if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture

@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.data.augment import AugmentConfig, Sample, recolour
-from labeling.detectors.finetuning.batches import Batch, collate, load_sample
+from labeling.detectors.finetuning.dataset import Batch, collate, load_sample
 
 LEAST_SHARE_LEFT = 0.25
 """Objects of which less than this is in a view are ignored: nobody could tell what they are."""

@@ -51,7 +51,7 @@ def record_views(config: ViewsConfig, world: str, split: Literal["train", "val"]
 
 def figures(detector: Detector, pictures: Sequence[AnnotatedPicture]) -> dict[str, Any]:
     """AP at IoU .5 and .3 per class and in the mean, and how often confident detections are right; see ``summary``."""
-    from labeling.detectors.finetuning.epochs import detect_all
+    from labeling.detectors.scoring import detect_all
 
     return summary(*detect_all(detector, pictures))
 

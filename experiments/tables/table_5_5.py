@@ -17,7 +17,7 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import DETECTOR, WORLDS
 from experiments.tables.training_sets import Subset, TrainingSets
-from labeling.detectors3d.train_config import Augment3dConfig, Train3dConfig
+from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 
 LDLS, TUNED, OURS, CEILING = "LDLS", "LDLS, tuned", "SbM F-PointNet", "supervised F-PointNet"
 ROWS = (LDLS, TUNED, OURS, CEILING)
@@ -148,7 +148,7 @@ def known_categories() -> tuple[str, ...]:
 def histories(networks: Sequence[str], jobs: Sequence[TrainJob3d]) -> list[dict[str, Any]]:
     """Validation curves."""
     from labeling.io.formats.checked_json import read_json
-    from labeling.training.run_files import HISTORY_FILE
+    from labeling.training.files import HISTORY_FILE
 
     found = []
     for folder, job in zip(networks, jobs, strict=True):

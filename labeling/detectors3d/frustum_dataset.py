@@ -1,182 +1,100 @@
-"""What a frustum PointNet learns from: objects in views, each with the points around it, its mask and its 3-D box."""
+"""Frustums as augmented samples and batches to train on."""
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+import torch
+from jaxtyping import Bool, Float32
+from torch.utils.data import Dataset
 
-from labeling.core.episode import Episode
-from labeling.core.errors import UsageError
-from labeling.core.masks import box_xywh
-from labeling.core.rle import decode_mask
-from labeling.core.types import Box3d
-from labeling.detectors3d.frustums import (
-    Frustum,
-    azimuth_of,
-    horizontal_rays,
-    make_frustum,
-    middle_of,
-    recut,
-)
-from labeling.detectors3d.upright_boxes import to_numbers
-from labeling.io.coco import CategoryTable, is_ignored, read_valid_box_3d
-from labeling.io.episodes import find_episodes, read_episode
-from labeling.io.file_names import BOXES_FILE, MODAL_FILE
-from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.label_set import read_label_set, recording_config
+from labeling.detectors3d.config import NO_AUGMENTATION_3D, Augment3dConfig
+from labeling.detectors3d.frustum_losses import FrustumBatch
+from labeling.detectors3d.frustum_samples import LEAST_POINTS, FrustumSample
+from labeling.detectors3d.upright_boxes import HALF_TURN, encode_box
 
-MARGIN = 0.15
-"""How far beyond its 2-D box the points around an object are kept, in sides of the box: augmentation moves the box."""
-KEPT_POINTS = 4096
-"""Of them, at most."""
-LEAST_POINTS = 16
-"""An object of which fewer points are seen teaches nothing."""
-LEAST_MASK_PX = 64
-"""Nor does one of which fewer pixels are seen."""
-BEYOND_BOX = 1.15
-"""Points of a mask that lie outside of its 3-D box, grown so many times, are what the mask has in excess."""
+TrainingSample = tuple[np.ndarray, int, np.ndarray, np.ndarray, float]
+"""Points (num_points, 3) float32 in the frustum frame, index of the category, foreground (num_points,) bool, box (7,)
+float32 as ``labeling.detectors3d.upright_boxes`` encodes it, weight."""
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """One object in one view."""
+class FrustumDataset(Dataset):
+    """An endless stream of augmented samples, each a function of its number; objects are drawn in shuffled rounds."""
 
-    category: str
-    frustum: Frustum
-    """Of its 2-D box with a margin."""
-    own: Bool[np.ndarray, "n"]
-    """Which points are the object's."""
-    box_xyxy: tuple[float, float, float, float]
-    """The tightest 2-D box around what is seen of it."""
-    box: Box3d
-    """In the world; of the whole object."""
-    weight: float
-    """How far it is to be trusted, in [0, 1]."""
-    rays: Float[np.ndarray, "2 3"]
-    """What turns a pixel (x, y, 1) into the horizontal part of its ray in the world."""
+    samples: Sequence[FrustumSample]
+    """Of categories that are all known."""
+    categories: tuple[str, ...]
+    """The network's."""
+    num_points: int
+    """Of a frustum."""
+    augmentation: Augment3dConfig
+    seed: int
+    """Of order, augmentation and choice of points."""
+    trust_scores: bool = True
+    """Weight samples by their scores."""
 
-    def cut(self, box_xyxy: tuple[float, float, float, float]) -> tuple[Frustum, Bool[np.ndarray, "m"]]:
-        """The frustum of another 2-D box within the margin, and which of its points are the object's."""
-        frustum, kept = recut(self.frustum, box_xyxy, azimuth_of(middle_of(box_xyxy), self.rays))
-        return frustum, self.own[kept]
+    def __getitem__(self, number: int) -> TrainingSample:
+        turn, place = divmod(number, len(self.samples))
+        order = np.random.default_rng([self.seed, 0, turn]).permutation(len(self.samples))
+        sample = self.samples[order[place]]
+        rng = np.random.default_rng([self.seed, 1, number])
+        points, foreground, box = augmented(sample, self.augmentation, rng)
+        chosen = resample_points(len(points), self.num_points, rng)
+        weight = sample.weight if self.trust_scores else 1.0
+        return points[chosen], self.categories.index(sample.category), foreground[chosen], box, weight
 
 
-def read_lessons(path: Path, seed: int = 0, dataset: Path | None = None) -> list[Lesson]:
-    """Reads a label set, or episodes with ground truth.
+def augmented(
+    sample: FrustumSample, config: Augment3dConfig, rng: np.random.Generator
+) -> tuple[Float32[np.ndarray, "n 3"], Bool[np.ndarray, "n"], Float32[np.ndarray, "7"]]:
+    """A sample seen through a slightly different 2-D box, a little nearer or farther, perhaps mirrored.
 
-    Args:
-        path: folder of a label set that ``labeling.generate`` wrote, or an episode or dataset with ground truth.
-        seed: chooses which points are kept.
-        dataset: where the recordings of a label set lie, if not where it says.
-
-    Raises:
-        SbmError: if there is nothing to learn from, or something is malformed.
+    Returns:
+        Points in the frustum frame, which of them are the object's, and its box.
     """
-    if (path / MODAL_FILE).is_file():
-        found = list(_of_label_set(path, seed, dataset))
-    else:
-        found = list(_of_episodes(path, seed))
-    if not found:
-        raise UsageError(
-            f"{path}: holds no object with a 3-D box of which at least {LEAST_MASK_PX} pixels and {LEAST_POINTS} "
-            "points are seen; give a label set (labeling.generate) or episodes whose ground_truth.json has box_3d"
-        )
-    return found
+    left, top, right, bottom = sample.box_xyxy
+    width, height = right - left, bottom - top
+    shift_x, shift_y = rng.uniform(-config.box_shift, config.box_shift, 2)
+    scale_x, scale_y = 1 + rng.uniform(-config.box_scale, config.box_scale, 2)
+    x, y = 0.5 * (left + right) + shift_x * width, 0.5 * (top + bottom) + shift_y * height
+    half_x, half_y = 0.5 * scale_x * width, 0.5 * scale_y * height
+    frustum, foreground = sample.crop((x - half_x, y - half_y, x + half_x, y + half_y))
+    if np.count_nonzero(foreground) < LEAST_POINTS // 2:
+        frustum, foreground = sample.crop(sample.box_xyxy)
+    points = frustum.points.astype(np.float32)
+    box = encode_box(frustum.from_world(sample.box))
+    distance = float(np.linalg.norm(box[:2]))
+    along = rng.uniform(-config.range_shift, config.range_shift) * distance
+    points, box = points + np.array([along, 0, 0], np.float32), box + np.array([along, 0, 0, 0, 0, 0, 0])
+    if rng.random() < config.flip:
+        points, box = points * np.array([1, -1, 1], np.float32), box * np.array([1, -1, 1, 1, 1, 1, 1])
+        box[6] = np.mod(-box[6], HALF_TURN)
+    if config.noise_m > 0:
+        points = points + rng.normal(0, config.noise_m, points.shape).astype(np.float32)
+    return points, foreground, box.astype(np.float32)
 
 
-def category_names(lessons: Sequence[Lesson]) -> tuple[str, ...]:
-    """All categories, sorted."""
-    return tuple(sorted({one.category for one in lessons}))
+def resample_points(available: int, wanted: int, rng: np.random.Generator) -> np.ndarray:
+    """Indices of points in random order: no point twice if there are enough, else every point at least once."""
+    order = rng.permutation(available)
+    return order[np.arange(wanted) % available] if available < wanted else order[:wanted]
 
 
-def sizes_of(lessons: Sequence[Lesson], categories: Sequence[str]) -> tuple[tuple[float, float, float], ...]:
-    """Median length, width and height of the boxes of each category; an object counts once for each view of it."""
-    found = []
-    for name in categories:
-        sides = np.array([to_numbers(one.box)[3:6] for one in lessons if one.category == name])
-        length, width, height = (float(side) for side in np.median(sides, axis=0))
-        found.append((length, width, height))
-    return tuple(found)
+def collate(samples: Sequence[TrainingSample]) -> FrustumBatch:
+    """Samples in one batch."""
+    points, category, foreground, box, weight = zip(*samples, strict=True)
+    return FrustumBatch(
+        points=torch.from_numpy(np.stack(points)),
+        category=torch.tensor(category),
+        foreground=torch.from_numpy(np.stack(foreground).astype(np.float32)),
+        boxes=torch.from_numpy(np.stack(box)),
+        weights=torch.tensor(weight, dtype=torch.float32),
+    )
 
 
-def _of_episodes(path: Path, seed: int) -> Iterator[Lesson]:
-    for number, folder in enumerate(find_episodes(path)):
-        episode = read_episode(folder)
-        for place, one in enumerate(episode.ground_truth or ()):
-            if one.box_3d is not None and not one.ignore:
-                rng = np.random.default_rng([seed, number, place])
-                lesson = make_lesson(episode, one.view_index, one.category, one.modal, one.box_3d, 1.0, rng)
-                if lesson is not None:
-                    yield lesson
-
-
-def _of_label_set(path: Path, seed: int, dataset: Path | None) -> Iterator[Lesson]:
-    labels = read_label_set(path)
-    dataset = labels.find_dataset(dataset)
-    boxes_file = read_json(path / BOXES_FILE)
-    boxes = {record.integer("instance_id"): read_valid_box_3d(record) for record in boxes_file.list_of("boxes")}
-    modal = read_json(path / MODAL_FILE)
-    table = CategoryTable.from_files([modal])
-    views = {image.integer("id"): (image.text("episode"), image.integer("view")) for image in modal.list_of("images")}
-    of_episode: dict[str, list[tuple[int, Json]]] = defaultdict(list)
-    for record in modal.list_of("annotations"):
-        episode, view = views[record.integer("image_id")]
-        if not is_ignored(record) and record.integer("instance_id") in boxes:
-            of_episode[episode].append((view, record))
-    config = recording_config(labels.provenance)
-    for number, folder in enumerate(find_episodes(dataset, config)):
-        wanted = of_episode.pop(folder.resolve().name, [])
-        if not wanted:
-            continue
-        episode = read_episode(folder, config, ground_truth=False)
-        for place, (view, record) in enumerate(wanted):
-            mask, box = decode_mask(record.get("segmentation").value), boxes[record.integer("instance_id")]
-            rng = np.random.default_rng([seed, number, place])
-            lesson = make_lesson(episode, view, table.name(record), mask, box, record.number("score", 1.0), rng)
-            if lesson is not None:
-                yield lesson
-    if of_episode:
-        raise UsageError(f"{dataset}: lacks episode {min(of_episode)!r} of {path}; give its place with --dataset")
-
-
-def make_lesson(
-    episode: Episode,
-    view: int,
-    category: str,
-    mask: Bool[np.ndarray, "h w"],
-    box: Box3d,
-    weight: float,
-    rng: np.random.Generator,
-) -> Lesson | None:
-    """One object in one view; None if too little is seen of it.
-
-    Args:
-        episode: the views.
-        view: which.
-        category: of the object.
-        mask: what is seen of it.
-        box: of the whole object, in the world.
-        weight: how far it is to be trusted.
-        rng: chooses the points that are kept.
-
-    Raises:
-        UsageError: if the box is none, or tilted.
-    """
-    to_numbers(box)
-    if np.count_nonzero(mask) < LEAST_MASK_PX:
-        return None
-    x, y, width, height = box_xywh(mask)
-    wide = (x - MARGIN * width, y - MARGIN * height, x + (1 + MARGIN) * width, y + (1 + MARGIN) * height)
-    intrinsics, pose = episode.intrinsics[view], episode.camera_to_world[view]
-    frustum = make_frustum(episode.depth_m[view], intrinsics, pose, wide, KEPT_POINTS, rng)
-    columns, rows = frustum.pixels.T.astype(int)
-    local_box = frustum.from_world(box)
-    inside = np.abs((frustum.points - local_box.centre_m) @ local_box.rotation) <= 0.5 * BEYOND_BOX * box.extent_m
-    own = mask[rows, columns] & np.all(inside, axis=1)
-    if np.count_nonzero(own) < LEAST_POINTS:
-        return None
-    rays = horizontal_rays(intrinsics, pose)
-    return Lesson(category, frustum, own, (x, y, x + width, y + height), box, weight, rays)
+def unaugmented(sample: FrustumSample, categories: Sequence[str], num_points: int) -> TrainingSample:
+    """A sample without augmentation; the same at every call."""
+    points, foreground, box = augmented(sample, NO_AUGMENTATION_3D, np.random.default_rng(0))
+    chosen = resample_points(len(points), num_points, np.random.default_rng(0))
+    return points[chosen], list(categories).index(sample.category), foreground[chosen], box, sample.weight

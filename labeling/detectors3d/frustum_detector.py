@@ -9,10 +9,10 @@ from labeling.core.episode import Episode
 from labeling.core.masks import box_xywh
 from labeling.core.types import Detection
 from labeling.detectors3d.base import Detection3d
-from labeling.detectors3d.frustum_batches import choose
+from labeling.detectors3d.frustum_dataset import resample_points
 from labeling.detectors3d.frustum_pointnet import FrustumNet
 from labeling.detectors3d.frustums import make_frustum
-from labeling.detectors3d.upright_boxes import to_box
+from labeling.detectors3d.upright_boxes import decode_box
 
 LEAST_POINTS = 8
 """A frustum of fewer points gets no box."""
@@ -59,7 +59,7 @@ class FrustumDetector:
         found: list[Detection3d] = []
         for start in range(0, len(kept), self._batch_size):
             some = range(start, min(start + self._batch_size, len(kept)))
-            chosen = [choose(len(frustums[i].points), spec.num_points, np.random.default_rng(0)) for i in some]
+            chosen = [resample_points(len(frustums[i].points), spec.num_points, np.random.default_rng(0)) for i in some]
             points = np.stack([frustums[i].points[order] for i, order in zip(some, chosen, strict=True)])
             numbers = torch.tensor([spec.categories.index(kept[i].category) for i in some])
             with torch.inference_mode():
@@ -67,7 +67,7 @@ class FrustumDetector:
                 boxes = self._network.boxes(output).cpu().numpy()
                 trust = _mean_probability(output.logits).cpu().numpy()
             for i, box, share in zip(some, boxes, trust, strict=True):
-                world = frustums[i].to_world(to_box(box))
+                world = frustums[i].to_world(decode_box(box))
                 one = kept[i]
                 found.append(Detection3d(one.view_index, one.category, one.confidence * float(share), world))
         return found

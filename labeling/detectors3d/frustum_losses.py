@@ -20,7 +20,7 @@ class FrustumBatch:
     """(b, n, 3)"""
     category: Tensor
     """(b,)"""
-    own: Tensor
+    foreground: Tensor
     """(b, n): 1 for points of the object."""
     boxes: Tensor
     """(b, 7): as ``labeling.detectors3d.upright_boxes`` writes them."""
@@ -45,8 +45,9 @@ def frustum_losses(network: FrustumNet, output: FrustumOutput, batch: FrustumBat
     heading_found = output.heading_residuals[rows, heading_bin]
     found = corners(output.centre, template * (1 + size_found), heading_of(heading_bin, heading_found))
     apart = [(found - corners(centre, sides, heading + turn)).norm(dim=2).mean(dim=1) for turn in (0.0, HALF_TURN)]
+    points = functional.binary_cross_entropy_with_logits(output.logits, batch.foreground, reduction="none")
     terms = {
-        "points": functional.binary_cross_entropy_with_logits(output.logits, batch.own, reduction="none").mean(dim=1),
+        "points": points.mean(dim=1),
         "first_centre": _huber((output.first_centre - centre).norm(dim=1), 1.0),
         "centre": _huber((output.centre - centre).norm(dim=1), 2.0),
         "heading": functional.cross_entropy(output.heading_scores, heading_bin, reduction="none"),

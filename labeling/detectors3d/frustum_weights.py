@@ -1,20 +1,19 @@
-"""Frustum PointNets on disk: safetensors with the spec in the header. Nothing is pickled."""
+"""Frustum PointNets on disk: their spec in the header."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from labeling.core.detector import DetectorError
 from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
-from labeling.io.formats.atomic import atomic_file
+from labeling.training.weights import load_weights, read_header, save_weights
 
 SPEC_KEY, ABOUT_KEY = "frustum_net", "about"
 
 
-def save_network(path: Path, network: FrustumNet, about: dict[str, Any]) -> None:
+def save_network(path: Path, network: FrustumNet, about: Mapping[str, Any]) -> None:
     """Writes a network atomically.
 
     Args:
@@ -22,41 +21,17 @@ def save_network(path: Path, network: FrustumNet, about: dict[str, Any]) -> None
         network: what to write.
         about: where it comes from, as JSON.
     """
-    from safetensors.torch import save_file
-
-    tensors = {name: value.detach().cpu().contiguous() for name, value in network.state_dict().items()}
-    with atomic_file(path) as temporary:
-        metadata = {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)}
-        save_file(tensors, temporary, metadata=metadata)
-        temporary.chmod(0o644)  # safetensors keeps its files to their owner
+    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
 
 
 def load_network(path: Path) -> FrustumNet:
-    """Reads a network, on the CPU, ready to estimate.
+    """Reads a network, on the CPU, in evaluation mode.
 
     Raises:
         DetectorError: if the file is missing, damaged, or holds something else.
     """
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no mapping
-    except FileNotFoundError:
-        raise DetectorError(f"{path}: no such file; give the folder of a labeling.train3d run") from None
-    except (SafetensorError, OSError) as error:
-        raise DetectorError(f"{path}: is damaged or no safetensors file ({error})") from None
-    if SPEC_KEY not in metadata:
-        raise DetectorError(f"{path}: holds no frustum PointNet; make one with labeling.train3d")
-    network = FrustumNet(_spec(metadata[SPEC_KEY], path))
-    wanted = network.state_dict()
-    for name in sorted(wanted.keys() | tensors.keys()):
-        if name not in wanted or name not in tensors or wanted[name].shape != tensors[name].shape:
-            raise DetectorError(f"{path}: its tensors are not those of the network that it says it holds ({name})")
-        if not bool(torch.isfinite(tensors[name].float()).all()):
-            raise DetectorError(f"{path}: {name} holds NaN or infinity")
-    network.load_state_dict(tensors)
+    network = FrustumNet(_spec(read_header(path, SPEC_KEY, "labeling.train3d"), path))
+    load_weights(path, network, f"a frustum PointNet for {', '.join(network.spec.categories)}")
     return network.eval()
 
 

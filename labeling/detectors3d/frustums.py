@@ -79,7 +79,7 @@ def make_frustum(
     return Frustum(local.astype(np.float32), pixels.astype(np.float32), eye, azimuth)
 
 
-def recut(
+def crop_frustum(
     frustum: Frustum, box_xyxy: tuple[float, float, float, float], azimuth_rad: float
 ) -> tuple[Frustum, Bool[np.ndarray, "n"]]:
     """What another 2-D box leaves of a frustum, in the axes of that box.

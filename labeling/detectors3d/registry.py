@@ -28,7 +28,7 @@ def load_detector_3d(name: str, device: str | None = None) -> Detector3d:
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_detector import FrustumDetector
     from labeling.detectors3d.frustum_weights import load_network
-    from labeling.training.run_files import WEIGHTS_FILE
+    from labeling.training.files import WEIGHTS_FILE
 
     path = Path(name) / WEIGHTS_FILE
     return FrustumDetector(load_network(path), name, file_digest(path), choose_device(device))

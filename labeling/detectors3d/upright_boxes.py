@@ -17,7 +17,7 @@ MOST_TILT = 0.02
 """A box whose third axis leans further from the vertical (sine of the angle) is not upright."""
 
 
-def to_numbers(box: Box3d) -> Float[np.ndarray, "7"]:
+def encode_box(box: Box3d) -> Float[np.ndarray, "7"]:
     """Centre (3), length, width and height (metres; length is not below width), heading in [0, pi).
 
     Raises:
@@ -37,7 +37,7 @@ def to_numbers(box: Box3d) -> Float[np.ndarray, "7"]:
     return np.array([*box.centre_m, box.extent_m[first], box.extent_m[second], box.extent_m[vertical], heading])
 
 
-def to_box(numbers: Float[np.ndarray, "7"]) -> Box3d:
+def decode_box(numbers: Float[np.ndarray, "7"]) -> Box3d:
     """The other way round."""
     numbers = np.asarray(numbers, float)
     return Box3d(numbers[:3], numbers[3:6], turn_about_z(numbers[6]))

@@ -27,7 +27,7 @@ def score_detector(
         ``counts``, ``notes``, and under ``detector`` the figures of ``labeling.evaluation.compare``.
     """
     from labeling.detectors.data.annotated_pictures import read_pictures
-    from labeling.detectors.finetuning.epochs import detect_all
+    from labeling.detectors.scoring import detect_all
 
     pictures = read_pictures(path, "val")
     truths, found = detect_all(detector, pictures, progress)

@@ -2,13 +2,12 @@
 
 import os
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import tyro
 
-from labeling.core.errors import SbmError, UsageError
+from labeling.core.errors import SbmError
 
 Config = TypeVar("Config")
 
@@ -52,15 +51,3 @@ def run_command(
         # Whoever read the output has closed it (`... | head`). Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
-
-
-def check_sources(labels: Sequence[Path], dataset: Path | None) -> None:
-    """Refuses a training command without anything to learn from, or with one ``--dataset`` for several label sets.
-
-    Raises:
-        UsageError: saying which.
-    """
-    if not labels:
-        raise UsageError("nothing to learn from was given: name one or several label sets, or episodes")
-    if dataset is not None and len(labels) > 1:
-        raise UsageError(f"--dataset says where the pictures of one label set lie, but {len(labels)} were given")

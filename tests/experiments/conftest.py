@@ -10,7 +10,7 @@ from experiments.cache import worlds
 from experiments.cache.worlds import SIZES, Size
 from labeling.detectors.data.annotated_pictures import read_pictures
 from labeling.detectors.data.augment_config import AugmentConfig
-from labeling.detectors.finetuning.train_config import TrainConfig
+from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.io.episodes import write_episode
 
 from ..labeling.synthetic_room import make_episode
@@ -33,7 +33,7 @@ def small_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
         pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, context)[0])
         return pictures, pictures[:1]
 
-    train = TrainConfig(iterations=2, validate_every=1, warmup=1)
+    train = FinetuneConfig(iterations=2, validate_every=1, warmup=1)
     size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
     monkeypatch.setitem(SIZES, "smoke", size)
     monkeypatch.setattr(experiments.cache.episode_pool, "record", record)

@@ -163,7 +163,7 @@ def with_annotations(
     ]
 
 
-def hold_out(
+def train_val_split(
     pictures: Sequence[AnnotatedPicture], every: int = 10
 ) -> tuple[list[AnnotatedPicture], list[AnnotatedPicture]]:
     """Splits pictures: every tenth is held out; of a single one, none."""

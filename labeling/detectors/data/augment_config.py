@@ -3,30 +3,31 @@
 from dataclasses import dataclass
 
 from labeling.core.errors import UsageError
+from labeling.runtime.ranges import NonNegative, Share, check_ranges
 
 
 @dataclass(frozen=True)
 class AugmentConfig:
     """How strongly pictures are changed while training; all zeros leave them as they are."""
 
-    flip: float = 0.5
+    flip: Share[float] = 0.5
     """Probability of mirroring left and right."""
-    window_px: int = 0
+    window_px: NonNegative[int] = 0
     """Of pictures larger than this only a window of so many pixels a side is taken, with part of an object in it if
     there is one: less work for the same scale; 0 takes them whole."""
     short_side_px: tuple[int, int] = (128, 320)
     """Pictures are resized so that their shorter side lies in this range ..."""
     scale: tuple[float, float] = (0.75, 1.33)
     """... and is this many times what it was."""
-    crop: float = 0.5
+    crop: Share[float] = 0.5
     """Probability of cutting out a part; objects that lose nearly all of themselves are ignored."""
-    crop_least: float = 0.6
+    crop_least: Share[float] = 0.6
     """Least side of such a part, as a share of the whole."""
-    colour: float = 0.3
+    colour: Share[float] = 0.3
     """Brightness, contrast, saturation and hue change by up to this share (hue by a tenth of it)."""
-    blur: float = 0.15
+    blur: Share[float] = 0.15
     """Probability of Gaussian blur, up to 1.2 px."""
-    noise: float = 0.3
+    noise: Share[float] = 0.3
     """Probability of sensor noise, up to 4 % of full scale."""
 
     def check(self) -> None:
@@ -35,11 +36,7 @@ class AugmentConfig:
         Raises:
             UsageError: naming the setting.
         """
-        for name in ("flip", "crop", "crop_least", "colour", "blur", "noise"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise UsageError(f"--{name.replace('_', '-')} must lie in [0, 1], not {getattr(self, name)}")
-        if self.window_px < 0:
-            raise UsageError(f"--window-px must be 0 or more, not {self.window_px}")
+        check_ranges(self)
         if not 0 < self.scale[0] <= self.scale[1] or not 0 < self.short_side_px[0] <= self.short_side_px[1]:
             raise UsageError("--scale and --short-side-px are ranges above 0: low, then high")
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.pretrain_compact import main
-from experiments.pretraining.loop import PretrainConfig, State, learning_rate, pretrain, progress_of
+from experiments.pretraining.loop import PretrainConfig, pretrain, share_of_training
 from experiments.pretraining.views import ViewConfig, draw_view, draw_warp, mosaic, stream, warped
 from experiments.pretraining.world_views import summary
 from labeling.core.errors import UsageError
@@ -19,6 +19,7 @@ from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import load_network
 from labeling.metrics.matching import MaskInstance
+from labeling.training.checkpoint import Progress
 
 NAMES = ("chair", "table")
 PLAIN = ViewConfig(mosaic=0.0, jpeg=0.0, grey=0.0, recolour=AugmentConfig(colour=0.0, blur=0.0, noise=0.0))
@@ -134,24 +135,15 @@ def test_views_show_annotated_objects(photographs):
     assert labels == {1, 2}
 
 
-def test_the_rate_rises_then_falls_to_a_hundredth():
-    config = PretrainConfig(warmup=10)
-    assert learning_rate(0.0, 0, config) == pytest.approx(config.learning_rate / 10)
-    rates = [learning_rate(progress, 100, config) for progress in np.linspace(0.0, 1.0, 50)]
-    assert rates == sorted(rates, reverse=True)
-    assert rates[0] == pytest.approx(config.learning_rate)
-    assert rates[-1] == pytest.approx(config.learning_rate / 100)
-
-
 def test_steps_or_time_end_training_whichever_is_first():
-    config = PretrainConfig(minutes=10.0, steps=100)
-    assert progress_of(State(50, 1.0), config) == pytest.approx(0.5)
-    assert progress_of(State(10, 9.0), config) == pytest.approx(0.9)
+    config = PretrainConfig(minutes=10.0, iterations=100)
+    assert share_of_training(Progress(50, 1.0), config) == pytest.approx(0.5)
+    assert share_of_training(Progress(10, 9.0), config) == pytest.approx(0.9)
 
 
 def test_a_killed_run_ends_like_one_that_was_not(photographs, tmp_path):
     config = PretrainConfig(
-        minutes=1e6, steps=4, batch_size=2, sides=((64,),), warmup=1, checkpoint_minutes=1e-6, settle=1.0
+        minutes=1e6, iterations=4, batch_size=2, sides=((64,),), warmup=1, checkpoint_minutes=1e-6, settle=1.0
     )
 
     def network():
@@ -184,16 +176,17 @@ def test_a_killed_run_ends_like_one_that_was_not(photographs, tmp_path):
         pretrain(network(), tmp_path / "killed", photographs[:3], [], config, ViewConfig(), silent)
 
 
-@pytest.mark.parametrize("change", [{"minutes": 0.0}, {"steps": 0}, {"batch_size": 0}, {"sides": ((32,),)}])
+@pytest.mark.parametrize("change", [{"minutes": 0.0}, {"iterations": 0}, {"batch_size": 0}, {"sides": ((32,),)}])
 def test_settings_that_make_no_sense_are_refused(change):
     with pytest.raises(UsageError, match="--" + next(iter(change)).replace("_", "-")):
         PretrainConfig(**change).check()
 
 
-def test_the_command_says_what_is_wrong_in_one_line(tmp_path, capsys):
-    assert main(["--photographs", str(tmp_path / "p"), "--minutes", "-1"]) == 2
+@pytest.mark.parametrize("option", ["--minutes", "--steps", "--batch-size"])
+def test_the_command_says_what_is_wrong_in_one_line(tmp_path, capsys, option):
+    assert main(["--photographs", str(tmp_path / "p"), option, "-1"]) == 2
     captured = capsys.readouterr()
-    assert captured.err.startswith("error: --minutes")
+    assert captured.err.startswith(f"error: {option}")
     assert captured.err.count("\n") == 1
 
 

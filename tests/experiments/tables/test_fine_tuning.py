@@ -10,7 +10,7 @@ from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
-from labeling.detectors.finetuning import training_run
+from labeling.training import loop as training_loop
 
 
 def test_the_experiment_runs_resumes_and_reports(
@@ -34,7 +34,7 @@ def test_the_experiment_runs_resumes_and_reports(
     page = (tmp_path / "docs" / "fine-tuning.md").read_text()
     assert f"AP50 of the detector is {100 * room['labels'][0]['detector']['mask_ap50']:.1f}" in page
     assert (tmp_path / "docs" / "pictures" / "fine_tuning.png").stat().st_size > 1000
-    monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
+    monkeypatch.setattr(training_loop, "train_one_epoch", None)  # a second run has nothing left to do
     assert run() == 0
     assert json.loads(written.read_text()) == content
     capsys.readouterr()

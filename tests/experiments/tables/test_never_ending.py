@@ -13,9 +13,9 @@ from experiments.tables import never_ending
 from experiments.tables.never_ending import SIZES, collapse_reason, label_statistics
 from experiments.tables.never_ending import LabelStatistics as Statistics
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
-from labeling.detectors.finetuning import training_run
 from labeling.io.label_set import read_label_set
-from labeling.training.run_files import CONFIG_FILE
+from labeling.training import loop as training_loop
+from labeling.training.files import CONFIG_FILE
 
 STEADY = Statistics(3.0, 0.7, {"chair": 0.6, "table": 0.4})
 
@@ -51,7 +51,7 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     assert kinds == [["01-choos", "01-learn", "02-choos", "02-learn"]] * 2  # a second round labels the first's, too
     page = (tmp_path / "docs" / "results.md").read_text()
     assert "| 2 |" in page
-    monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
+    monkeypatch.setattr(training_loop, "train_one_epoch", None)  # a second run has nothing left to do
     assert main(["never_ending", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
     assert json.loads((tmp_path / "results" / "never_ending.json").read_text())["loops"] == content["loops"]
     capsys.readouterr()
@@ -61,7 +61,7 @@ def test_a_collapse_ends_the_loop_before_anything_is_learnt_from_it(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(never_ending, "label_statistics", lambda pictures: Statistics(0.0, 0.0, {}))
-    monkeypatch.setattr(training_run, "train_one_epoch", None)
+    monkeypatch.setattr(training_loop, "train_one_epoch", None)
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["never_ending", "--scale", "smoke", "--seeds", "1", "--workers", "1", *places]) == 0
     (loop,) = json.loads((tmp_path / "results" / "never_ending.json").read_text())["loops"]

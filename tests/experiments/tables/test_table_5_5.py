@@ -18,10 +18,10 @@ from experiments.pages.results import page
 from experiments.tables import table_5_5
 from labeling.core.geometry import intrinsics_from_fov, look_at, project
 from labeling.core.types import Box3d
-from labeling.detectors.finetuning.train_config import TrainConfig
-from labeling.detectors3d import training_run as training
+from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.generate import main as generate
 from labeling.io.episodes import write_episode
+from labeling.training import loop as training_loop
 
 from ...labeling.detectors3d.boxed_rooms import SIDES, boxed_room, known_of, upright
 
@@ -39,7 +39,7 @@ def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
             write_episode(folder, replace(room, name=folder.name, metadata={"scene": "room/0"}))
         return [folder]
 
-    monkeypatch.setitem(SIZES, "smoke", Size(dict.fromkeys(WORLDS, (1, 1, 1)), (1, 1), TrainConfig()))
+    monkeypatch.setitem(SIZES, "smoke", Size(dict.fromkeys(WORLDS, (1, 1, 1)), (1, 1), FinetuneConfig()))
     monkeypatch.setattr(experiments.cache.episode_pool, "record", record)
     monkeypatch.setattr(table_5_5, "known_categories", lambda: tuple(SIDES))
     return asked
@@ -68,7 +68,7 @@ def test_the_table_runs_resumes_and_reports(
     text = (tmp_path / "docs" / "results.md").read_text()
     assert "## Table 5.5: boxes in three dimensions" in text
     assert (tmp_path / "docs" / "pictures" / PICTURE).stat().st_size > 1000
-    monkeypatch.setattr(training, "_epoch", None)  # a second run has nothing left to do
+    monkeypatch.setattr(training_loop, "train_one_epoch", None)  # a second run has nothing left to do
     assert run.main(arguments) == 0
     assert json.loads((tmp_path / "results" / "table_5_5.json").read_text())["worlds"] == content["worlds"]
     worlds: tuple[Literal["rooms", "streets"], ...] = ("rooms", "streets")

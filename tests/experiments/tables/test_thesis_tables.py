@@ -25,10 +25,10 @@ from experiments.tables.training_sets import (
 )
 from labeling.core.rle import decode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation, read_pictures
-from labeling.detectors.finetuning import training_run
 from labeling.io.episodes import read_episode, write_episode
 from labeling.io.label_set import read_label_set
-from labeling.training.run_files import CONFIG_FILE
+from labeling.training import loop as training_loop
+from labeling.training.files import CONFIG_FILE
 
 from ...labeling.synthetic_room import make_episode
 
@@ -57,7 +57,7 @@ def test_every_table_runs_resumes_and_reports(
     assert found["fine-tuned on default"] == rows["table_5_3"]["SbM fine-tuned"]
     page = (tmp_path / "docs" / "results.md").read_text()
     assert page.count("Has not been run yet") == len(TABLES) - 1 + 4  # and label_modes, table_5_5 and two loops
-    monkeypatch.setattr(training_run, "train_one_epoch", None)  # a second run has nothing left to do
+    monkeypatch.setattr(training_loop, "train_one_epoch", None)  # a second run has nothing left to do
     assert TABLES["table_5_3"].run(context) == contents["table_5_3"]
     capsys.readouterr()
 

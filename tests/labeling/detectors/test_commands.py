@@ -18,7 +18,7 @@ from labeling.evaluate import main as evaluate
 from labeling.finetune import main as finetune
 from labeling.generate import main as generate
 from labeling.io.episodes import read_episode
-from labeling.training.run_files import RESULTS_FILE, WEIGHTS_FILE
+from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
 
 from .toy_pictures import write_coco_folder
 
@@ -222,9 +222,9 @@ def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, cap
     command = ["--detector", str(start), "--out", str(tmp_path / "run"), *QUICK]
     assert finetune([str(scene.labels), str(photographs), *command]) == 0
     assert json.loads((tmp_path / "run" / RESULTS_FILE).read_text())["labels"] == f"{scene.labels}, {photographs}"
-    from labeling.finetune import FinetuneConfig, _read
+    from labeling.finetune import FinetuneCommand, read
 
-    pictures, *_ = _read(FinetuneConfig((scene.labels, photographs), Path("run")))
+    pictures = read(FinetuneCommand((scene.labels, photographs), Path("run"))).learn
     assert pictures == [*read_pictures(scene.labels), *read_pictures(photographs)]
     capsys.readouterr()
     assert finetune([str(scene.labels), str(photographs), "--dataset", str(scene.dataset), *command]) == 2
@@ -277,8 +277,8 @@ def test_empty_label_sets_and_strange_classes_are_refused(scene, tmp_path, capsy
 def test_regions_below_the_least_confidence_are_ignored_not_background(scene):
     scene.add_episode("one")
     scene.write_labels(lambda truth: (truth.category, 0.3 if truth.category == "chair" else 0.8, truth.modal))
-    from labeling.finetune import FinetuneConfig, _read
+    from labeling.finetune import FinetuneCommand, read
 
-    pictures, *_ = _read(FinetuneConfig((scene.labels,), Path("run"), least_confidence=0.5))
+    pictures = read(FinetuneCommand((scene.labels,), Path("run"), least_confidence=0.5)).learn
     assert {one.category: one.ignore for one in pictures[0].annotations} == {"chair": True, "plant": False}
     assert not any(one.ignore for picture in read_pictures(scene.labels) for one in picture.annotations)

@@ -5,7 +5,7 @@ import numpy as np
 from labeling.core.episode import Episode
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Box3d, Detection, GroundTruth
-from labeling.detectors3d.frustum_dataset import Lesson, make_lesson
+from labeling.detectors3d.frustum_samples import FrustumSample, make_frustum_sample
 
 from ..synthetic_room import Part, render
 
@@ -78,14 +78,14 @@ def known_of(episode: Episode) -> list[tuple[GroundTruth, Box3d]]:
     return [(one, one.box_3d) for one in episode.ground_truth if one.box_3d is not None]
 
 
-def lessons_of(*seeds: int) -> list[Lesson]:
+def frustum_samples_of(*seeds: int) -> list[FrustumSample]:
     """All objects in all views of some rooms."""
     found = []
     for seed in seeds:
         episode = boxed_room(seed)
         for number, (one, box) in enumerate(known_of(episode)):
             rng = np.random.default_rng([seed, number])
-            lesson = make_lesson(episode, one.view_index, one.category, one.modal, box, 1.0, rng)
-            if lesson is not None:
-                found.append(lesson)
+            sample = make_frustum_sample(episode, one.view_index, one.category, one.modal, box, 1.0, rng)
+            if sample is not None:
+                found.append(sample)
     return found

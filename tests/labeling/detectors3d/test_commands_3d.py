@@ -8,7 +8,7 @@ import pytest
 from labeling import detect3d, train3d
 from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import SbmError, UsageError
-from labeling.detectors3d.frustum_dataset import read_lessons
+from labeling.detectors3d.frustum_samples import read_frustum_samples
 from labeling.generate import main as generate
 from labeling.io.episodes import write_episode
 
@@ -63,7 +63,7 @@ def test_training_on_labels_says_what_it_learnt_and_where_it_is(labels, recorded
 def test_several_sources_are_learnt_from_together(labels, recorded, tmp_path, capsys):
     out = tmp_path / "run"
     assert train3d.main([str(labels), str(recorded), "--out", str(out), "--val", str(recorded), *QUICK]) == 0
-    both = len(read_lessons(labels)) + len(read_lessons(recorded))
+    both = len(read_frustum_samples(labels)) + len(read_frustum_samples(recorded))
     assert f"{both} objects in views to learn from" in capsys.readouterr().out
     assert json.loads((out / "results.json").read_text())["labels"] == f"{labels}, {recorded}"
     other = str(tmp_path / "other")
@@ -74,7 +74,7 @@ def test_several_sources_are_learnt_from_together(labels, recorded, tmp_path, ca
 
 
 def test_labels_teach_masks_and_boxes_that_fit_the_objects(labels, recorded):
-    ours, truths = read_lessons(labels), read_lessons(recorded)
+    ours, truths = read_frustum_samples(labels), read_frustum_samples(recorded)
     assert len(ours) > 10
     for one in ours:
         best = max(box_iou_3d(one.box, true.box) for true in truths if true.category == one.category)
@@ -83,9 +83,9 @@ def test_labels_teach_masks_and_boxes_that_fit_the_objects(labels, recorded):
 
 
 def test_objects_that_choose_are_not_learnt_from(recorded):
-    kept, held = train3d.held_out(read_lessons(recorded) * 3)
+    kept, held = train3d.train_val_split_by_object(read_frustum_samples(recorded) * 3)
     assert held == [] or not {one.box.centre_m.tobytes() for one in kept} & {one.box.centre_m.tobytes() for one in held}
-    assert len(kept) + len(held) == 3 * len(read_lessons(recorded))
+    assert len(kept) + len(held) == 3 * len(read_frustum_samples(recorded))
 
 
 @pytest.mark.parametrize("detector", ["ldls", "trained"])
@@ -200,4 +200,4 @@ def test_a_label_set_without_its_recordings_is_refused(labels, recorded, tmp_pat
     (tmp_path / "other").mkdir()
     shutil.copytree(recorded / "boxed_1", tmp_path / "other" / "boxed_1")
     with pytest.raises(UsageError, match="lacks episode 'boxed_2'"):
-        read_lessons(labels, dataset=tmp_path / "other")
+        read_frustum_samples(labels, dataset=tmp_path / "other")

@@ -10,8 +10,8 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.detector import DetectorError
 from labeling.core.errors import SbmError
 from labeling.core.types import Box3d
-from labeling.detectors3d.frustum_batches import collate, plain_sample
-from labeling.detectors3d.frustum_dataset import sizes_of
+from labeling.detectors3d.config import NO_AUGMENTATION_3D, Train3dConfig
+from labeling.detectors3d.frustum_dataset import collate, unaugmented
 from labeling.detectors3d.frustum_detector import FrustumDetector
 from labeling.detectors3d.frustum_losses import FrustumBatch, corners, frustum_losses
 from labeling.detectors3d.frustum_pointnet import (
@@ -23,13 +23,13 @@ from labeling.detectors3d.frustum_pointnet import (
     heading_of,
     object_points,
 )
+from labeling.detectors3d.frustum_samples import median_sizes
+from labeling.detectors3d.frustum_training import evaluate, train
 from labeling.detectors3d.frustum_weights import load_network, save_network
 from labeling.detectors3d.frustums import turn_about_z
-from labeling.detectors3d.train_config import NO_AUGMENTATION_3D, Train3dConfig
-from labeling.detectors3d.training_run import evaluate, train
-from labeling.detectors3d.upright_boxes import to_box
+from labeling.detectors3d.upright_boxes import decode_box
 
-from .boxed_rooms import SIDES, boxed_room, found_in, lessons_of
+from .boxed_rooms import SIDES, boxed_room, found_in, frustum_samples_of
 
 SMALL = FrustumSpec(("crate", "locker"), tuple(SIDES.values()), width=0.25, num_points=256)
 
@@ -54,7 +54,7 @@ def test_corners_are_those_of_the_box(seed):
     rng = np.random.default_rng(seed)
     numbers = np.array([*rng.uniform(-3, 3, 3), *rng.uniform(0.2, 3, 3), rng.uniform(0, np.pi)])
     row = torch.from_numpy(numbers)[None]
-    np.testing.assert_allclose(corners(row[:, :3], row[:, 3:6], row[:, 6])[0], to_box(numbers).corners(), atol=1e-9)
+    np.testing.assert_allclose(corners(row[:, :3], row[:, 3:6], row[:, 6])[0], decode_box(numbers).corners(), atol=1e-9)
 
 
 def test_object_points_are_the_objects():
@@ -81,7 +81,7 @@ def perfect_output(network: FrustumNet, batch: FrustumBatch):
     size_residuals[rows, batch.category] = batch.boxes[:, 3:6] / network.sizes_m[batch.category] - 1
     return replace(
         output,
-        logits=100 * (batch.own - 0.5),
+        logits=100 * (batch.foreground - 0.5),
         first_centre=batch.boxes[:, :3],
         centre=batch.boxes[:, :3],
         heading_scores=headings,
@@ -93,16 +93,16 @@ def perfect_output(network: FrustumNet, batch: FrustumBatch):
 
 def test_the_truth_costs_nothing_and_is_what_the_boxes_say():
     network = fresh()
-    batch = collate([plain_sample(one, SMALL.categories, 256) for one in lessons_of(1, 2)])
+    batch = collate([unaugmented(one, SMALL.categories, 256) for one in frustum_samples_of(1, 2)])
     output = perfect_output(network, batch)
     assert float(sum(frustum_losses(network, output, batch).values())) == pytest.approx(0.0, abs=1e-3)
     for found, true in zip(network.boxes(output).numpy(), batch.boxes.numpy(), strict=True):
-        assert box_iou_3d(to_box(found), to_box(true)) == pytest.approx(1.0, abs=1e-3)
+        assert box_iou_3d(decode_box(found), decode_box(true)) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_heading_turned_by_half_costs_no_corners():
     network = fresh()
-    batch = collate([plain_sample(one, SMALL.categories, 256) for one in lessons_of(1)])
+    batch = collate([unaugmented(one, SMALL.categories, 256) for one in frustum_samples_of(1)])
     output = perfect_output(network, batch)
     turned = replace(batch, boxes=batch.boxes + torch.tensor([0.0] * 6 + [torch.pi]))
     again = frustum_losses(network, perfect_output(network, turned), batch)
@@ -110,9 +110,9 @@ def test_a_heading_turned_by_half_costs_no_corners():
     assert float(frustum_losses(network, output, batch)["corners"]) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_weightless_lessons_teach_nothing():
+def test_weightless_samples_teach_nothing():
     network = fresh()
-    batch = collate([plain_sample(one, SMALL.categories, 256) for one in lessons_of(1, 2)])
+    batch = collate([unaugmented(one, SMALL.categories, 256) for one in frustum_samples_of(1, 2)])
     wrong = replace(
         batch,
         boxes=torch.cat([batch.boxes[:1] * 3, batch.boxes[1:]]),
@@ -151,7 +151,7 @@ def test_the_paper_s_size():
 
 
 def test_it_learns_a_few_objects_by_heart(tmp_path):
-    some = lessons_of(1, 2)[::2]
+    some = frustum_samples_of(1, 2)[::2]
     config = Train3dConfig(
         iterations=160, batch_size=len(some), learning_rate=5e-3, num_points=128, width=0.25, validate_every=160
     )
@@ -190,7 +190,7 @@ def test_detections_that_cannot_be_lifted_are_passed_over():
 
 
 def test_a_killed_run_goes_on_and_ends_the_same(tmp_path):
-    some = lessons_of(1, 2)
+    some = frustum_samples_of(1, 2)
     config = Train3dConfig(iterations=6, batch_size=4, num_points=64, width=0.25, validate_every=2)
     train(some, some, tmp_path / "whole", config, NO_AUGMENTATION_3D, say=lambda line: None)
 
@@ -231,6 +231,6 @@ def test_weights_come_back_and_damaged_ones_are_refused(tmp_path):
 
 
 def test_templates_are_the_median_sizes():
-    some = lessons_of(1, 2, 3, 4)
-    for found, name in zip(sizes_of(some, ("crate", "locker")), ("crate", "locker"), strict=True):
+    some = frustum_samples_of(1, 2, 3, 4)
+    for found, name in zip(median_sizes(some, ("crate", "locker")), ("crate", "locker"), strict=True):
         np.testing.assert_allclose(found, SIDES[name], atol=1e-6)

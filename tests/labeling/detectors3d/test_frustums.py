@@ -8,13 +8,13 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import UsageError
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Box3d
-from labeling.detectors3d.frustum_batches import augmented, choose
-from labeling.detectors3d.frustum_dataset import make_lesson
+from labeling.detectors3d.config import NO_AUGMENTATION_3D, Augment3dConfig
+from labeling.detectors3d.frustum_dataset import augmented, resample_points
+from labeling.detectors3d.frustum_samples import make_frustum_sample
 from labeling.detectors3d.frustums import make_frustum, turn_about_z
-from labeling.detectors3d.train_config import NO_AUGMENTATION_3D, Augment3dConfig
-from labeling.detectors3d.upright_boxes import to_box, to_numbers
+from labeling.detectors3d.upright_boxes import decode_box, encode_box
 
-from .boxed_rooms import boxed_room, known_of, lessons_of, upright
+from .boxed_rooms import boxed_room, frustum_samples_of, known_of, upright
 
 K = intrinsics_from_fov(64, 48, 1.2)
 
@@ -23,7 +23,7 @@ def wall(distance_m: float) -> np.ndarray:
     return np.full((48, 64), distance_m, np.float32)
 
 
-def cut(depth, pose, box_xyxy, most=10_000):
+def crop(depth, pose, box_xyxy, most=10_000):
     left, top, right, bottom = map(float, box_xyxy)
     return make_frustum(depth, K, pose, (left, top, right, bottom), most, np.random.default_rng(0))
 
@@ -99,8 +99,8 @@ def test_upright_boxes_are_the_same_box_as_their_numbers(sides, yaw, turn):
     if turn:
         rotation = rotation @ Rotation.from_euler(turn, np.pi / 2).as_matrix()
     box = Box3d(np.array([1.0, -2, 0.5]), np.array(sides), rotation)
-    numbers = to_numbers(box)
-    assert box_iou_3d(to_box(numbers), box) == pytest.approx(1.0, abs=1e-5)
+    numbers = encode_box(box)
+    assert box_iou_3d(decode_box(numbers), box) == pytest.approx(1.0, abs=1e-5)
     assert numbers[3] >= numbers[4] > 0
     assert 0 <= numbers[6] < np.pi
 
@@ -117,41 +117,41 @@ def test_upright_boxes_are_the_same_box_as_their_numbers(sides, yaw, turn):
 )
 def test_what_is_no_upright_box_is_refused(box, why):
     with pytest.raises(UsageError, match=why):
-        to_numbers(box)
+        encode_box(box)
 
 
 def test_the_points_of_an_object_lie_in_its_box_and_others_do_not():
-    for lesson in lessons_of(3):
-        frustum, own = lesson.cut(lesson.box_xyxy)
-        box = frustum.from_world(lesson.box)
+    for sample in frustum_samples_of(3):
+        frustum, foreground = sample.crop(sample.box_xyxy)
+        box = frustum.from_world(sample.box)
         depth_in = 0.5 * box.extent_m - np.abs((frustum.points - box.centre_m) @ box.rotation)
-        assert np.all(depth_in[own] > -1e-3)
-        assert np.all(depth_in[~own].min(axis=1) < 1e-3)
-        assert 0.3 < own.mean() < 1.0
+        assert np.all(depth_in[foreground] > -1e-3)
+        assert np.all(depth_in[~foreground].min(axis=1) < 1e-3)
+        assert 0.3 < foreground.mean() < 1.0
 
 
 def test_an_edge_on_a_column_of_pixels_takes_the_same_points_in_every_precision():
-    for lesson in lessons_of(3):
-        left, top, right, bottom = lesson.box_xyxy
+    for sample in frustum_samples_of(3):
+        left, top, right, bottom = sample.box_xyxy
         just_after_a_column = np.float64(round(right - 2) + 1e-9)
-        frustum, own = lesson.cut((left, top, just_after_a_column, bottom))
-        assert len(own) == len(frustum.points) > 0
+        frustum, foreground = sample.crop((left, top, just_after_a_column, bottom))
+        assert len(foreground) == len(frustum.points) > 0
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_augmentation_moves_points_and_box_together(seed):
     config = Augment3dConfig(flip=0.5, box_shift=0.1, box_scale=0.1, range_shift=0.2)
-    for lesson in lessons_of(3):
-        points, own, numbers = augmented(lesson, config, np.random.default_rng(seed))
-        box = to_box(numbers)
-        depth_in = 0.5 * box.extent_m - np.abs((points[own] - box.centre_m) @ box.rotation)
+    for sample in frustum_samples_of(3):
+        points, foreground, numbers = augmented(sample, config, np.random.default_rng(seed))
+        box = decode_box(numbers)
+        depth_in = 0.5 * box.extent_m - np.abs((points[foreground] - box.centre_m) @ box.rotation)
         assert np.all(depth_in > -2e-3)
 
 
-def test_a_mirrored_lesson_is_the_mirror_image():
-    lesson = lessons_of(3)[0]
-    plain = augmented(lesson, NO_AUGMENTATION_3D, np.random.default_rng(0))
-    mirrored = augmented(lesson, Augment3dConfig(1.0, 0.0, 0.0, 0.0), np.random.default_rng(0))
+def test_a_mirrored_sample_is_the_mirror_image():
+    sample = frustum_samples_of(3)[0]
+    plain = augmented(sample, NO_AUGMENTATION_3D, np.random.default_rng(0))
+    mirrored = augmented(sample, Augment3dConfig(1.0, 0.0, 0.0, 0.0), np.random.default_rng(0))
     np.testing.assert_allclose(mirrored[0], plain[0] * [1, -1, 1])
     assert np.sin(mirrored[2][6] + plain[2][6]) == pytest.approx(0, abs=1e-5)
 
@@ -159,7 +159,7 @@ def test_a_mirrored_lesson_is_the_mirror_image():
 @settings(max_examples=40, deadline=None)
 @given(available=st.integers(1, 60), wanted=st.integers(1, 60))
 def test_points_are_repeated_only_where_there_are_too_few(available, wanted):
-    chosen = choose(available, wanted, np.random.default_rng(0))
+    chosen = resample_points(available, wanted, np.random.default_rng(0))
     assert len(chosen) == wanted
     assert len(set(chosen)) == min(available, wanted)
 
@@ -169,4 +169,4 @@ def test_little_seen_teaches_nothing():
     one, box = known_of(episode)[0]
     speck = np.zeros_like(one.modal)
     speck[0, :5] = True
-    assert make_lesson(episode, 0, "crate", speck, box, 1.0, np.random.default_rng(0)) is None
+    assert make_frustum_sample(episode, 0, "crate", speck, box, 1.0, np.random.default_rng(0)) is None

@@ -16,13 +16,14 @@ from labeling.detectors.data.annotated_pictures import (
     AnnotatedPicture,
     Annotation,
     category_names,
-    hold_out,
     read_pictures,
+    train_val_split,
     with_annotations,
 )
 from labeling.detectors.data.augment import Sample, augment
 from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
-from labeling.detectors.finetuning.batches import Mixture, batches, collate, load_sample, to_target
+from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, to_target
+from labeling.training.batches import numbered_batches
 
 from ..toy_pictures import CATEGORIES, draw, write_coco_folder
 
@@ -130,7 +131,7 @@ def test_what_cannot_be_learnt_from_is_told_what_was_looked_for(tmp_path):
 
 def test_every_tenth_picture_is_held_out():
     pictures = [AnnotatedPicture(path, (4, 4), ()) for path in [*map(Path, map(str, range(25)))]]
-    kept, held = hold_out(pictures)
+    kept, held = train_val_split(pictures)
     assert [one.file.name for one in held] == ["9", "19"]
     assert len(kept) == 23
 
@@ -256,8 +257,8 @@ def test_batches_hold_pictures_of_different_sizes():
 )  # fmt: skip
 def test_replay_has_its_share_and_every_picture_its_turn(own, replayed, share, seed):
     nothing = AnnotatedPicture(Path("x"), (4, 4), ())
-    mixture = Mixture([nothing] * own, CATEGORIES, NO_AUGMENTATION, seed, [nothing] * replayed, share)
-    drawn = [mixture.source(number) for number in range(200)]
+    dataset = ReplayDataset([nothing] * own, CATEGORIES, NO_AUGMENTATION, seed, [nothing] * replayed, share)
+    drawn = [dataset.source(number) for number in range(200)]
     assert abs(sum(is_replay for is_replay, _ in drawn) - 200 * share) <= 1
     for kind, size in ((False, own), (True, replayed)):
         turns = [index for is_replay, index in drawn if is_replay is kind]
@@ -266,8 +267,8 @@ def test_replay_has_its_share_and_every_picture_its_turn(own, replayed, share, s
 
 
 def test_batches_do_not_depend_on_where_the_stream_is_taken_up(tmp_path):
-    mixture = Mixture(read_pictures(write_coco_folder(tmp_path / "photos", 3)), CATEGORIES, AugmentConfig(), 4)
-    whole, rest = list(batches(mixture, 2, 0, 4)), list(batches(mixture, 2, 2, 2))
+    dataset = ReplayDataset(read_pictures(write_coco_folder(tmp_path / "photos", 3)), CATEGORIES, AugmentConfig(), 4)
+    whole, rest = (list(numbered_batches(dataset, collate, 2, first, count)) for first, count in ((0, 4), (2, 2)))
     for (a, sizes_a, targets_a), (b, sizes_b, targets_b) in zip(whole[2:], rest, strict=True):
         assert torch.equal(a, b)
         assert sizes_a == sizes_b
@@ -279,16 +280,15 @@ def test_only_replayed_pictures_lack_names_for_new_categories(tmp_path):
     photos = read_pictures(write_coco_folder(tmp_path / "photos", 3))
     taught = photos[0].annotations[0].category
     names = (*CATEGORIES, "beanbag")
-    mixture = Mixture(photos, names, AugmentConfig(crop=1.0), 4, photos, 0.5, ("beanbag", taught))
+    dataset = ReplayDataset(photos, names, AugmentConfig(crop=1.0), 4, photos, 0.5, ("beanbag", taught))
     for number in range(12):
-        is_replay, _ = mixture.source(number)
+        is_replay, _ = dataset.source(number)
         expected = [len(names)] if is_replay else []
-        assert to_target(mixture[number])["unnamed"].tolist() == expected
-    assert all(
-        not one.unnamed for one in map(Mixture(photos, names, AugmentConfig(), 4, photos, 0.5).__getitem__, range(6))
-    )
+        assert to_target(dataset[number])["unnamed"].tolist() == expected
+    plain = ReplayDataset(photos, names, AugmentConfig(), 4, photos, 0.5)
+    assert not any(plain[number].unnamed for number in range(6))
 
 
 def test_nothing_to_train_on_is_refused():
     with pytest.raises(UsageError, match="no picture to train on"):
-        Mixture([], CATEGORIES, NO_AUGMENTATION, 0)
+        ReplayDataset([], CATEGORIES, NO_AUGMENTATION, 0)

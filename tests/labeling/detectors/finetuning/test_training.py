@@ -12,21 +12,21 @@ from labeling.core.errors import SbmError, UsageError
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import read_pictures, with_annotations
 from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
-from labeling.detectors.finetuning.epochs import calibrate, evaluate, learning_rate
-from labeling.detectors.finetuning.train_config import TrainConfig
-from labeling.detectors.finetuning.training_run import best_of, train
+from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.detectors.finetuning.training import best_of, train
 from labeling.detectors.networks.calibration import calibrated, fit_calibration, outcomes
 from labeling.detectors.networks.mask_rcnn import build_from_imagenet, build_network
 from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.spec import Calibration, NetworkSpec
+from labeling.detectors.scoring import calibrate, evaluate
 from labeling.metrics.matching import MaskInstance
-from labeling.training.run_files import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
+from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
 
 from ..toy_pictures import CATEGORIES, write_coco_folder
 
 SPEC = NetworkSpec("compact", CATEGORIES, short_side_px=(64, 320))
 PLAIN = replace(NO_AUGMENTATION, short_side_px=(64, 320))
-SHORT = TrainConfig(iterations=4, batch_size=1, learning_rate=1e-4, warmup=0, validate_every=2, optimizer="adamw")
+SHORT = FinetuneConfig(iterations=4, batch_size=1, learning_rate=1e-4, warmup=0, validate_every=2, optimizer="adamw")
 
 
 @pytest.fixture
@@ -132,16 +132,7 @@ def test_a_loss_that_is_no_number_ends_training(pictures, tmp_path):
 @pytest.mark.parametrize("change", [{"iterations": 0}, {"learning_rate": -1.0}, {"replay_share": 1.0}, {"seed": -1}])
 def test_settings_of_training_that_make_no_sense_are_refused(change):
     with pytest.raises(UsageError, match=f"--{next(iter(change)).replace('_', '-')} must be"):
-        replace(TrainConfig(), **change).check()
-
-
-def test_learning_rates_rise_and_then_stay_or_fall():
-    constant = TrainConfig(iterations=100, warmup=10, learning_rate=0.5)
-    assert learning_rate(0, constant) == pytest.approx(0.05)
-    assert {learning_rate(step, constant) for step in range(9, 100)} == {0.5}
-    rates = [learning_rate(step, replace(constant, schedule="cosine")) for step in range(101)]
-    assert np.all(np.diff(rates[10:]) < 0)
-    assert rates[100] == pytest.approx(0.005)
+        replace(FinetuneConfig(), **change).check()
 
 
 # Scores --------------------------------------------------------------------------------------------------------------

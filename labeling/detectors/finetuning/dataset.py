@@ -1,14 +1,15 @@
-"""From annotated pictures on disk to batches on a device."""
+"""Annotated pictures as samples and batches to train on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import torch
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import Dataset
 
 from labeling.core.errors import UsageError
+from labeling.core.masks import box_xywh
 from labeling.core.rle import decode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, category_names
 from labeling.detectors.data.augment import AugmentConfig, Sample, augment
@@ -36,7 +37,8 @@ def load_sample(picture: AnnotatedPicture, categories: Sequence[str]) -> Sample:
 
 def to_target(sample: Sample) -> Target:
     """The objects of a sample as the network's losses want them."""
-    boxes = torch.from_numpy(_boxes(sample.masks))
+    xywh = np.array([box_xywh(mask) for mask in sample.masks], np.float32).reshape(-1, 4)
+    boxes = torch.from_numpy(np.concatenate([xywh[:, :2], xywh[:, :2] + xywh[:, 2:]], axis=1))
     learn = torch.from_numpy(~sample.ignore & (sample.labels > 0))
     return {
         "boxes": boxes[learn],
@@ -46,16 +48,6 @@ def to_target(sample: Sample) -> Target:
         "ignored": boxes[~learn],
         "unnamed": torch.tensor(sample.unnamed, dtype=torch.int64),
     }
-
-
-def _boxes(masks: np.ndarray) -> np.ndarray:
-    """Tightest boxes xyxy; the right and lower edges lie one pixel further than the last pixel."""
-    boxes = np.zeros((len(masks), 4), np.float32)
-    for index, mask in enumerate(masks):
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if len(rows):
-            boxes[index] = columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
-    return boxes
 
 
 def collate(samples: Sequence[Sample]) -> Batch:
@@ -82,7 +74,7 @@ def to_device(batch: Batch, device: torch.device) -> Batch:
 
 
 @dataclass(frozen=True)
-class Mixture(Dataset):
+class ReplayDataset(Dataset):
     """An endless stream of samples, each a function of its number, so that training can go on where it stopped.
 
     Pictures are drawn in shuffled rounds; ``replay_share`` of the samples, spread evenly, come from ``replay``.
@@ -127,25 +119,3 @@ class Mixture(Dataset):
         """Outputs of the categories that replayed pictures never name."""
         named = category_names(self.replay)
         return tuple(1 + self.categories.index(name) for name in self.new_categories if name not in named)
-
-
-def batches(mixture: Mixture, size: int, first: int, count: int, workers: int = 0) -> Iterator[Batch]:
-    """Batches ``first`` to ``first + count`` of a stream.
-
-    Args:
-        mixture: the stream.
-        size: samples in a batch.
-        first: number of the first batch.
-        count: how many batches.
-        workers: processes that read and augment; 0 does it here.
-    """
-    numbers = [list(range(size * batch, size * (batch + 1))) for batch in range(first, first + count)]
-    loader = DataLoader(
-        mixture,
-        batch_sampler=numbers,
-        collate_fn=collate,
-        num_workers=workers,
-        multiprocessing_context="spawn" if workers else None,
-        pin_memory=workers > 0 and torch.cuda.is_available(),
-    )
-    yield from loader

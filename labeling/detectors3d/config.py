@@ -3,31 +3,32 @@
 from dataclasses import dataclass
 
 from labeling.core.errors import UsageError
+from labeling.runtime.ranges import NonNegative, Positive, Share, check_ranges
+from labeling.training.config import TrainingConfig
 
 
 @dataclass(frozen=True)
-class Train3dConfig:
+class Train3dConfig(TrainingConfig):
     """How a frustum PointNet is trained."""
 
-    iterations: int = 10_000
+    iterations: Positive[int] = 10_000
     """Batches at most; training stops earlier when validation is flat."""
-    batch_size: int = 32
+    batch_size: Positive[int] = 32
     """Source: thesis 5.2.2."""
-    learning_rate: float = 1e-3
+    learning_rate: Positive[float] = 1e-3
     """Of Adam; falls to a hundredth along a cosine. Source: thesis 5.2.2."""
-    num_points: int = 1024
+    num_points: Positive[int] = 1024
     """Points of a frustum. Source: field notes."""
-    width: float = 1.0
+    width: Positive[float] = 1.0
     """Channels of every layer relative to the paper's; .5 makes a network for CPUs."""
-    validate_every: int = 250
+    validate_every: Positive[int] = 250
     """Batches between validations."""
-    patience: int = 8
+    patience: NonNegative[int] = 8
     """Validations without a better mean IoU after which training stops; 0: never."""
     trust_scores: bool = True
     """Weight every label by its score, which is the IoU it is expected to have."""
-    workers: int = 0
+    workers: NonNegative[int] = 0
     """Processes that prepare batches."""
-    seed: int = 0
 
     def check(self) -> None:
         """Refuses settings that make no sense.
@@ -35,12 +36,7 @@ class Train3dConfig:
         Raises:
             UsageError: naming the setting.
         """
-        for name in ("iterations", "batch_size", "learning_rate", "num_points", "width", "validate_every"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise UsageError(f"--{name.replace('_', '-')} must be above 0, not {getattr(self, name)}")
-        for name in ("patience", "workers", "seed"):
-            if getattr(self, name) < 0:
-                raise UsageError(f"--{name.replace('_', '-')} must be 0 or more, not {getattr(self, name)}")
+        super().check()
         if self.batch_size < 2:
             raise UsageError("--batch-size must be 2 or more: batches are normalised")
 
@@ -49,15 +45,15 @@ class Train3dConfig:
 class Augment3dConfig:
     """How strongly frustums are changed while training; all zeros leave them as they are."""
 
-    flip: float = 0.5
+    flip: Share[float] = 0.5
     """Probability of mirroring left and right."""
-    box_shift: float = 0.1
+    box_shift: Share[float] = 0.1
     """The middle of the 2-D box moves by up to this share of its sides. Source: Qi et al. 2018, appendix."""
-    box_scale: float = 0.1
+    box_scale: Share[float] = 0.1
     """Its sides change by up to this share. Source: the same."""
-    range_shift: float = 0.1
+    range_shift: Share[float] = 0.1
     """The frustum moves along its axis by up to this share of its distance. Source: the same (there metres)."""
-    noise_m: float = 0.0
+    noise_m: NonNegative[float] = 0.0
     """Standard deviation of Gaussian noise on every point."""
 
     def check(self) -> None:
@@ -66,11 +62,7 @@ class Augment3dConfig:
         Raises:
             UsageError: naming the setting.
         """
-        for name in ("flip", "box_shift", "box_scale", "range_shift"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise UsageError(f"--{name.replace('_', '-')} must lie in [0, 1], not {getattr(self, name)}")
-        if self.noise_m < 0:
-            raise UsageError(f"--noise-m must be 0 or more, not {self.noise_m}")
+        check_ranges(self)
 
 
 NO_AUGMENTATION_3D = Augment3dConfig(flip=0.0, box_shift=0.0, box_scale=0.0, range_shift=0.0)

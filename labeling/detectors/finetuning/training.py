@@ -1,0 +1,185 @@
+"""Fine-tunes a Mask R-CNN on annotated pictures."""
+
+import copy
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from labeling.detectors.data.annotated_pictures import AnnotatedPicture
+from labeling.detectors.data.augment_config import AugmentConfig
+from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.detectors.finetuning.dataset import Batch, ReplayDataset, collate, to_device
+from labeling.detectors.networks.mask_rcnn import Network, channels_last
+from labeling.detectors.networks.network_detector import NetworkDetector
+from labeling.detectors.networks.weights import load_network, save_network
+from labeling.detectors.scoring import evaluate
+from labeling.training import loop
+from labeling.training.batches import numbered_batches
+from labeling.training.checkpoint import Progress
+from labeling.training.files import WEIGHTS_FILE
+from labeling.training.schedule import learning_rate
+
+
+def train(
+    network: Network,
+    out: Path,
+    pictures: Sequence[AnnotatedPicture],
+    validation: Sequence[AnnotatedPicture],
+    config: FinetuneConfig,
+    augmentation: AugmentConfig,
+    replay: Sequence[AnnotatedPicture] = (),
+    device: str | torch.device = "cpu",
+    about: Mapping[str, Any] | None = None,
+    say: Callable[[str], None] = print,
+    bar: Callable[..., Iterable[Any]] | None = None,
+    new_categories: Sequence[str] = (),
+) -> Progress:
+    """Trains a network and keeps the best of it in ``out/detector.safetensors``; goes on where a killed run stopped.
+
+    Args:
+        network: where to start; changed.
+        out: folder of the run.
+        pictures: to learn from. What is not annotated is background.
+        validation: to choose the best by; if empty, the last is kept and training does not stop early.
+        config: settings of training.
+        augmentation: settings of augmentation.
+        replay: source pictures to mix in, against forgetting.
+        device: where to train.
+        about: written into the weights: where they come from.
+        say: where progress is told.
+        bar: makes a progress bar (``tqdm``), if there is to be one.
+        new_categories: those of the network's that it had no name for when the source pictures taught it. Where these
+            never name one, what is not annotated there is background or one of them.
+
+    Raises:
+        SbmError: if settings make no sense, the folder holds another run, or training breaks down.
+    """
+    config.check()
+    augmentation.check()
+    names, new = network.spec.categories, tuple(new_categories)
+    dataset = ReplayDataset(pictures, names, augmentation, config.seed, replay, config.replay_share, new)
+    task = FinetuneTask(network.to(torch.device(device)), dataset, validation, config, about or {})
+    return loop.train(task, out, about, say, bar)
+
+
+def best_of(out: Path) -> Network:
+    """The best network of a run."""
+    return load_network(out / WEIGHTS_FILE)
+
+
+class MaskRcnnTask(loop.TrainingTask[Batch]):
+    """What fine-tuning and pre-training share: a Mask R-CNN, its losses, and a running average of its weights."""
+
+    network: Network
+    averaged: Network | None
+
+    def __init__(self, network: Network, average: float) -> None:
+        """Takes a network on its device, and the decay of its running average per batch; 0: none."""
+        self.network, self.average = channels_last(network), average
+        self.averaged = copy.deepcopy(network).requires_grad_(False).eval() if average else None
+
+    @property
+    def candidate(self) -> Network:
+        """The network that is validated and kept."""
+        return self.averaged or self.network
+
+    def losses(self, batch: Batch, step: int) -> dict[str, torch.Tensor]:
+        """Of proposals and heads; anchors are sampled as the number of the step says."""
+        torch.manual_seed(self.config.seed * 1_000_003 + step)
+        return self.network(*to_device(batch, self.device))
+
+
+class FinetuneTask(MaskRcnnTask):
+    """Fine-tuning on pseudo-labels or ground truth, with source pictures replayed among them."""
+
+    config: FinetuneConfig
+    mixed_precision = True
+    score_name = "mask_ap50"
+
+    def __init__(
+        self,
+        network: Network,
+        dataset: ReplayDataset,
+        validation: Sequence[AnnotatedPicture],
+        config: FinetuneConfig,
+        about: Mapping[str, Any],
+    ) -> None:
+        """Takes what ``train`` was given, the network on its device."""
+        self.config, self.dataset, self.validation, self.about = config, dataset, validation, about
+        self.clip, self.patience = config.clip, config.patience if validation else 0
+        network.frozen_statistics = config.frozen_statistics
+        network.freeze(config.frozen_stages)
+        super().__init__(network, config.average)
+        self.optimizer = make_optimizer(network, config, bool(dataset.new_categories))
+        # More iterations, patience or workers do not make it another run.
+        fixed = {k: v for k, v in asdict(config).items() if k not in ("iterations", "patience", "workers")}
+        if config.schedule == "cosine":
+            fixed["iterations"] = config.iterations
+        self.identity = {
+            "architecture": network.spec.architecture,
+            "categories": list(network.spec.categories),
+            "train": fixed,
+            "augment": asdict(dataset.config),
+            "pictures": [len(dataset.pictures), len(dataset.replay), len(validation)],
+            "objects": sum(len(picture.annotations) for picture in dataset.pictures),
+        }
+
+    def batches(self, progress: Progress) -> Iterable[Batch]:
+        """Up to the next validation."""
+        count = self.steps_of_epoch(progress)
+        first, config = progress.iteration, self.config
+        return numbered_batches(self.dataset, collate, config.batch_size, first, count, config.workers)
+
+    def learning_rate(self, progress: Progress) -> float:
+        """Warm-up, then constant or cosine over all iterations."""
+        config, step = self.config, progress.iteration
+        return learning_rate(config.learning_rate, step, config.warmup, step / config.iterations, config.schedule)
+
+    def validate(self, progress: Progress) -> dict[str, Any]:
+        """AP of masks and boxes."""
+        if not self.validation:
+            return {}
+        scores = asdict(evaluate(NetworkDetector(self.candidate, "training", device=self.device), self.validation))
+        return {name: value for name, value in scores.items() if name not in ("pictures", "objects")}
+
+    def save(self, path: Path, progress: Progress) -> None:
+        """Writes the weights; the spec in their header says where they come from."""
+        ap50 = progress.history[-1].get("mask_ap50")
+        trained = {"iteration": progress.iteration, "seed": self.config.seed, "validation_ap50": ap50}
+        spec = self.candidate.spec
+        save_network(path, self.candidate, replace(spec, about={**spec.about, **self.about, "trained": trained}))
+
+    def summary(self, record: Mapping[str, Any], progress: Progress) -> str:
+        """Loss and AP."""
+        line = f"step {record['iteration']}: loss {record['loss']:.3f}"
+        if "mask_ap50" in record:
+            ap50, ap30 = (100 * (record[name] or 0) for name in ("mask_ap50", "mask_ap30"))
+            best = f"best AP50 {100 * progress.best:.1f} at step {progress.best_iteration}"
+            line += f", AP50 {ap50:.1f}, AP30 {ap30:.1f}, {best}"
+        return line
+
+
+def make_optimizer(network: Network, config: FinetuneConfig, new_categories: bool = False) -> torch.optim.Optimizer:
+    """The optimizer; vectors (biases, normalisation) do not decay.
+
+    Args:
+        network: to train.
+        config: settings.
+        new_categories: whether the last layers of the heads learn categories from the start, at a rate of their own.
+    """
+    groups = []
+    for last in (False, True):
+        found = [
+            value for name, value in network.named_parameters() if value.requires_grad and ("predictor" in name) == last
+        ]
+        share = config.new_rate if last and new_categories else 1.0
+        groups += [
+            {"params": [one for one in found if one.ndim > 1], "weight_decay": config.weight_decay, "share": share},
+            {"params": [one for one in found if one.ndim <= 1], "weight_decay": 0.0, "share": share},
+        ]
+    if config.optimizer == "adamw":
+        return torch.optim.AdamW(groups, lr=config.learning_rate)
+    return torch.optim.SGD(groups, lr=config.learning_rate, momentum=0.9)

@@ -1,0 +1,41 @@
+"""Ranges of settings, written where the settings are: ``iterations: Positive[int] = 4000``."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+from labeling.core.errors import UsageError
+
+Number = TypeVar("Number", int, float)
+
+
+@dataclass(frozen=True)
+class Range:
+    """Which values a setting may have."""
+
+    words: str
+    """Completes "--setting must ..."."""
+    allows: Callable[[float], bool]
+
+
+Positive = Annotated[Number, Range("be above 0", lambda value: 0 < value < math.inf)]
+NonNegative = Annotated[Number, Range("be 0 or more", lambda value: 0 <= value < math.inf)]
+Share = Annotated[Number, Range("lie in [0, 1]", lambda value: 0 <= value <= 1)]
+ShareBelowOne = Annotated[Number, Range("be at least 0 and below 1", lambda value: 0 <= value < 1)]
+
+
+def check_ranges(settings: Any) -> None:
+    """Refuses settings outside of their ranges.
+
+    Args:
+        settings: instance of a dataclass, some of whose fields are annotated with a range.
+
+    Raises:
+        UsageError: naming the first such setting as its option is called, what it must be, and its value.
+    """
+    for name, hint in get_type_hints(type(settings), include_extras=True).items():
+        value = getattr(settings, name)
+        for allowed in getattr(hint, "__metadata__", ()):
+            if isinstance(allowed, Range) and not allowed.allows(value):
+                raise UsageError(f"--{name.replace('_', '-')} must {allowed.words}, not {value}")

@@ -1,0 +1,67 @@
+"""What the commands that train on labels have in common."""
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from labeling.core.errors import UsageError
+from labeling.io.formats.atomic import write_json
+from labeling.training.files import RESULTS_FILE
+
+Labels = tyro.conf.Positional[
+    Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
+]
+
+
+@dataclass(frozen=True)
+class TrainingCommand:
+    """Options of a command that trains on labels."""
+
+    labels: Labels
+    """What to learn from, one or several label sets."""
+    out: Path
+    """Folder of the run."""
+    val: Path | None = None
+    """What to choose the best by."""
+    dataset: Path | None = None
+    """Where the recordings of LABELS lie, if not where the label set says; with one label set only."""
+    device: str | None = None
+    """cpu, cuda, ...; by default a GPU if there is one."""
+
+    @property
+    def sources(self) -> str:
+        """What is learnt from, in words."""
+        return ", ".join(map(str, self.labels))
+
+    def check_sources(self) -> None:
+        """Refuses a command without anything to learn from, or with one ``--dataset`` for several label sets.
+
+        Raises:
+            UsageError: saying which.
+        """
+        if not self.labels:
+            raise UsageError("nothing to learn from was given: name one or several label sets, or episodes")
+        if self.dataset is not None and len(self.labels) > 1:
+            raise UsageError(
+                f"--dataset says where the pictures of one label set lie, but {len(self.labels)} were given"
+            )
+
+    def write_results(self, results: dict[str, Any]) -> None:
+        """Writes ``results.json`` of the run."""
+        write_json(self.out / RESULTS_FILE, results)
+
+
+def say(line: str) -> None:
+    """Prints a line at once."""
+    print(line, flush=True)
+
+
+def progress_bar(batches: Iterable[Any], desc: str | None = None, unit: str = "batch") -> Iterable[Any]:
+    """The same batches; a bar shows on stderr how many are done."""
+    from tqdm import tqdm
+
+    return tqdm(batches, desc=desc, unit=unit, delay=2.0, leave=False, file=sys.stderr)

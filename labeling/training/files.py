@@ -1,0 +1,12 @@
+"""Names of the files in the folder of a training run."""
+
+WEIGHTS_FILE = "detector.safetensors"
+"""The best network, with its spec in the header."""
+CHECKPOINT_FILE = "checkpoint.pt"
+"""What a killed run goes on from."""
+HISTORY_FILE = "history.json"
+"""Losses and validation figures, one record for each validation."""
+CONFIG_FILE = "train.json"
+"""Settings, data and versions."""
+RESULTS_FILE = "results.json"
+"""Figures before and after."""

@@ -1,0 +1,233 @@
+"""One training loop for all networks: detectors in 2-D and 3-D, and pre-training.
+
+A ``TrainingTask`` brings what differs: network, optimizer, batches, losses, validation. ``train`` does the rest:
+optimizer steps, running average, validation, the best network, curves, and checkpoints with exact resume. An epoch here
+is the stretch between two validations, as in torchvision's references/detection.
+"""
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import torch
+from torch import Tensor, nn
+
+from labeling.core.errors import SbmError
+from labeling.io.formats.atomic import write_json
+from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
+from labeling.training.config import TrainingConfig
+from labeling.training.curves import Curves
+from labeling.training.files import CONFIG_FILE, WEIGHTS_FILE
+
+Batch = TypeVar("Batch")
+
+
+class TrainingTask(ABC, Generic[Batch]):
+    """What a training consists of, apart from the loop. Whoever makes one sets the attributes without a default."""
+
+    config: TrainingConfig
+    network: nn.Module
+    """Trained in place, on its device."""
+    optimizer: torch.optim.Optimizer
+    """Of the network's parameters; a group with a ``share`` learns at that share of the learning rate."""
+    identity: Mapping[str, Any]
+    """Data and settings that a run must share to go on from a checkpoint; written into ``train.json``."""
+    averaged: nn.Module | None = None
+    """Running average of the network's weights, which is validated and kept in its place; None: the network itself."""
+    average: float = 0.0
+    """Decay of that average per batch."""
+    clip: float = 10.0
+    """Largest norm of the gradient."""
+    patience: int = 0
+    """Validations without a better score after which training stops; 0: never."""
+    score_name: str = ""
+    """Which validation figure the best network is chosen by; without such a figure the last network is kept."""
+    weights_file: str = WEIGHTS_FILE
+    mixed_precision: bool = False
+    """Whether forward passes on CUDA use half precision."""
+
+    @abstractmethod
+    def batches(self, progress: Progress) -> Iterable[Batch]:
+        """The batches of the next epoch. Batch and losses must be functions of the batch's number (and of torch's
+        generator, whose state checkpoints keep), so that a run that goes on ends like one that never stopped.
+        """
+
+    @abstractmethod
+    def losses(self, batch: Batch, step: int) -> dict[str, Tensor]:
+        """Terms of the loss, each a scalar; their sum is minimised."""
+
+    @abstractmethod
+    def learning_rate(self, progress: Progress) -> float:
+        """At step ``progress.iteration``."""
+
+    @abstractmethod
+    def validate(self, progress: Progress) -> dict[str, Any]:
+        """Figures of ``candidate``, as JSON; empty if there is nothing to validate on."""
+
+    @abstractmethod
+    def save(self, path: Path, progress: Progress) -> None:
+        """Writes ``candidate``, and in its header where it comes from."""
+
+    @abstractmethod
+    def summary(self, record: Mapping[str, Any], progress: Progress) -> str:
+        """One line for people.
+
+        Args:
+            record: of the history: position, mean losses, validation figures.
+            progress: how far training has come.
+        """
+
+    def is_finished(self, progress: Progress) -> bool:
+        """Whether training is over."""
+        flat = progress.is_flat(self.patience, self.config.validate_every)
+        return progress.iteration >= self.config.iterations or flat
+
+    def steps_of_epoch(self, progress: Progress) -> int:
+        """Batches up to the next validation, where their number is settled beforehand."""
+        return min(self.config.validate_every, self.config.iterations - progress.iteration)
+
+    def position(self, progress: Progress) -> dict[str, float]:
+        """How a record of the history begins."""
+        return {"iteration": progress.iteration}
+
+    @property
+    def candidate(self) -> nn.Module:
+        """The network that is validated and kept."""
+        return self.network if self.averaged is None else self.averaged
+
+    @property
+    def device(self) -> torch.device:
+        """Where the network computes."""
+        return next(self.network.parameters()).device
+
+
+def train(
+    task: TrainingTask,
+    out: Path,
+    about: Mapping[str, Any] | None = None,
+    say: Callable[[str], None] = print,
+    bar: Callable[..., Iterable[Any]] | None = None,
+) -> Progress:
+    """Trains, and keeps the best network in the run's folder; goes on where a killed run stopped.
+
+    Args:
+        task: what to train, and how.
+        out: folder of the run.
+        about: where the network comes from; written into ``train.json``.
+        say: told a line after each validation.
+        bar: makes a progress bar around the batches of an epoch (``tqdm``), if there is to be one.
+
+    Returns:
+        How far training has come, with its history.
+
+    Raises:
+        SbmError: if the folder holds another run or a damaged checkpoint, or training breaks down.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    identity = json.dumps(task.identity, sort_keys=True)
+    progress = load_checkpoint(out, identity, task.device, lambda state: _restore(task, state))
+    if progress.iteration:
+        say(f"going on from step {progress.iteration}")
+    write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(about or {})})
+    curves = Curves(out, progress.iteration, say)
+    scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
+    while not task.is_finished(progress):
+        batches = task.batches(progress)
+        if bar is not None:
+            batches = bar(batches, desc=f"training from step {progress.iteration}")
+        losses = train_one_epoch(
+            task, batches, progress, scaler, lambda step, values: curves.draw("train", values, step)
+        )
+        figures = task.validate(progress)
+        curves.draw("val", figures, progress.iteration)
+        record = {**task.position(progress), **losses, **figures}
+        progress.history.append(record)
+        score = float(progress.iteration)
+        if task.score_name in figures:
+            score = figures[task.score_name] or 0.0
+        if score > progress.best:
+            progress.best, progress.best_iteration = score, progress.iteration
+            task.save(out / task.weights_file, progress)
+        save_checkpoint(out, identity, progress, _state(task))
+        say(task.summary(record, progress))
+    curves.close()
+    return progress
+
+
+def train_one_epoch(
+    task: TrainingTask,
+    batches: Iterable[Any],
+    progress: Progress,
+    scaler: torch.amp.GradScaler,
+    on_step: Callable[[int, dict[str, float]], None] = lambda step, losses: None,
+) -> dict[str, float]:
+    """Takes one optimizer step for each batch.
+
+    Args:
+        task: its network is left in training mode.
+        batches: of the epoch.
+        progress: advanced by one iteration for each batch.
+        scaler: of losses, for mixed precision; disabled otherwise.
+        on_step: told the number of each step and its losses.
+
+    Returns:
+        Mean of each loss, and of their sum as ``loss``.
+
+    Raises:
+        SbmError: if the loss is no longer a finite number.
+    """
+    task.network.train()
+    sums: dict[str, float] = {}
+    first = progress.iteration
+    for batch in batches:
+        step = progress.iteration
+        rate = task.learning_rate(progress)
+        for group in task.optimizer.param_groups:
+            group["lr"] = rate * group.get("share", 1.0)
+        with torch.autocast(task.device.type, torch.float16, enabled=scaler.is_enabled()):
+            losses = task.losses(batch, step)
+            loss = torch.stack([value.float() for value in losses.values()]).sum()
+        if not bool(torch.isfinite(loss)):
+            raise SbmError(f"training broke down in step {step}: the loss is {loss.item()}; lower --learning-rate")
+        task.optimizer.zero_grad(set_to_none=True)
+        scaler.scale(loss).backward()
+        scaler.unscale_(task.optimizer)
+        nn.utils.clip_grad_norm_(task.network.parameters(), task.clip)
+        scaler.step(task.optimizer)
+        scaler.update()
+        if task.averaged is not None:
+            _update_average(task.averaged, task.network, min(task.average, (1 + step) / (10 + step)))
+        values = {name: float(value.detach()) for name, value in {**losses, "loss": loss}.items()}
+        sums = {name: sums.get(name, 0.0) + value for name, value in values.items()}
+        progress.iteration += 1
+        on_step(step, values)
+    return {name: value / max(1, progress.iteration - first) for name, value in sums.items()}
+
+
+@torch.no_grad()
+def _update_average(averaged: nn.Module, network: nn.Module, decay: float) -> None:
+    for mean, value in zip(averaged.state_dict().values(), network.state_dict().values(), strict=True):
+        if value.is_floating_point():
+            mean.lerp_(value, 1 - decay)
+        else:
+            mean.copy_(value)
+
+
+def _state(task: TrainingTask) -> dict[str, Any]:
+    return {
+        "network": task.network.state_dict(),
+        "averaged": None if task.averaged is None else task.averaged.state_dict(),
+        "optimizer": task.optimizer.state_dict(),
+        "random": torch.get_rng_state(),
+    }
+
+
+def _restore(task: TrainingTask, state: Mapping[str, Any]) -> None:
+    task.network.load_state_dict(state["network"])
+    if task.averaged is not None:
+        task.averaged.load_state_dict(state["averaged"])
+    task.optimizer.load_state_dict(state["optimizer"])
+    if "random" in state:
+        torch.set_rng_state(state["random"].cpu())

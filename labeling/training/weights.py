@@ -1,0 +1,96 @@
+"""Weights on disk: safetensors with the network's spec in the header. Nothing is pickled."""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from labeling.core.detector import DetectorError
+from labeling.io.formats.atomic import atomic_file
+
+
+def save_weights(path: Path, network: nn.Module, header: Mapping[str, str], half_precision: bool = False) -> None:
+    """Writes the weights of a network atomically.
+
+    Args:
+        path: of the file.
+        network: on any device.
+        header: the network's spec, and whatever else is to be known of it, as text.
+        half_precision: of matrices and kernels. Vectors (biases, statistics of normalisation) stay in single precision:
+            they are small, and a variance below what half precision can hold would become 0.
+    """
+    from safetensors.torch import save_file
+
+    tensors = {}
+    for name, value in network.state_dict().items():
+        halve = half_precision and value.is_floating_point() and value.ndim > 1
+        tensors[name] = value.detach().to("cpu", torch.float16 if halve else value.dtype).contiguous()
+    with atomic_file(path) as temporary:
+        save_file(tensors, temporary, metadata=dict(header))
+        temporary.chmod(0o644)  # safetensors keeps its files to their owner
+
+
+def read_header(path: Path, key: str, command: str) -> str:
+    """One entry of a file's header: what network it holds.
+
+    Args:
+        path: of the file.
+        key: of the entry.
+        command: writes such files; for the message.
+
+    Raises:
+        DetectorError: if the file is missing, damaged, or has no such entry.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+    except FileNotFoundError:
+        raise DetectorError(f"{path}: no such file; give the folder of a {command} run") from None
+    except (SafetensorError, OSError) as error:
+        raise DetectorError(f"{path}: is damaged or no safetensors file ({error})") from None
+    if key not in header:
+        raise DetectorError(f"{path}: holds tensors, but does not say of which network; make it with {command}")
+    return header[key]
+
+
+def load_weights(path: Path, network: nn.Module, description: str) -> None:
+    """Fills a network with weights, in the network's own precision.
+
+    Args:
+        path: of the file.
+        network: built as its header says.
+        description: of the network; for messages.
+
+    Raises:
+        DetectorError: if the file is damaged, or its tensors do not fit the network or are not finite.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    try:
+        tensors = load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise DetectorError(f"{path}: is damaged ({error})") from None
+    wanted = network.state_dict()
+    wrong = sorted(
+        name
+        for name in wanted.keys() | tensors.keys()
+        if name not in wanted or name not in tensors or wanted[name].shape != tensors[name].shape
+    )
+    if wrong:
+        raise DetectorError(
+            f"{path}: its tensors are not those of {description}: {wrong[0]} and {len(wrong) - 1} more do not fit"
+        )
+    bad = next((name for name, value in tensors.items() if not bool(torch.isfinite(value.float()).all())), None)
+    if bad is not None:
+        raise DetectorError(f"{path}: {bad} holds NaN or infinity")
+    network.load_state_dict({name: value.to(wanted[name].dtype) for name, value in tensors.items()})
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,147 @@
+"""The training loop on a task that is solved by hand: a line fitted to points."""
+
+import json
+
+import pytest
+import torch
+
+from labeling.core.errors import SbmError, UsageError
+from labeling.training import loop
+from labeling.training.checkpoint import Progress, load_checkpoint
+from labeling.training.config import TrainingConfig
+from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE
+
+
+class Line(loop.TrainingTask[torch.Tensor]):
+    """Learns 3 x with noise from torch's generator, so that exact resume needs its state."""
+
+    def __init__(self, config: TrainingConfig, average: float = 0.0, scores: list[float] | None = None) -> None:
+        torch.manual_seed(config.seed)
+        self.config, self.average, self.scores = config, average, scores
+        self.network = torch.nn.Linear(1, 1, bias=False)
+        self.averaged = torch.nn.Linear(1, 1, bias=False).requires_grad_(False) if average else None
+        self.optimizer = torch.optim.SGD(self.network.parameters(), lr=1.0)
+        self.identity = {"learning_rate": config.learning_rate}
+        self.score_name = "score" if scores else ""
+        self.saved: list[int] = []
+
+    def batches(self, progress):
+        count = self.steps_of_epoch(progress)
+        return [
+            torch.full((4, 1), float(1 + step % 3)) for step in range(progress.iteration, progress.iteration + count)
+        ]
+
+    def losses(self, batch, step):
+        error = self.network(batch) - 3 * batch
+        return {"square": (error**2).mean(), "noise": (torch.randn(()) * self.network.weight).sum()}
+
+    def learning_rate(self, progress):
+        return self.config.learning_rate
+
+    def validate(self, progress):
+        return {"score": self.scores[len(progress.history)]} if self.scores else {}
+
+    def save(self, path, progress):
+        self.saved.append(progress.iteration)
+
+    def summary(self, record, progress):
+        return f"step {progress.iteration}"
+
+
+CONFIG = TrainingConfig(iterations=6, learning_rate=0.02, validate_every=2)
+
+
+def silent(line: str) -> None:
+    del line
+
+
+def test_one_step_is_that_of_gradient_descent(tmp_path):
+    task = Line(TrainingConfig(iterations=1, learning_rate=0.02))
+    before = task.network.weight.item()
+    state = torch.get_rng_state()
+    noise = torch.randn(()).item()
+    torch.set_rng_state(state)
+    loop.train(task, tmp_path, say=silent)
+    assert task.network.weight.item() == pytest.approx(before - 0.02 * (2 * (before - 3) + noise), rel=1e-5)
+
+
+def test_a_killed_run_ends_like_one_that_was_not(tmp_path):
+    class KilledError(Exception):
+        pass
+
+    def dies(line: str) -> None:
+        if line == "step 4":
+            raise KilledError
+
+    whole = Line(CONFIG, average=0.9)
+    loop.train(whole, tmp_path / "whole", say=silent)
+    with pytest.raises(KilledError):
+        loop.train(Line(CONFIG, average=0.9), tmp_path / "killed", say=dies)
+    lines: list[str] = []
+    resumed = Line(CONFIG, average=0.9)
+    loop.train(resumed, tmp_path / "killed", say=lines.append)
+    assert lines == ["going on from step 4", "step 6"]
+    assert torch.equal(whole.network.weight, resumed.network.weight)
+    assert torch.equal(whole.candidate.weight, resumed.candidate.weight)
+    assert not torch.equal(whole.network.weight, whole.candidate.weight)
+    histories = [json.loads((tmp_path / name / HISTORY_FILE).read_text()) for name in ("whole", "killed")]
+    assert histories[0] == histories[1]
+    assert [record["iteration"] for record in histories[0]] == [2, 4, 6]
+
+
+def test_the_best_is_kept_or_without_a_score_the_last(tmp_path):
+    scored, unscored = Line(CONFIG, scores=[0.2, 0.5, 0.1]), Line(CONFIG)
+    progress = loop.train(scored, tmp_path / "scored", say=silent)
+    assert scored.saved == [2, 4]
+    assert (progress.best, progress.best_iteration) == (0.5, 4)
+    loop.train(unscored, tmp_path / "unscored", say=silent)
+    assert unscored.saved == [2, 4, 6]
+
+
+def test_training_stops_when_the_score_is_flat(tmp_path):
+    task = Line(TrainingConfig(iterations=100, learning_rate=0.02, validate_every=1), scores=[0.2] * 100)
+    task.patience = 3
+    assert loop.train(task, tmp_path, say=silent).iteration == 4
+
+
+def test_the_running_average_is_one_of_weights(tmp_path):
+    task = Line(TrainingConfig(iterations=3, learning_rate=0.02, validate_every=1), average=0.15)
+    assert task.averaged is not None
+    expected = task.averaged.weight.item()
+    weights: list[float] = []
+    loop.train(task, tmp_path, say=lambda line: weights.append(task.network.weight.item()))
+    weights = weights[-3:]  # the first line may be a note
+    for step, weight in enumerate(weights):
+        decay = min(0.15, (1 + step) / (10 + step))
+        expected = decay * expected + (1 - decay) * weight
+    assert task.averaged.weight.item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_losses_that_are_no_numbers_and_folders_of_other_runs_are_refused(tmp_path):
+    loop.train(Line(CONFIG), tmp_path, say=silent)
+    with pytest.raises(UsageError, match="other data or settings"):
+        loop.train(Line(TrainingConfig(learning_rate=0.5)), tmp_path, say=silent)
+    (tmp_path / CHECKPOINT_FILE).write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(SbmError, match="is damaged"):
+        loop.train(Line(CONFIG), tmp_path, say=silent)
+    broken = Line(CONFIG)
+    torch.nn.init.constant_(broken.network.weight, float("nan"))
+    with pytest.raises(SbmError, match="training broke down in step 0"):
+        loop.train(broken, tmp_path / "broken", say=silent)
+
+
+@pytest.mark.parametrize(
+    "saved",
+    [
+        {"progress": {"iteration": 5, "best": 0.5, "best_iteration": 3, "history": [{"loss": 1.0}]}},
+        {"state": {"step": 5, "minutes": 2.5, "history": [{"step": 5}]}},  # of pre-training
+    ],
+)
+def test_checkpoints_written_before_are_gone_on_from(tmp_path, saved):
+    content = {name: json.dumps(value) for name, value in saved.items()}
+    torch.save({"identity": "{}", "network": {}, **content}, tmp_path / CHECKPOINT_FILE)
+    progress = load_checkpoint(tmp_path, "{}", "cpu", lambda state: None)
+    assert isinstance(progress, Progress)
+    assert progress.iteration == 5
+    assert len(progress.history) == 1
+    assert progress.minutes in (0.0, 2.5)
