@@ -23,7 +23,7 @@ def wall(distance_m: float) -> np.ndarray:
     return np.full((48, 64), distance_m, np.float32)
 
 
-def crop(depth, pose, box_xyxy, most=10_000):
+def cut(depth, pose, box_xyxy, most=10_000):
     left, top, right, bottom = map(float, box_xyxy)
     return make_frustum(depth, K, pose, (left, top, right, bottom), most, np.random.default_rng(0))
 

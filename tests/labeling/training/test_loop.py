@@ -18,7 +18,8 @@ class Line(loop.TrainingTask[torch.Tensor]):
     def __init__(self, config: TrainingConfig, average: float = 0.0, scores: list[float] | None = None) -> None:
         torch.manual_seed(config.seed)
         self.config, self.average, self.scores = config, average, scores
-        self.network = torch.nn.Linear(1, 1, bias=False)
+        self.line = torch.nn.Linear(1, 1, bias=False)
+        self.network = self.line
         self.averaged = torch.nn.Linear(1, 1, bias=False).requires_grad_(False) if average else None
         self.optimizer = torch.optim.SGD(self.network.parameters(), lr=1.0)
         self.identity = {"learning_rate": config.learning_rate}
@@ -33,7 +34,7 @@ class Line(loop.TrainingTask[torch.Tensor]):
 
     def losses(self, batch, step):
         error = self.network(batch) - 3 * batch
-        return {"square": (error**2).mean(), "noise": (torch.randn(()) * self.network.weight).sum()}
+        return {"square": (error**2).mean(), "noise": (torch.randn(()) * self.line.weight).sum()}
 
     def learning_rate(self, progress):
         return self.config.learning_rate
@@ -57,12 +58,12 @@ def silent(line: str) -> None:
 
 def test_one_step_is_that_of_gradient_descent(tmp_path):
     task = Line(TrainingConfig(iterations=1, learning_rate=0.02))
-    before = task.network.weight.item()
+    before = task.line.weight.item()
     state = torch.get_rng_state()
     noise = torch.randn(()).item()
     torch.set_rng_state(state)
     loop.train(task, tmp_path, say=silent)
-    assert task.network.weight.item() == pytest.approx(before - 0.02 * (2 * (before - 3) + noise), rel=1e-5)
+    assert task.line.weight.item() == pytest.approx(before - 0.02 * (2 * (before - 3) + noise), rel=1e-5)
 
 
 def test_a_killed_run_ends_like_one_that_was_not(tmp_path):
@@ -81,9 +82,10 @@ def test_a_killed_run_ends_like_one_that_was_not(tmp_path):
     resumed = Line(CONFIG, average=0.9)
     loop.train(resumed, tmp_path / "killed", say=lines.append)
     assert lines == ["going on from step 4", "step 6"]
-    assert torch.equal(whole.network.weight, resumed.network.weight)
-    assert torch.equal(whole.candidate.weight, resumed.candidate.weight)
-    assert not torch.equal(whole.network.weight, whole.candidate.weight)
+    assert torch.equal(whole.line.weight, resumed.line.weight)
+    average, resumed_average = (task.candidate.state_dict()["weight"] for task in (whole, resumed))
+    assert torch.equal(average, resumed_average)
+    assert not torch.equal(average, whole.line.weight)
     histories = [json.loads((tmp_path / name / HISTORY_FILE).read_text()) for name in ("whole", "killed")]
     assert histories[0] == histories[1]
     assert [record["iteration"] for record in histories[0]] == [2, 4, 6]
@@ -107,14 +109,14 @@ def test_training_stops_when_the_score_is_flat(tmp_path):
 def test_the_running_average_is_one_of_weights(tmp_path):
     task = Line(TrainingConfig(iterations=3, learning_rate=0.02, validate_every=1), average=0.15)
     assert task.averaged is not None
-    expected = task.averaged.weight.item()
+    expected = task.averaged.state_dict()["weight"].item()
     weights: list[float] = []
-    loop.train(task, tmp_path, say=lambda line: weights.append(task.network.weight.item()))
+    loop.train(task, tmp_path, say=lambda line: weights.append(task.line.weight.item()))
     weights = weights[-3:]  # the first line may be a note
     for step, weight in enumerate(weights):
         decay = min(0.15, (1 + step) / (10 + step))
         expected = decay * expected + (1 - decay) * weight
-    assert task.averaged.weight.item() == pytest.approx(expected, rel=1e-5)
+    assert task.averaged.state_dict()["weight"].item() == pytest.approx(expected, rel=1e-5)
 
 
 def test_losses_that_are_no_numbers_and_folders_of_other_runs_are_refused(tmp_path):
@@ -125,7 +127,7 @@ def test_losses_that_are_no_numbers_and_folders_of_other_runs_are_refused(tmp_pa
     with pytest.raises(SbmError, match="is damaged"):
         loop.train(Line(CONFIG), tmp_path, say=silent)
     broken = Line(CONFIG)
-    torch.nn.init.constant_(broken.network.weight, float("nan"))
+    torch.nn.init.constant_(broken.line.weight, float("nan"))
     with pytest.raises(SbmError, match="training broke down in step 0"):
         loop.train(broken, tmp_path / "broken", say=silent)
 
