@@ -3,10 +3,9 @@
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from labeling.detectors.finetuning.train_config import TrainConfig
-
 from experiments.cache.stages import RunContext, Scale
 from labeling.detectors.data.augment_config import AugmentConfig
+from labeling.detectors.finetuning.config import FinetuneConfig
 
 if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
@@ -24,7 +23,7 @@ class Size:
     validation scenes)."""
     photographs: tuple[int, int]
     """To replay, and held out to measure forgetting on."""
-    train: TrainConfig
+    train: FinetuneConfig
     augment: dict[str, AugmentConfig] = field(default_factory=lambda: dict.fromkeys(WORLDS, AugmentConfig()))
     """By world."""
     wide: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WORLDS, 1))
@@ -33,7 +32,7 @@ class Size:
     """Settings of training that differ where categories are learnt that no photograph has shown: that takes more than
     getting better at those that one knows."""
 
-    def train_new(self) -> TrainConfig:
+    def train_new(self) -> FinetuneConfig:
         """Settings of training with such categories."""
         return replace(self.train, **self.new)
 
@@ -47,13 +46,13 @@ SIZES: dict[Scale, Size] = {
     "smoke": Size(
         dict.fromkeys(WORLDS, (1, 1, 1)),
         (12, 6),
-        TrainConfig(iterations=4, validate_every=2, warmup=2),
+        FinetuneConfig(iterations=4, validate_every=2, warmup=2),
         dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
     ),
     "quick": Size(
         {"rooms": (40, 8, 16), "streets": (20, 5, 10)},
         (1200, 600),
-        TrainConfig(
+        FinetuneConfig(
             iterations=240,
             batch_size=8,
             optimizer="adamw",
@@ -75,7 +74,10 @@ SIZES: dict[Scale, Size] = {
         {"learning_rate": 6e-4, "replay_share": 0.3},
     ),
     "full": Size(
-        {"rooms": (60, 12, 20), "streets": (40, 8, 16)}, (6000, 600), TrainConfig(), wide={"rooms": 80, "streets": 36}
+        {"rooms": (60, 12, 20), "streets": (40, 8, 16)},
+        (6000, 600),
+        FinetuneConfig(),
+        wide={"rooms": 80, "streets": 36},
     ),
 }
 
