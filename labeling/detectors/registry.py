@@ -74,7 +74,8 @@ def load_named_network(name: str):
         UsageError: if this detector is no network of ours.
         DetectorError: if its weights are missing or damaged.
     """
-    from labeling.detectors.networks.weights import file_digest, load_network
+    from labeling.detectors.networks.weights import load_network
+    from labeling.training.weights import file_digest
 
     check_name(name)
     if name == "maskrcnn_resnet50_fpn":
