@@ -75,6 +75,8 @@ class IndoorBuiltinWorlds(_FromSeeds, IndoorWorlds):
 class OutdoorBuiltinWorlds(_FromSeeds, OutdoorWorlds):
     """Towns with vehicles, trees and street furniture made from seeds."""
 
+    profile: WorldProfile = OUTDOOR  # a field is that of the last of the bases' common ancestors if not said again
+
 
 @dataclass(frozen=True)
 class NamedWorlds:

@@ -11,7 +11,8 @@ import pytest
 import sbm_gym
 from labeling.core.errors import UsageError
 from sbm_gym import registration
-from sbm_gym.scenes.world_sources import WORLDS
+from sbm_gym.scenes.profiles import INDOOR, OUTDOOR
+from sbm_gym.scenes.world_sources import WORLDS, world_source
 from sbm_gym.worlds.rooms import indoor
 
 
@@ -71,3 +72,8 @@ def test_the_root_lists_what_it_gives_and_stays_light():
     heavy = "import sys, sbm_gym; print([m for m in ('mujoco', 'torch', 'open3d', 'numba', 'cv2') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(("kind", "profile"), [("indoor", INDOOR), ("outdoor", OUTDOOR)])
+def test_worlds_of_builtin_models_have_the_profile_of_their_kind(kind, profile):
+    assert world_source(kind).profile == world_source(f"{kind}-builtin").profile == profile
