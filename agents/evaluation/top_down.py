@@ -36,8 +36,8 @@ class Plan:
 def seen_from_above(env: FixationEnv) -> Plan:
     """The plan of the scene that the env is in."""
     outlines = tuple((one.category, one.box_3d.corners()[[0, 2, 6, 4], :2]) for one in env.scene.world.objects)
-    ring_m = max(0.45 * env.profile.ring_m[0], 0.9 * env.stride_m)
-    return Plan(env.navigable, outlines, env.stride_m, ring_m)
+    ring_m = max(0.45 * env.profile.ring_m[0], 0.9 * env.knowledge.stride_m)
+    return Plan(env.knowledge.navigable, outlines, env.knowledge.stride_m, ring_m)
 
 
 def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> None:

@@ -93,7 +93,7 @@ def run_episode(
             }
             for known in info["confirmed_objects"]
         ],
-        "num_sectors": inner_env(env).num_azimuths,
+        "num_sectors": inner_env(env).knowledge.view_bins.num_azimuths,
         "steps": steps,
     }
     return record, captures

@@ -14,26 +14,23 @@ from sbm_gym.env.state_vector import (
     free_distances_m,
     state_vector,
 )
-from sbm_gym.robot.object_memory import KnownObject, ViewBins
+from sbm_gym.robot.object_memory import KnownObject
 from sbm_gym.scenes.profiles import ObservationScales
 
 
-def observation(
-    simulation: Simulation, num_views: int, bins: ViewBins, scales: ObservationScales
-) -> dict[str, np.ndarray]:
+def observation(simulation: Simulation, scales: ObservationScales) -> dict[str, np.ndarray]:
     """What the robot sees and knows now, as the observation space has it.
 
     Args:
         simulation: after its latest look.
-        num_views: steps of the episode.
-        bins: how views of an object are told apart.
         scales: lengths that the observation is scaled by.
     """
-    body, target, update = simulation.scene.body, simulation.robot.target, simulation.update
-    others = [known for known in simulation.robot.objects if known is not target]
+    robot, body, update = simulation.robot, simulation.scene.body, simulation.update
+    target = robot.target
+    others = [known for known in robot.objects if known is not target]
     others.sort(key=lambda known: float(np.linalg.norm((known.centroid_m - body.camera_to_world[:3, 3])[:2])))
     told = others[:OTHERS] + ([] if target is None else [target])
-    situation = StateInputs(
+    inputs = StateInputs(
         yaw_rad=body.yaw_rad,
         tilt_rad=body.tilt_rad,
         camera_m=body.camera_to_world[:3, 3],
@@ -41,13 +38,13 @@ def observation(
         target_visible=target is not None and target.object_id in update.visible,
         target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
         others=tuple((known, known.object_id in update.visible) for known in others[:OTHERS]),
-        open_sectors={known.object_id: simulation.robot.open_sectors(known) for known in told},
-        candidates=tuple(simulation.robot.view_history.candidates),
-        num_confirmed=len(simulation.robot.objects),
+        open_sectors={known.object_id: robot.open_sectors(known) for known in told},
+        candidates=tuple(robot.view_history.candidates),
+        num_confirmed=len(robot.objects),
         collided=simulation.collided,
-        time_left=max(0.0, 1.0 - simulation.step_index / num_views),
-        free_m=free_distances_m(simulation.scene.world.navigable, body.position_m, body.yaw_rad, scales.free_reach_m),
-        unseen=simulation.robot.seen_floor.unseen_around(
+        time_left=max(0.0, 1.0 - simulation.step_index / simulation.num_views),
+        free_m=free_distances_m(robot.navigable, body.position_m, body.yaw_rad, scales.free_reach_m),
+        unseen=robot.seen_floor.unseen_around(
             body.position_m, body.yaw_rad, tuple(UNSEEN_STRIDES.values()), UNSEEN_DIRECTIONS
         ),
     )
@@ -55,20 +52,19 @@ def observation(
     return {
         "rgb": frame.rgb.copy(),
         "depth": encode_depth(frame.depth_m, scales.depth_level_m),
-        "state": state_vector(situation, bins, scales),
+        "state": state_vector(inputs, robot.view_bins, scales),
     }
 
 
-def info(simulation: Simulation, terms: dict[str, float], num_azimuths: int) -> dict[str, Any]:
+def info(simulation: Simulation, terms: dict[str, float]) -> dict[str, Any]:
     """Everything about the robot that is not in the observation.
 
     Args:
         simulation: after its latest look.
         terms: of the reward, by name.
-        num_azimuths: sectors around an object.
     """
-    body, target = simulation.scene.body, simulation.robot.target
-    known = [_describe(known, simulation) for known in simulation.robot.objects]
+    robot, body, target = simulation.robot, simulation.scene.body, simulation.robot.target
+    known = [_describe(known, simulation) for known in robot.objects]
     return {
         "scene": simulation.scene.name,
         "detections": list(simulation.detections),
@@ -86,7 +82,7 @@ def info(simulation: Simulation, terms: dict[str, float], num_azimuths: int) -> 
         },
         "collided": simulation.collided,
         "is_success": bool(known),
-        "coverage": max((len(k.azimuths) for k in simulation.robot.objects), default=0) / num_azimuths,
+        "coverage": max((len(k.azimuths) for k in robot.objects), default=0) / robot.view_bins.num_azimuths,
         "path_length_m": simulation.path_m,
     }
 

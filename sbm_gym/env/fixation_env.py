@@ -18,14 +18,13 @@ from sbm_gym.env.simulation import Simulation, SimulationConfig
 from sbm_gym.env.state_vector import state_names
 from sbm_gym.env.view_detectors import make_detector
 from sbm_gym.env.viewer_window import ViewerWindow, check_screen, screen_available
-from sbm_gym.rendering.third_person import AgentTrace, ThirdPersonView
+from sbm_gym.rendering.third_person import ThirdPersonView
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
-from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
+from sbm_gym.robot.object_memory import MemoryConfig
 from sbm_gym.robot.state import RobotConfig
 from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.scenes.world_sources import chosen_source
-from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 NUM_VIEWS = 25
 """Views of an episode (thesis 5.1.1)."""
@@ -58,7 +57,7 @@ class FixationEnv(gym.Env, EzPickle):
     centroid in the middle of the picture; a gaze yaw of a is 45 a + 135 a^3 degrees from it (0.1 is 4.6 degrees, 0.5 is
     39). The fixation target is at first the first confirmed object (the most confident one of the first view that has
     any); another visible one takes its place once it is nearer to the middle of the picture by 10 degrees.
-    `env.unwrapped.fixate(object_id)` chooses one outright.
+    `env.unwrapped.knowledge.fixate(object_id)` chooses one outright.
 
     ## Observation Space
     `Dict` of
@@ -186,14 +185,13 @@ class FixationEnv(gym.Env, EzPickle):
             detector_size=detector_size or self.profile.capture_size,
             gaze=gaze,
         )
-        self._bins = robot.memory.bins
         self._num_views, self._episodes_per_scene = num_views, episodes_per_scene
         self._cache = SceneCache(self._source, renderer, body, scene_cache)
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
-        self.state_names = state_names(self._bins)
+        self.state_names = state_names(robot.memory.bins)
         """What the entries of the ``state`` observation mean."""
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
-        self.observation_space = observation_space(*self._config.image_size, self._bins)
+        self.observation_space = observation_space(*self._config.image_size, robot.memory.bins)
         self._simulation: Simulation | None = None
         self._third_person: tuple[Scene, ThirdPersonView] | None = None
         self._window = ViewerWindow()
@@ -278,38 +276,9 @@ class FixationEnv(gym.Env, EzPickle):
         return self._detector.categories
 
     @property
-    def stride_m(self) -> float:
-        """Longest move of one step."""
-        return self._config.robot.stride_m
-
-    @property
-    def num_azimuths(self) -> int:
-        """Into how many sectors the directions around an object are divided."""
-        return self._bins.num_azimuths
-
-    def azimuth_bin(self, azimuth_rad: float) -> int:
-        """The sector of a direction from an object, counter-clockwise from +X."""
-        return self._bins.azimuth_bin(azimuth_rad)
-
-    @property
     def knowledge(self) -> RobotKnowledge:
         """What a policy may ask of the robot in this episode, typed and without the simulator's ground truth."""
-        return self.simulation.knowledge
-
-    @property
-    def memory(self) -> ObjectMemory:
-        """What the robot knows about objects."""
-        return self.simulation.robot.memory
-
-    @property
-    def navigable(self) -> NavigableMap:
-        """The map the robot navigates by."""
-        return self.scene.world.navigable
-
-    @property
-    def episode(self) -> Simulation:
-        """Old name, for the policies until they ask ``knowledge``."""
-        return self.simulation
+        return self.simulation.robot
 
     @property
     def scene(self) -> Scene:
@@ -326,14 +295,6 @@ class FixationEnv(gym.Env, EzPickle):
         if self._simulation is None:
             raise gym.error.ResetNeeded("call reset() first: there is no scene yet")
         return self._simulation
-
-    def fixate(self, object_id: int) -> None:
-        """Makes another confirmed object the fixation target, from the next step on.
-
-        Raises:
-            ValueError: if no object with this id has been confirmed.
-        """
-        self.knowledge.fixate(object_id)
 
     def capture(self, height_px: int | None = None, width_px: int | None = None) -> Capture:
         """A full frame of the current view. Changes nothing: the rollout goes on as if it had not been taken.
@@ -369,10 +330,10 @@ class FixationEnv(gym.Env, EzPickle):
         return start[:2], float(start[2]) if len(start) == 3 else yaw_rad
 
     def _observation(self) -> dict[str, np.ndarray]:
-        return episode_report.observation(self.simulation, self.num_views, self._bins, self.profile.scales)
+        return episode_report.observation(self.simulation, self.profile.scales)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        return episode_report.info(self.simulation, terms, self.num_azimuths)
+        return episode_report.info(self.simulation, terms)
 
     def _view_from_outside(self) -> np.ndarray:
         scene = self.scene
@@ -381,12 +342,8 @@ class FixationEnv(gym.Env, EzPickle):
                 self._third_person[1].close()
             view = ThirdPersonView(scene.model, self._cache.make_renderer, float(scene.body.camera_to_world[2, 3]))
             self._third_person = (scene, view)
-        return self._third_person[1].draw(scene.data, self._trace(), *self._render_size)
+        return self._third_person[1].draw(scene.data, self.simulation.trace(), *self._render_size)
 
     def _show_human(self) -> None:
         if self.render_mode == "human":
-            self._window.show(self.scene.model, self.scene.data, self._trace())
-
-    def _trace(self) -> AgentTrace:
-        """What a picture from outside shows of the robot."""
-        return self.simulation.trace()
+            self._window.show(self.scene.model, self.scene.data, self.simulation.trace())

@@ -11,12 +11,8 @@ from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
 from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
 from sbm_gym.rendering.third_person import AgentTrace, ShownObject
-from sbm_gym.robot.knowledge import RobotKnowledge
-from sbm_gym.robot.object_memory import KnownObject, MemoryUpdate
-from sbm_gym.robot.seen_floor import SeenFloor
-from sbm_gym.robot.seen_space import SeenSpace
+from sbm_gym.robot.object_memory import MemoryUpdate
 from sbm_gym.robot.state import DepthImage, RobotConfig, RobotState
-from sbm_gym.robot.view_history import ViewHistory
 from sbm_gym.scenes.compiled import Scene
 
 GAZES = ("fixate", "free")
@@ -65,37 +61,11 @@ class Simulation:
         self.scene, self._config, self._detector, self._entropy = scene, config, detector, entropy
         self.robot = RobotState(config.robot, scene.world.navigable, position_m, num_views)
         """What the robot knows."""
-        self.step_index, self.collided, self.path_m = 0, False, 0.0
+        self.num_views, self.step_index, self.collided, self.path_m = num_views, 0, False, 0.0
         scene.body.place(position_m, yaw_rad, config.robot.rest_tilt_rad)
         self._places_m = [position_m]
         self.update = self._look()
         """What the last look taught it."""
-
-    @property
-    def knowledge(self) -> RobotKnowledge:
-        """What a policy may ask of the robot."""
-        return self.robot
-
-    # Old names, for the policies until they ask ``knowledge``.
-    @property
-    def looked(self) -> ViewHistory:
-        """Old name of ``knowledge.view_history``."""
-        return self.robot.view_history
-
-    @property
-    def floor(self) -> SeenFloor:
-        """Old name of ``knowledge.seen_floor``."""
-        return self.robot.seen_floor
-
-    @property
-    def space(self) -> SeenSpace:
-        """Old name of ``knowledge.seen_space``."""
-        return self.robot.seen_space
-
-    @property
-    def target(self) -> KnownObject | None:
-        """Old name of ``knowledge.target``."""
-        return self.robot.target
 
     def act(self, action: Float[np.ndarray, "4"]) -> None:
         """Moves, turns the camera, looks.

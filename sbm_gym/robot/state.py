@@ -66,7 +66,7 @@ class RobotState:
         self.seen_floor = SeenFloor(navigable, start_m, config.stride_m, config.memory.max_depth_m)
         size_m = np.array(navigable.free.shape[::-1]) * navigable.cell_m
         self.seen_space = SeenSpace(navigable.origin_m, navigable.origin_m + size_m, config.seen_cell_m)
-        self.memory = ObjectMemory(config.memory)
+        self._memory = ObjectMemory(config.memory)
         self._steps_left = num_views + 1
         self._target_id: int | None = None
         self._camera_to_world: Float[np.ndarray, "4 4"] = np.eye(4)
@@ -93,7 +93,7 @@ class RobotState:
         """
         self._camera_to_world = camera_to_world
         self._steps_left -= 1
-        update = self.memory.observe(detections, detected_in.depth_m, detected_in.intrinsics, camera_to_world)
+        update = self._memory.observe(detections, detected_in.depth_m, detected_in.intrinsics, camera_to_world)
         self.view_history.add(update.unconfirmed, self.objects, camera_to_world)
         self.seen_floor.add(seen.depth_m, seen.intrinsics, camera_to_world)
         self.seen_space.add(seen.depth_m, seen.intrinsics, camera_to_world)
@@ -108,7 +108,7 @@ class RobotState:
     @property
     def objects(self) -> list[KnownObject]:
         """The confirmed objects."""
-        return self.memory.objects
+        return self._memory.objects
 
     @property
     def target(self) -> KnownObject | None:

@@ -292,7 +292,7 @@ def test_look_points_the_camera_where_it_was_told():
             wanted = rng.uniform(-np.pi, np.pi)
             before = info["agent"]["yaw_rad"]
             step = rng.uniform(-0.1, 0.1, 2)
-            _, _, _, _, info = env.step(move_and_look(info, env.unwrapped.stride_m, step, wanted, -0.3))
+            _, _, _, _, info = env.step(move_and_look(info, env.unwrapped.knowledge.stride_m, step, wanted, -0.3))
             if info["collided"]:
                 continue
             miss = abs(wrap(info["agent"]["yaw_rad"] - wanted))

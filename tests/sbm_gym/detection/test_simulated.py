@@ -31,7 +31,9 @@ def views() -> list[tuple[SimulatedView, dict[int, str]]]:
         env.reset(seed=0, options={"scene": scene})
         categories = {instance.instance_id: instance.category for instance in env.scene.world.objects}
         for _ in range(120):
-            env.scene.body.place(env.navigable.random_point(rng), rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.0))
+            env.scene.body.place(
+                env.knowledge.navigable.random_point(rng), rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.0)
+            )
             view = env.simulation.draw(84, 84, antialias=False)
             camera_to_world = env.scene.body.camera_to_world
             observed = env.scene.surfaces.observe(view.instance_map, view.intrinsics, camera_to_world)

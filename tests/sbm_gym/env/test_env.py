@@ -22,6 +22,7 @@ from sbm_gym.env.observations import decode_depth, encode_depth
 from sbm_gym.env.rewards import RewardWeights
 from sbm_gym.env.state_vector import free_distances_m
 from sbm_gym.registration import ENV_IDS, register_envs
+from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
 
 from ..box_rooms import BoxRooms
@@ -307,7 +308,7 @@ def test_state_tells_of_objects_and_candidates_what_info_says_of_them():
             for name, known in named.items():
                 check_place(state, name, known["centroid_m"], agent)
                 offset = known["centroid_m"] - eye
-                here = env.azimuth_bin(float(np.arctan2(-offset[1], -offset[0])))
+                here = env.knowledge.view_bins.azimuth_bin(float(np.arctan2(-offset[1], -offset[0])))
                 covered = {(sector - here) % 18 for sector in known["azimuths"]}
                 assert {k for k in range(18) if state[f"{name}_sector_{k}_covered"]} == covered
                 assert state[f"{name}_azimuths_covered"] == pytest.approx(len(covered) / 18)
@@ -340,13 +341,13 @@ def test_open_sectors_are_those_with_a_place_to_see_the_object_from():
                 continue
             centre, known = target["centroid_m"], env.knowledge
             away = info["agent"]["camera_to_world"][:2, 3] - centre[:2]
-            here = env.azimuth_bin(float(np.arctan2(away[1], away[0])))
+            here = env.knowledge.view_bins.azimuth_bin(float(np.arctan2(away[1], away[0])))
             for k in range(18):
                 angle = np.deg2rad(((here + k) % 18) * 20 + 10)
                 places = [centre[:2] + d * np.array([np.cos(angle), np.sin(angle)]) for d in (1.3, 1.8)]
                 stop_short = 0.25 + 0.5 * float(np.max(target["extent_m"]))
                 expected = any(
-                    env.navigable.is_free(place)
+                    env.knowledge.navigable.is_free(place)
                     and bool(known.seen_space.sees(np.array([[*place, 1.5]]), centre, stop_short)[0])
                     for place in places
                 )
@@ -372,10 +373,12 @@ def check_place(state, name, point, agent):
 
 def test_free_space_is_what_the_map_says(env):
     env.reset(seed=0, options={"scene": "box_0", "start": (-1.0, -1.5, 0.0)})
-    free = free_distances_m(env.navigable, np.array([-1.0, -1.5]), 0.0)
+    free = free_distances_m(env.knowledge.navigable, np.array([-1.0, -1.5]), 0.0)
     for k, distance in enumerate(free):
         direction = np.array([np.cos(k * np.pi / 8), np.sin(k * np.pi / 8)])
-        assert env.navigable.line_is_free(np.array([-1.0, -1.5]), np.array([-1.0, -1.5]) + 0.95 * distance * direction)
+        assert env.knowledge.navigable.line_is_free(
+            np.array([-1.0, -1.5]), np.array([-1.0, -1.5]) + 0.95 * distance * direction
+        )
     # A wall 1.5 m behind the robot's right, less its radius and a cell of the map.
     assert free[12] == pytest.approx(1.5 - 0.18, abs=0.08)
 
@@ -437,9 +440,9 @@ def test_scene_options_and_reuse(env):
 
 def test_environments_survive_pickling(env):
     copy = pickle.loads(pickle.dumps(FixationEnv(BoxRooms(), stride_m=0.3, num_views=9)))
-    assert copy.stride_m == 0.3
-    assert copy.num_views == 9
     copy.reset(seed=0)
+    assert copy.knowledge.stride_m == 0.3
+    assert copy.num_views == copy.knowledge.views_left == 9
 
 
 @pytest.mark.parametrize(
@@ -458,8 +461,8 @@ def test_render_draws_the_current_view(mode, dtype, shape):
 def test_fixate_changes_the_target_and_refuses_unknown_objects(env):
     confirmed_env(env)
     with pytest.raises(ValueError, match="no confirmed object 99"):
-        env.fixate(99)
-    env.fixate(0)
+        env.knowledge.fixate(99)
+    env.knowledge.fixate(0)
 
 
 def test_vector_environments_run():
@@ -493,3 +496,20 @@ def test_unseen_models_reach_whoever_builds_the_scenes(env_id, unseen_models, mo
 def test_a_source_of_worlds_decides_by_itself_which_models_are_unseen():
     with pytest.raises(ValueError, match="unseen_models goes with worlds given by name"):
         FixationEnv(BoxRooms(), unseen_models=True)
+
+
+def test_what_policies_may_ask_is_what_the_contract_names_and_stays_up_to_date(env):
+    names = {name for name in vars(RobotKnowledge) if not name.startswith("_")}
+    env.reset(seed=0)
+    robot = env.knowledge
+    assert {name for name in names if hasattr(robot, name)} == names
+    assert not {name for name in names if "scene" in name or "world" in name or "truth" in name}
+    for step in range(4):
+        assert robot.views_left == env.num_views - step
+        _, _, _, _, info = env.step(env.action_space.sample())
+        assert env.knowledge is robot
+        assert [known.object_id for known in robot.objects] == [o["object_id"] for o in info["confirmed_objects"]]
+        assert (robot.target is None) == (info["fixation_target"] == {})
+    env.reset(seed=1)
+    assert env.knowledge is not robot
+    assert env.knowledge.views_left == env.num_views
