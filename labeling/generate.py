@@ -79,18 +79,18 @@ def run(config: GenerateConfig) -> None:
     folders = find_episodes(config.dataset, config.recording)
     _check_out(config.out, config.dataset)
     job = Job(config.dataset, config.out, config.recording, config.sources, config.label, inputs)
-    states = []
+    results = []
     bar = tqdm(total=len(folders), desc="labelling", unit="episode", delay=2.0, leave=False, file=sys.stderr)
     with bar, closing(label_all(job, folders, config.workers)) as found:
-        for state in found:
+        for result in found:
             bar.update()
-            states.append(state)
-            _tell(state)
+            results.append(result)
+            _print_notes(result)
     if config.share_scenes:
         from labeling.generator.sharing.share_scenes import share_scenes
 
         progress = partial(tqdm, desc="sharing", unit="episode", delay=2.0, leave=False, file=sys.stderr)
-        states = share_scenes(job, states, progress)
+        results = share_scenes(job, results, progress)
     about = {
         **describe(config.label),
         "share_scenes": config.share_scenes,
@@ -99,21 +99,21 @@ def run(config: GenerateConfig) -> None:
             name: str(value) if isinstance(value, Path) else value for name, value in asdict(config.sources).items()
         },
     }
-    write_label_set(config.out, config.dataset, config.label, states, about)
-    _report(config, states)
-    failed = sum(state.record is None for state in states)
+    write_label_set(config.out, config.dataset, config.label, results, about)
+    _report(config, results)
+    failed = sum(result.record is None for result in results)
     if failed:
-        raise SbmError(f"{failed} of {len(states)} episodes could not be labelled, for the reasons above")
+        raise SbmError(f"{failed} of {len(results)} episodes could not be labelled, for the reasons above")
 
 
-def _tell(state: "EpisodeResult") -> None:
+def _print_notes(result: "EpisodeResult") -> None:
     """Says on stderr, beside the progress bar, what a user should know about an episode."""
     from tqdm import tqdm
 
-    for note in [] if state.record is None else state.record["notes"]:
-        tqdm.write(f"note: {state.name}: {note}", file=sys.stderr)
-    if state.error is not None:
-        tqdm.write(f"error: {state.error}", file=sys.stderr)
+    for note in () if result.record is None else result.record.notes:
+        tqdm.write(f"note: {result.name}: {note}", file=sys.stderr)
+    if result.error is not None:
+        tqdm.write(f"error: {result.error}", file=sys.stderr)
 
 
 def _check_out(out: Path, dataset: Path) -> None:
@@ -125,11 +125,11 @@ def _check_out(out: Path, dataset: Path) -> None:
         raise UsageError(f"--out {out}: cannot make this folder ({error})") from None
 
 
-def _report(config: GenerateConfig, states: "list[EpisodeResult]") -> None:
-    records = [state.record for state in states if state.record is not None]
-    views = sum(len(record["file_names"]) for record in records)
-    objects = sum(len(record["objects"]) for record in records)
-    labels = sum(label["modal"] is not None for record in records for label in record["labels"])
+def _report(config: GenerateConfig, results: "list[EpisodeResult]") -> None:
+    records = [result.record for result in results if result.record is not None]
+    views = sum(len(record.file_names) for record in records)
+    objects = sum(len(record.objects) for record in records)
+    labels = sum(label.modal is not None for record in records for label in record.labels)
     print(f"{objects} objects, {labels} masks in {views} views of {len(records)} episodes")
     if objects == 0 and records:
         print(f"note: no object reached --confident {config.label.confident:g}; a lower threshold may find sources")

@@ -43,13 +43,13 @@ class Job:
 
     def label_episode(self, folder: Path) -> "EpisodeResult":
         """Labels one episode and writes its record and cloud, or takes what an earlier run has left."""
-        from labeling.generator.label_writer import EpisodeResult, episode_record, fingerprint, read_record
+        from labeling.generator.label_writer import EpisodeResult, fingerprint
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
         from labeling.io.episodes import read_episode
         from labeling.io.file_names import cloud_file
-        from labeling.io.formats.atomic import write_json
         from labeling.io.formats.ply import write_ply
+        from labeling.io.label_records import episode_record, read_record, write_record
 
         name = folder.resolve().name
         relative = self.relative(folder)
@@ -66,10 +66,10 @@ class Job:
                 labels = propagate(episode, sources.detections, self.label)
                 cloud = labels.cloud
                 write_ply(points_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
-                record = episode_record(episode, labels, name, mark, sources.origin, (*episode.notes, *sources.notes))
+                record = episode_record(episode, labels, mark, sources.origin, (*episode.notes, *sources.notes))
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)
-                write_json(record_file, record)
+                write_record(record_file, record)
         except SbmError as error:
             return EpisodeResult(name, relative, None, str(error))
         except OSError as error:

@@ -7,12 +7,12 @@ None is on unless asked for; ``--preset released`` turns all of them on.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
 from labeling.core.types import PseudoLabel
+from labeling.io.label_records import EpisodeRecord
 
 MAX_CIRCLE = 0.5
 """Radius of the largest circle around a triangle of an outline, in sides of the mask's box: 1 / alpha, alpha 2."""
@@ -138,15 +138,13 @@ def in_one_piece(mask: Bool[np.ndarray, "h w"]) -> bool:
     return len(np.unique(connected_components(graph)[1][inside])) == 1
 
 
-def with_amodal_boxes(record: dict[str, Any]) -> dict[str, Any]:
-    """An episode's record (``label_writer.episode_record``) with the box of the whole object at each mask."""
-    labels = [
-        {**label, "modal": {**label["modal"], "bbox": label["amodal"]["bbox"]}}
-        if label["modal"] is not None and label["amodal"] is not None
-        else label
-        for label in record["labels"]
-    ]
-    return {**record, "labels": labels}
+def with_amodal_boxes(record: EpisodeRecord) -> EpisodeRecord:
+    """An episode's record with the box of the whole object at each mask."""
+    labels = (
+        replace(label, modal=replace(label.modal, bbox=label.amodal.bbox)) if label.modal and label.amodal else label
+        for label in record.labels
+    )
+    return replace(record, labels=tuple(labels))
 
 
 def paint_in_order(drawn: Bool[np.ndarray, "k h w"]) -> Int32[np.ndarray, "h w"]:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from labeling.core.episode import Episode
 from labeling.core.episode_labels import LabelledObject
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.rle import decode_mask
-from labeling.core.types import Box3d, PseudoLabel
+from labeling.core.types import PseudoLabel
 from labeling.generator.label_jobs import Job
-from labeling.generator.label_writer import EpisodeResult, label_record, object_record
+from labeling.generator.label_writer import EpisodeResult
 from labeling.generator.sharing.scene_objects import (
     ObjectMasks,
     ObjectObservation,
@@ -26,39 +27,47 @@ from labeling.io.episodes import read_episode
 from labeling.io.file_names import cloud_file
 from labeling.io.formats.checked_json import read_json
 from labeling.io.formats.ply import read_ply
+from labeling.io.label_records import EpisodeRecord, LabelRecord, ObjectRecord
 
 MIN_CONFIDENCE = 0.6
-"""Objects less sure than this stay with the episode that found them."""
+"""Objects less confident than this stay with the episode that found them."""
 EXPLAINED_SHARE = 0.3
-"""Share of an object's pixels in a view from which on the labels that are there already explain it."""
+"""Share of an object's pixels in a view from which on the labels that are there are taken to be of it."""
 
 
 def share_scenes(
-    job: Job, states: Sequence[EpisodeResult], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
+    job: Job, results: Sequence[EpisodeResult], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
 ) -> list[EpisodeResult]:
     """Labels what one episode of a scene has found in the others, too.
 
     Args:
         job: what the episodes were labelled with; their clouds are there.
-        states: how it went with each.
-        progress: wraps the sequence of states, to draw a progress bar.
+        results: how it went with each.
+        progress: wraps the sequence of results, to draw a progress bar.
 
     Returns:
-        The states, with records that have more objects and labels. Episodes whose ``episode.json`` names no scene, and
+        The results, with records that have more objects and labels. Episodes whose ``episode.json`` names no scene, and
         those alone in theirs, are as before.
 
     Raises:
         EpisodeFormatError: if an ``episode.json`` or a cloud is malformed.
     """
-    folders = {state.name: job.dataset / state.folder for state in states}
-    scene_of = {state.name: _scene(folders[state.name]) for state in states if state.record is not None}
+    folders = {one.name: job.dataset / one.folder for one in results}
+    scene_of = {one.name: _scene(folders[one.name]) for one in results if one.record is not None}
     observations: dict[tuple[str, ...], list[ObjectObservation]] = defaultdict(list)
-    for state in states:
-        scene = scene_of.get(state.name)
-        if scene is not None:
-            observations[scene].extend(_observations(job, state))
+    for one in results:
+        scene = scene_of.get(one.name)
+        if scene is not None and one.record is not None:
+            observations[scene].extend(_observations(job, one, one.record))
     objects = {scene: associate_observations(found) for scene, found in observations.items()}
-    return [_with_shared(job, state, folders[state.name], objects, scene_of) for state in progress(states)]
+    shared = []
+    for one in progress(results):
+        scene = scene_of.get(one.name)
+        missing = [] if scene is None else [other for other in objects[scene] if not other.is_found_in(one.name)]
+        if missing and one.record is not None:
+            one = _with_shared(job, folders[one.name], one, one.record, missing)
+        shared.append(one)
+    return shared
 
 
 def _scene(folder: Path) -> tuple[str, ...] | None:
@@ -72,95 +81,78 @@ def _scene(folder: Path) -> tuple[str, ...] | None:
     return (about.text("world") if about.has("world") else "", about.text("scene"))
 
 
-def _observations(job: Job, state: EpisodeResult) -> Iterator[ObjectObservation]:
-    """The objects of an episode that are sure enough to be told to others."""
-    file = cloud_file(job.out, state.name)
+def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Iterator[ObjectObservation]:
+    """The objects of an episode that are confident enough to be shared."""
+    file = cloud_file(job.out, result.name)
     try:
         cloud = read_ply(file)
     except (OSError, ValueError) as error:
         raise EpisodeFormatError(f"{error}; delete {file} and label again") from None
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
-    for one in (state.record or {})["objects"]:
-        if one["score"] >= MIN_CONFIDENCE:
-            box = Box3d(*(np.asarray(one[name], float) for name in ("centre", "extent", "rotation")))
-            own = points[cloud["label"] == one["instance_id"]]
-            source = one["sources"][0]
+    for one in record.objects:
+        if one.score >= MIN_CONFIDENCE:
             yield ObjectObservation(
-                state.name,
-                one["instance_id"],
-                one["category"],
-                one["score"],
-                box,
-                own,
-                source["view_index"],
-                source["confidence"],
+                episode=result.name,
+                instance_id=one.instance_id,
+                category=one.category,
+                confidence=one.score,
+                box_3d=one.box_3d,
+                points=points[cloud["label"] == one.instance_id],
+                source_view_index=one.sources[0].view_index,
+                source_confidence=one.sources[0].confidence,
             )
 
 
 def _with_shared(
-    job: Job,
-    state: EpisodeResult,
-    folder: Path,
-    objects: dict[tuple[str, ...], list[SceneObject]],
-    scene_of: dict[str, tuple[str, ...] | None],
+    job: Job, folder: Path, result: EpisodeResult, record: EpisodeRecord, missing: Sequence[SceneObject]
 ) -> EpisodeResult:
-    scene = scene_of.get(state.name)
-    missing = [] if scene is None else [one for one in objects[scene] if not one.is_found_in(state.name)]
-    if state.record is None or not missing:
-        return state
+    """The result with the objects of its scene that it is missing, as far as its views show them."""
     episode = read_episode(folder, job.recording, ground_truth=False)
-    record = state.record
-    own = _labelled(record, episode.num_views, episode.size)
-    next_id = 1 + max((one["instance_id"] for one in record["objects"]), default=0)
     found: dict[int, list[tuple[int, ObjectMasks]]] = defaultdict(list)
-    for view, known in enumerate(own):
-        seen = project_objects(missing, episode.depth_m[view], episode.camera(view))
-        for number, one in enumerate(seen):
-            if one is None or np.count_nonzero(one.modal) < job.label.min_mask_px or _is_explained(one, known):
+    for view, labelled in enumerate(_labelled(record, episode)):
+        masks_of = project_objects(missing, episode.depth_m[view], episode.camera(view))
+        for number, masks in enumerate(masks_of):
+            if masks is None or np.count_nonzero(masks.modal) < job.label.min_mask_px or _is_explained(masks, labelled):
                 continue
-            found[number].append((view, one))
-            known |= one.modal
-    objects_here, labels_here = [], []
-    for instance_id, number in enumerate(sorted(found), start=next_id):
-        objects_here.append(_object(missing[number], instance_id))
-        labels_here += [_label(missing[number], view, instance_id, one) for view, one in found[number]]
-    shared = {
-        "objects": [*record["objects"], *objects_here],
-        "labels": sorted([*record["labels"], *labels_here], key=lambda label: label["view"]),
-        "categories": list(dict.fromkeys([*record["categories"], *(one["category"] for one in objects_here)])),
-    }
-    return replace(state, record={**record, **shared})
-
-
-def _labelled(record: dict[str, Any], views: int, size: tuple[int, int]) -> Bool[np.ndarray, "views h w"]:
-    """What an episode's own labels cover."""
-    found = np.zeros((views, *size), bool)
-    for label in record["labels"]:
-        if label["modal"] is not None:
-            found[label["view"]] |= decode_mask(label["modal"]["segmentation"])
-    return found
-
-
-def _is_explained(found: ObjectMasks, known: Bool[np.ndarray, "h w"]) -> bool:
-    return bool(np.count_nonzero(found.modal & known) > EXPLAINED_SHARE * np.count_nonzero(found.modal))
-
-
-def _object(one: SceneObject, instance_id: int) -> dict[str, Any]:
-    best = one.best
-    here = LabelledObject(instance_id, best.category, best.confidence, best.box_3d, sources=())
-    return {**object_record(here), "shared_from": {"episode": best.episode, "instance_id": best.instance_id}}
-
-
-def _label(one: SceneObject, view: int, instance_id: int, found: ObjectMasks) -> dict[str, Any]:
-    best = one.best
-    here = PseudoLabel(
-        view,
-        instance_id,
-        best.category,
-        best.confidence,
-        found.modal,
-        found.amodal,
-        best.source_view_index,
-        best.source_confidence,
+            found[number].append((view, masks))
+            labelled |= masks.modal
+    objects, labels = [], []
+    first_id = 1 + max((one.instance_id for one in record.objects), default=0)
+    for instance_id, number in enumerate(sorted(found), start=first_id):
+        best = missing[number].best
+        origin = {"episode": best.episode, "instance_id": best.instance_id}
+        here = LabelledObject(instance_id, best.category, best.confidence, best.box_3d, sources=())
+        objects.append(ObjectRecord.of(here, shared_from=origin))
+        for view, masks in found[number]:
+            label = PseudoLabel(
+                view_index=view,
+                instance_id=instance_id,
+                category=best.category,
+                confidence=best.confidence,
+                modal=masks.modal,
+                amodal=masks.amodal,
+                source_view_index=best.source_view_index,
+                source_confidence=best.source_confidence,
+            )
+            labels.append(LabelRecord.of(label, source_episode=best.episode))
+    shared = replace(
+        record,
+        objects=(*record.objects, *objects),
+        labels=tuple(sorted([*record.labels, *labels], key=lambda label: label.view)),
+        categories=tuple(dict.fromkeys([*record.categories, *(one.category for one in objects)])),
     )
-    return {**label_record(here), "source_episode": best.episode}
+    return replace(result, record=shared)
+
+
+def _labelled(record: EpisodeRecord, episode: Episode) -> Bool[np.ndarray, "views h w"]:
+    """What an episode's own labels cover."""
+    covered = np.zeros((episode.num_views, *episode.size), bool)
+    for label in record.labels:
+        if label.modal is not None:
+            covered[label.view] |= decode_mask(label.modal.segmentation)
+    return covered
+
+
+def _is_explained(masks: ObjectMasks, labelled: Bool[np.ndarray, "h w"]) -> bool:
+    """Whether labels cover so much of an object's visible pixels that they are of this very object."""
+    return bool(np.count_nonzero(masks.modal & labelled) > EXPLAINED_SHARE * np.count_nonzero(masks.modal))

@@ -25,6 +25,7 @@ from labeling.generator.settings.published_defects import (
     with_amodal_boxes,
     with_label_defects,
 )
+from labeling.io.label_records import EpisodeRecord, LabelRecord, MaskRecord
 
 from ..segment.dense_mean_field import log_odds, mean_field
 
@@ -206,20 +207,16 @@ def test_small_gaps_of_a_sparse_mask_are_bridged() -> None:
 
 
 def test_amodal_boxes_stand_beside_modal_masks() -> None:
-    modal, amodal = {"bbox": [3, 3, 2, 2], "area": 4}, {"bbox": [1, 1, 8, 8], "area": 64}
-    record = {
-        "name": "room",
-        "labels": [
-            {"view": 0, "modal": modal, "amodal": amodal},
-            {"view": 1, "modal": None, "amodal": amodal},
-            {"view": 2, "modal": modal, "amodal": None},
-        ],
-    }
+    modal, amodal = MaskRecord({}, (3, 3, 2, 2), 4), MaskRecord({}, (1, 1, 8, 8), 64)
+    both, hidden, alone = (
+        LabelRecord(view, 1, "chair", 0.9, *masks, source_view=0, source_score=0.9)
+        for view, masks in enumerate([(modal, amodal), (None, amodal), (modal, None)])
+    )
+    record = EpisodeRecord(2, "", "room", "", (), 8, 8, (), (), (), (both, hidden, alone), ())
     changed = with_amodal_boxes(record)
-    assert changed["labels"][0] == {"view": 0, "modal": {"bbox": [1, 1, 8, 8], "area": 4}, "amodal": amodal}
-    assert changed["labels"][1:] == record["labels"][1:]
-    assert record["labels"][0]["modal"] is modal
-    assert modal["bbox"] == [3, 3, 2, 2]
+    assert changed.labels[0] == replace(both, modal=MaskRecord({}, (1, 1, 8, 8), 4))
+    assert changed.labels[1:] == record.labels[1:]
+    assert record.labels[0].modal is modal
 
 
 def test_released_has_every_defect_and_paper_none() -> None:

@@ -222,4 +222,4 @@ def test_a_damaged_cloud_is_refused(dataset: Path, tmp_path: Path, capsys: pytes
     cloud = tmp_path / "clouds" / "found.ply"
     cloud.write_bytes(cloud.read_bytes()[:-5])
     assert main([str(dataset), "--out", str(tmp_path), "--share-scenes"]) == 2
-    assert "found.ply: not a PLY" in capsys.readouterr().err
+    assert "found.ply: truncated" in capsys.readouterr().err

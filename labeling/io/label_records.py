@@ -1,0 +1,234 @@
+"""One labelled episode as a label set keeps it under ``episodes/``: typed in memory, JSON at the border.
+
+The fields of a record are those of its JSON, in this order; a field that is None by default is left out.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Bool
+
+from labeling.core.episode_labels import LabelledObject, Source
+from labeling.core.rle import encode_mask, rle_area, rle_box_xywh
+from labeling.core.types import Box3d, PseudoLabel
+from labeling.io.formats.atomic import write_json
+
+if TYPE_CHECKING:
+    from labeling.core.episode import Episode
+    from labeling.core.episode_labels import EpisodeLabels
+
+SCHEMA_VERSION = 2
+
+
+@dataclass(frozen=True)
+class MaskRecord:
+    """A mask with at least one pixel, as COCO wants it."""
+
+    segmentation: dict[str, Any]
+    bbox: tuple[float, ...]
+    """Left, top, width, height in pixels."""
+    area: int
+
+    @classmethod
+    def of(cls, mask: Bool[np.ndarray, "h w"]) -> "MaskRecord | None":
+        """The record of a mask; None for an empty one."""
+        rle = encode_mask(mask)
+        area = rle_area(rle)
+        return cls(rle, tuple(rle_box_xywh(rle)), area) if area else None
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any] | None) -> "MaskRecord | None":
+        """The inverse of ``as_json``."""
+        return None if content is None else cls(**{**content, "bbox": tuple(content["bbox"])})
+
+
+@dataclass(frozen=True)
+class LabelRecord:
+    """A pseudo-label."""
+
+    view: int
+    instance_id: int
+    category: str
+    score: float
+    modal: MaskRecord | None
+    amodal: MaskRecord | None
+    source_view: int
+    source_score: float
+    source_episode: str | None = None
+    """The episode that found the object, if it is another one of the scene."""
+
+    @classmethod
+    def of(cls, label: PseudoLabel, source_episode: str | None = None) -> "LabelRecord":
+        """The record of a label."""
+        return cls(
+            view=label.view_index,
+            instance_id=label.instance_id,
+            category=label.category,
+            score=round(label.confidence, 6),
+            modal=MaskRecord.of(label.modal),
+            amodal=MaskRecord.of(label.amodal),
+            source_view=label.source_view_index,
+            source_score=label.source_confidence,
+            source_episode=source_episode,
+        )
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> "LabelRecord":
+        """The inverse of ``as_json``."""
+        masks = {kind: MaskRecord.from_json(content[kind]) for kind in ("modal", "amodal")}
+        return cls(**{**content, **masks})
+
+
+@dataclass(frozen=True)
+class IgnoredRecord:
+    """A region to ignore."""
+
+    view: int
+    instance_id: int | None
+    category: str
+    score: float
+    modal: MaskRecord | None
+
+
+@dataclass(frozen=True)
+class ObjectRecord:
+    """An object with its 3-D box: centre and extent in metres, rows of the rotation."""
+
+    instance_id: int
+    category: str
+    score: float
+    centre: list[float]
+    extent: list[float]
+    rotation: list[list[float]]
+    sources: tuple[Source, ...]
+    shared_from: dict[str, Any] | None = None
+    """Episode and instance id of the same object, if another episode of the scene found it."""
+
+    @classmethod
+    def of(cls, one: LabelledObject, shared_from: dict[str, Any] | None = None) -> "ObjectRecord":
+        """The record of an object."""
+        box = one.box_3d
+        assert box is not None
+        return cls(
+            instance_id=one.instance_id,
+            category=one.category,
+            score=round(one.confidence, 6),
+            centre=box.centre_m.tolist(),
+            extent=box.extent_m.tolist(),
+            rotation=box.rotation.tolist(),
+            sources=one.sources,
+            shared_from=shared_from,
+        )
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> "ObjectRecord":
+        """The inverse of ``as_json``."""
+        return cls(**{**content, "sources": tuple(Source(**one) for one in content["sources"])})
+
+    @property
+    def box_3d(self) -> Box3d:
+        """The box."""
+        return Box3d(*(np.asarray(value, float) for value in (self.centre, self.extent, self.rotation)))
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """One labelled episode; image and instance numbers count from 0 and 1 within it."""
+
+    schema_version: int
+    fingerprint: str
+    """Of everything that its labels depend on."""
+    name: str
+    sources: str
+    """Where the masks came from that it was labelled from."""
+    notes: tuple[str, ...]
+    """What a user should know about it."""
+    width: int
+    height: int
+    file_names: tuple[str, ...]
+    categories: tuple[str, ...]
+    objects: tuple[ObjectRecord, ...]
+    labels: tuple[LabelRecord, ...]
+    ignored: tuple[IgnoredRecord, ...]
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> "EpisodeRecord":
+        """The inverse of ``as_json``.
+
+        Raises:
+            KeyError: if a field is missing.
+            TypeError: if there is an unknown one.
+        """
+        ignored = (IgnoredRecord(**{**one, "modal": MaskRecord.from_json(one["modal"])}) for one in content["ignored"])
+        return cls(
+            **{
+                **content,
+                **{name: tuple(content[name]) for name in ("notes", "file_names", "categories")},
+                "objects": tuple(ObjectRecord.from_json(one) for one in content["objects"]),
+                "labels": tuple(LabelRecord.from_json(one) for one in content["labels"]),
+                "ignored": tuple(ignored),
+            }
+        )
+
+
+def episode_record(
+    episode: "Episode", labels: "EpisodeLabels", fingerprint: str, sources: str = "", notes: Sequence[str] = ()
+) -> EpisodeRecord:
+    """The record of a labelled episode.
+
+    Args:
+        episode: its views.
+        labels: what was found in them.
+        fingerprint: of everything that the labels depend on.
+        sources: where the masks came from that it was labelled from.
+        notes: what a user should know about it.
+    """
+    height_px, width_px = episode.size
+    named = (*labels.objects, *labels.ignored)
+    return EpisodeRecord(
+        schema_version=SCHEMA_VERSION,
+        fingerprint=fingerprint,
+        name=episode.name,
+        sources=sources,
+        notes=tuple(notes),
+        width=width_px,
+        height=height_px,
+        file_names=episode.file_names,
+        categories=tuple(dict.fromkeys([*episode.categories, *(one.category for one in named)])),
+        objects=tuple(ObjectRecord.of(one) for one in labels.objects),
+        labels=tuple(LabelRecord.of(one) for one in labels.labels),
+        ignored=tuple(
+            IgnoredRecord(
+                one.view_index, one.instance_id, one.category, round(one.confidence, 6), MaskRecord.of(one.mask)
+            )
+            for one in labels.ignored
+        ),
+    )
+
+
+def as_json(record: Any) -> Any:
+    """A record, or any part of one, as JSON values."""
+    if is_dataclass(record):
+        values = [(one, getattr(record, one.name)) for one in fields(record)]
+        return {one.name: as_json(value) for one, value in values if not (value is None and one.default is None)}
+    return [as_json(one) for one in record] if isinstance(record, list | tuple) else record
+
+
+def write_record(path: Path, record: EpisodeRecord) -> None:
+    """Writes the record of an episode, atomically."""
+    write_json(path, as_json(record))
+
+
+def read_record(path: Path, fingerprint: str) -> EpisodeRecord | None:
+    """The record of a finished episode, if there is one that can be read and has this fingerprint."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(content, dict) and content.get("fingerprint") == fingerprint:
+            return EpisodeRecord.from_json(content)
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
+        pass  # labelled again
+    return None

@@ -1,0 +1,87 @@
+"""What invalidates the labels of an episode: its files, the settings, and the code and data that label."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from labeling.generator.label_writer import fingerprint
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.io.episodes import write_episode
+from labeling.runtime import code_digest as code_digest_module
+
+from ..synthetic_room import make_episode
+
+ROOT = Path(__file__).parents[3]
+LOADED = """
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from labeling.generate import main
+main([sys.argv[1], "--out", sys.argv[2]])
+modules = [m for name, m in sys.modules.items() if name.startswith("labeling.") and getattr(m, "__file__", None)]
+print("LOADED", *[m.__file__ for m in modules if not hasattr(m, "__path__")])
+"""
+NOT_LABELLING = ("labeling/generate.py", "labeling/runtime/cli.py", "labeling/generator/settings/presets.py")
+"""Loaded by the command, and without a say in what labels look like."""
+
+
+@pytest.fixture
+def copied_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the code that fingerprints are taken of, to be changed."""
+    shutil.copytree(ROOT / "labeling", tmp_path / "labeling", ignore=shutil.ignore_patterns("__pycache__", "weights"))
+    monkeypatch.setattr(code_digest_module, "ROOT", tmp_path)
+    code_digest_module.code_digest.cache_clear()
+    yield tmp_path / "labeling"
+    monkeypatch.undo()
+    code_digest_module.code_digest.cache_clear()
+
+
+def test_every_module_that_labels_counts(tmp_path: Path) -> None:
+    """Oracle: what a process that labels an episode has loaded."""
+    write_episode(tmp_path / "room", make_episode(1, num_views=3, size=(36, 48), num_objects=2, confident_share=2.0))
+    command = [sys.executable, "-c", LOADED, str(tmp_path / "room"), str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = {Path(name) for name in done.stdout.split("LOADED")[1].split()}
+    assert len(loaded) > 40
+    counted = code_digest_module.reached_files(["labeling.generator.label_jobs"])
+    assert {path.relative_to(ROOT).as_posix() for path in loaded - counted} <= set(NOT_LABELLING)
+
+
+@pytest.mark.parametrize(
+    ("changed", "counts"),
+    [
+        ("generator/objects/seeds.py", True),
+        ("generator/settings/source_config.py", True),
+        ("generator/detection_pooling.py", True),
+        ("generator/quality/label_quality.json", True),
+        ("metrics/matching.py", True),
+        ("io/recordings/tum.py", True),
+        ("core/rle.py", True),
+        ("evaluation/compare.py", False),
+        ("inspection/checks.py", False),
+        ("inspect.py", False),
+    ],
+)
+def test_a_change_of_code_counts_where_labels_depend_on_it(copied_code: Path, changed: str, counts: bool) -> None:
+    folder, config = copied_code.parent / "no_episode", LabelConfig()
+    before = fingerprint(folder, config)
+    with (copied_code / changed).open("a") as file:
+        file.write("\n")
+    code_digest_module.code_digest.cache_clear()
+    assert (fingerprint(folder, config) != before) is counts
+
+
+def test_files_settings_and_sources_count(tmp_path: Path) -> None:
+    (tmp_path / "transforms.json").write_text("{}")
+    before = fingerprint(tmp_path, LabelConfig(), ["detections.json"])
+    assert fingerprint(tmp_path, LabelConfig(), ["detections.json"]) == before
+    assert fingerprint(tmp_path, LabelConfig(seed=1), ["detections.json"]) != before
+    assert fingerprint(tmp_path, LabelConfig(), ["compact"]) != before
+    (tmp_path / ".notes").write_text("hidden files do not count")
+    assert fingerprint(tmp_path, LabelConfig(), ["detections.json"]) == before
+    (tmp_path / "depth.png").write_bytes(b"1")
+    assert fingerprint(tmp_path, LabelConfig(), ["detections.json"]) != before
