@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 
 from experiments.figures.style import save
 from labeling.core.episode import Episode
-from labeling.core.geometry import splat
 from labeling.core.masks import mask_iou
+from labeling.core.splatting import splat
 from labeling.core.types import CONFIDENT, Detection, GroundTruth, PseudoLabel
 from labeling.generator.cloud.object_scale import voxel_edge_m
 from labeling.generator.objects.seeds import mask_trimap
@@ -185,9 +185,7 @@ def _probability(episode: Episode, label: PseudoLabel, config: LabelConfig) -> U
         if one.category == label.category and one.sources[0].view_index == label.source_view_index
     ]
     size_m = 1.5 * voxel_edge_m(labels.scale, config) if labels.scale else 0.0
-    drawn, _ = splat(
-        cloud.points.astype(float), episode.intrinsics[view], episode.camera_to_world[view], *episode.size, size_m
-    )
+    drawn = splat(cloud.points, episode.camera(view), size_m)
     probability = cloud.probability[:, matching[0]] if matching else np.zeros(len(cloud.points))
     values = np.where(drawn >= 0, probability[np.maximum(drawn, 0)], 0.0)
     heat = plt.get_cmap("viridis")(values)[:, :, :3]

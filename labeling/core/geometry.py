@@ -6,16 +6,10 @@ Conventions (docs/conventions.md): world in metres, right-handed, +Z up; camera 
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns OpenGL camera axes (+Y up, -Z forward: MuJoCo, nerfstudio) into OpenCV ones and back: it is its own inverse."""
-
-MAX_VECTORISED_REACH_PX = 8
-"""Squares of points that reach further than this from their centre are painted one by one."""
-
-MAX_COORDINATE_PX = 1e9
-"""Pixel coordinates beyond this are cut off before they become whole numbers."""
 
 
 def intrinsics_from_fov(width_px: int, height_px: int, fov_x_rad: float) -> Float[np.ndarray, "3 3"]:
@@ -143,93 +137,3 @@ def project(
         pixels = in_camera[:, :2] / depth_m[:, None] * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
     pixels[depth_m <= 0] = np.nan
     return pixels, depth_m
-
-
-def splat(
-    points: Float[np.ndarray, "n 3"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
-    height_px: int,
-    width_px: int,
-    point_size_m: float = 0.0,
-) -> tuple[Int[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """Draws a cloud into a view with a z-buffer: each pixel gets the nearest point that covers it.
-
-    Args:
-        points: world points, metres.
-        intrinsics: K of the view.
-        camera_to_world: pose of the view.
-        height_px: picture height.
-        width_px: picture width.
-        point_size_m: edge length of the camera-facing square that a point covers, metres; 0 covers one pixel.
-
-    Returns:
-        For every pixel the index of the point drawn there (-1: none), and its z-depth (inf: none). Of points at
-        equal depth the one with the lowest index is drawn.
-    """
-    pixels, depth_m = project(points, intrinsics, camera_to_world)
-    index_map = np.full((height_px, width_px), -1, np.int32)
-    depth_map = np.full((height_px, width_px), np.inf)
-    candidates = np.flatnonzero(depth_m > 0)
-    with np.errstate(over="ignore"):
-        half_px = 0.5 * point_size_m * intrinsics[0, 0] / depth_m[candidates]
-    inside = np.all(
-        (pixels[candidates] > -0.5 - half_px[:, None])
-        & (pixels[candidates] < np.array([width_px, height_px]) - 0.5 + half_px[:, None]),
-        axis=1,
-    )
-    candidates, half_px = candidates[inside], half_px[inside]
-    far_to_near = np.lexsort((-candidates, -depth_m[candidates]))
-    candidates, half_px = candidates[far_to_near], half_px[far_to_near]
-    # The clip keeps whole numbers whole: a point that almost touches the camera has a square of any size.
-    x, y = np.rint(np.clip(pixels[candidates], -MAX_COORDINATE_PX, MAX_COORDINATE_PX)).astype(np.int64).T
-    reach = np.maximum(0, np.rint(np.minimum(half_px, MAX_COORDINATE_PX) - 0.5).astype(np.int64))
-    _paint_squares(index_map, depth_map, x, y, reach, candidates, depth_m[candidates])
-    return index_map, depth_map
-
-
-def _paint_squares(index_map, depth_map, x, y, reach, candidates, depth_m) -> None:
-    """Paints squares of (2 reach + 1)^2 pixels, given from the farthest to the nearest; the nearest wins each pixel.
-
-    Small squares are painted one offset at a time, so that the work is a handful of vectorised writes; a point is
-    written only where it is nearer than what stands there, which makes the order of the offsets irrelevant. The few
-    large ones, of points close to the camera, are painted one by one: their offsets would be too many.
-    """
-    height_px, width_px = index_map.shape
-    small = reach <= MAX_VECTORISED_REACH_PX
-    widest = int(reach[small].max(initial=0))
-    for dy in range(-widest, widest + 1):
-        for dx in range(-widest, widest + 1):
-            u, v = x + dx, y + dy
-            drawn = small & (reach >= max(abs(dx), abs(dy))) & (u >= 0) & (u < width_px) & (v >= 0) & (v < height_px)
-            flat = v[drawn] * width_px + u[drawn]
-            points, depths = candidates[drawn], depth_m[drawn]
-            before_depth, before_index = depth_map.ravel()[flat], index_map.ravel()[flat]
-            nearer = (depths < before_depth) | ((depths == before_depth) & (points < before_index))
-            index_map.ravel()[flat[nearer]] = points[nearer]
-            depth_map.ravel()[flat[nearer]] = depths[nearer]
-    for i in np.flatnonzero(~small):
-        square = (
-            slice(max(0, y[i] - reach[i]), max(0, y[i] + reach[i] + 1)),
-            slice(max(0, x[i] - reach[i]), max(0, x[i] + reach[i] + 1)),
-        )
-        before_depth, before_index = depth_map[square], index_map[square]
-        nearer = (depth_m[i] < before_depth) | ((depth_m[i] == before_depth) & (candidates[i] < before_index))
-        before_index[nearer] = candidates[i]
-        before_depth[nearer] = depth_m[i]
-
-
-def reproject(
-    depth_m: Float[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    from_camera_to_world: Float[np.ndarray, "4 4"],
-    to_camera_to_world: Float[np.ndarray, "4 4"],
-    mask: Bool[np.ndarray, "h w"],
-) -> Bool[np.ndarray, "h w"]:
-    """Moves the pixels of ``mask`` from one view into another of the same size, with a z-buffer over the whole view."""
-    points, flat = unproject_depth(depth_m, intrinsics, from_camera_to_world)
-    index_map, _ = splat(points, intrinsics, to_camera_to_world, *depth_m.shape)
-    moved = np.zeros(depth_m.shape, bool)
-    drawn = index_map >= 0
-    moved[drawn] = mask.ravel()[flat[index_map[drawn]]]
-    return moved

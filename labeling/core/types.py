@@ -9,6 +9,10 @@ CONFIDENT = 0.9
 """Detections at least this confident are trusted as sources of labels, unless configured. Source: thesis A.2.2."""
 
 
+BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b).bit_count() == 1)
+"""The edges of a box: pairs of indices into ``Box3d.corners()``."""
+
+
 @dataclass(frozen=True)
 class Box3d:
     """An oriented box in the world.

@@ -6,7 +6,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from labeling.core.geometry import intrinsics_from_fov, look_at, project, splat
+from labeling.core.geometry import intrinsics_from_fov, look_at, project
+from labeling.core.splatting import splat
+from labeling.core.types import BOX_EDGES
+from labeling.core.views import Camera
 from labeling.inspection.scene import LabelledScene
 from labeling.io.formats.atomic import atomic_file
 
@@ -18,7 +21,6 @@ MARGIN = 0.35
 """How far around the objects the cloud is shown, as a share of the region they take up."""
 BACKGROUND = 250
 SUPERSAMPLE = 2
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1]
 
 
 def write_pictures(scene: LabelledScene, folder: Path, viewpoints: int = 3) -> list[Path]:
@@ -53,9 +55,9 @@ def draw(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The points shown, as squares, with boxes and their titles, from one viewpoint (OpenCV camera axes)."""
     height_px, width_px = (side * SUPERSAMPLE for side in SIZE)
-    intrinsics = intrinsics_from_fov(width_px, height_px, FOV_RAD)
+    camera = Camera(intrinsics_from_fov(width_px, height_px, FOV_RAD), pose, (height_px, width_px))
     points = scene.points[shown]
-    index, _ = splat(points, intrinsics, pose, height_px, width_px, _spacing(points))
+    index = splat(points, camera, _spacing(points))
     colours = np.concatenate([scene.colours[shown], np.full((1, 3), BACKGROUND, np.uint8)])
     canvas = cv2.resize(colours[index], SIZE[::-1], interpolation=cv2.INTER_AREA)
     intrinsics = intrinsics_from_fov(SIZE[1], SIZE[0], FOV_RAD)
@@ -65,7 +67,7 @@ def draw(
             continue
         colour = tuple(int(255 * value * 0.75) for value in one.colour)
         pixels = np.rint(np.clip(corners, -4 * SIZE[1], 4 * SIZE[1])).astype(int)
-        for a, b in _EDGES:
+        for a, b in BOX_EDGES:
             cv2.line(canvas, pixels[a].tolist(), pixels[b].tolist(), colour, 2, cv2.LINE_AA)
     for one in scene.objects:  # titles last, so that no edge crosses them
         top, depth_m = project(one.box.corners().mean(axis=0)[None] + [0, 0, one.box.extent_m[2] / 2], intrinsics, pose)

@@ -8,22 +8,13 @@ from jaxtyping import Float, Int32, UInt8
 
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, SbmError
 from labeling.core.types import Box3d
+from labeling.core.views import Camera
 from labeling.io.coco import read_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.formats.checked_json import read_json
 from labeling.io.formats.ply import hues, read_ply
 from labeling.io.label_set import recording_config
-
-
-@dataclass(frozen=True)
-class Camera:
-    """One view of the recording."""
-
-    intrinsics: Float[np.ndarray, "3 3"]
-    camera_to_world: Float[np.ndarray, "4 4"]
-    size: tuple[int, int]
-    """Height and width in pixels."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from labeling.core.errors import UsageError
+from labeling.core.types import BOX_EDGES
 from labeling.inspection.scene import LabelledScene
-
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1]
 
 
 def serve(scenes: list[LabelledScene], port: int) -> Any:
@@ -67,7 +66,7 @@ def _add(server: Any, scene: LabelledScene, point_scale: float, boxes: bool, cam
     for one in scene.objects if boxes else ():
         colour = tuple(int(255 * value) for value in one.colour)
         corners = one.box.corners()
-        segments = np.array([[corners[a], corners[b]] for a, b in _EDGES], np.float32)
+        segments = np.array([[corners[a], corners[b]] for a, b in BOX_EDGES], np.float32)
         server.scene.add_line_segments(f"/boxes/{one.number}", segments, colors=colour, line_width=2.5)
         top = one.box.centre_m + np.array([0, 0, 0.5 * one.box.extent_m[2]])
         server.scene.add_label(f"/boxes/{one.number}/title", one.title, position=tuple(top))

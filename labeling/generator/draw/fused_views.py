@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Int32
 
+from labeling.core.splatting import splat
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.voxel_cloud import Cloud
-from labeling.generator.draw.splatting import nearest_points
 from labeling.generator.settings.label_config import LabelConfig
 
 NO_REACH_PX = 1e-3
@@ -42,7 +42,7 @@ class FusedViews:
 
     def rendered_voxels(self, view: int) -> Int32[np.ndarray, "h w"]:
         """The voxel of the nearest point that any view puts at each pixel, -1 for none."""
-        nearest = nearest_points(self.fine.points, self.views.camera(view), self.fine.voxel_m)
+        nearest = splat(self.fine.points, self.views.camera(view), self.fine.voxel_m)
         return np.where(nearest >= 0, self.voxel_of_fine[nearest], np.int32(-1))
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud
+from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
-from labeling.generator.draw.splatting import silhouettes
 from labeling.generator.draw.view_masks import modal_masks, point_owners, view_probabilities
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import paint_in_order

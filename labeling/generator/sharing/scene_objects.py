@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from labeling.core.geometry import transform_points, unproject_depth
+from labeling.core.splatting import silhouettes, splat
 from labeling.core.types import Box3d
 from labeling.core.views import Camera
-from labeling.generator.draw.splatting import nearest_points, silhouettes
 
 OVERLAP = 0.3
 """Segments of two episodes are one object if this share of either lies within reach of the other."""
@@ -142,7 +142,7 @@ def _compared(one: SceneObject, modal: Bool[np.ndarray, "h w"], depth_m, camera:
     """The masks of an object whose visible pixels agree with what its points cover; None if they do not."""
     point_size_m = 2 * one.spacing_m
     drawn = silhouettes(one.points, np.zeros(len(one.points), np.int32), 1, camera, point_size_m)[0]
-    nearest = nearest_points(one.points, camera, point_size_m)
+    nearest = splat(one.points, camera, point_size_m)
     expected_m = transform_points(camera.world_to_camera, one.points)[:, 2][np.maximum(nearest, 0)]
     margin_m = REACH * one.spacing_m + MARGIN_SHARE * expected_m
     hidden = drawn & ~modal & (depth_m > 0) & (depth_m < expected_m - margin_m)

@@ -13,11 +13,11 @@ from jaxtyping import Bool, Float32, Int32
 from labeling.core.boxes3d import fit_box
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
 from labeling.core.masks import box_xywh
+from labeling.core.splatting import silhouettes
 from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
-from labeling.generator.draw.splatting import silhouettes
 from labeling.generator.draw.view_masks import view_probabilities
 from labeling.generator.objects.association import Candidate, associate_detections
 from labeling.generator.objects.consistency import is_consistent

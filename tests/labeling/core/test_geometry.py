@@ -1,4 +1,4 @@
-"""Laws of cameras and transforms, and the z-buffered splat against a loop over pixels and points."""
+"""Laws of cameras and transforms."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,6 @@ from labeling.core.geometry import (
     look_at,
     pixel_grid,
     project,
-    reproject,
-    splat,
     transform_points,
     unproject,
     unproject_depth,
@@ -175,76 +173,3 @@ def test_unproject_depth_agrees_with_a_loop(camera_to_world, seed):
     table = np.array(expected).reshape(-1, 4)
     np.testing.assert_allclose(points, table[:, :3], atol=1e-9)
     assert flat.tolist() == table[:, 3].astype(int).tolist()
-
-
-def splat_by_loops(points, intrinsics, camera_to_world, height_px, width_px, point_size_m):
-    """Every pixel asks every point whether its square covers it, and takes the nearest, then the first."""
-    pixels, depth_m = project(points, intrinsics, camera_to_world)
-    index_map = np.full((height_px, width_px), -1)
-    depth_map = np.full((height_px, width_px), np.inf)
-    for v in range(height_px):
-        for u in range(width_px):
-            for i in range(len(points)):
-                if not depth_m[i] > 0:
-                    continue
-                half_px = 0.5 * point_size_m * intrinsics[0, 0] / depth_m[i]
-                reach = max(0, round(half_px - 0.5))
-                covers = max(abs(u - round(pixels[i, 0])), abs(v - round(pixels[i, 1]))) <= reach
-                if covers and depth_m[i] < depth_map[v, u]:
-                    index_map[v, u], depth_map[v, u] = i, depth_m[i]
-    return index_map, depth_map
-
-
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    count=st.integers(0, 25),
-    point_size_m=st.sampled_from([0.0, 0.05, 0.3, 1.0]),
-    coarse=st.booleans(),
-)
-def test_splat_agrees_with_loops(seed, count, point_size_m, coarse):
-    rng = np.random.default_rng(seed)
-    points = rng.uniform([-2, -2, -0.5], [2, 2, 4], (count, 3))
-    if coarse:  # many points at one place and at one depth: ties
-        points = np.rint(points)
-    intrinsics = intrinsics_from_fov(11, 8, 1.4)
-    result = splat(points, intrinsics, np.eye(4), 8, 11, point_size_m)
-    expected = splat_by_loops(points, intrinsics, np.eye(4), 8, 11, point_size_m)
-    np.testing.assert_array_equal(result[0], expected[0])
-    np.testing.assert_array_equal(result[1], expected[1])
-
-
-def test_splat_of_a_point_that_touches_the_camera_covers_the_picture():
-    points = np.array([[0, 0, 1e-300], [0, 0, 1e-6], [0, 0, 1.0]])
-    index_map, depth_map = splat(points, intrinsics_from_fov(200, 100, 1.5), np.eye(4), 100, 200, 0.04)
-    assert (index_map == 0).all()
-    assert (depth_map == 1e-300).all()
-
-
-def test_splat_of_nothing_is_empty():
-    index_map, depth_map = splat(np.zeros((0, 3)), np.eye(3), np.eye(4), 3, 4, 0.1)
-    assert (index_map == -1).all()
-    assert np.isinf(depth_map).all()
-
-
-@given(rigid_transforms(), st.integers(0, 2**32 - 1))
-def test_reproject_to_the_same_view_returns_the_mask_where_there_is_depth(camera_to_world, seed):
-    rng = np.random.default_rng(seed)
-    depth_m = np.where(rng.random((9, 12)) < 0.2, 0, rng.uniform(0.3, 6, (9, 12)))
-    mask = rng.random((9, 12)) < 0.5
-    moved = reproject(depth_m, intrinsics_from_fov(12, 9, 1.3), camera_to_world, camera_to_world, mask)
-    np.testing.assert_array_equal(moved, mask & (depth_m > 0))
-
-
-def test_reproject_hides_what_stands_behind():
-    """A wall at 2 m and a post at 1 m: seen from the side the post covers other pixels of the wall."""
-    depth_m = np.full((1, 9), 2.0)
-    depth_m[0, 4] = 1.0
-    intrinsics = np.array([[4.0, 0, 4], [0, 4.0, 0], [0, 0, 1]])
-    aside = np.eye(4)
-    aside[0, 3] = 0.5  # 0.5 m to the right: the wall moves 1 pixel to the left, the post 2
-    wall = depth_m == 2.0
-    assert reproject(depth_m, intrinsics, np.eye(4), aside, ~wall).tolist() == [[i == 2 for i in range(9)]]
-    # The wall's pixel 3 lands behind the post; what would now show at 3 stood behind the post before.
-    assert reproject(depth_m, intrinsics, np.eye(4), aside, wall).tolist() == [
-        [i in (0, 1, 4, 5, 6, 7) for i in range(9)]
-    ]

@@ -1,22 +1,25 @@
-"""Drawing clouds into views: the nearest point at each pixel, and whole objects drawn alone."""
+"""Splatting: drawing clouds into views, the nearest point at each pixel, or whole objects each alone."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Bool, Float, Int32
 from numba import njit
 
+from labeling.core.geometry import unproject_depth
 from labeling.core.views import Camera
 
 
-def nearest_points(points: Float32[np.ndarray, "n 3"], camera: Camera, point_size_m: float) -> Int32[np.ndarray, "h w"]:
+def splat(points: Float[np.ndarray, "n 3"], camera: Camera, point_size_m: float = 0.0) -> Int32[np.ndarray, "h w"]:
     """Draws a cloud into a view with a z-buffer.
 
     Args:
         points: world points, metres.
         camera: of the view.
-        point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
+        point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into); points
+            nearer to the camera than that are not drawn.
 
     Returns:
-        For every pixel the index of the nearest point drawn there, -1 for none.
+        For every pixel the index of the nearest point drawn there, -1 for none; of points at one depth (in single
+        precision) the one with the lowest index.
 
     Source: thesis A.2.1 (3D-to-2D projection: only the point closest to the camera).
     """
@@ -27,7 +30,7 @@ def nearest_points(points: Float32[np.ndarray, "n 3"], camera: Camera, point_siz
 
 
 def silhouettes(
-    points: Float32[np.ndarray, "n 3"],
+    points: Float[np.ndarray, "n 3"],
     object_of_point: Int32[np.ndarray, "n"],
     num_objects: int,
     camera: Camera,
@@ -48,6 +51,25 @@ def silhouettes(
     drawn = np.zeros((num_objects, *camera.size), np.bool_)
     _paint_all(drawn, points, object_of_point, *_matrices(camera), point_size_m)
     return drawn
+
+
+def reproject(
+    depth_m: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"], source: Camera, target: Camera
+) -> Bool[np.ndarray, "h w"]:
+    """Moves the pixels of ``mask`` from one view into another, with a z-buffer over the whole view.
+
+    Args:
+        depth_m: z-depth of the source view, metres, 0 = no return.
+        mask: in the source view.
+        source: camera of the view that the mask is of.
+        target: camera of the view to move it to.
+    """
+    points, flat = unproject_depth(depth_m, source.intrinsics, source.camera_to_world)
+    index = splat(points, target)
+    moved = np.zeros(target.size, bool)
+    drawn = index >= 0
+    moved[drawn] = mask.ravel()[flat[index[drawn]]]
+    return moved
 
 
 def _matrices(camera: Camera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
