@@ -1,36 +1,31 @@
-"""The page of the thesis' tables in our worlds: ``python -m experiments.results_page``."""
+"""The page of the thesis' tables: ``python -m experiments.results_page``."""
 
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
-from experiments.pages.results import write_page
+from experiments.pages.markdown import PageConfig
 from labeling.runtime.cli import run_command
 
 
 @dataclass(frozen=True)
-class PageConfig:
-    """Writes docs/results.md and its pictures anew, from the figures that are there."""
-
-    results: Path = Path("experiments/results")
-    """Folder with the figures."""
-    docs: Path = Path("docs")
-    """Folder for the page."""
+class ResultsPageConfig(PageConfig):
+    """Writes docs/results.md and its pictures from the results that are there."""
 
 
 def run(config: PageConfig) -> None:
     """Writes the page.
 
     Raises:
-        SbmError: if there are no figures at all.
+        SbmError: if there are no results at all.
     """
-    for path in write_page(config.results, config.docs):
-        print(path)
+    from experiments.pages.results import write_page
+
+    print(*write_page(config.results, config.docs), sep="\n")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(PageConfig, run, "python -m experiments.results_page", arguments)
+    return run_command(ResultsPageConfig, run, "python -m experiments.results_page", arguments)
 
 
 if __name__ == "__main__":

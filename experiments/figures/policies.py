@@ -18,7 +18,7 @@ COLOURS = {
     "spin": "#9467bd",
     "frontier": "#17becf",
 }
-LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("right labels an episode", 1)}
+LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("correct labels an episode", 1)}
 """Title and factor by figure."""
 ABLATION_PANELS = ("return", "discovery", "diversity")
 ABLATION_COLOURS = {"both": "#c2410c", "discovery": "#e39a6f", "diversity": GREEN, "neither": GREY}

@@ -1,6 +1,7 @@
 """The page about the label generator's settings, of ``label_ablation``, ``label_modes`` and the bench of labels."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from experiments.benchmarks.rows import Row, ratio_text, row_of, seconds_per_vie
 from experiments.pages.markdown import points, read_result, render, table
 from experiments.pages.markdown import write_page as write
 from labeling.core.errors import SbmError
+from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.bootstrap import significant_sign
 
 PAGE, PICTURE, SPEED_PICTURE = "label-generator.md", "label_ablation.png", "labels_views.png"
@@ -69,15 +71,16 @@ def page(
 
 
 def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
-    results, default = content["results"], content["default"]
+    results, default, current = content["results"], content["default"], {one.name for one in fields(LabelConfig)}
     factors = []
     for factor in content["factors"]:
-        known = [name for name in factor["settings"] if name in default]
+        known = {name: name in current for name in factor["settings"] if name in default}
         variants = factor["variants"]
         factors.append(
             {
                 **factor,
-                "defaults": [f"`{name} = {_setting(default[name])}`" for name in known],
+                "defaults": [f"`{name} = {_setting(default[name])}`" for name, kept in known.items() if kept],
+                "deleted": [f"`{name}`" for name, kept in known.items() if not kept],
                 "table": _differences(variants, list(content["pools"]), results["default"]) if variants else "",
                 "verdict": verdict(factor) if variants else "",
             }
@@ -87,7 +90,7 @@ def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mean_iou") -> str:
-    """One sentence: whether anything tried is better than the default beyond chance, on the scenes to choose on."""
+    """One sentence: whether a variant is significantly better than the default, on the scenes to choose on."""
     differences = {one["name"]: one["results"][pool]["difference"][figure] for one in factor["variants"]}
     known = {name: difference for name, difference in differences.items() if difference is not None}
     if not known:
@@ -97,10 +100,10 @@ def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mea
     if significant_sign(known[best]) > 0:
         said = f"In training rooms “{best}” is better ({gain} points of mean IoU)"
     elif known[best]["mean"] > 0:
-        said = f"Nothing tried is better beyond chance (at best “{best}”, {gain})"
+        said = f"No variant is significantly better (best: “{best}”, {gain})"
     else:
-        said = f"Nothing tried is better (nearest “{best}”, {gain})"
-    return said + (f"; most is lost with “{worst}” ({_difference(known[worst])})." if worst != best else ".")
+        said = f"No variant is better (best: “{best}”, {gain})"
+    return said + (f"; worst: “{worst}” ({_difference(known[worst])})." if worst != best else ".")
 
 
 def _differences(variants: Sequence[Mapping[str, Any]], pools: Sequence[str], base: Mapping[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """Pages of docs as Jinja2 templates: how they are rendered and written, and how numbers stand on them."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,16 @@ def write_page(page: Path, text: str, pictures: Mapping[str, Callable[[Path], No
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return [page, *files]
+
+
+@dataclass(frozen=True)
+class PageConfig:
+    """Where results are read from and pages are written to."""
+
+    results: Path = Path("experiments/results")
+    """Folder with the results of experiments."""
+    docs: Path = Path("docs")
+    """Folder for the page; its pictures go to DOCS/pictures."""
 
 
 def read_result(file: Path) -> dict[str, Any] | None:

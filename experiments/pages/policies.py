@@ -31,8 +31,8 @@ EARNED = {
 LABELLED = {
     "pooled_ap50": ("AP50 pooled", PERCENT),
     "ap50": ("AP50 an episode", PERCENT),
-    "right": ("right labels", 1),
-    "objects": ("objects labelled right", 1),
+    "right": ("correct labels", 1),
+    "objects": ("objects labelled correctly", 1),
 }
 EARLY = {name: LABELLED[name] for name in ("right", "objects", "ap50")}
 

@@ -45,7 +45,7 @@ def tables(text: str, section: str) -> list[dict[str, dict[str, str]]]:
 def test_every_figure_of_the_comparison_stands_in_its_cell(tmp_path: Path) -> None:
     text = page(read_results(write(tmp_path)))
     headings = ("return", "discovery", "diversity", "objects", "sectors seen", "collisions", "path (m)")
-    labelled = {"AP50 pooled": "pooled_ap50", "AP50 an episode": "ap50", "right labels": "right"}
+    labelled = {"AP50 pooled": "pooled_ap50", "AP50 an episode": "ap50", "correct labels": "right"}
     for name, world in made_up.evaluation()["worlds"].items():
         earned, labels, early = tables(text, name.capitalize())
         assert set(earned) == {f"`{policy}`" for policy in world["policies"]}
@@ -64,7 +64,7 @@ def test_every_figure_of_the_comparison_stands_in_its_cell(tmp_path: Path) -> No
                 assert labels[f"`{policy}`"][heading] == shown
             right = found["early"]["difference"]["right"]
             shown = f"[{right['low']:+.2f}, {right['high']:+.2f}]"
-            assert early[f"`{policy}`"]["right labels"] == f"{bold}{right['mean']:+.2f}{bold} {shown}"
+            assert early[f"`{policy}`"]["correct labels"] == f"{bold}{right['mean']:+.2f}{bold} {shown}"
 
 
 def test_the_page_says_who_is_left_out_and_where_weights_come_from(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_the_page_says_who_is_left_out_and_where_weights_come_from(tmp_path: Pat
 
 def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path) -> None:
     text = page(read_results(write(tmp_path)))
-    ((row,),) = [list(table.values()) for table in tables(text, "Learning")]
+    ((row,),) = [list(table.values()) for table in tables(text, "Training")]
     assert row["steps"] == "1000"
     assert row["validation return before"] == "1.11"
     assert row["best, at step"] == "3.33, 500"
