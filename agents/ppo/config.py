@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from labeling.runtime.ranges import Count
+
 PaidReward = Literal["both", "discovery", "diversity", "neither"]
 """Which terms of the reward are paid beside those for collisions and steps."""
 
@@ -20,11 +22,11 @@ class PpoConfig:
     """Folder of the run; by default out/ppo/ENV."""
     env: str = "sbm_gym/IndoorBuiltin-v0"
     """Gymnasium id of the world."""
-    steps: int | None = None
+    steps: Count | None = None
     """Steps of the environment in all; by default as the hyperparameters say. A finished run goes on with more."""
     seed: int = 0
     """Decides the first weights, scenes, starting places and all noise."""
-    envs: int | None = None
+    envs: Count | None = None
     """Environments that run side by side, each in a process of its own; by default as the hyperparameters say."""
     reward: PaidReward = "both"
     """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward."""
@@ -32,9 +34,9 @@ class PpoConfig:
     """The detector in the loop."""
     hyperparams: Path | None = None
     """YAML file in the shape of rl-zoo's, with the env as a key; by default the one that comes with the project."""
-    eval_every: int = 20_000
+    eval_every: Count = 20_000
     """Steps between validations."""
-    eval_episodes: int = 20
+    eval_episodes: Count = 20
     """Episodes of a validation; the same starts every time."""
     device: str = "auto"
     """Where the network computes: cpu, cuda, ...; auto takes a GPU if there is one."""

@@ -13,6 +13,7 @@ from agents.ppo.network.files import SETTINGS_FILE
 from agents.ppo.network.policy_network import pictures
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.io.formats.checked_json import read_json
+from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import claim_run_folder
 
 KEPT = ("env", "detector", "reward", "seed", "eval_every", "eval_episodes")
@@ -63,10 +64,7 @@ def resolve_settings(config: PpoConfig) -> RunSettings:
 
 
 def _check(config: PpoConfig) -> None:
-    for name in ("steps", "envs", "eval_every", "eval_episodes"):
-        value = getattr(config, name)
-        if value is not None and value < 1:
-            raise UsageError(f"--{name.replace('_', '-')} must be at least 1, not {value}")
+    check_ranges(config)
     if not 0 <= config.seed < 2**31:
         raise UsageError(f"--seed must lie from 0 to 2147483647, not {config.seed}")
 

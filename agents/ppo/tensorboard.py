@@ -6,22 +6,15 @@ from typing import Any
 
 from stable_baselines3.common.logger import KVWriter, Logger
 
+from labeling.training.curves import open_tensorboard
+
 
 class TensorBoardWriter(KVWriter):
-    """Writes scalars from a step on: what lies after it, from before a kill, is dropped.
+    """Writes scalars from a step on; Stable-Baselines3's own ``TensorBoardOutputFormat`` would keep what lies after."""
 
-    Stable-Baselines3's own ``TensorBoardOutputFormat`` would show both.
-    """
-
-    def __init__(self, folder: Path, steps: int) -> None:
-        """Opens the folder.
-
-        Raises:
-            ImportError: if TensorBoard is not installed.
-        """
-        from torch.utils.tensorboard import SummaryWriter
-
-        self._writer = SummaryWriter(str(folder), purge_step=steps + 1)
+    def __init__(self, writer: Any) -> None:
+        """Takes over a ``SummaryWriter``."""
+        self._writer = writer
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
         """Writes a row of scalars."""
@@ -43,8 +36,5 @@ def make_logger(folder: Path, steps: int, say: Callable[[str], None]) -> Logger:
         steps: from where on.
         say: told if there will be no curves.
     """
-    try:
-        return Logger(None, [TensorBoardWriter(folder, steps)])
-    except ImportError:
-        say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
-        return Logger(None, [])
+    writer = open_tensorboard(folder, steps, say)
+    return Logger(None, [] if writer is None else [TensorBoardWriter(writer)])

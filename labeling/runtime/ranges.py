@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 from labeling.core.errors import UsageError
 
@@ -21,12 +21,13 @@ class Range:
 
 Positive = Annotated[Number, Range("be above 0", lambda value: 0 < value < math.inf)]
 NonNegative = Annotated[Number, Range("be 0 or more", lambda value: 0 <= value < math.inf)]
+Count = Annotated[int, Range("be at least 1", lambda value: value >= 1)]
 Share = Annotated[Number, Range("lie in [0, 1]", lambda value: 0 <= value <= 1)]
 ShareBelowOne = Annotated[Number, Range("be at least 0 and below 1", lambda value: 0 <= value < 1)]
 
 
 def check_ranges(settings: Any) -> None:
-    """Refuses settings outside of their ranges.
+    """Refuses settings outside of their ranges; None, where a setting may be None, is in any.
 
     Args:
         settings: instance of a dataclass, some of whose fields are annotated with a range.
@@ -35,7 +36,8 @@ def check_ranges(settings: Any) -> None:
         UsageError: naming the first such setting as its option is called, what it must be, and its value.
     """
     for name, hint in get_type_hints(type(settings), include_extras=True).items():
-        value = getattr(settings, name)
-        for allowed in getattr(hint, "__metadata__", ()):
-            if isinstance(allowed, Range) and not allowed.allows(value):
+        value: Any = getattr(settings, name)
+        ranges = [one for part in (hint, *get_args(hint)) for one in getattr(part, "__metadata__", ())]
+        for allowed in ranges:
+            if isinstance(allowed, Range) and value is not None and not allowed.allows(value):
                 raise UsageError(f"--{name.replace('_', '-')} must {allowed.words}, not {value}")

@@ -5,6 +5,25 @@ from pathlib import Path
 from typing import Any
 
 
+def open_tensorboard(folder: Path, step: int, say: Callable[[str], None]) -> Any:
+    """A TensorBoard ``SummaryWriter`` from a step on: what lies after it, from before a kill, is dropped.
+
+    Args:
+        folder: to write to.
+        step: where the run goes on.
+        say: told if TensorBoard is missing.
+
+    Returns:
+        The writer, None where TensorBoard is not installed.
+    """
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
+        return None
+    return SummaryWriter(str(folder), purge_step=step + 1)
+
+
 class Curves:
     """Draws figures over steps into ``tensorboard/`` of a run's folder; nothing where TensorBoard is not installed."""
 
@@ -16,13 +35,7 @@ class Curves:
             iteration: steps after it are drawn anew.
             say: told if TensorBoard is missing.
         """
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-        except ImportError:
-            say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
-            self._writer = None
-        else:
-            self._writer = SummaryWriter(str(out / "tensorboard"), purge_step=iteration + 1)
+        self._writer = open_tensorboard(out / "tensorboard", iteration, say)
 
     def draw(self, group: str, figures: Mapping[str, Any], step: int) -> None:
         """Draws those of the figures that are fractional numbers, as ``group/name``."""

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 from labeling.core.detector import DetectorError
+from labeling.core.errors import SbmError
 from labeling.io.formats.atomic import atomic_file
 
 
@@ -68,27 +69,47 @@ def load_weights(path: Path, network: nn.Module, description: str) -> None:
     Raises:
         DetectorError: if the file is damaged, or its tensors do not fit the network or are not finite.
     """
+    wanted = network.state_dict()
+    tensors = read_tensors(path, wanted, description, DetectorError)
+    network.load_state_dict({name: value.to(wanted[name].dtype) for name, value in tensors.items()})
+
+
+def read_tensors(
+    path: Path, wanted: Mapping[str, torch.Tensor], description: str, error_class: type[SbmError]
+) -> dict[str, torch.Tensor]:
+    """The tensors of a file.
+
+    Args:
+        path: of the file.
+        wanted: tensors of the names and shapes that must be in it.
+        description: of the network they are of; for messages.
+        error_class: of the errors.
+
+    Raises:
+        SbmError: if the file is missing or damaged, or its tensors do not fit or are not finite.
+    """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
     try:
         tensors = load_file(path)
+    except FileNotFoundError:
+        raise error_class(f"{path}: no such file") from None
     except (SafetensorError, OSError) as error:
-        raise DetectorError(f"{path}: is damaged ({error})") from None
-    wanted = network.state_dict()
+        raise error_class(f"{path}: is damaged or no safetensors file ({error})") from None
     wrong = sorted(
         name
         for name in wanted.keys() | tensors.keys()
         if name not in wanted or name not in tensors or wanted[name].shape != tensors[name].shape
     )
     if wrong:
-        raise DetectorError(
+        raise error_class(
             f"{path}: its tensors are not those of {description}: {wrong[0]} and {len(wrong) - 1} more do not fit"
         )
     bad = next((name for name, value in tensors.items() if not bool(torch.isfinite(value.float()).all())), None)
     if bad is not None:
-        raise DetectorError(f"{path}: {bad} holds NaN or infinity")
-    network.load_state_dict({name: value.to(wanted[name].dtype) for name, value in tensors.items()})
+        raise error_class(f"{path}: {bad} holds NaN or infinity")
+    return tensors
 
 
 def file_digest(path: Path) -> str:

@@ -16,6 +16,7 @@ from agents.ppo.network.spaces import difference, space_of
 from labeling.core.errors import SbmError, UsageError
 from labeling.io.formats.atomic import write_json
 from labeling.io.formats.checked_json import read_json
+from labeling.training.weights import read_tensors
 
 FORMAT = 1
 
@@ -138,30 +139,8 @@ def load_weights(policy: ActorCriticPolicy, folder: Path) -> None:
     Raises:
         SbmError: if the file is missing or damaged, or its tensors do not fit.
     """
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
-    path = folder / WEIGHTS_FILE
-    try:
-        tensors = load_file(path)
-    except FileNotFoundError:
-        raise SbmError(f"{path}: no such file") from None
-    except (SafetensorError, OSError) as error:
-        raise SbmError(f"{path}: is damaged or no safetensors file ({error})") from None
-    wanted = _tensors(policy)
-    wrong = sorted(
-        name
-        for name in wanted.keys() | tensors.keys()
-        if name not in wanted or name not in tensors or wanted[name].shape != tensors[name].shape
-    )
-    if wrong:
-        raise SbmError(
-            f"{path}: its tensors are not those of the policy that {POLICY_FILE} describes: "
-            f"{wrong[0]} and {len(wrong) - 1} more do not fit"
-        )
-    bad = next((name for name, value in tensors.items() if not bool(torch.isfinite(value).all())), None)
-    if bad is not None:
-        raise SbmError(f"{path}: {bad} holds NaN or infinity")
+    described = f"the policy that {POLICY_FILE} describes"
+    tensors = read_tensors(folder / WEIGHTS_FILE, _tensors(policy), described, SbmError)
     policy.load_state_dict(tensors, strict=False)
 
 
