@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,13 @@ from agents.policies.base import Policy
 from agents.policies.registry import make_policy
 from agents.rollouts.environments import capture_size, inner_env, make_env
 from agents.rollouts.run_episode import EpisodeSpec, episode_spec, run_episode
-from agents.rollouts.side_by_side import in_processes
 from labeling.core.errors import UsageError
 from labeling.io.formats.atomic import write_json
+from labeling.runtime.process_pool import PerProcess, map_jobs
 from labeling.runtime.run_folder import as_options, claim_run_folder
 
+_Job = tuple[EpisodeSpec, list[str]]
+"""A start, and the policies to play it with."""
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
 
@@ -139,22 +142,25 @@ def _play_missing(player: Player, specs: Sequence[EpisodeSpec]) -> None:
     if missing < total:
         print(f"{total - missing} of {total} results are there already", file=sys.stderr)
     with tqdm(total=missing, desc="evaluating", unit="episode", smoothing=0.05, file=sys.stderr) as bar:
-        if player.config.workers == 1 or len(waiting) <= 1:
-            _play_here(player, waiting, bar.update)
+        if player.config.workers == 1:
+            waiting = [(spec, [policy]) for spec, policies in waiting for policy in policies]
+            work = partial(_play, player)
         else:
-            for _, policies in in_processes(Player, player.config, _play_one, waiting, player.config.workers):
-                bar.update(len(policies))
+            work = PerProcess(partial(_playing, player.config))
+        for count in map_jobs(work, waiting, player.config.workers):
+            bar.update(count)
 
 
-def _play_here(player: Player, waiting: Sequence[tuple[EpisodeSpec, list[str]]], done: Callable[[int], object]) -> None:
-    for spec, policies in waiting:
-        for policy in policies:
-            player.play(spec, policy)
-            done(1)
+def _playing(config: EvaluateConfig) -> Callable[[_Job], int]:
+    return partial(_play, Player(config))
 
 
-def _play_one(player: Player, task: tuple[EpisodeSpec, list[str]]) -> None:
-    _play_here(player, [task], lambda _: None)
+def _play(player: Player, job: _Job) -> int:
+    """Plays one start with some policies; returns how many."""
+    spec, policies = job
+    for policy in policies:
+        player.play(spec, policy)
+    return len(policies)
 
 
 # Drawing -------------------------------------------------------------------------------------------------------------

@@ -1,12 +1,7 @@
 """The environments of training: what is paid, which scenes each worker has, several of them side by side."""
 
-import contextlib
 import functools
-import signal
-import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 from typing import Any
 
 import gymnasium as gym
@@ -17,6 +12,7 @@ from agents.ppo.config import PaidReward
 from agents.ppo.hyperparameters import ENV_WRAPPERS
 from agents.rollouts import environments
 from agents.rollouts.episode_statistics import EpisodeStatistics
+from labeling.runtime.interrupts import hold_back_interrupts
 from labeling.runtime.threads import threads_of_children
 from sbm_gym.env.rewards import RewardWeights
 
@@ -144,20 +140,5 @@ def make_vec_env(config: EnvConfig, count: int) -> VecEnv:
 def make_subproc_vec_env(config: EnvConfig, count: int, scenes: tuple[str, ...] | None = None) -> VecEnv:
     """Several environments, each in a process and a thread of its own; arguments as of ``make_training_env``."""
     factories = [functools.partial(make_training_env, config, index, count, scenes) for index in range(count)]
-    with threads_of_children(1), interrupts_held_back():
+    with threads_of_children(1), hold_back_interrupts():
         return SubprocVecEnv(factories, start_method="spawn")
-
-
-@contextlib.contextmanager
-def interrupts_held_back() -> Iterator[None]:
-    """Ctrl-C waits until the block ends, and never reaches processes that are started in it: they are told to stop."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    # Python starts this helper of its own with the first process, and then lets signals through again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

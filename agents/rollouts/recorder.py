@@ -2,7 +2,8 @@
 
 import dataclasses
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ from agents.policies.registry import make_policy
 from agents.rollouts.collect_config import CollectConfig
 from agents.rollouts.environments import capture_size, inner_env, make_env
 from agents.rollouts.rollout import rollout
-from agents.rollouts.side_by_side import in_processes
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.core.types import CONFIDENT
 from labeling.io.episodes import read_episode, write_episode
+from labeling.runtime.process_pool import PerProcess, map_jobs
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
@@ -63,7 +64,8 @@ def collect(config: CollectConfig) -> list[Path]:
         if len(missing) < len(folders):
             print(f"{len(folders) - len(missing)} of {len(folders)} episodes are there already", file=sys.stderr)
         with tqdm(total=len(missing), desc="recording", unit="episode", file=sys.stderr) as bar:
-            for _ in _record(recorder, missing):
+            work = recorder.record if config.workers == 1 else PerProcess(partial(_recording, config))
+            for _ in map_jobs(work, missing, config.workers):
                 bar.update()
     finally:
         recorder.close()
@@ -100,14 +102,8 @@ class Recorder:
         write_episode(self.folder(number), record_episode(self.env, self.config, number))
 
 
-def _record(recorder: Recorder, missing: Sequence[int]) -> Iterator[int]:
-    """Records episodes, and yields their numbers as they are done."""
-    if recorder.config.workers > 1 and len(missing) > 1:
-        yield from in_processes(Recorder, recorder.config, Recorder.record, missing, recorder.config.workers)
-        return
-    for number in missing:
-        recorder.record(number)
-        yield number
+def _recording(config: CollectConfig) -> Callable[[int], None]:
+    return Recorder(config).record
 
 
 def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:

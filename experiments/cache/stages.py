@@ -6,10 +6,9 @@ experiments share what they have in common.
 
 import hashlib
 import json
-import multiprocessing
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,8 +16,7 @@ from typing import Any, Literal, TypeVar
 
 from labeling.core.errors import SbmError
 from labeling.io.formats.atomic import write_json
-from labeling.runtime.threads import threads_of_children
-from labeling.runtime.worker_process import serve_parent
+from labeling.runtime.process_pool import run_jobs
 
 Task = TypeVar("Task")
 Job = TypeVar("Job")
@@ -109,24 +107,16 @@ def run_tasks(
     from tqdm import tqdm
 
     errors: list[str] = []
-    with tqdm(total=sum(map(weight, tasks)), desc=title, unit="run", smoothing=0.05, file=sys.stderr) as bar:
-        if not tasks:
-            return
-        context, count = multiprocessing.get_context("spawn"), min(workers, len(tasks))
-        with threads_of_children(1), ProcessPoolExecutor(count, context, serve_parent) as pool:
-            running: dict[Future[object], Task] = {pool.submit(work, task): task for task in tasks}
-            try:
-                for done in as_completed(running):
-                    error = done.exception()
-                    if isinstance(error, SbmError):
-                        errors.append(str(error))
-                        tqdm.write(f"error: {error}", file=sys.stderr)
-                    elif error is not None:
-                        raise error
-                    bar.update(weight(running[done]))
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+    bar = tqdm(total=sum(map(weight, tasks)), desc=title, unit="run", smoothing=0.05, file=sys.stderr)
+    # One thread each, for a single worker, too: what time things take does not depend on how many there are.
+    with bar, closing(run_jobs(work, tasks, workers, always_spawn=True)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome.error, SbmError):
+                errors.append(str(outcome.error))
+                tqdm.write(f"error: {outcome.error}", file=sys.stderr)
+            else:
+                outcome.result()
+            bar.update(weight(outcome.job))
     if errors:
         raise SbmError(f"{len(errors)} of {len(tasks)} tasks failed; the first: {errors[0]}")
 

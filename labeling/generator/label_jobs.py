@@ -1,12 +1,8 @@
 """Labelling the episodes of a dataset, one after the other or in several processes side by side."""
 
-import contextlib
-import multiprocessing
-import signal
-import traceback
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
-from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +10,10 @@ from labeling.core.errors import SbmError
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.threads import num_threads, threads_of_children
-from labeling.runtime.worker_process import serve_parent
+from labeling.runtime.process_pool import WorkerDiedError, run_jobs
 
 if TYPE_CHECKING:
-    from multiprocessing.context import SpawnProcess
-
     from labeling.generator.label_writer import EpisodeResult
-
-_PATIENCE_S = 10.0
-"""So long a worker may take to clean up."""
-_STOPPED = 143
-"""Exit code of a worker that was told to stop (128 + SIGTERM)."""
 
 
 @dataclass(frozen=True)
@@ -90,107 +78,14 @@ def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator["Epi
         workers: processes side by side; with 1 the work is done in this one. What comes out is the same for any number.
 
     Yields:
-        How it went with each episode, in their order. Whoever stops asking stops the workers.
-
-    Raises:
-        RuntimeError: if the program is at fault, as it would be without workers.
+        How it went with each episode, in their order. Closing the generator ends the workers.
     """
-    workers = min(workers, len(folders))
-    if workers <= 1:
-        yield from map(job.label_episode, folders)
-        return
-    crew = _Crew(job, workers)
-    try:
-        yield from crew.work(folders)
-    finally:
-        crew.stop()
+    from labeling.generator.label_writer import EpisodeResult
 
-
-class _Crew:
-    """Worker processes, one episode each at a time."""
-
-    def __init__(self, job: Job, size: int) -> None:
-        self._job, self._threads = job, max(1, num_threads() // size)
-        self._workers: dict[connection.Connection, SpawnProcess] = {}
-        self._doing: dict[connection.Connection, int] = {}
-        self._size = size
-
-    def work(self, folders: Sequence[Path]) -> Iterator["EpisodeResult"]:
-        """Hands out episodes as workers get free, and yields their states in order."""
-        states: dict[int, EpisodeResult] = {}
-        given, told = 0, 0
-        while len(self._workers) < self._size:
-            self._hire()
-        while told < len(folders):
-            for pipe in [pipe for pipe in self._workers if pipe not in self._doing]:
-                if given < len(folders):
-                    pipe.send(folders[given])
-                    self._doing[pipe] = given
-                    given += 1
-            for pipe in connection.wait(list(self._doing)):
-                assert isinstance(pipe, connection.Connection)
-                index = self._doing.pop(pipe)
-                try:
-                    answer = pipe.recv()
-                except (EOFError, ConnectionError):
-                    answer = self._lost(pipe, folders[index])
-                    self._hire()
-                if isinstance(answer, str):
-                    raise RuntimeError(f"{folders[index]}: a worker failed\n{answer}")
-                states[index] = answer
-            while told in states:
-                yield states.pop(told)
-                told += 1
-
-    def stop(self) -> None:
-        """Ends all workers and waits for them; files that they are writing disappear."""
-        for pipe, process in self._workers.items():
-            pipe.close()
-            process.terminate()
-        for process in self._workers.values():
-            process.join(_PATIENCE_S)
-            process.kill()
-            process.join()
-        self._workers.clear()
-        self._doing.clear()
-
-    def _hire(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(self._job, theirs), daemon=True)
-        with threads_of_children(self._threads):
-            process.start()
-        theirs.close()
-        self._workers[ours] = process
-
-    def _lost(self, pipe: connection.Connection, folder: Path) -> "EpisodeResult":
-        from labeling.generator.label_writer import EpisodeResult
-
-        process = self._workers.pop(pipe)
-        process.join()
-        pipe.close()
-        problem = f"{folder}: its worker process ended with exit code {process.exitcode}; memory may have run out"
-        return EpisodeResult(
-            folder.resolve().name, self._job.relative(folder), None, f"{problem} (try fewer --workers)"
-        )
-
-
-def _serve(job: Job, pipe: connection.Connection) -> None:
-    """Labels the episodes that come through the pipe, until it closes."""
-    signal.signal(signal.SIGTERM, _leave)
-    serve_parent()
-    import cv2
-
-    cv2.setNumThreads(num_threads())
-    with contextlib.suppress(EOFError, ConnectionError):
-        while True:
-            folder = pipe.recv()
-            try:
-                answer = job.label_episode(folder)
-            except Exception:  # told by the process that a user sees
-                answer = traceback.format_exc()
-            pipe.send(answer)
-
-
-def _leave(*_) -> None:
-    raise SystemExit(_STOPPED)  # unwinds, so that temporary files are removed
+    with closing(run_jobs(job.label_episode, folders, workers, threads=None, ordered=True)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome.error, WorkerDiedError):
+                folder, problem = outcome.job, f"{outcome.job}: {outcome.error}"
+                yield EpisodeResult(folder.resolve().name, job.relative(folder), None, problem)
+            else:
+                yield outcome.result()

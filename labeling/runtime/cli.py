@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import tyro
 
 from labeling.core.errors import SbmError
+from labeling.runtime.interrupts import exit_on_sigterm
 
 Config = TypeVar("Config")
 
@@ -34,12 +35,14 @@ def run_command(
         start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
 
     Returns:
-        The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted.
+        The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted. SIGTERM
+        ends the program with 143, after it has removed temporary files.
     """
     given: dict[str, Any] = {} if start is None else {"default": start}
     try:
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
-        run(config)
+        with exit_on_sigterm():
+            run(config)
         sys.stdout.flush()
     except SbmError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -1,24 +1,22 @@
 """Photographs on disk: a COCO folder that grows set by set, so that making it can be stopped and gone on with."""
 
-import multiprocessing
+import itertools
 import sys
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from labeling.core.errors import SbmError, UsageError
+from labeling.core.errors import UsageError
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.io.formats.atomic import atomic_folder, write_json
 from labeling.io.formats.checked_json import read_json
+from labeling.runtime.process_pool import map_jobs
 from labeling.runtime.run_folder import claim_run_folder
-from labeling.runtime.threads import threads_of_children
-from labeling.runtime.worker_process import serve_parent
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
 from sbm_gym.photographs.take import Photograph
 
@@ -87,8 +85,10 @@ def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int =
         default_library()  # says what to install if there is none
     claim_run_folder(folder, SETTINGS_FILE, asdict(settings), results="photographs")
     found: list[dict[str, Any]] = []
-    with tqdm(total=count, unit="photograph", file=sys.stderr, mininterval=1.0) as bar:
-        for number, photographs in enumerate(_sets(folder, settings, workers)):
+    bar = tqdm(total=count, unit="photograph", file=sys.stderr, mininterval=1.0)
+    # Sets that others make while the last one that counts is waited for stay, for a larger count.
+    with bar, closing(map_jobs(partial(make_set, folder, settings), itertools.count(), workers, ordered=True)) as sets:
+        for number, photographs in enumerate(sets):
             found += [{**one, "file_name": f"{number:05d}/{one['file_name']}"} for one in photographs]
             bar.update(min(len(found), count) - bar.n)
             if len(found) >= count:
@@ -177,27 +177,3 @@ def _coco(photographs: list[dict[str, Any]], settings: AlbumSettings) -> dict[st
     categories = [{"id": index, "name": name} for index, name in enumerate(CATEGORIES, start=1)]
     info = {"description": "rendered photographs", **asdict(settings)}
     return {"info": info, "images": images, "categories": categories, "annotations": annotations}
-
-
-def _sets(folder: Path, settings: AlbumSettings, workers: int) -> Iterator[list[dict[str, Any]]]:
-    """The photographs of sets 0, 1, ... without end."""
-    number = 0
-    if workers == 1:
-        while True:
-            yield make_set(folder, settings, number)
-            number += 1
-    context = multiprocessing.get_context("spawn")
-    with threads_of_children(1), ProcessPoolExecutor(workers, context, serve_parent) as pool:
-        waiting = []
-        try:
-            while True:
-                # A few sets ahead, so that nobody waits for the slowest; what is too many is there for a larger count.
-                while len(waiting) < 2 * workers:
-                    waiting.append(pool.submit(make_set, folder, settings, number))
-                    number += 1
-                yield waiting.pop(0).result()
-        except BrokenProcessPool:
-            raise SbmError("a process that takes photographs was killed; the same command goes on") from None
-        finally:
-            for set_to_come in waiting:
-                set_to_come.cancel()
