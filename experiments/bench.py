@@ -1,4 +1,4 @@
-"""Speed against rivals, in one run: ``python -m experiments.bench NAME`` prints a table and writes OUT/NAME.json."""
+"""Speed against baselines, in one run: ``python -m experiments.bench NAME`` prints a table and writes OUT/NAME.json."""
 
 import sys
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ BENCHES = {
     "env": "experiments.benchmarks.env",
     "boxes": "experiments.benchmarks.boxes",
 }
-"""Modules with a function ``rows(quick, say)`` that yields rows as they are measured, by the name of the bench. One
+"""Modules with a function ``measure(quick, log)`` that yields rows as they are measured, by the name of the bench. One
 with a function ``draw(rows, folder)`` also makes pictures of them."""
 
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """Measures this project's code beside its rivals on this machine; ratios mean more than seconds."""
+    """Measures this project's code beside its baselines on this machine; ratios mean more than seconds."""
 
     names: tyro.conf.Positional[tuple[str, ...]] = tuple(BENCHES)
     """Which benches to run."""
@@ -48,7 +48,7 @@ def run(config: BenchConfig) -> None:
     _choose_opengl()
     for name in config.names:
         module = import_module(BENCHES[name])
-        rows = list(module.rows(config.quick, _say))
+        rows = list(module.measure(config.quick, _log))
         config.out.mkdir(parents=True, exist_ok=True)
         write_json(
             config.out / f"{name}.json", {"bench": name, "machine": machine(), "rows": [as_json(r) for r in rows]}
@@ -69,7 +69,7 @@ def _choose_opengl() -> None:
         os.environ.setdefault("MUJOCO_GL", kind)
 
 
-def _say(text: str) -> None:
+def _log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 

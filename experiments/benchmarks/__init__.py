@@ -1,1 +1,1 @@
-"""Speed beside rivals."""
+"""Speed beside baselines."""

@@ -16,12 +16,12 @@ SIZE = (256, 256)
 CATEGORIES = ("chair", "couch", "table")
 
 
-def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """Measures row by row, per frame of a room with six detections; nothing depends on what the networks have learnt.
 
     Args:
         quick: few repetitions.
-        say: where progress is told.
+        log: takes lines about the progress.
     """
     import torch
 
@@ -29,24 +29,24 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
     from labeling.detectors3d.ldls import Ldls, LdlsConfig
 
-    say(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
+    log(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
     repeats = 1 if quick else 7
     frame = view_of_boxes()
     detections = frame.detections or ()
-    rival = median_seconds(lambda: Ldls().lift(frame, detections), 1 if quick else 3)
+    baseline = median_seconds(lambda: Ldls().lift(frame, detections), 1 if quick else 3)
     for width, points in ((1.0, 1024), (0.5, 512)):
         torch.manual_seed(0)
         spec = FrustumSpec(CATEGORIES, ((1.0, 1.0, 1.0),) * len(CATEGORIES), width, points)
         detector = FrustumDetector(FrustumNet(spec), "bench")
         seconds = median_seconds(lambda which=detector: which.lift(frame, detections), repeats)
         what = f"frustum PointNet, {points} points, width {width:g}, {SIZE[1]}x{SIZE[0]}, {len(detections)} detections"
-        yield Row(what, "LDLS to convergence, every second pixel", seconds, rival)
+        yield Row(what, "LDLS to convergence, every second pixel", seconds, baseline)
     one_step = LdlsConfig(tolerance=0.9)
     yield Row(
         "LDLS, a rough solution (residual .9)",
         "LDLS to convergence",
         median_seconds(lambda: Ldls(one_step).lift(frame, detections), 1 if quick else 3),
-        rival,
+        baseline,
     )
 
 

@@ -19,24 +19,24 @@ if TYPE_CHECKING:
 BATCH = 8
 LIMITS_S = {128: 0.040, 256: 0.120}
 """What the project promises for a frame on two cores."""
-RIVAL = "ResNet-50 Mask R-CNN"
+BASELINE = "ResNet-50 Mask R-CNN"
 CLASSES = tuple(f"class {number}" for number in range(13))
 PARTS = (("backbone", "trunk and pyramid"), ("rpn", "proposals"), ("roi_heads", "classes, boxes and masks"))
 
 
-def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """Measures row by row, per frame.
 
     Networks with random weights report as many detections as they may in every picture, which is the worst case; both
     networks are measured so. With its own weights, ``compact`` is measured on views of a furnished room as well.
 
     Args:
-        quick: few repetitions, and the rival only at the smaller size.
-        say: where progress is told.
+        quick: few repetitions, and the baseline only at the smaller size.
+        log: takes lines about the progress.
     """
     import torch
 
-    say(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
+    log(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
     repeats = 1 if quick else 7
     noise = np.random.default_rng(0)
     for size, limit in LIMITS_S.items():
@@ -47,15 +47,15 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
         if not (quick and size > min(LIMITS_S)):
             theirs, _ = _per_frame(_random("maskrcnn_resnet50_fpn"), pictures[: 1 if quick else 2], 1 if quick else 3)
         what = f"compact {size}x{size}, batch {BATCH}, worst case: {found:g} detections a frame"
-        wanted = f"< {1e3 * limit:g} ms"
-        yield Row(what, f"{RIVAL}, not enlarged", seconds, theirs, wanted, seconds < limit)
+        target = f"< {1e3 * limit:g} ms"
+        yield Row(what, f"{BASELINE}, not enlarged", seconds, theirs, target, seconds < limit)
         yield from _parts(detector, pictures, size)
     if quick:
         return
     size = max(LIMITS_S)
     pictures = noise.integers(0, 256, (1, size, size, 3), dtype=np.uint8)
     seconds, _ = _per_frame(_random("maskrcnn_resnet50_fpn", enlarged=True), pictures, 1)
-    yield Row(f"{RIVAL}, {size}x{size} enlarged to 800x800 as torchvision does", "-", seconds, None)
+    yield Row(f"{BASELINE}, {size}x{size} enlarged to 800x800 as torchvision does", "-", seconds, None)
     if COMPACT_FILE.is_file():
         yield from _in_a_room(repeats)
 

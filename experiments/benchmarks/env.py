@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from experiments.benchmarks.render import RIVAL, rival
+from experiments.benchmarks.render import BASELINE, baseline
 from experiments.benchmarks.rows import Row, median_seconds
 from sbm_gym.registration import MAX_EPISODE_STEPS
 
@@ -22,20 +22,20 @@ STEPS_PER_CORE = 60.0
 SIZE_PX = 84
 
 
-def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """Measures row by row, per step; all in one scene that has been built already.
 
     Args:
         quick: few steps.
-        say: where progress is told.
+        log: takes lines about the progress.
     """
-    yield from _in_one_scene(quick, say)
+    yield from _in_one_scene(quick, log)
     for colours in (True, False):
-        yield from _with_workers(quick, say, colours)
-    yield from _learning(quick, say)
+        yield from _with_workers(quick, log, colours)
+    yield from _learning(quick, log)
 
 
-def _in_one_scene(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def _in_one_scene(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """A step with all that belongs to it, beside the mere pictures of the same views; and one without colours."""
     import sbm_gym  # noqa: F401, registers the environments
 
@@ -45,12 +45,12 @@ def _in_one_scene(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     episodes = 1 if quick else 5
     seconds = _seconds_per_step(env, episodes, cameras)
     scene = env.get_wrapper_attr("scene")
-    say(f"{SCENE}: {len(scene.world.objects)} objects")
+    log(f"{SCENE}: {len(scene.world.objects)} objects")
     views = cameras[:: MAX_EPISODE_STEPS // 3]
-    draw = rival(scene.model, scene.data, views, SIZE_PX, False, True)
+    draw = baseline(scene.model, scene.data, views, SIZE_PX, False, True)
     theirs = median_seconds(draw, 1 if quick else 3) / len(views)
     what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
-    yield Row(what, f"{RIVAL}: the picture only", seconds, theirs)
+    yield Row(what, f"{BASELINE}: the picture only", seconds, theirs)
     env.close()
     env = gym.make(ENV_ID, colours=False)
     env.reset(seed=0, options={"scene": SCENE})
@@ -73,7 +73,7 @@ def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarra
     return float(np.median(seconds))
 
 
-def _with_workers(quick: bool, say: Callable[[str], None], colours: bool) -> Iterator[Row]:
+def _with_workers(quick: bool, log: Callable[[str], None], colours: bool) -> Iterator[Row]:
     """Steps of several workers side by side, ends of episodes included; each worker has one thread."""
     from agents.ppo.envs import EnvConfig, make_subproc_vec_env
 
@@ -89,7 +89,7 @@ def _with_workers(quick: bool, say: Callable[[str], None], colours: bool) -> Ite
                 workers.step(rng.uniform(-1.0, 1.0, (count, 4)).astype(np.float32))
             seconds = (time.perf_counter() - started) / (steps * count)
         what = f"step of {count} worker{'s' if count > 1 else ''} side by side{'' if colours else ', without colours'}"
-        say(f"{what}: {1.0 / seconds:.0f} steps/s")
+        log(f"{what}: {1.0 / seconds:.0f} steps/s")
         alone = seconds if alone is None else alone
         per_core = 1.0 / seconds / min(count, len(os.sched_getaffinity(0)))
         yield Row(
@@ -103,7 +103,7 @@ def _with_workers(quick: bool, say: Callable[[str], None], colours: bool) -> Ite
         )
 
 
-def _learning(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def _learning(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """What choosing actions and learning from them adds to a step, with the hyperparameters of the environment."""
     import torch
     from stable_baselines3 import PPO
@@ -121,7 +121,7 @@ def _learning(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     model = PPO(policy_class(settings.policy), env, policy_kwargs=network, device="cpu", seed=0, **arguments)
     model.set_logger(Logger(None, []))
     env.close()
-    say(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
+    log(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
     model.observation_space.seed(0)
     observation = {name: part[None] for name, part in model.observation_space.sample().items()}
     several = {name: np.repeat(part, settings.n_envs, axis=0) for name, part in observation.items()}

@@ -13,10 +13,10 @@ from unittest import mock
 import numpy as np
 
 import labeling.generator.propagate
-from experiments.benchmarks.label_rival import ThesisSegmenter, check_installed
 from experiments.benchmarks.label_rooms import first_views, open_room, record
 from experiments.benchmarks.label_stages import stage_rows, timed_stage
 from experiments.benchmarks.rows import PER_VIEW, Row, seconds_per_view
+from experiments.benchmarks.thesis_segmenter import ThesisSegmenter, check_installed
 from experiments.figures.label_speed import PICTURE, draw_label_speed
 from labeling.core.episode import Episode
 from labeling.evaluation.compare import evaluate_label_set
@@ -42,12 +42,12 @@ _FRESH = (
 )
 
 
-def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """Measures row by row.
 
     Args:
         quick: few views and repetitions.
-        say: where progress is told.
+        log: takes lines about the progress.
     """
     check_installed()
     counts = VIEW_COUNTS[:3] if quick else VIEW_COUNTS
@@ -56,14 +56,14 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
         dataset = Path(folder)
         started = time.perf_counter()
         longest = record(open_room(), counts[-1], VIEWS)
-        say(f"recorded {counts[-1]} views in {time.perf_counter() - started:.0f} s")
+        log(f"recorded {counts[-1]} views in {time.perf_counter() - started:.0f} s")
         for count in counts:
             write_episode(dataset / f"views_{count}", first_views(longest, count))
-        yield from _rivals(dataset, repeats, say)
-        yield from _fresh_processes(dataset, counts, say)
+        yield from _baselines(dataset, repeats, log)
+        yield from _fresh_processes(dataset, counts, log)
         yield from stage_rows(lambda out: _label(dataset / f"views_{VIEWS}", out), dataset / f"views_{VIEWS}", repeats)
-        yield from _view_counts(dataset, counts, repeats, say)
-        yield from _workers(dataset, longest, say)
+        yield from _view_counts(dataset, counts, repeats, log)
+        yield from _workers(dataset, longest, log)
 
 
 def draw(rows: Sequence[Row], out: Path) -> None:
@@ -79,7 +79,7 @@ def _label(episode: Path, out: Path, label: LabelConfig | None = None) -> float:
     return time.perf_counter() - started
 
 
-def _rivals(dataset: Path, repeats: int, say: Callable[[str], None]) -> Iterator[Row]:
+def _baselines(dataset: Path, repeats: int, log: Callable[[str], None]) -> Iterator[Row]:
     episode, out = dataset / f"views_{VIEWS}", dataset / "out"
     alone = LabelConfig(exclusive=False)
 
@@ -107,15 +107,15 @@ def _rivals(dataset: Path, repeats: int, say: Callable[[str], None]) -> Iterator
                 whole[name].append(seconds)
                 segmenting[name].append(spent)
             quality[name] = evaluate_label_set(out).metrics["pseudo_labels"]["mean_iou"]
-        say(f"turn {turn + 1}: " + ", ".join(f"{min(times):.2f} s" for times in whole.values()))
+        log(f"turn {turn + 1}: " + ", ".join(f"{min(times):.2f} s" for times in whole.values()))
     thesis_name = list(ways)[1]
-    for what, spent_by, wanted in (
+    for what, spent_by, factor in (
         (f"segmentation (SVM, CRF) of 10 objects in {VIEWS} views 320x240", segmenting, FACTOR),
         ("the whole episode, files to files", whole, None),
     ):
         ours = min(spent_by["ours"])
         for name in list(ways)[1:]:
-            theirs, promise = min(spent_by[name]), wanted if name == thesis_name else None
+            theirs, promise = min(spent_by[name]), factor if name == thesis_name else None
             better = quality["ours"] >= quality[name]
             yield Row(
                 what,
@@ -138,7 +138,7 @@ def _rivals(dataset: Path, repeats: int, say: Callable[[str], None]) -> Iterator
     )
 
 
-def _fresh_processes(dataset: Path, counts: Sequence[int], say: Callable[[str], None]) -> Iterator[Row]:
+def _fresh_processes(dataset: Path, counts: Sequence[int], log: Callable[[str], None]) -> Iterator[Row]:
     """Time and memory of the command itself, interpreter and imports included."""
     for count in sorted({VIEWS, counts[-1]}):
         best, peak = np.inf, 0.0
@@ -149,7 +149,7 @@ def _fresh_processes(dataset: Path, counts: Sequence[int], say: Callable[[str], 
             result = subprocess.run(command, capture_output=True, text=True, check=True)
             best = min(best, time.perf_counter() - started)
             peak = max(peak, int(result.stdout.split()[-1]) / 1024)
-        say(f"{count} views in a fresh process: {best:.2f} s, {peak:.0f} MB")
+        log(f"{count} views in a fresh process: {best:.2f} s, {peak:.0f} MB")
         yield Row(
             f"fresh process, {count} views: peak memory",
             "limit",
@@ -161,11 +161,11 @@ def _fresh_processes(dataset: Path, counts: Sequence[int], say: Callable[[str], 
         )
 
 
-def _view_counts(dataset: Path, counts: Sequence[int], repeats: int, say: Callable[[str], None]) -> Iterator[Row]:
+def _view_counts(dataset: Path, counts: Sequence[int], repeats: int, log: Callable[[str], None]) -> Iterator[Row]:
     seconds = {}
     for count in counts:
         seconds[count] = min(_label(dataset / f"views_{count}", dataset / "out") for _ in range(max(2, repeats // 2)))
-        say(f"{count} views: {seconds[count]:.2f} s")
+        log(f"{count} views: {seconds[count]:.2f} s")
         yield Row(PER_VIEW.format(count), "none", seconds[count] / count, None)
     slope = float(np.polyfit(np.log(counts), np.log([seconds[count] for count in counts]), 1)[0])
     last = seconds[counts[-1]] / counts[-1]
@@ -180,7 +180,7 @@ def _view_counts(dataset: Path, counts: Sequence[int], repeats: int, say: Callab
     )
 
 
-def _workers(dataset: Path, longest: Episode, say: Callable[[str], None]) -> Iterator[Row]:
+def _workers(dataset: Path, longest: Episode, log: Callable[[str], None]) -> Iterator[Row]:
     """One worker that has all threads beside two workers of one thread each, start of the processes included."""
     several = dataset / "several"
     for number in range(WORKER_EPISODES):
@@ -194,7 +194,7 @@ def _workers(dataset: Path, longest: Episode, say: Callable[[str], None]) -> Ite
             generate(GenerateConfig(dataset=several, out=dataset / "out", workers=workers))
             best = min(best, time.perf_counter() - started)
         seconds[workers] = best
-        say(f"{workers} workers: {best:.2f} s")
+        log(f"{workers} workers: {best:.2f} s")
     yield Row(
         f"{WORKER_EPISODES} episodes, --workers 2",
         "--workers 1 (its threads use all cores too)",

@@ -20,7 +20,7 @@ from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.scenes.world_sources import world_source
 from sbm_gym.worlds.world import World
 
-RIVAL = "mujoco.Renderer, 3 passes"
+BASELINE = "mujoco.Renderer, 3 passes"
 SCENE = "train/00"
 NUM_VIEWS = 6
 RESETS = 500
@@ -28,12 +28,12 @@ GROWTH_MB = 16.0
 """Memory that 500 resets may add, for allocators' sake; a leak of one small picture a reset would exceed it."""
 
 
-def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """Measures row by row.
 
     Args:
         quick: few repetitions.
-        say: where progress is told.
+        log: takes lines about the progress.
     """
     world = world_source("indoor").build(SCENE)
     model = world.spec.compile()
@@ -41,7 +41,7 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
     mujoco.mj_forward(model, data)
     cameras = views(world)
     triangles = int(sum(model.mesh_facenum[model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]]))
-    say(f"{SCENE}: {len(world.objects)} objects, {triangles} triangles, {model.nlight} lamps; OpenGL: {_device()}")
+    log(f"{SCENE}: {len(world.objects)} objects, {triangles} triangles, {model.nlight} lamps; OpenGL: {_device()}")
     repeats = 1 if quick else 5
     rays, gl = RaysRenderer(model), GlRenderer(model)
     for size, antialias in ((84, False), (256, True)):
@@ -51,19 +51,19 @@ def rows(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
             "gl": median_seconds(_all(gl, data, cameras, size, antialias), repeats) / NUM_VIEWS,
         }
         for shadows, factor in ((True, {84: 12.0}), (False, {84: 6.0, 256: 2.0})):
-            theirs = median_seconds(rival(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
+            theirs = median_seconds(baseline(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
             for name, seconds in ours.items():
-                wanted = factor.get(size) if name == "rays" else None
+                target = factor.get(size) if name == "rays" else None
                 yield Row(
                     f"{name}: {what}",
-                    f"{RIVAL}, its shadows {'on' if shadows else 'off'}",
+                    f"{BASELINE}, its shadows {'on' if shadows else 'off'}",
                     seconds,
                     theirs,
-                    "" if wanted is None else f"{wanted:g}x",
-                    None if wanted is None else bool(theirs >= wanted * seconds),
+                    "" if target is None else f"{target:g}x",
+                    None if target is None else bool(theirs >= target * seconds),
                 )
     gl.close()
-    yield from scene_costs(quick, say)
+    yield from scene_costs(quick, log)
 
 
 def views(world: World) -> list[Float[np.ndarray, "4 4"]]:
@@ -83,7 +83,7 @@ def _all(renderer: Renderer, data, cameras, size: int, antialias: bool) -> Calla
     return draw
 
 
-def rival(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Callable[[], None]:
+def baseline(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Callable[[], None]:
     """Colour, depth and segmentation as ``mujoco.Renderer`` draws them: one pass each, from the same place."""
     model = copy.copy(model)
     model.vis.quality.offsamples = 4 if antialias else 0
@@ -91,13 +91,13 @@ def rival(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Ca
     # It draws no point lights, and their empty shadow maps would cost it little: it gets lamps that it can draw.
     lamps = model.light_type == mujoco.mjtLightType.mjLIGHT_POINT
     model.light_type[lamps], model.light_cutoff[lamps] = int(mujoco.mjtLightType.mjLIGHT_SPOT), 80.0
-    rival = mujoco.Renderer(model, size, size)
-    rival.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(shadows)
+    baseline = mujoco.Renderer(model, size, size)
+    baseline.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(shadows)
     camera = mujoco.MjvCamera()
     modes = (
-        rival.disable_depth_rendering,
-        rival.enable_depth_rendering,
-        rival.enable_segmentation_rendering,
+        baseline.disable_depth_rendering,
+        baseline.enable_depth_rendering,
+        baseline.enable_segmentation_rendering,
     )
 
     def draw() -> None:
@@ -107,10 +107,10 @@ def rival(model, data, cameras, size: int, antialias: bool, shadows: bool) -> Ca
             camera.azimuth = np.rad2deg(np.arctan2(forward[1], forward[0]))
             camera.elevation = np.rad2deg(np.arcsin(forward[2]))
             for choose in modes:
-                rival.update_scene(data, camera)
+                baseline.update_scene(data, camera)
                 choose()
-                rival.render()
-            rival.disable_segmentation_rendering()
+                baseline.render()
+            baseline.disable_segmentation_rendering()
 
     return draw
 
@@ -125,7 +125,7 @@ def _device() -> str:
     return name
 
 
-def scene_costs(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
+def scene_costs(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     """What it takes to enter another scene, to start again in one, and whether memory stays where it is."""
     from sbm_gym.env.fixation_env import FixationEnv
 
@@ -137,7 +137,7 @@ def scene_costs(quick: bool, say: Callable[[str], None]) -> Iterator[Row]:
         started = time.perf_counter()
         env.reset(seed=number, options={"scene": name})
         changes.append(time.perf_counter() - started)
-        say(f"scene {name}: {changes[-1]:.2f} s")
+        log(f"scene {name}: {changes[-1]:.2f} s")
     seconds = float(np.median(changes))
     yield Row("scene change (build, compile, first picture)", "limit", seconds, None, "< 2 s", seconds < 2.0)
     known = median_seconds(lambda: env.reset(options={"reuse_scene": True}), 5 if quick else 50)

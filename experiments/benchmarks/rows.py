@@ -1,22 +1,28 @@
-"""Rows of a bench: what was measured beside which rival, as JSON and for people."""
+"""Rows of a benchmark: what was measured beside which baseline, as JSON and for people."""
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 PER_VIEW = "{} views, for each view"
 """What rows say that tell how labelling grows with the number of views."""
+SAVED_AS = {"baseline": "rival", "baseline_seconds": "rival_seconds", "target": "wanted"}
+"""Fields that have another name in files."""
+HEADINGS = ("what", "ours", "baseline", "its time", "ratio", "target", "")
 
 
 @dataclass(frozen=True)
 class Row:
-    """One comparison. Without a rival, or with a limit instead of one, the last numbers say so."""
+    """One comparison. Without a baseline, or with a limit instead of one, the last numbers say so."""
 
     what: str
-    rival: str
+    baseline: str
     seconds: float
-    rival_seconds: float | None
-    wanted: str = ""
+    baseline_seconds: float | None
+    target: str = ""
     """What the project promises about this row."""
     holds: bool | None = None
     """Whether it keeps the promise; None where there is none."""
@@ -24,34 +30,31 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """How many times as fast as the rival."""
-        return None if self.rival_seconds is None else self.rival_seconds / max(self.seconds, 1e-12)
+        """How many times as fast as the baseline."""
+        return None if self.baseline_seconds is None else self.baseline_seconds / max(self.seconds, 1e-12)
+
+    def cells(self, missed: str = "MISSED") -> list[str]:
+        """The row for people, in the order of ``HEADINGS``.
+
+        Args:
+            missed: what stands where a promise is not kept.
+        """
+        verdict = {True: "holds", False: missed, None: ""}[self.holds]
+        theirs = "" if self.baseline_seconds is None else time_text(self.baseline_seconds)
+        ratio = "" if self.ratio is None else f"{self.ratio:.1f}x" if self.ratio >= 0.95 else f"{self.ratio:.2g}x"
+        note = "; ".join(part for part in (verdict, self.note) if part)
+        return [self.what, time_text(self.seconds), self.baseline, theirs, ratio, self.target, note]
 
 
-def as_json(row: Row) -> dict:
+def as_json(row: Row) -> dict[str, Any]:
     """A row as it is written."""
-    return {
-        "what": row.what,
-        "rival": row.rival,
-        "seconds": row.seconds,
-        "rival_seconds": row.rival_seconds,
-        "ratio": row.ratio,
-        "wanted": row.wanted,
-        "holds": row.holds,
-        "note": row.note,
-    }
+    return {**{SAVED_AS.get(name, name): value for name, value in asdict(row).items()}, "ratio": row.ratio}
 
 
-def ratio_text(row: Row) -> str:
-    """How many times as fast as the rival, for people."""
-    if row.ratio is None:
-        return ""
-    return f"{row.ratio:.1f}x" if row.ratio >= 0.95 else f"{row.ratio:.2g}x"
-
-
-def row_of(content: dict) -> Row:
+def row_of(content: Mapping[str, Any]) -> Row:
     """A row from how it was written."""
-    return Row(**{name: value for name, value in content.items() if name != "ratio"})
+    fields = {saved: name for name, saved in SAVED_AS.items()}
+    return Row(**{fields.get(name, name): value for name, value in content.items() if name != "ratio"})
 
 
 def seconds_per_view(rows: Sequence[Row]) -> dict[int, float]:
@@ -60,7 +63,7 @@ def seconds_per_view(rows: Sequence[Row]) -> dict[int, float]:
     return {int(match[1]): seconds for match, seconds in found if match}
 
 
-def machine() -> dict:
+def machine() -> dict[str, Any]:
     """What the numbers were measured on."""
     import os
     import platform
@@ -68,17 +71,12 @@ def machine() -> dict:
     return {"processor": platform.machine(), "cpus": len(os.sched_getaffinity(0)), "python": platform.python_version()}
 
 
-def table(name: str, rows: list[Row]) -> str:
+def table(name: str, rows: Sequence[Row]) -> str:
     """The rows as text, one a line."""
-    cells = [("what", "ours", "rival", "theirs", "ratio", "wanted", "")]
-    for row in rows:
-        theirs = "" if row.rival_seconds is None else time_text(row.rival_seconds)
-        verdict = {True: "holds; ", False: "MISSED; ", None: ""}[row.holds]
-        verdict = (verdict + row.note).removesuffix("; ")
-        cells.append((row.what, time_text(row.seconds), row.rival, theirs, ratio_text(row), row.wanted, verdict))
-    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
-    lines = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in cells]
-    return "\n".join([f"\n{name}", *lines])
+    lines = [HEADINGS, *(row.cells() for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    padded = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)) for line in lines]
+    return "\n".join([f"\n{name}", *(line.rstrip() for line in padded)])
 
 
 def time_text(seconds: float) -> str:
@@ -88,9 +86,6 @@ def time_text(seconds: float) -> str:
 
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
     """Median seconds of one call, after one that warms up. The median, since others may use the machine too."""
-    import statistics
-    import time
-
     work()
     seconds = []
     for _ in range(repeats):

@@ -5,7 +5,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from experiments.benchmarks.rows import Row, ratio_text, row_of, seconds_per_view, time_text
+from experiments.benchmarks.rows import row_of, seconds_per_view
 from experiments.pages.markdown import points, read_result, render, table
 from experiments.pages.markdown import write_page as write
 from labeling.core.errors import SbmError
@@ -174,12 +174,5 @@ def _levels(results: Mapping[str, Any], pools: Sequence[str], figures: Sequence[
 
 
 def _speed(content: Mapping[str, Any]) -> dict[str, Any]:
-    rows = [_measured(row_of(row)) for row in content["rows"]]
+    rows = [row_of(row).cells("**missed**") for row in content["rows"]]
     return {"machine": content["machine"], "rows": rows, "picture": SPEED_PICTURE}
-
-
-def _measured(row: Row) -> list[str]:
-    verdict = {True: "holds", False: "**missed**", None: ""}[row.holds]
-    theirs = "" if row.rival_seconds is None else time_text(row.rival_seconds)
-    note = "; ".join(part for part in (verdict, row.note) if part)
-    return [row.what, time_text(row.seconds), row.rival, theirs, ratio_text(row), row.wanted, note]

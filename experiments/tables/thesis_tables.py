@@ -1,12 +1,15 @@
-"""The thesis' tables in two dimensions, in our worlds: what each row is, and how its figures come about."""
+"""The thesis' tables in two dimensions, in our worlds: ``thesis_tables.yaml`` says what each row is."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from experiments.cache.registry import Experiment, register
 from experiments.cache.stages import RunContext
-from experiments.tables.training_sets import NOVEL, Student, Subset, TrainingSets
+from experiments.tables.training_sets import Student, Subset, TrainingSets
 
 
 @dataclass(frozen=True)
@@ -123,11 +126,6 @@ def over_shared_categories(rows: dict[str, list[dict[str, Any]]]) -> dict[str, l
     return {name: [only(shared, run) for run in runs] for name, runs in rows.items()}
 
 
-def in_more_scenes(*rows: Row) -> tuple[Row, ...]:
-    """Rows of detectors, scored on many unseen scenes instead of the thesis' few."""
-    return tuple(replace(row, subset="wide") for row in rows)
-
-
 def _subsets(row: Row) -> tuple[Subset, ...]:
     return (row.subset,) if row.teacher is None else ("learn", "choose", row.subset)
 
@@ -145,124 +143,15 @@ def _with_progress(seeds: Sequence[int], rows: Sequence[Row]) -> Iterator[tuple[
             yield seed, row
 
 
-PRE_TRAINED = Row("pre-trained", "test")
-FINE_TUNED, CEILING = Row("SbM fine-tuned", "test", teacher="sbm"), Row("GT fine-tuned", "test", teacher="truth")
-SHARED = Row("SbM fine-tuned on shared labels", "test", teacher="shared")
-"""Beyond the thesis: what one episode has found is labelled in the others of its scene, too."""
-SECOND = Row("SbM fine-tuned, second round", "test", teacher="second round")
-"""So is this: the pre-trained detector, fine-tuned on labels made with what that one finds in the same episodes."""
-BOTH = Row("SbM fine-tuned on sure labels of both detectors", "test", teacher="both detectors")
-"""And this: on labels made with what that one and the pre-trained one find, as in the never-ending loop; those that are
-likely to be wrong are ignored."""
-GAP = (PRE_TRAINED.name, FINE_TUNED.name, CEILING.name)
-SHARED_GAP = (PRE_TRAINED.name, SHARED.name, CEILING.name)
-BOTH_GAP = (PRE_TRAINED.name, BOTH.name, CEILING.name)
-SECOND_GAP = (PRE_TRAINED.name, SECOND.name, CEILING.name)
+def read_table(content: Mapping[str, Any]) -> Table:
+    """A table as ``thesis_tables.yaml`` has it."""
+    rows = [{**row, "new_categories": tuple(row.get("new_categories", ()))} for row in content["rows"]]
+    lists = {name: tuple(map(tuple, content.get(name, ()))) for name in ("gaps", "above")}
+    categories = tuple(content["categories"]) if "categories" in content else None
+    return Table(content["description"], content["world"], tuple(Row(**row) for row in rows), categories, **lists)
 
-TABLES = {
-    "table_5_1": Table(
-        "streets: pre-trained, SbM labels, and detectors fine-tuned on these and on ground truth, on unseen towns; "
-        "labels are made of each episode alone, as in the thesis, or shared by the episodes of a town, and then a "
-        "second time with what the detector finds that was fine-tuned on these",
-        "streets",
-        (
-            PRE_TRAINED,
-            Row("pre-trained, training towns", "learn"),
-            Row("SbM labels, training towns", "learn", labels="sbm"),
-            Row("shared SbM labels, training towns", "learn", labels="shared"),
-            Row("shared SbM labels of the second round, training towns", "learn", labels="second round"),
-            Row("SbM labels, test town", "test", labels="sbm"),
-            FINE_TUNED,
-            SHARED,
-            SECOND,
-            CEILING,
-        ),
-        gaps=(GAP, SHARED_GAP, SECOND_GAP),
-        above=(
-            ("SbM labels, training towns", "pre-trained, training towns"),
-            ("shared SbM labels, training towns", "SbM labels, training towns"),
-            ("shared SbM labels of the second round, training towns", "shared SbM labels, training towns"),
-        ),
-    ),
-    "table_5_1_wide": Table(
-        "streets: table 5.1's detectors on a dozen unseen towns besides: one test town tells chance from gain poorly",
-        "streets",
-        in_more_scenes(PRE_TRAINED, FINE_TUNED, SHARED, SECOND, CEILING),
-        gaps=(GAP, SHARED_GAP, SECOND_GAP),
-    ),
-    "table_5_2": Table(
-        "rooms: pre-trained, SbM labels (of each episode alone, as in the thesis, or shared by the episodes of a home) "
-        "and weakly supervised SbM labels, on the views of training scenes",
-        "rooms",
-        (
-            Row("pre-trained", "learn"),
-            Row("SbM labels", "learn", labels="sbm"),
-            Row("shared SbM labels", "learn", labels="shared"),
-            Row("SbM-ws labels", "learn", labels="weak"),
-        ),
-        above=(
-            ("SbM labels", "pre-trained"),
-            ("shared SbM labels", "pre-trained"),
-            ("shared SbM labels", "SbM labels"),
-            ("SbM-ws labels", "SbM labels"),
-        ),
-    ),
-    "table_5_3": Table(
-        "rooms: pre-trained, SbM fine-tuned (on labels of each episode alone, as in the thesis; shared by the episodes "
-        "of a home; or made a second time with what the detector fine-tuned on these and the pre-trained one find) and "
-        "GT fine-tuned, on unseen homes",
-        "rooms",
-        (PRE_TRAINED, FINE_TUNED, SHARED, BOTH, CEILING),
-        gaps=(GAP, SHARED_GAP, BOTH_GAP),
-    ),
-    "table_5_3_wide": Table(
-        "rooms: table 5.3's detectors in 40 unseen interiors besides: two test homes tell chance from gain poorly",
-        "rooms",
-        in_more_scenes(PRE_TRAINED, FINE_TUNED, SHARED, BOTH, CEILING),
-        gaps=(GAP, SHARED_GAP, BOTH_GAP),
-    ),
-    "table_5_4": Table(
-        "rooms: labels made with the pre-trained detector, with the fine-tuned one and with both, on the views of "
-        "training scenes; of each episode alone, as in the thesis, or shared by the episodes of a home",
-        "rooms",
-        (
-            Row("SbM labels", "learn", labels="sbm"),
-            Row("SbM labels of the fine-tuned detector", "learn", labels="sbm", teacher="sbm"),
-            Row("shared SbM labels", "learn", labels="shared"),
-            Row("shared SbM labels of the fine-tuned detector", "learn", labels="second round"),
-            Row("shared SbM labels of both detectors", "learn", labels="both detectors"),
-        ),
-    ),
-    "table_a_1": Table(
-        "rooms: fine-tuned on labels with and without the consistency filter, on unseen homes",
-        "rooms",
-        (
-            PRE_TRAINED,
-            Row("SbM without consistency", "test", teacher="sbm"),
-            Row("SbM with consistency", "test", teacher="consistent"),
-            Row("pre-trained, more homes", "wide"),
-            Row("SbM without consistency, more homes", "wide", teacher="sbm"),
-            Row("SbM with consistency, more homes", "wide", teacher="consistent"),
-        ),
-    ),
-    "table_a_2": Table(
-        "rooms: weakly supervised SbM labels of categories that no photograph has shown",
-        "rooms",
-        (Row("SbM-ws labels", "learn", labels="weak"),),
-        categories=NOVEL,
-    ),
-    "table_a_3": Table(
-        "rooms: detectors of novel categories, trained on weak labels or on the annotated views alone, in 40 unseen "
-        "interiors (the thesis: cushions only)",
-        "rooms",
-        (
-            Row("SbM-ws labels", "learn", labels="weak"),
-            Row("SbM trained", "wide", teacher="weak", new_categories=NOVEL),
-            Row("trained on the annotated views alone", "wide", teacher="annotated views", new_categories=NOVEL),
-            Row("GT trained, all views", "wide", teacher="truth", new_categories=NOVEL),
-        ),
-        categories=NOVEL,
-    ),
-}
+
+_FILE = Path(__file__).with_name("thesis_tables.yaml")
+TABLES = {name: read_table(content) for name, content in yaml.safe_load(_FILE.read_text(encoding="utf-8")).items()}
 for _name, _table in TABLES.items():
     register(Experiment(_name, _table.description, _table.run, pages=("results",)))

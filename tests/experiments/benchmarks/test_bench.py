@@ -14,8 +14,8 @@ from experiments.benchmarks.rows import Row, as_json, row_of, table
 from experiments.pages.label_generator import page
 
 
-def fake_rows(quick, say):
-    say("measuring")
+def fake_rows(quick, log):
+    log("measuring")
     yield Row("ours: a thing", "theirs", 0.5 if quick else 0.25, 1.0, "3x", True)
     yield Row("ours: another", "limit", 2.0, None, "< 1 s", False)
     yield Row("ours: third", "limit", 0.001, None, note="+1 MB")
@@ -24,7 +24,7 @@ def fake_rows(quick, say):
 @pytest.fixture
 def fake_bench(monkeypatch):
     monkeypatch.setattr(bench, "BENCHES", {"fake": "experiments.bench_fake"})
-    monkeypatch.setattr(bench, "import_module", lambda name: SimpleNamespace(rows=fake_rows))
+    monkeypatch.setattr(bench, "import_module", lambda name: SimpleNamespace(measure=fake_rows))
 
 
 def test_rows_are_printed_and_written(fake_bench, tmp_path, capsys):
@@ -44,7 +44,7 @@ def test_rows_are_printed_and_written(fake_bench, tmp_path, capsys):
 
 def test_tables_are_aligned():
     lines = table("fake", list(fake_rows(True, lambda text: None))).splitlines()
-    column = lines[2].index("rival")
+    column = lines[2].index("baseline")
     assert {line[column:].split()[0] for line in lines[3:]} == {"theirs", "limit"}
 
 
@@ -56,7 +56,7 @@ def test_unknown_benches_name_the_known(tmp_path, capsys):
 
 def test_every_registered_bench_can_be_imported():
     for module in bench.BENCHES.values():
-        assert callable(import_module(module).rows)
+        assert callable(import_module(module).measure)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import pytest
 from experiments.ablations import label_modes
 from experiments.cache.registry import experiments
 from experiments.cache.stages import RunContext
+from experiments.cache.worlds import WORLDS
 from experiments.figures.thesis_values import MEANS
 from experiments.run import main
 from experiments.tables.thesis_tables import TABLES, Table, only, over_shared_categories
@@ -18,6 +19,7 @@ from experiments.tables.training_sets import (
     LABEL_RECIPES,
     NOVEL,
     SPLITS,
+    TEACHERS,
     Student,
     TrainingSets,
     annotated_views,
@@ -67,6 +69,10 @@ def test_only_training_scenes_teach(name: str) -> None:
     table: Table = TABLES[name]
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
+    assert table.world in WORLDS
+    assert {row.subset for row in table.rows} <= set(SPLITS)
+    assert {row.labels for row in table.rows} <= {None, *LABEL_RECIPES}
+    assert {row.teacher for row in table.rows} <= {None, *TEACHERS}
     assert {row for gap in table.gaps for row in gap} <= set(names)
     assert {row for pair in table.above for row in pair} <= set(names)
     assert experiments()[name].description == table.description

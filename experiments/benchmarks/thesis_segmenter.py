@@ -23,7 +23,7 @@ SURE = 0.99
 
 
 def check_installed() -> None:
-    """Checks that the rival is there.
+    """Checks that the baseline is there.
 
     Raises:
         SbmError: saying what to install.
