@@ -3,13 +3,12 @@
 import hashlib
 import json
 import sys
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from labeling.core.errors import SbmError, UsageError
+from labeling.core.errors import UsageError
+from labeling.detectors.command import DetectionCommand
 from labeling.detectors.registry import DEFAULT
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
@@ -22,59 +21,39 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class DetectConfig:
+class DetectCommand(DetectionCommand):
     """Writes ``detections.json`` (COCO results with RLE masks and scores) beside the frames of each episode.
 
     Episodes that this detector has already looked at are passed over.
     """
 
-    dataset: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="EPISODES")]]
-    """An episode, or a folder of episodes."""
     detector: str = DEFAULT
     """``compact``, ``maskrcnn_resnet50_fpn``, the folder of a labeling.finetune run, ``onnx:FILE`` or
     ``package.module:function``."""
     replace: bool = False
     """Replace detections that this command did not write."""
-    device: str | None = None
-    """cpu, cuda, ...; by default a GPU if there is one."""
     batch_size: int = 8
     """Pictures at a time."""
-    recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
 
 
-def run(config: DetectConfig) -> None:
+def run(command: DetectCommand) -> None:
     """Detects in all episodes.
 
     Raises:
         SbmError: if there is no such detector or no episode; and, after all the others are done, if any episode failed.
     """
-    from tqdm import tqdm
-
     from labeling.detectors.registry import load_detector
-    from labeling.io.episodes import find_episodes
 
-    config.recording.check()
-    detector = load_detector(config.detector, config.device, config.batch_size)
-    folders = find_episodes(config.dataset, config.recording)
-    counts = {"views": 0, "detections": 0, "passed over": 0}
-    failed = 0
-    for folder in tqdm(folders, desc="detecting", unit="episode", delay=2.0, leave=False, file=sys.stderr):
-        try:
-            found = detect_episode(folder, detector, config.recording, config.replace)
-        except SbmError as error:
-            tqdm.write(f"error: {error}", file=sys.stderr)
-            failed += 1
-            continue
-        if found is None:
-            counts["passed over"] += 1
-        else:
-            counts["views"] += found[0]
-            counts["detections"] += found[1]
-    done = len(folders) - failed - counts["passed over"]
-    print(f"{counts['detections']} detections in {counts['views']} views of {done} episodes", end="")
-    print(f"; {counts['passed over']} were done already" if counts["passed over"] else "")
-    if failed:
-        raise SbmError(f"{failed} of {len(folders)} episodes failed, for the reasons above")
+    command.recording.check()
+    detector = load_detector(command.detector, command.device, command.batch_size)
+
+    def summary(counts: list[tuple[int, int]]) -> str:
+        views, detections = (sum(column) for column in zip((0, 0), *counts, strict=True))
+        return f"{detections} detections in {views} views of {len(counts)} episodes"
+
+    command.run_on_episodes(
+        lambda folder: detect_episode(folder, detector, command.recording, command.replace), summary
+    )
 
 
 def detect_episode(
@@ -94,8 +73,6 @@ def detect_episode(
     Raises:
         SbmError: if the episode is malformed, the detector fails, or there are other detections.
     """
-    from dataclasses import asdict
-
     from labeling.detectors.run_detector import run_detector
     from labeling.io.episodes import read_episode
     from labeling.io.formats.atomic import write_json
@@ -104,9 +81,9 @@ def detect_episode(
     recording = recording or RecordingConfig()
     path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
     about: dict[str, Any] = dict(read_json(about_path).mapping()) if about_path.is_file() else {}
-    mark = hashlib.sha256(f"{detector.digest}\0{sorted(asdict(recording).items())}".encode()).hexdigest()
+    mark = _digest(f"{detector.digest}\0{sorted(asdict(recording).items())}")
     kept = about.get("detector_run")
-    ours = isinstance(kept, dict) and path.is_file() and kept.get("detections_sha256") == _digest(path)
+    ours = isinstance(kept, dict) and path.is_file() and kept.get("detections_sha256") == _digest(path.read_bytes())
     if isinstance(kept, dict) and ours and (kept.get("detector"), kept.get("mark")) == (detector.name, mark):
         return None
     if path.is_file() and not ours and not replace:
@@ -115,8 +92,9 @@ def detect_episode(
     found = run_detector(detector, episode)
     ids, categories = _category_ids(folder, about, found, detector)
     records = _records(found, _image_ids(folder, episode), ids)
-    # Were the process killed between the two files, the sum would not fit, and the detector would run again.
-    digest = hashlib.sha256(_as_written(records)).hexdigest()
+    # Of what write_json will write. Were the process killed between the two files, it would not fit, and the detector
+    # would run again.
+    digest = _digest(json.dumps(records, indent=1, allow_nan=False) + "\n")
     run_record = {"detector": detector.name, "mark": mark, "detections_sha256": digest}
     about |= {"categories": categories, "detector": detector.name, "detector_run": run_record}
     if detector.categories is not None:
@@ -128,13 +106,8 @@ def detect_episode(
     return episode.num_views, len(records)
 
 
-def _as_written(records: list[dict[str, Any]]) -> bytes:
-    """The bytes that ``labeling.io.formats.atomic.write_json`` writes."""
-    return (json.dumps(records, indent=1, allow_nan=False) + "\n").encode()
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _digest(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def _records(
@@ -197,7 +170,7 @@ def _category_ids(
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(DetectConfig, run, "python -m labeling.detect", arguments)
+    return run_command(DetectCommand, run, "python -m labeling.detect", arguments)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
 """Finds 3-D boxes in recorded episodes: ``python -m labeling.detect3d EPISODES --detector RUN --boxes DETECTOR``."""
 
+import hashlib
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
+from labeling.core.errors import EpisodeFormatError, UsageError
+from labeling.detectors.command import DetectionCommand
 from labeling.io.file_names import DETECTIONS_3D_FILE, DETECTIONS_FILE
 from labeling.io.formats.atomic import write_json
+from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import run_command
 
@@ -23,69 +24,47 @@ RECORDED = "recorded"
 
 
 @dataclass(frozen=True)
-class Detect3dConfig:
+class Detect3dCommand(DetectionCommand):
     """Writes ``detections_3d.json`` beside the frames of each episode: boxes in the world, each found from one view.
 
     Episodes that these detectors have already looked at are passed over.
     """
 
-    dataset: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="EPISODES")]]
-    """An episode, or a folder of episodes."""
     detector: str
     """The folder of a labeling.train3d run, or ``ldls``, which needs no training."""
     boxes: str = RECORDED
     """Who finds objects in pictures: a 2-D detector as for labeling.detect, or ``recorded`` for the detections.json
     that episodes have."""
-    device: str | None = None
-    """cpu, cuda, ...; by default a GPU if there is one."""
-    recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
 
 
-def run(config: Detect3dConfig) -> None:
+def run(command: Detect3dCommand) -> None:
     """Detects in all episodes.
 
     Raises:
         SbmError: if there is no such detector or no episode; and, after all the others are done, if any episode failed.
     """
-    from tqdm import tqdm
-
     from labeling.detectors.registry import load_detector
     from labeling.detectors3d.registry import load_detector_3d
-    from labeling.io.episodes import find_episodes
 
-    config.recording.check()
-    lifter = load_detector_3d(config.detector, config.device)
-    finder = None if config.boxes == RECORDED else load_detector(config.boxes, config.device)
-    folders = find_episodes(config.dataset, config.recording)
-    found, failed, passed_over = 0, 0, 0
-    for folder in tqdm(folders, desc="detecting", unit="episode", delay=2.0, leave=False, file=sys.stderr):
-        try:
-            count = detect_episode(folder, lifter, finder, config.recording)
-        except SbmError as error:
-            tqdm.write(f"error: {error}", file=sys.stderr)
-            failed += 1
-            continue
-        if count is None:
-            passed_over += 1
-        else:
-            found += count
-    done = len(folders) - failed - passed_over
-    print(f"{found} boxes in {done} episodes", end="")
-    print(f"; {passed_over} were done already" if passed_over else "", end="")
-    print(f": {config.dataset / '*' / DETECTIONS_3D_FILE}")
-    if failed:
-        raise SbmError(f"{failed} of {len(folders)} episodes failed, for the reasons above")
+    command.recording.check()
+    detector_3d = load_detector_3d(command.detector, command.device)
+    detector_2d = None if command.boxes == RECORDED else load_detector(command.boxes, command.device)
+    command.run_on_episodes(
+        lambda folder: detect_episode(folder, detector_3d, detector_2d, command.recording),
+        lambda counts: f"{sum(counts)} boxes in {len(counts)} episodes",
+    )
+    print(command.dataset / "*" / DETECTIONS_3D_FILE)
 
 
 def detect_episode(
-    folder: Path, lifter: "Detector3d", finder: "Detector | None", recording: RecordingConfig | None = None
+    folder: Path, detector_3d: "Detector3d", detector_2d: "Detector | None", recording: RecordingConfig | None = None
 ) -> int | None:
     """Writes ``detections_3d.json`` of one episode.
 
     Args:
         folder: of the episode.
-        lifter: of detections to boxes.
-        finder: of objects in pictures; None takes the detections that the episode has.
+        detector_3d: lifts detections to boxes.
+        detector_2d: finds objects in pictures; None takes the detections that the episode has.
         recording: how to read it.
 
     Returns:
@@ -97,14 +76,14 @@ def detect_episode(
     from labeling.io.episodes import read_episode
 
     path = folder / DETECTIONS_3D_FILE
-    mark = _mark(folder, lifter, finder)
-    if path.is_file() and _read(path).get("mark") == mark:
+    mark = _mark(folder, detector_3d, detector_2d)
+    if _mark_of_file(path) == mark:
         return None
     episode = read_episode(folder, recording, ground_truth=False)
-    boxes = lifter.lift(episode, detections_of(episode, finder))
+    boxes = detector_3d.lift(episode, detections_of(episode, detector_2d))
     content = {
-        "detector": lifter.name,
-        "boxes": RECORDED if finder is None else finder.name,
+        "detector": detector_3d.name,
+        "boxes": RECORDED if detector_2d is None else detector_2d.name,
         "mark": mark,
         "detections": [_record(episode, one) for one in boxes],
     }
@@ -112,7 +91,7 @@ def detect_episode(
     return len(boxes)
 
 
-def detections_of(episode: "Episode", finder: "Detector | None") -> "tuple[Detection, ...]":
+def detections_of(episode: "Episode", detector_2d: "Detector | None") -> "tuple[Detection, ...]":
     """What a 2-D detector finds, or has found.
 
     Raises:
@@ -120,8 +99,8 @@ def detections_of(episode: "Episode", finder: "Detector | None") -> "tuple[Detec
     """
     from labeling.detectors.run_detector import run_detector
 
-    if finder is not None:
-        return run_detector(finder, episode)
+    if detector_2d is not None:
+        return run_detector(detector_2d, episode)
     if episode.detections is None:
         raise UsageError(f"{episode.name}: has no detections.json; give a 2-D detector with --boxes")
     return episode.detections
@@ -135,7 +114,6 @@ def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
     """
     from labeling.detectors3d.base import Detection3d
     from labeling.io.coco import read_valid_box_3d
-    from labeling.io.formats.checked_json import read_json
 
     found = []
     for record in read_json(path).list_of("detections"):
@@ -160,27 +138,25 @@ def _record(episode: "Episode", one: "Detection3d") -> dict[str, Any]:
     }
 
 
-def _mark(folder: Path, lifter: "Detector3d", finder: "Detector | None") -> str:
+def _mark(folder: Path, detector_3d: "Detector3d", detector_2d: "Detector | None") -> str:
     """Changes with both detectors, and with the detections that are lifted."""
-    import hashlib
-
     recorded = folder / DETECTIONS_FILE
-    source = finder.digest if finder is not None else recorded.read_bytes().hex() if recorded.is_file() else ""
-    return hashlib.sha256(f"{lifter.digest}\0{source}".encode()).hexdigest()
+    source = (
+        detector_2d.digest if detector_2d is not None else recorded.read_bytes().hex() if recorded.is_file() else ""
+    )
+    return hashlib.sha256(f"{detector_3d.digest}\0{source}".encode()).hexdigest()
 
 
-def _read(path: Path) -> dict[str, Any]:
-    from labeling.io.formats.checked_json import read_json
-
+def _mark_of_file(path: Path) -> object:
     try:
-        return dict(read_json(path).mapping())
+        return read_json(path).mapping().get("mark") if path.is_file() else None
     except EpisodeFormatError:
-        return {}
+        return None
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    return run_command(Detect3dConfig, run, "python -m labeling.detect3d", arguments)
+    return run_command(Detect3dCommand, run, "python -m labeling.detect3d", arguments)
 
 
 if __name__ == "__main__":
