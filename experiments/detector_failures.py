@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from experiments.pretraining.world_views import WORLDS, ViewsConfig
+from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
 from labeling.runtime.cli import run_command
 
 
@@ -16,7 +16,7 @@ class FailuresConfig:
 
     detector: str = "compact"
     """Which detector: compact, maskrcnn_resnet50_fpn, onnx:FILE, package.module:function, or a run's folder."""
-    views: ViewsConfig = field(default_factory=ViewsConfig)
+    views: WorldViewsConfig = field(default_factory=WorldViewsConfig)
     """Which views."""
     picture: Path = Path("docs/pictures/detector_failures.png")
     """PNG to write."""
@@ -34,7 +34,7 @@ def run(config: FailuresConfig) -> None:
     from dataclasses import asdict
 
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    from experiments.pretraining.failure_figures import CONDITIONS, draw_failures, look_at_views, rows_by
+    from experiments.pretraining.failure_figures import CONDITIONS, bin_by, draw_failures, find_objects
     from experiments.pretraining.world_views import record_views
     from labeling.detectors.registry import check_name, load_detector
     from labeling.io.episodes import find_episodes, read_episode
@@ -45,8 +45,8 @@ def run(config: FailuresConfig) -> None:
     looks = {}
     for world in WORLDS:
         folders = find_episodes(record_views(config.views, world, "train"))
-        looks[world] = [look for folder in folders for look in look_at_views(read_episode(folder), detector)]
-    tables = {world: {name: rows_by(looks[world], name, world) for name in CONDITIONS} for world in WORLDS}
+        looks[world] = [look for folder in folders for look in find_objects(read_episode(folder), detector)]
+    tables = {world: {name: bin_by(looks[world], name, world) for name in CONDITIONS} for world in WORLDS}
     draw_failures(tables, config.picture)
     content = {
         "detector": config.detector,

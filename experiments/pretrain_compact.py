@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from experiments.pretraining.world_views import WORLDS, ViewsConfig
+from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import run_command
 from labeling.runtime.ranges import Positive, check_ranges
@@ -47,7 +47,7 @@ class CompactConfig:
     """Of photographs and training."""
     calibrate: Literal["photographs", "worlds", "none"] = "photographs"
     """What confidences are fitted on: held-out photographs, or views of the worlds' training scenes."""
-    views: ViewsConfig = field(default_factory=ViewsConfig)
+    views: WorldViewsConfig = field(default_factory=WorldViewsConfig)
     """On which views of worlds it is tried out."""
 
 
@@ -94,15 +94,17 @@ def _trained(config: CompactConfig, training: Any, train: list, val: list) -> An
     """The network after pre-training, with averaged weights."""
     import torch
 
+    from experiments.pretraining.augmentation import PretrainAugmentConfig
     from experiments.pretraining.loop import pretrain
-    from experiments.pretraining.views import ViewConfig
     from labeling.detectors.networks.mask_rcnn import build_from_imagenet
     from labeling.detectors.networks.spec import NetworkSpec
     from sbm_gym.photographs.models import CATEGORIES
 
     torch.manual_seed(config.seed)
     network = build_from_imagenet(NetworkSpec("compact", CATEGORIES))
-    return pretrain(network, config.out, train, val, training, ViewConfig(), say=lambda text: print(text, flush=True))
+    return pretrain(
+        network, config.out, train, val, training, PretrainAugmentConfig(), say=lambda text: print(text, flush=True)
+    )
 
 
 def _finish(config: CompactConfig, network: Any, val: list) -> None:

@@ -37,7 +37,7 @@ RIGHT_IOU = 0.5
 
 
 @dataclass(frozen=True)
-class Look:
+class ObjectView:
     """One object in one view, and whether it was found with its class and enough overlap."""
 
     category: str
@@ -54,7 +54,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Row:
+class Bin:
     """The objects of one bin."""
 
     low: float
@@ -66,7 +66,7 @@ class Row:
     """Share found with confidence."""
 
 
-def look_at_views(episode: Episode, detector: Detector) -> list[Look]:
+def find_objects(episode: Episode, detector: Detector) -> list[ObjectView]:
     """What a detector finds of every object in every view of an episode with ground truth."""
     known = None if detector.categories is None else set(detector.categories)
     truths = [
@@ -88,7 +88,7 @@ def look_at_views(episode: Episode, detector: Detector) -> list[Look]:
         eye = episode.camera_to_world[truth.view_index][:3, 3]
         whole = truth.modal if truth.amodal is None else truth.amodal
         looks.append(
-            Look(
+            ObjectView(
                 category=truth.category,
                 side=seen_from_deg(truth.box_3d, eye),
                 visible=np.count_nonzero(truth.modal) / max(np.count_nonzero(whole), 1),
@@ -106,7 +106,7 @@ def seen_from_deg(box: Box3d, eye_m: Float[np.ndarray, "3"]) -> float:
     return float(np.rad2deg(np.abs(np.arctan2(right, -back))))
 
 
-def rows_by(looks: Sequence[Look], condition: str, world: str) -> list[Row]:
+def bin_by(looks: Sequence[ObjectView], condition: str, world: str) -> list[Bin]:
     """Objects by one condition.
 
     Args:
@@ -124,7 +124,7 @@ def rows_by(looks: Sequence[Look], condition: str, world: str) -> list[Row]:
         chosen = [looks[k] for k in np.flatnonzero(place == number).tolist()]
         count = len(chosen)
         shares = [sum(getattr(c, name) for c in chosen) / count if count else None for name in ("found", "confident")]
-        rows.append(Row(low, high, count, shares[0], shares[1]))
+        rows.append(Bin(low, high, count, shares[0], shares[1]))
     return rows
 
 
@@ -135,7 +135,7 @@ def wilson(share: float, count: int, z: float = 1.96) -> tuple[float, float]:
     return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
 
 
-def draw_failures(tables: Mapping[str, Mapping[str, Sequence[Row]]], path: Path) -> None:
+def draw_failures(tables: Mapping[str, Mapping[str, Sequence[Bin]]], path: Path) -> None:
     """Draws what share of objects is found, a row of panels for each kind of world.
 
     Args:
@@ -157,7 +157,7 @@ def draw_failures(tables: Mapping[str, Mapping[str, Sequence[Row]]], path: Path)
     plt.close(figure)
 
 
-def _panel(axes: Axes, rows: Sequence[Row]) -> None:
+def _panel(axes: Axes, rows: Sequence[Bin]) -> None:
     labels = [f"{row.low:g}-{row.high:g}\nn={row.objects}" for row in rows]
     for name, colour, words in (
         ("found", "tab:blue", "found (IoU ≥ .5, right class)"),

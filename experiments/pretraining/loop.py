@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from experiments.pretraining.views import ViewConfig, stream
+from experiments.pretraining.augmentation import PretrainAugmentConfig, stream
 from labeling.core.errors import UsageError
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.finetuning.dataset import Batch
@@ -77,7 +77,7 @@ def pretrain(
     photographs: Sequence[AnnotatedPicture],
     held_out: Sequence[AnnotatedPicture],
     config: PretrainConfig,
-    views: ViewConfig,
+    views: PretrainAugmentConfig,
     say: Callable[[str], None] = print,
 ) -> Network:
     """Pre-trains a network; goes on where a killed run stopped.
@@ -117,7 +117,7 @@ class PretrainTask(MaskRcnnTask):
         photographs: Sequence[AnnotatedPicture],
         held_out: Sequence[AnnotatedPicture],
         config: PretrainConfig,
-        views: ViewConfig,
+        views: PretrainAugmentConfig,
     ) -> None:
         """Takes what ``pretrain`` was given."""
         super().__init__(network, config.average)

@@ -14,7 +14,7 @@ CONFIDENT = 0.9
 
 
 @dataclass(frozen=True)
-class ViewsConfig:
+class WorldViewsConfig:
     """How many views a detector is tried on."""
 
     folder: Path = Path("out/pretrain_worlds")
@@ -27,12 +27,12 @@ class ViewsConfig:
     """Of scenes, starts and paths."""
 
 
-def world_views(config: ViewsConfig, world: str, split: Literal["train", "val"]) -> list[AnnotatedPicture]:
+def world_views(config: WorldViewsConfig, world: str, split: Literal["train", "val"]) -> list[AnnotatedPicture]:
     """Views with ground truth; see ``record_views``."""
     return read_pictures(record_views(config, world, split))
 
 
-def record_views(config: ViewsConfig, world: str, split: Literal["train", "val"]) -> Path:
+def record_views(config: WorldViewsConfig, world: str, split: Literal["train", "val"]) -> Path:
     """Records the episodes that are not there yet, and returns their folder.
 
     Args:

@@ -10,7 +10,7 @@ from torch.utils.data import Dataset
 
 from labeling.detectors3d.config import NO_AUGMENTATION_3D, Augment3dConfig
 from labeling.detectors3d.frustum_losses import FrustumBatch
-from labeling.detectors3d.frustum_samples import LEAST_POINTS, FrustumSample
+from labeling.detectors3d.frustum_samples import MIN_POINTS, FrustumSample
 from labeling.detectors3d.upright_boxes import HALF_TURN, encode_box
 
 TrainingSample = tuple[np.ndarray, int, np.ndarray, np.ndarray, float]
@@ -60,7 +60,7 @@ def augmented(
     x, y = 0.5 * (left + right) + shift_x * width, 0.5 * (top + bottom) + shift_y * height
     half_x, half_y = 0.5 * scale_x * width, 0.5 * scale_y * height
     frustum, foreground = sample.crop((x - half_x, y - half_y, x + half_x, y + half_y))
-    if np.count_nonzero(foreground) < LEAST_POINTS // 2:
+    if np.count_nonzero(foreground) < MIN_POINTS // 2:
         frustum, foreground = sample.crop(sample.box_xyxy)
     points = frustum.points.astype(np.float32)
     box = encode_box(frustum.from_world(sample.box))

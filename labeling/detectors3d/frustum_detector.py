@@ -14,7 +14,7 @@ from labeling.detectors3d.frustum_pointnet import FrustumNet
 from labeling.detectors3d.frustums import make_frustum
 from labeling.detectors3d.upright_boxes import decode_box
 
-LEAST_POINTS = 8
+MIN_POINTS = 8
 """A frustum of fewer points gets no box."""
 
 
@@ -53,7 +53,7 @@ class FrustumDetector:
                 spec.num_points,
                 np.random.default_rng(0),
             )
-            if len(frustum.points) >= LEAST_POINTS:
+            if len(frustum.points) >= MIN_POINTS:
                 frustums.append(frustum)
                 kept.append(one)
         found: list[Detection3d] = []

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from labeling.detectors3d.frustum_pointnet import HALF_TURN, FrustumNet, FrustumOutput, bin_of, heading_of
+from labeling.detectors3d.frustum_pointnet import HALF_TURN, FrustumNet, FrustumOutput, bin_to_heading, heading_to_bin
 
 RESIDUALS, CORNERS = 20.0, 10.0
 """Weights of residuals and of the corner loss. Source: the paper's published code."""
@@ -39,11 +39,11 @@ def frustum_losses(network: FrustumNet, output: FrustumOutput, batch: FrustumBat
     centre, sides, heading = batch.boxes[:, :3], batch.boxes[:, 3:6], batch.boxes[:, 6]
     rows = torch.arange(len(centre), device=centre.device)
     template = network.sizes_m[batch.category]
-    heading_bin, heading_residual = bin_of(heading)
+    heading_bin, heading_residual = heading_to_bin(heading)
     size_target = sides / template - 1
     size_found = output.size_residuals[rows, batch.category]
     heading_found = output.heading_residuals[rows, heading_bin]
-    found = corners(output.centre, template * (1 + size_found), heading_of(heading_bin, heading_found))
+    found = corners(output.centre, template * (1 + size_found), bin_to_heading(heading_bin, heading_found))
     apart = [(found - corners(centre, sides, heading + turn)).norm(dim=2).mean(dim=1) for turn in (0.0, HALF_TURN)]
     points = functional.binary_cross_entropy_with_logits(output.logits, batch.foreground, reduction="none")
     terms = {

@@ -53,7 +53,7 @@ class FrustumOutput:
     """(b, k, 3): relative to the template."""
 
 
-class Layers(nn.Sequential):
+class SharedMlp(nn.Sequential):
     """Fully connected layers, normalised over whatever comes before the channels: (..., c) -> (..., d).
 
     On (b, n, c) they are the layers that a PointNet applies to every point alike; as products of matrices they take two
@@ -73,19 +73,19 @@ class Layers(nn.Sequential):
         return super().forward(input.flatten(0, -2)).unflatten(0, input.shape[:-1])
 
 
-class Segmentation(nn.Module):
+class PointSegmentation(nn.Module):
     """Which points are the object's."""
 
     def __init__(self, num_categories: int, width: float) -> None:
         super().__init__()
         c64, c128, c256, c512, c1024 = (_channels(c, width) for c in (64, 128, 256, 512, 1024))
-        self.local = Layers(3, c64, c64, c64)
-        self.whole = Layers(c64, c128, c1024)
+        self.local = SharedMlp(3, c64, c64, c64)
+        self.whole = SharedMlp(c64, c128, c1024)
         # The layer after both are put together, in two parts: that of the whole is the same for all points.
         self.from_local = nn.Linear(c64, c512, bias=False)
         self.from_whole = nn.Linear(c1024 + num_categories, c512, bias=False)
         self.together = nn.Sequential(nn.BatchNorm1d(c512), nn.ReLU(inplace=True))
-        self.head = nn.Sequential(Layers(c512, c256, c128, c128), nn.Dropout(0.5), nn.Linear(c128, 1))
+        self.head = nn.Sequential(SharedMlp(c512, c256, c128, c128), nn.Dropout(0.5), nn.Linear(c128, 1))
 
     def forward(self, points: Tensor, category: Tensor) -> Tensor:
         """Args: points (b, n, 3), category one-hot (b, k). Returns: logits (b, n)."""
@@ -95,13 +95,13 @@ class Segmentation(nn.Module):
         return self.head(self.together(both.flatten(0, 1)).unflatten(0, both.shape[:2]))[..., 0]
 
 
-class PointSummary(nn.Module):
+class PointNet(nn.Module):
     """A PointNet with one output vector, as the T-Net and the box network are."""
 
     def __init__(self, shared: tuple[int, ...], full: tuple[int, ...], num_categories: int, outputs: int) -> None:
         super().__init__()
-        self.shared = Layers(3, *shared)
-        self.full = Layers(shared[-1] + num_categories, *full)
+        self.shared = SharedMlp(3, *shared)
+        self.full = SharedMlp(shared[-1] + num_categories, *full)
         self.last = nn.Linear(full[-1], outputs)
 
     def forward(self, points: Tensor, category: Tensor) -> Tensor:
@@ -120,9 +120,9 @@ class FrustumNet(nn.Module):
         self.spec = spec
         k, width = len(spec.categories), spec.width
         c128, c256, c512 = (_channels(c, width) for c in (128, 256, 512))
-        self.segmentation = Segmentation(k, width)
-        self.centre_net = PointSummary((c128, c128, c256), (c256, c128), k, 3)
-        self.box_net = PointSummary((c128, c128, c256, c512), (c512, c256), k, 3 + 2 * HEADINGS + k * (1 + ANCHORS))
+        self.segmentation = PointSegmentation(k, width)
+        self.centre_net = PointNet((c128, c128, c256), (c256, c128), k, 3)
+        self.box_net = PointNet((c128, c128, c256, c512), (c512, c256), k, 3 + 2 * HEADINGS + k * (1 + ANCHORS))
         self.register_buffer("sizes_m", torch.tensor(spec.sizes_m, dtype=torch.float32).reshape(k, 3))
 
     def forward(self, points: Tensor, category: Tensor) -> FrustumOutput:
@@ -158,7 +158,7 @@ class FrustumNet(nn.Module):
         """The likeliest boxes: (b, 7), as ``labeling.detectors3d.upright_boxes`` writes them."""
         rows = torch.arange(len(output.centre), device=output.centre.device)
         heading, size = output.heading_scores.argmax(dim=1), output.size_scores.argmax(dim=1)
-        angle = heading_of(heading, output.heading_residuals[rows, heading])
+        angle = bin_to_heading(heading, output.heading_residuals[rows, heading])
         sides = self.sizes_m[size] * (1 + output.size_residuals[rows, size]).clamp(min=0.05)
         return torch.cat([output.centre, sides, torch.remainder(angle, HALF_TURN)[:, None]], dim=1)
 
@@ -178,12 +178,12 @@ def object_points(points: Tensor, logits: Tensor) -> Tensor:
     return points.gather(1, chosen[:, :, None].expand(-1, -1, 3))
 
 
-def heading_of(bin_index: Tensor, residual: Tensor) -> Tensor:
+def bin_to_heading(bin_index: Tensor, residual: Tensor) -> Tensor:
     """Radians, from a bin and a residual in half bins."""
     return (bin_index + 0.5 * residual) * (HALF_TURN / HEADINGS)
 
 
-def bin_of(heading_rad: Tensor) -> tuple[Tensor, Tensor]:
+def heading_to_bin(heading_rad: Tensor) -> tuple[Tensor, Tensor]:
     """The other way round: the bin whose middle is nearest, and the residual in half bins, in [-1, 1]."""
     place = heading_rad * (HEADINGS / HALF_TURN)
     nearest = torch.round(place)

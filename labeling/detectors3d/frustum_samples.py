@@ -15,11 +15,11 @@ from labeling.core.rle import decode_mask
 from labeling.core.types import Box3d
 from labeling.detectors3d.frustums import (
     Frustum,
-    azimuth_of,
+    azimuth_of_pixel,
+    box_centre,
     crop_frustum,
     horizontal_rays,
     make_frustum,
-    middle_of,
 )
 from labeling.detectors3d.upright_boxes import encode_box
 from labeling.io.coco import CategoryTable, is_ignored, read_valid_box_3d
@@ -32,9 +32,9 @@ MARGIN = 0.15
 """How far beyond its 2-D box the points around an object are kept, in sides of the box: augmentation moves the box."""
 KEPT_POINTS = 4096
 """Of them, at most."""
-LEAST_POINTS = 16
+MIN_POINTS = 16
 """An object of which fewer points are seen teaches nothing."""
-LEAST_MASK_PX = 64
+MIN_MASK_PX = 64
 """Nor does one of which fewer pixels are seen."""
 BEYOND_BOX = 1.15
 """Points of a mask that lie outside of its 3-D box, grown so many times, are what the mask has in excess."""
@@ -60,7 +60,7 @@ class FrustumSample:
 
     def crop(self, box_xyxy: tuple[float, float, float, float]) -> tuple[Frustum, Bool[np.ndarray, "m"]]:
         """The frustum of another 2-D box within the margin, and which of its points are the object's."""
-        frustum, kept = crop_frustum(self.frustum, box_xyxy, azimuth_of(middle_of(box_xyxy), self.rays))
+        frustum, kept = crop_frustum(self.frustum, box_xyxy, azimuth_of_pixel(box_centre(box_xyxy), self.rays))
         return frustum, self.foreground[kept]
 
 
@@ -81,7 +81,7 @@ def read_frustum_samples(path: Path, seed: int = 0, dataset: Path | None = None)
         found = list(_of_episodes(path, seed))
     if not found:
         raise UsageError(
-            f"{path}: holds no object with a 3-D box of which at least {LEAST_MASK_PX} pixels and {LEAST_POINTS} "
+            f"{path}: holds no object with a 3-D box of which at least {MIN_MASK_PX} pixels and {MIN_POINTS} "
             "points are seen; give a label set (labeling.generate) or episodes whose ground_truth.json has box_3d"
         )
     return found
@@ -166,7 +166,7 @@ def make_frustum_sample(
         UsageError: if the box is none, or tilted.
     """
     encode_box(box)
-    if np.count_nonzero(mask) < LEAST_MASK_PX:
+    if np.count_nonzero(mask) < MIN_MASK_PX:
         return None
     x, y, width, height = box_xywh(mask)
     wide = (x - MARGIN * width, y - MARGIN * height, x + (1 + MARGIN) * width, y + (1 + MARGIN) * height)
@@ -176,7 +176,7 @@ def make_frustum_sample(
     local_box = frustum.from_world(box)
     inside = np.abs((frustum.points - local_box.centre_m) @ local_box.rotation) <= 0.5 * BEYOND_BOX * box.extent_m
     foreground = mask[rows, columns] & np.all(inside, axis=1)
-    if np.count_nonzero(foreground) < LEAST_POINTS:
+    if np.count_nonzero(foreground) < MIN_POINTS:
         return None
     rays = horizontal_rays(intrinsics, pose)
     return FrustumSample(category, frustum, foreground, (x, y, x + width, y + height), box, weight, rays)

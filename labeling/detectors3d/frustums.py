@@ -32,12 +32,12 @@ class Frustum:
 
     def to_world(self, box: Box3d) -> Box3d:
         """A box of this frustum in the world."""
-        turn = turn_about_z(self.azimuth_rad)
+        turn = rotation_about_z(self.azimuth_rad)
         return Box3d(turn @ box.centre_m + self.eye_m, box.extent_m, turn @ box.rotation)
 
     def from_world(self, box: Box3d) -> Box3d:
         """A box of the world in this frustum."""
-        turn = turn_about_z(-self.azimuth_rad)
+        turn = rotation_about_z(-self.azimuth_rad)
         return Box3d(turn @ (box.centre_m - self.eye_m), box.extent_m, turn @ box.rotation)
 
 
@@ -74,8 +74,8 @@ def make_frustum(
     pixels = np.stack([x + columns.start, y + rows.start], axis=1).astype(float)
     points = unproject(pixels, window[y, x].astype(float), intrinsics, camera_to_world)
     eye = np.asarray(camera_to_world[:3, 3], float)
-    azimuth = azimuth_of(middle_of(box_xyxy), horizontal_rays(intrinsics, camera_to_world))
-    local = (points - eye) @ turn_about_z(azimuth)
+    azimuth = azimuth_of_pixel(box_centre(box_xyxy), horizontal_rays(intrinsics, camera_to_world))
+    local = (points - eye) @ rotation_about_z(azimuth)
     return Frustum(local.astype(np.float32), pixels.astype(np.float32), eye, azimuth)
 
 
@@ -87,7 +87,7 @@ def crop_frustum(
     Args:
         frustum: of a box that contains the other one.
         box_xyxy: in pixels.
-        azimuth_rad: of its middle (``azimuth_of``).
+        azimuth_rad: of its middle (``azimuth_of_pixel``).
 
     Returns:
         The new frustum, and which points of the old one it keeps.
@@ -95,11 +95,11 @@ def crop_frustum(
     left, top, right, bottom = check_box(box_xyxy)
     x, y = frustum.pixels.T
     kept = (x >= left) & (x < right) & (y >= top) & (y < bottom)
-    turned = frustum.points[kept] @ turn_about_z(azimuth_rad - frustum.azimuth_rad).astype(np.float32)
+    turned = frustum.points[kept] @ rotation_about_z(azimuth_rad - frustum.azimuth_rad).astype(np.float32)
     return Frustum(turned, frustum.pixels[kept], frustum.eye_m, azimuth_rad), kept
 
 
-def middle_of(box_xyxy: tuple[float, float, float, float]) -> tuple[float, float]:
+def box_centre(box_xyxy: tuple[float, float, float, float]) -> tuple[float, float]:
     """Pixel (x, y) in the middle of a box; centres of pixels have whole numbers, their edges lie between them."""
     return 0.5 * (box_xyxy[0] + box_xyxy[2]) - 0.5, 0.5 * (box_xyxy[1] + box_xyxy[3]) - 0.5
 
@@ -111,13 +111,13 @@ def horizontal_rays(
     return camera_to_world[:2, :3] @ np.linalg.inv(intrinsics)
 
 
-def azimuth_of(pixel: tuple[float, float], rays: Float[np.ndarray, "2 3"]) -> float:
+def azimuth_of_pixel(pixel: tuple[float, float], rays: Float[np.ndarray, "2 3"]) -> float:
     """Horizontal direction of a pixel's ray in the world, radians from +X to +Y; 0 for a vertical ray."""
     across = rays @ np.array([*pixel, 1.0])
     return float(np.arctan2(across[1], across[0]))
 
 
-def turn_about_z(angle_rad: float) -> Float[np.ndarray, "3 3"]:
+def rotation_about_z(angle_rad: float) -> Float[np.ndarray, "3 3"]:
     """The rotation about the vertical; points (n, 3) times it, from the left, are turned by minus the angle."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

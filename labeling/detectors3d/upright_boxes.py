@@ -10,10 +10,10 @@ from jaxtyping import Float
 from labeling.core.errors import UsageError
 from labeling.core.geometry import is_rotation
 from labeling.core.types import Box3d
-from labeling.detectors3d.frustums import turn_about_z
+from labeling.detectors3d.frustums import rotation_about_z
 
 HALF_TURN = np.pi
-MOST_TILT = 0.02
+MAX_TILT = 0.02
 """A box whose third axis leans further from the vertical (sine of the angle) is not upright."""
 
 
@@ -25,7 +25,7 @@ def encode_box(box: Box3d) -> Float[np.ndarray, "7"]:
     """
     check_box_3d(box)
     vertical = np.argmax(np.abs(box.rotation[2]))
-    if abs(box.rotation[2, vertical]) < 1 - MOST_TILT**2 / 2:
+    if abs(box.rotation[2, vertical]) < 1 - MAX_TILT**2 / 2:
         raise UsageError("boxes must stand upright (one axis along world Z) to be learnt from; this one is tilted")
     first, second = (axis for axis in range(3) if axis != vertical)
     if box.extent_m[second] > box.extent_m[first]:
@@ -40,7 +40,7 @@ def encode_box(box: Box3d) -> Float[np.ndarray, "7"]:
 def decode_box(numbers: Float[np.ndarray, "7"]) -> Box3d:
     """The other way round."""
     numbers = np.asarray(numbers, float)
-    return Box3d(numbers[:3], numbers[3:6], turn_about_z(numbers[6]))
+    return Box3d(numbers[:3], numbers[3:6], rotation_about_z(numbers[6]))
 
 
 def check_box_3d(box: Box3d) -> None:

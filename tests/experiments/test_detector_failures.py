@@ -7,10 +7,10 @@ from experiments.detector_failures import main
 from experiments.pretraining.failure_figures import (
     CONDITIONS,
     EDGES,
-    Look,
+    ObjectView,
+    bin_by,
     draw_failures,
-    look_at_views,
-    rows_by,
+    find_objects,
     seen_from_deg,
     wilson,
 )
@@ -37,10 +37,13 @@ def test_side_depends_on_the_turn_between_object_and_camera_only(yaw, side, away
 def test_every_object_is_in_one_bin():
     rng = np.random.default_rng(0)
     draws = rng.uniform(0, (180.0, 1.0, 49.0), (200, 3)).tolist()
-    looks = [Look("car", side, visible, away, found=True, confident=False) for side, visible, away in draws]
-    looks += [Look("car", 180.0, 1.0, 50.0, found=False, confident=False), Look("car", 0.0, 0.0, 0.0, True, True)]
+    looks = [ObjectView("car", side, visible, away, found=True, confident=False) for side, visible, away in draws]
+    looks += [
+        ObjectView("car", 180.0, 1.0, 50.0, found=False, confident=False),
+        ObjectView("car", 0.0, 0.0, 0.0, True, True),
+    ]
     for condition in CONDITIONS:
-        rows = rows_by(looks, condition, "outdoor")
+        rows = bin_by(looks, condition, "outdoor")
         assert sum(row.objects for row in rows) == len(looks)
         assert sum(row.objects * (row.found or 0.0) for row in rows) == pytest.approx(201)
         assert sum(row.objects * (row.confident or 0.0) for row in rows) == pytest.approx(1)
@@ -51,7 +54,7 @@ def test_every_object_is_in_one_bin():
 
 
 def test_objects_too_far_for_every_bin_are_left_out():
-    rows = rows_by([Look("car", 0.0, 1.0, 80.0, True, True)], "distance", "outdoor")
+    rows = bin_by([ObjectView("car", 0.0, 1.0, 80.0, True, True)], "distance", "outdoor")
     assert [row.objects for row in rows] == [0] * len(rows)
     assert all(row.found is None for row in rows)
 
@@ -99,7 +102,7 @@ def test_looks_tell_what_was_found_and_how_it_was_seen():
         file_names=("0.png", "1.png"),
         ground_truth=truths,
     )
-    first, second, table = look_at_views(episode, OneBox())
+    first, second, table = find_objects(episode, OneBox())
     assert (first.side, first.visible, first.distance) == (pytest.approx(0.0), 0.5, 3.0)
     assert (second.side, second.visible, second.distance) == (pytest.approx(90.0), 1.0, 4.0)
     assert (first.found, first.confident) == (True, False)
@@ -110,8 +113,8 @@ def test_looks_tell_what_was_found_and_how_it_was_seen():
 def test_the_picture_is_drawn(tmp_path):
     rng = np.random.default_rng(1)
     draws = rng.uniform(0, (180.0, 1.0, 20.0), (50, 3)).tolist()
-    looks = [Look("car", side, visible, away, bool(rng.random() < 0.6), False) for side, visible, away in draws]
-    tables = {w: {name: rows_by(looks, name, w) for name in CONDITIONS} for w in ("indoor", "outdoor")}
+    looks = [ObjectView("car", side, visible, away, bool(rng.random() < 0.6), False) for side, visible, away in draws]
+    tables = {w: {name: bin_by(looks, name, w) for name in CONDITIONS} for w in ("indoor", "outdoor")}
     draw_failures(tables, tmp_path / "picture.png")
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
 

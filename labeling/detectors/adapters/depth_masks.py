@@ -11,7 +11,7 @@ NEAR = 0.1
 """Quantile of the depth in a box that is taken to be the object's front."""
 FOCAL_SHARE = 0.8
 """Focal length as a share of the longer side of the picture, where cameras are not known: about 64 degrees."""
-LEAST_SHARE = 0.05
+MIN_SHARE = 0.05
 """A mask that fills less of its box than this has failed."""
 
 
@@ -58,8 +58,8 @@ def mask_in_box(
         mask[: inside[0].start] = mask[inside[0].stop :] = False
         mask[:, : inside[1].start] = mask[:, inside[1].stop :] = False
     area = (right - left) * (bottom - top)
-    if mask.sum() < LEAST_SHARE * area:
-        mask[inside] = True if near is None or near.sum() < LEAST_SHARE * area else near
+    if mask.sum() < MIN_SHARE * area:
+        mask[inside] = True if near is None or near.sum() < MIN_SHARE * area else near
     return mask
 
 

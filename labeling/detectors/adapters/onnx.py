@@ -37,7 +37,7 @@ from labeling.io.formats.checked_json import Json, read_json
 
 OUTPUTS = ("boxes", "scores", "labels", "masks")
 PAD_VALUE = 114
-MOST_CANDIDATES = 100
+MAX_CANDIDATES = 100
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ class OnnxDetector:
         kept = kept[np.argsort(-scores[kept], kind="stable")]
         if self.config.nms_iou is not None:
             kept = _suppressed(boxes, labels, kept, self.config.nms_iou)
-        kept = np.array([i for i in kept if self.config.categories[labels[i]]], int)[:MOST_CANDIDATES]
+        kept = np.array([i for i in kept if self.config.categories[labels[i]]], int)[:MAX_CANDIDATES]
         masks = None
         if "masks" in found:
             masks = _without_batch(found["masks"], 3, "masks", n)[kept].astype(np.float32)
@@ -239,10 +239,10 @@ class OnnxDetector:
     def _mask(
         self, mask: np.ndarray, box: np.ndarray, box_in_picture: np.ndarray, scale: np.ndarray, size: tuple[int, int]
     ) -> Bool[np.ndarray, "h w"]:
-        from labeling.detectors.networks.pasting import MASK_THRESHOLD, paste
+        from labeling.detectors.networks.mask_pasting import MASK_THRESHOLD, paste_mask
 
         if self.config.masks == "box":
-            return paste(np.ascontiguousarray(mask), (box / np.tile(scale, 2)).astype(np.float32), size)
+            return paste_mask(np.ascontiguousarray(mask), (box / np.tile(scale, 2)).astype(np.float32), size)
         tall, wide = max(1, round(size[0] * float(scale[1]))), max(1, round(size[1] * float(scale[0])))
         inner = np.ascontiguousarray(mask[:tall, :wide])
         return cv2.resize(inner, size[::-1], interpolation=cv2.INTER_LINEAR) > MASK_THRESHOLD
@@ -281,7 +281,7 @@ def _suppressed(boxes: np.ndarray, labels: np.ndarray, ranked: np.ndarray, most_
         rivals = [j for j in kept if labels[j] == labels[i]]
         if not rivals or _iou(boxes[i], boxes[rivals]).max() <= most_iou:
             kept.append(int(i))
-            if len(kept) == MOST_CANDIDATES:
+            if len(kept) == MAX_CANDIDATES:
                 break
     return np.array(kept, int)
 

@@ -19,15 +19,15 @@ class Sample:
     """Output of the classifier, from 1; whatever is ignored has 0."""
     weights: Float32[np.ndarray, "n"]
     ignore: Bool[np.ndarray, "n"]
-    unnamed: tuple[int, ...] = ()
+    unannotated: tuple[int, ...] = ()
     """Outputs of categories that whoever annotated the picture had no name for."""
 
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
-LEAST_SHARE_LEFT = 0.2
+MIN_SHARE_LEFT = 0.2
 """Objects of which less than this is left by a crop are ignored: nobody could tell what they are."""
-LEAST_PIXELS = 16
+MIN_PIXELS = 16
 """So are objects of fewer pixels."""
 
 
@@ -38,7 +38,7 @@ def augment(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> 
     sample = _resize(sample, config, rng)
     if rng.random() < config.flip:
         sample = replace(sample, rgb=sample.rgb[:, ::-1], masks=sample.masks[:, :, ::-1])
-    tiny = sample.masks.sum(axis=(1, 2)) < LEAST_PIXELS
+    tiny = sample.masks.sum(axis=(1, 2)) < MIN_PIXELS
     return replace(sample, rgb=recolour(sample.rgb, config, rng), ignore=sample.ignore | tiny)
 
 
@@ -71,7 +71,7 @@ def _cut(sample: Sample, window: tuple[slice, slice]) -> Sample:
     """What lies in a window; objects that lose nearly all of themselves are ignored."""
     masks = sample.masks[:, *window]
     before, after = sample.masks.sum(axis=(1, 2)), masks.sum(axis=(1, 2))
-    lost, there = after < LEAST_SHARE_LEFT * before, after > 0
+    lost, there = after < MIN_SHARE_LEFT * before, after > 0
     return replace(
         sample,
         rgb=sample.rgb[window],
@@ -120,7 +120,7 @@ def recolour(
         brightness, contrast, saturation = 1 + rng.uniform(-c, c, 3)
         hue = rng.uniform(-0.1, 0.1) * c
         if hue:
-            x = _turned(x, 2 * np.pi * hue)
+            x = _rotate_hue(x, 2 * np.pi * hue)
         grey = x @ _LUMA
         x = grey[:, :, None] + np.float32(saturation) * (x - grey[:, :, None])
         x = np.float32(grey.mean()) + np.float32(contrast) * (x - np.float32(grey.mean()))
@@ -132,7 +132,7 @@ def recolour(
     return np.clip(np.rint(x * 255), 0, 255).astype(np.uint8)
 
 
-def _turned(x: Float32[np.ndarray, "h w 3"], angle_rad: float) -> Float32[np.ndarray, "h w 3"]:
+def _rotate_hue(x: Float32[np.ndarray, "h w 3"], angle_rad: float) -> Float32[np.ndarray, "h w 3"]:
     """Hue turned about the grey axis: a rotation of colour space."""
     axis = np.ones(3) / np.sqrt(3)
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])

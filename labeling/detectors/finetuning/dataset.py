@@ -46,7 +46,7 @@ def to_target(sample: Sample) -> Target:
         "masks": torch.from_numpy(np.ascontiguousarray(sample.masks)).to(torch.uint8)[learn],
         "weights": torch.from_numpy(sample.weights)[learn],
         "ignored": boxes[~learn],
-        "unnamed": torch.tensor(sample.unnamed, dtype=torch.int64),
+        "unannotated": torch.tensor(sample.unannotated, dtype=torch.int64),
     }
 
 
@@ -111,11 +111,11 @@ class ReplayDataset(Dataset):
         rng = np.random.default_rng([self.seed, 2, number])
         sample = load_sample(picture, self.categories)
         if is_replay:
-            sample = replace(sample, unnamed=self._unnamed)
+            sample = replace(sample, unannotated=self._unannotated)
         return augment(sample, self.config, rng)
 
     @cached_property
-    def _unnamed(self) -> tuple[int, ...]:
+    def _unannotated(self) -> tuple[int, ...]:
         """Outputs of the categories that replayed pictures never name."""
         named = category_names(self.replay)
         return tuple(1 + self.categories.index(name) for name in self.new_categories if name not in named)

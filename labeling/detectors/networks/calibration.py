@@ -10,7 +10,7 @@ from labeling.metrics.matching import MaskInstance, pairwise_iou
 
 RIGHT_IOU = 0.5
 """Overlap from which on a detection of the right class counts as right."""
-LEAST_OUTCOMES = 20
+MIN_OUTCOMES = 20
 
 
 def calibrated(scores: Float32[np.ndarray, "n"], calibration: Calibration) -> Float32[np.ndarray, "n"]:
@@ -32,7 +32,7 @@ def fit_calibration(scores: Sequence[float], right: Sequence[bool]) -> Calibrati
     from scipy.optimize import minimize
 
     y = np.asarray(right, float)
-    if len(y) < LEAST_OUTCOMES or y.min() == y.max():
+    if len(y) < MIN_OUTCOMES or y.min() == y.max():
         return Calibration()
     logit = _logit(np.asarray(scores))
 

@@ -5,7 +5,7 @@ from urllib.error import URLError
 from torch import nn
 
 from labeling.core.detector import DetectorError
-from labeling.detectors.networks.coco_names import our_names
+from labeling.detectors.networks.coco_names import category_names_of_coco
 from labeling.detectors.networks.mask_rcnn import Network, build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.torchvision_operators import torchvision
@@ -15,7 +15,10 @@ def coco_spec() -> NetworkSpec:
     """Its classes under our names, and the picture sizes that torchvision trained it for."""
     weights = torchvision.models.detection.MaskRCNN_ResNet50_FPN_Weights.COCO_V1
     return NetworkSpec(
-        "maskrcnn_resnet50_fpn", our_names(weights.meta["categories"]), short_side_px=(800, 800), long_side_px=1333
+        "maskrcnn_resnet50_fpn",
+        category_names_of_coco(weights.meta["categories"]),
+        short_side_px=(800, 800),
+        long_side_px=1333,
     )
 
 

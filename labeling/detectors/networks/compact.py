@@ -25,7 +25,7 @@ CANONICAL_PX = 128
 DEEPEST_STRIDE = 64
 
 
-class Separable(nn.Sequential):
+class SeparableConv(nn.Sequential):
     """A 3x3 convolution per channel, then a 1x1 convolution across channels, with ReLU."""
 
     def __init__(self, channels: int) -> None:
@@ -83,7 +83,7 @@ class ProposalHead(nn.Module):
 
     def __init__(self, anchors: int) -> None:
         super().__init__()
-        self.conv = Separable(WIDTH)
+        self.conv = SeparableConv(WIDTH)
         self.cls_logits = nn.Conv2d(WIDTH, anchors, 1)
         self.bbox_pred = nn.Conv2d(WIDTH, 4 * anchors, 1)
         for layer in (self.cls_logits, self.bbox_pred):
@@ -120,7 +120,7 @@ def compact_parts(num_classes: int) -> nn.Module:
         box_detections_per_img=40,
         mask_roi_pool=pool(levels, 14, 2, canonical_scale=CANONICAL_PX),
         mask_head=nn.Sequential(
-            nn.Conv2d(WIDTH, MASK_WIDTH, 1), nn.ReLU(inplace=True), *(Separable(MASK_WIDTH) for _ in range(3))
+            nn.Conv2d(WIDTH, MASK_WIDTH, 1), nn.ReLU(inplace=True), *(SeparableConv(MASK_WIDTH) for _ in range(3))
         ),
         mask_predictor=models.mask_rcnn.MaskRCNNPredictor(MASK_WIDTH, MASK_WIDTH, num_classes),
     )

@@ -1,13 +1,17 @@
-"""Mask R-CNN's two training stages, taught two things that torchvision's lack: regions to ignore, and doubtful labels.
+"""Mask R-CNN's two training stages with what torchvision's lack: regions to ignore, and labels of low confidence.
 
-A target is torchvision's (``boxes`` xyxy, ``labels``, ``masks``) plus ``weights`` (n,) in [0, 1], the confidence of
-each label, ``ignored`` (k, 4), boxes of regions of which nothing is known, and ``unnamed`` (c,), labels of categories
-that nobody would have annotated in the picture. Anchors and proposals that lie mostly in an ignored region and match no
-object are neither positive nor negative; the losses of positives count by the weight of the object they match. What
-matches no object in a picture with unnamed categories is background or one of these: no anchor there is negative, and
-the probabilities of all of them together are what background should have (Cermelli et al. 2020, "Modeling the
-Background for Incremental Learning in Semantic Segmentation", equation 5). With weights of 1, nothing ignored and
-nothing unnamed, all losses are torchvision's.
+A target is torchvision's (``boxes`` (n, 4) xyxy in pixels, ``labels`` (n,), ``masks`` (n, h, w)) plus
+
+- ``weights`` (n,) in [0, 1], the confidence of each label: the losses of positives count by the weight of the object
+  that they match;
+- ``ignored`` (k, 4), boxes of regions of which nothing is known: anchors and proposals that lie mostly in one and match
+  no object are neither positive nor negative;
+- ``unannotated`` (c,), labels of categories that nobody would have annotated in the picture: what matches no object is
+  background or one of these. No anchor there is negative, and the probabilities of all of them together are what
+  background should have.
+
+With weights of 1, nothing ignored and nothing unannotated, all losses are torchvision's. Source: Cermelli et al. 2020,
+"Modeling the Background for Incremental Learning in Semantic Segmentation", equation 5 (unannotated categories).
 """
 
 from typing import Any
@@ -26,7 +30,7 @@ INSIDE = 0.5
 _BETA = 1 / 9  # of the smooth L1 loss, as in torchvision
 
 
-def ignored(boxes: Tensor, regions: Tensor) -> Tensor:
+def inside_ignored(boxes: Tensor, regions: Tensor) -> Tensor:
     """Which boxes (n, 4) lie mostly within one of the regions (k, 4)."""
     if len(regions) == 0:
         return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
@@ -43,7 +47,7 @@ class WeightedProposals(torchvision.models.detection.rpn.RegionProposalNetwork):
     _weights: list[Tensor]
 
     @classmethod
-    def of(cls, rpn: Any) -> "WeightedProposals":
+    def from_torchvision(cls, rpn: Any) -> "WeightedProposals":
         """Takes over the parts and settings of torchvision's."""
         matcher, sampler = rpn.proposal_matcher, rpn.fg_bg_sampler
         return cls(
@@ -66,7 +70,7 @@ class WeightedProposals(torchvision.models.detection.rpn.RegionProposalNetwork):
         labels, matched = super().assign_targets_to_anchors(anchors, targets)
         self._weights = []
         for boxes, label, box, target in zip(anchors, labels, matched, targets, strict=True):
-            unknown = ignored(boxes, target["ignored"]) | (len(target["unnamed"]) > 0)
+            unknown = inside_ignored(boxes, target["ignored"]) | (len(target["unannotated"]) > 0)
             label[(label == 0) & unknown] = -1
             weight = torch.ones_like(label)
             positive = label > 0
@@ -99,7 +103,7 @@ class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
     """The heads for class, box and mask; see the module."""
 
     @classmethod
-    def of(cls, heads: Any) -> "WeightedHeads":
+    def from_torchvision(cls, heads: Any) -> "WeightedHeads":
         """Takes over the parts and settings of torchvision's."""
         matcher, sampler = heads.proposal_matcher, heads.fg_bg_sampler
         return cls(
@@ -138,15 +142,15 @@ class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
         ]
         regression_targets = torch.cat(self.box_coder.encode(goals, boxes))
         label, weight = torch.cat(labels), torch.cat(weights)
-        unnamed = torch.cat(
+        unannotated = torch.cat(
             [
                 torch.zeros(len(box), class_logits.shape[1], dtype=torch.bool, device=label.device).index_fill_(
-                    1, target["unnamed"].to(label.device), True
+                    1, target["unannotated"].to(label.device), True
                 )
                 for box, target in zip(boxes, targets, strict=True)
             ]
         )
-        losses = box_losses(class_logits, box_regression, label, regression_targets, weight, unnamed)
+        losses = box_losses(class_logits, box_regression, label, regression_targets, weight, unannotated)
         positive = [torch.where(label > 0)[0] for label in labels]
         mask_boxes = [box[index] for box, index in zip(boxes, positive, strict=True)]
         mask_features = self.mask_head(self.mask_roi_pool(features, mask_boxes, image_shapes))
@@ -168,7 +172,7 @@ class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
         proposals = self.add_gt_proposals(proposals, truths)
         matched, labels = self.assign_targets_to_proposals(proposals, truths, [t["labels"] for t in targets])
         for boxes, label, target in zip(proposals, labels, targets, strict=True):
-            label[(label == 0) & ignored(boxes, target["ignored"].to(boxes))] = -1
+            label[(label == 0) & inside_ignored(boxes, target["ignored"].to(boxes))] = -1
         chosen = self.subsample(labels)
         weights = []
         for index, label, match, target in zip(chosen, labels, matched, targets, strict=True):
@@ -189,7 +193,7 @@ def box_losses(
     label: Tensor,
     regression_targets: Tensor,
     weight: Tensor,
-    unnamed: Tensor,
+    unannotated: Tensor,
 ) -> dict[str, Tensor]:
     """Losses of class and box over n sampled boxes.
 
@@ -199,12 +203,12 @@ def box_losses(
         label: (n,), 0 for background.
         regression_targets: (n, 4).
         weight: (n,).
-        unnamed: (n, classes): what background may be besides.
+        unannotated: (n, classes): what background may be besides.
     """
     number = max(1, len(label))
     classifier = functional.cross_entropy(class_logits, label, reduction="none")
-    if unnamed.any():
-        allowed = unnamed.clone()
+    if unannotated.any():
+        allowed = unannotated.clone()
         allowed[:, 0] = True
         background = -class_logits.log_softmax(dim=1).masked_fill(~allowed, -torch.inf).logsumexp(dim=1)
         classifier = torch.where(label == 0, background, classifier)

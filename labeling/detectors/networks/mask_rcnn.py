@@ -33,8 +33,8 @@ class Network(nn.Module):
         super().__init__()
         self.spec = spec
         self.backbone = parts.backbone
-        self.rpn = WeightedProposals.of(parts.rpn)
-        self.roi_heads = WeightedHeads.of(parts.roi_heads)
+        self.rpn = WeightedProposals.from_torchvision(parts.rpn)
+        self.roi_heads = WeightedHeads.from_torchvision(parts.roi_heads)
         self.frozen_statistics = True
         """Whether batch normalisation keeps its statistics while training, as small batches want it."""
         self.mean: torch.Tensor

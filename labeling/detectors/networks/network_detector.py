@@ -7,8 +7,8 @@ from jaxtyping import Float32, UInt8
 from labeling.core.detector import PictureDetections
 from labeling.detectors.data.augment import resize_picture
 from labeling.detectors.networks.calibration import calibrated
+from labeling.detectors.networks.mask_pasting import paste_mask
 from labeling.detectors.networks.mask_rcnn import STRIDE, Network, fused
-from labeling.detectors.networks.pasting import paste
 from labeling.detectors.networks.spec import Calibration
 
 
@@ -61,7 +61,7 @@ class NetworkDetector:
         scores = calibrated(output["scores"].float().numpy(), self.spec.calibration)
         kept, masks = [], []
         for index, name in enumerate(names):
-            mask = paste(probability[index], boxes[index], size) if name else None
+            mask = paste_mask(probability[index], boxes[index], size) if name else None
             if mask is not None and mask.any():
                 kept.append(index)
                 masks.append(mask)

@@ -8,8 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.pretrain_compact import main
+from experiments.pretraining.augmentation import (
+    PretrainAugmentConfig,
+    mosaic,
+    random_affine,
+    random_view,
+    stream,
+    warp_sample,
+)
 from experiments.pretraining.loop import PretrainConfig, pretrain, share_of_training
-from experiments.pretraining.views import ViewConfig, draw_view, draw_warp, mosaic, stream, warped
 from experiments.pretraining.world_views import summary
 from labeling.core.errors import UsageError
 from labeling.core.rle import encode_mask
@@ -22,7 +29,7 @@ from labeling.metrics.matching import MaskInstance
 from labeling.training.checkpoint import Progress
 
 NAMES = ("chair", "table")
-PLAIN = ViewConfig(mosaic=0.0, jpeg=0.0, grey=0.0, recolour=AugmentConfig(colour=0.0, blur=0.0, noise=0.0))
+PLAIN = PretrainAugmentConfig(mosaic=0.0, jpeg=0.0, grey=0.0, recolour=AugmentConfig(colour=0.0, blur=0.0, noise=0.0))
 
 
 def coloured(size=(60, 80)) -> Sample:
@@ -51,7 +58,7 @@ def photographs(tmp_path):
 
 def test_a_warp_that_moves_nothing_changes_nothing():
     sample = coloured()
-    same = warped(sample, (60, 80), np.eye(3)[:2], np.random.default_rng(0))
+    same = warp_sample(sample, (60, 80), np.eye(3)[:2], np.random.default_rng(0))
     np.testing.assert_array_equal(same.rgb, sample.rgb)
     np.testing.assert_array_equal(same.masks, sample.masks)
     np.testing.assert_array_equal(same.labels, sample.labels)
@@ -62,8 +69,8 @@ def test_a_warp_that_moves_nothing_changes_nothing():
 def test_masks_stay_on_their_objects(seed, height, width):
     rng = np.random.default_rng(seed)
     sample = coloured()
-    warp = draw_warp((60, 80), (height, width), PLAIN, rng)
-    view = warped(sample, (height, width), warp, rng)
+    warp = random_affine((60, 80), (height, width), PLAIN, rng)
+    view = warp_sample(sample, (height, width), warp, rng)
     # Colours of neighbours mix over the width of an enlarged pixel.
     rim = 2 * int(np.ceil(np.sqrt(abs(np.linalg.det(warp[:, :2]))) + 2)) + 1
     assert view.rgb.shape == (height, width, 3)
@@ -88,7 +95,7 @@ def test_photographs_larger_than_a_view_fill_it(seed):
     from dataclasses import replace
 
     config = replace(PLAIN, turn_rad=0.0, aspect=0.0)
-    warp = draw_warp((50, 50), (100, 100), config, rng)
+    warp = random_affine((50, 50), (100, 100), config, rng)
     corners = np.array([[-0.5, -0.5, 1.0], [49.5, 49.5, 1.0]]) @ warp.T
     low, high = corners.min(axis=0), corners.max(axis=0)
     if (high - low)[0] >= 100:
@@ -102,7 +109,7 @@ def test_photographs_larger_than_a_view_fill_it(seed):
 def test_objects_that_a_view_cuts_off_are_ignored():
     # Only the left fifth of the first rectangle is left.
     shift = np.array([[1.0, 0.0, -35.0], [0.0, 1.0, 0.0]])
-    view = warped(coloured(), (60, 60), shift, np.random.default_rng(0))
+    view = warp_sample(coloured(), (60, 60), shift, np.random.default_rng(0))
     assert view.labels.tolist() == [1, 2]
     assert view.ignore.tolist() == [True, False]
 
@@ -118,7 +125,7 @@ def test_a_mosaic_holds_all_of_its_parts():
 
 
 def test_batches_are_functions_of_their_number(photographs):
-    config = ViewConfig()
+    config = PretrainAugmentConfig()
     first = list(itertools.islice(stream(photographs, NAMES, config, 2, 7, 0, lambda step: 64), 3))
     later = next(stream(photographs, NAMES, config, 2, 7, 2, lambda step: 64))
     np.testing.assert_array_equal(first[2][0], later[0])
@@ -130,7 +137,7 @@ def test_views_show_annotated_objects(photographs):
     labels = {
         int(label)
         for seed in range(20)
-        for label in draw_view(photographs, NAMES, ViewConfig(), 96, np.random.default_rng(seed)).labels
+        for label in random_view(photographs, NAMES, PretrainAugmentConfig(), 96, np.random.default_rng(seed)).labels
     }
     assert labels == {1, 2}
 
@@ -162,18 +169,18 @@ def test_a_killed_run_ends_like_one_that_was_not(photographs, tmp_path):
         if text.startswith("step 2"):
             raise KilledError
 
-    whole = pretrain(network(), tmp_path / "whole", photographs, [], config, ViewConfig(), silent)
+    whole = pretrain(network(), tmp_path / "whole", photographs, [], config, PretrainAugmentConfig(), silent)
     with pytest.raises(KilledError):
-        pretrain(network(), tmp_path / "killed", photographs, [], config, ViewConfig(), dies)
+        pretrain(network(), tmp_path / "killed", photographs, [], config, PretrainAugmentConfig(), dies)
     # What there is at that moment can be used.
     assert load_network(tmp_path / "killed" / "pretrained.safetensors").spec.categories == NAMES
-    resumed = pretrain(network(), tmp_path / "killed", photographs, [], config, ViewConfig(), silent)
+    resumed = pretrain(network(), tmp_path / "killed", photographs, [], config, PretrainAugmentConfig(), silent)
     for name, value in whole.state_dict().items():
         np.testing.assert_allclose(resumed.state_dict()[name], value, atol=1e-6, err_msg=name)
     history = json.loads((tmp_path / "killed" / "history.json").read_text())
     assert [record["step"] for record in history] == [1, 2, 3, 4]
     with pytest.raises(UsageError, match="other data or settings"):
-        pretrain(network(), tmp_path / "killed", photographs[:3], [], config, ViewConfig(), silent)
+        pretrain(network(), tmp_path / "killed", photographs[:3], [], config, PretrainAugmentConfig(), silent)
 
 
 @pytest.mark.parametrize("change", [{"minutes": 0.0}, {"iterations": 0}, {"batch_size": 0}, {"sides": ((32,),)}])

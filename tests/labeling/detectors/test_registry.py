@@ -15,7 +15,7 @@ from labeling.core.masks import mask_iou
 from labeling.detectors import registry
 from labeling.detectors.adapters.depth_masks import mask_in_box
 from labeling.detectors.adapters.onnx import OnnxDetector
-from labeling.detectors.networks.coco_names import our_names
+from labeling.detectors.networks.coco_names import category_names_of_coco
 from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import save_network
@@ -93,7 +93,7 @@ def test_coco_names_become_ours_and_keep_their_places():
     assert spec.categories[11] == ""
     assert "" not in spec.names
     spec.check()
-    assert our_names(["__background__", "N/A", "dining table"]) == ("", "table")
+    assert category_names_of_coco(["__background__", "N/A", "dining table"]) == ("", "table")
 
 
 def test_the_network_of_the_thesis_takes_torchvisions_weights(monkeypatch):

@@ -19,14 +19,14 @@ from labeling.detectors3d.frustum_pointnet import (
     OBJECT_POINTS,
     FrustumNet,
     FrustumSpec,
-    bin_of,
-    heading_of,
+    bin_to_heading,
+    heading_to_bin,
     object_points,
 )
 from labeling.detectors3d.frustum_samples import median_sizes
 from labeling.detectors3d.frustum_training import evaluate, train
 from labeling.detectors3d.frustum_weights import load_network, save_network
-from labeling.detectors3d.frustums import turn_about_z
+from labeling.detectors3d.frustums import rotation_about_z
 from labeling.detectors3d.upright_boxes import decode_box
 
 from .boxed_rooms import SIDES, boxed_room, found_in, frustum_samples_of
@@ -42,10 +42,10 @@ def fresh(spec: FrustumSpec = SMALL, seed: int = 0) -> FrustumNet:
 @settings(max_examples=50, deadline=None)
 @given(heading=st.floats(0, 3.14159))
 def test_headings_go_into_bins_and_back(heading):
-    number, residual = bin_of(torch.tensor([heading]))
+    number, residual = heading_to_bin(torch.tensor([heading]))
     assert 0 <= int(number) < HEADINGS
     assert abs(float(residual)) <= 1 + 1e-5
-    assert np.sin(float(heading_of(number, residual)) - heading) == pytest.approx(0, abs=1e-5)
+    assert np.sin(float(bin_to_heading(number, residual)) - heading) == pytest.approx(0, abs=1e-5)
 
 
 @settings(max_examples=30, deadline=None)
@@ -73,7 +73,7 @@ def perfect_output(network: FrustumNet, batch: FrustumBatch):
     with torch.no_grad():
         output = network(batch.points, batch.category)
     rows = torch.arange(len(batch.boxes))
-    number, residual = bin_of(batch.boxes[:, 6])
+    number, residual = heading_to_bin(batch.boxes[:, 6])
     headings, residuals = torch.full_like(output.heading_scores, -50.0), torch.zeros_like(output.heading_residuals)
     headings[rows, number], residuals[rows, number] = 50.0, residual
     sizes, size_residuals = torch.full_like(output.size_scores, -50.0), torch.zeros_like(output.size_residuals)
@@ -166,7 +166,7 @@ def test_turning_the_scene_turns_the_boxes():
     network = fresh()
     episode = boxed_room(5)
     turn = np.eye(4)
-    turn[:3, :3], turn[:3, 3] = turn_about_z(1.1), [4.0, -2.0, 0.3]
+    turn[:3, :3], turn[:3, 3] = rotation_about_z(1.1), [4.0, -2.0, 0.3]
     moved = replace(episode, camera_to_world=turn @ episode.camera_to_world)
     detector = FrustumDetector(network, "fresh")
     here, there = detector.lift(episode, found_in(episode)), detector.lift(moved, found_in(episode))

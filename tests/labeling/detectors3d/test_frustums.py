@@ -11,7 +11,7 @@ from labeling.core.types import Box3d
 from labeling.detectors3d.config import NO_AUGMENTATION_3D, Augment3dConfig
 from labeling.detectors3d.frustum_dataset import augmented, resample_points
 from labeling.detectors3d.frustum_samples import make_frustum_sample
-from labeling.detectors3d.frustums import make_frustum, turn_about_z
+from labeling.detectors3d.frustums import make_frustum, rotation_about_z
 from labeling.detectors3d.upright_boxes import decode_box, encode_box
 
 from .boxed_rooms import boxed_room, frustum_samples_of, known_of, upright
@@ -82,7 +82,7 @@ def test_turning_the_scene_about_the_vertical_leaves_the_frustum_as_it_is(angle,
     depth = rng.uniform(1, 3, (48, 64)).astype(np.float32)
     pose = look_at(np.array([1.0, 2, 1.4]), np.array([0.0, 0, 0.5]))
     moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = turn_about_z(angle), [shift, -shift, 0]
+    moved[:3, :3], moved[:3, 3] = rotation_about_z(angle), [shift, -shift, 0]
     before, after = cut(depth, pose, (10, 10, 30, 30), 50), cut(depth, moved @ pose, (10, 10, 30, 30), 50)
     np.testing.assert_allclose(before.points, after.points, atol=1e-4)
 

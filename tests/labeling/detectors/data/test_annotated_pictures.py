@@ -284,9 +284,9 @@ def test_only_replayed_pictures_lack_names_for_new_categories(tmp_path):
     for number in range(12):
         is_replay, _ = dataset.source(number)
         expected = [len(names)] if is_replay else []
-        assert to_target(dataset[number])["unnamed"].tolist() == expected
+        assert to_target(dataset[number])["unannotated"].tolist() == expected
     plain = ReplayDataset(photos, names, AugmentConfig(), 4, photos, 0.5)
-    assert not any(plain[number].unnamed for number in range(6))
+    assert not any(plain[number].unannotated for number in range(6))
 
 
 def test_nothing_to_train_on_is_refused():

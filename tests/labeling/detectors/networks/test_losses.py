@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from labeling.detectors.networks.compact import compact_parts
-from labeling.detectors.networks.losses import WeightedHeads, WeightedProposals, box_losses, ignored
+from labeling.detectors.networks.losses import WeightedHeads, WeightedProposals, box_losses, inside_ignored
 from labeling.detectors.networks.torchvision_operators import torchvision
 
 SIZE = (64, 96)
@@ -20,13 +20,13 @@ def stage():
     parts.train()
     features = parts.backbone(torch.randn(2, 3, *SIZE))
     images = torchvision.models.detection.image_list.ImageList(torch.zeros(2, 3, *SIZE), [SIZE, SIZE])
-    ours = WeightedProposals.of(parts.rpn), WeightedHeads.of(parts.roi_heads)
+    ours = WeightedProposals.from_torchvision(parts.rpn), WeightedHeads.from_torchvision(parts.roi_heads)
     for one in ours:
         one.train()
     return parts, ours, {k: v.detach() for k, v in features.items()}, images
 
 
-def target(weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions=(), unnamed=()):
+def target(weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions=(), unannotated=()):
     kept = torch.tensor(boxes, dtype=torch.float32).reshape(-1, 4)
     masks = torch.zeros(len(kept), *SIZE, dtype=torch.uint8)
     for mask, (left, top, right, bottom) in zip(masks, kept.long().tolist(), strict=True):
@@ -37,7 +37,7 @@ def target(weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions
         "masks": masks,
         "weights": torch.tensor(weights[: len(kept)], dtype=torch.float32),
         "ignored": torch.tensor(regions, dtype=torch.float32).reshape(-1, 4),
-        "unnamed": torch.tensor(unnamed, dtype=torch.int64),
+        "unannotated": torch.tensor(unannotated, dtype=torch.int64),
     }
 
 
@@ -102,15 +102,15 @@ def test_a_picture_without_objects_is_all_background(stage):
 def test_boxes_are_ignored_that_lie_mostly_inside_a_region():
     boxes = torch.tensor([[0.0, 0, 10, 10], [6, 0, 16, 10], [4, 0, 14, 10], [50, 50, 60, 60]])
     regions = torch.tensor([[-5.0, -5, 10, 20], [59, 59, 60, 60]])
-    assert ignored(boxes, regions).tolist() == [True, False, True, False]
-    assert ignored(boxes, torch.zeros(0, 4)).tolist() == [False] * 4
+    assert inside_ignored(boxes, regions).tolist() == [True, False, True, False]
+    assert inside_ignored(boxes, torch.zeros(0, 4)).tolist() == [False] * 4
 
 
 def test_background_that_may_be_something_unnamed_shares_its_probability_with_it():
     logits = torch.tensor([[0.3, -0.2, 1.1], [0.3, -0.2, 1.1], [2.0, 0.5, -1.0]])
     label, weight = torch.tensor([0, 1, 0]), torch.tensor([1.0, 0.5, 1.0])
-    unnamed = torch.tensor([[False, False, True], [False, False, True], [False, False, False]])
-    found = box_losses(logits, torch.zeros(3, 12), label, torch.zeros(3, 4), weight, unnamed)["loss_classifier"]
+    unannotated = torch.tensor([[False, False, True], [False, False, True], [False, False, False]])
+    found = box_losses(logits, torch.zeros(3, 12), label, torch.zeros(3, 4), weight, unannotated)["loss_classifier"]
     share = logits.exp() / logits.exp().sum(dim=1, keepdim=True)
     expected = -(share[0, 0] + share[0, 2]).log() - 0.5 * share[1, 1].log() - share[2, 0].log()
     assert float(found) == pytest.approx(float(expected / 3), rel=1e-6)
@@ -120,7 +120,7 @@ def test_where_something_is_unnamed_no_anchor_is_negative(stage):
     _, (rpn, _), features, images = stage
     anchors = rpn.anchor_generator(images, list(features.values()))
     plain, _ = rpn.assign_targets_to_anchors(anchors, [target(), target()])
-    unsure, _ = rpn.assign_targets_to_anchors(anchors, [target(unnamed=(2,)), target()])
+    unsure, _ = rpn.assign_targets_to_anchors(anchors, [target(unannotated=(2,)), target()])
     assert torch.equal(plain[1], unsure[1])
     assert torch.equal(plain[0] > 0, unsure[0] > 0)
     assert (plain[0] == 0).any()
@@ -129,7 +129,7 @@ def test_where_something_is_unnamed_no_anchor_is_negative(stage):
 
 def test_losses_stay_finite_where_all_categories_are_unnamed(stage):
     _, ours, features, images = stage
-    every = target(boxes=(), unnamed=(1, 2))
+    every = target(boxes=(), unannotated=(1, 2))
     found = losses(ours, features, images, [every, every])
     assert found["loss_objectness"] == 0.0
     assert found["loss_classifier"] == pytest.approx(0.0, abs=1e-5)

@@ -10,9 +10,9 @@ from safetensors.torch import load_file, save_file
 
 from labeling.core.detector import DetectorError
 from labeling.detectors.networks.efficientnet_lite import EfficientNetLite0, load_imagenet_weights
+from labeling.detectors.networks.mask_pasting import paste_mask
 from labeling.detectors.networks.mask_rcnn import build_network, fused, with_categories
 from labeling.detectors.networks.network_detector import NetworkDetector
-from labeling.detectors.networks.pasting import paste
 from labeling.detectors.networks.spec import Calibration, NetworkSpec
 from labeling.detectors.networks.torchvision_operators import torchvision
 from labeling.detectors.networks.weights import SPEC_KEY, load_network, read_spec, save_network
@@ -243,7 +243,7 @@ def test_pasted_masks_agree_with_torchvisions():
         box = np.array([left, top, left + rng.uniform(35, 90), top + rng.uniform(35, 58)], np.float32)
         y, x = np.mgrid[:28, :28]
         blob = 1 / (1 + np.exp(np.hypot(x - rng.uniform(10, 18), y - rng.uniform(10, 18)) - rng.uniform(5, 11)))
-        ours = paste(blob.astype(np.float32), box, size)
+        ours = paste_mask(blob.astype(np.float32), box, size)
         theirs = torchvision.models.detection.roi_heads.paste_masks_in_image(
             torch.from_numpy(blob)[None, None].float(), torch.from_numpy(box)[None], size
         )
@@ -253,12 +253,12 @@ def test_pasted_masks_agree_with_torchvisions():
 
 
 def test_a_full_mask_fills_exactly_its_box():
-    mask = paste(np.ones((28, 28), np.float32), np.array([3, 5, 11, 9], np.float32), (20, 30))
+    mask = paste_mask(np.ones((28, 28), np.float32), np.array([3, 5, 11, 9], np.float32), (20, 30))
     expected = np.zeros((20, 30), bool)
     expected[5:9, 3:11] = True
     np.testing.assert_array_equal(mask, expected)
     for outside in ([-9, -9, -1, -1], [40, 3, 50, 9], [5, 5, 5, 9]):
-        assert not paste(np.ones((28, 28), np.float32), np.array(outside, np.float32), (20, 30)).any()
+        assert not paste_mask(np.ones((28, 28), np.float32), np.array(outside, np.float32), (20, 30)).any()
 
 
 @pytest.mark.parametrize("architecture", ["compact", "maskrcnn_resnet50_fpn"])

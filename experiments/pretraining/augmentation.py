@@ -11,14 +11,14 @@ from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.data.augment import AugmentConfig, Sample, recolour
 from labeling.detectors.finetuning.dataset import Batch, collate, load_sample
 
-LEAST_SHARE_LEFT = 0.25
+MIN_SHARE_LEFT = 0.25
 """Objects of which less than this is in a view are ignored: nobody could tell what they are."""
-LEAST_PIXELS = 20
+MIN_PIXELS = 20
 """So are objects of fewer pixels."""
 
 
 @dataclass(frozen=True)
-class ViewConfig:
+class PretrainAugmentConfig:
     """How strongly photographs are changed."""
 
     zoom: tuple[float, float] = (0.7, 1.7)
@@ -39,7 +39,7 @@ class ViewConfig:
 def stream(
     pictures: Sequence[AnnotatedPicture],
     categories: tuple[str, ...],
-    config: ViewConfig,
+    config: PretrainAugmentConfig,
     batch_size: int,
     seed: int,
     first: int,
@@ -60,15 +60,15 @@ def stream(
     while True:
         rng = np.random.default_rng((seed, 3, step))
         side = side_px(step)
-        samples = [draw_view(pictures, categories, config, side, rng) for _ in range(batch_size)]
+        samples = [random_view(pictures, categories, config, side, rng) for _ in range(batch_size)]
         yield collate(samples)
         step += 1
 
 
-def draw_view(
+def random_view(
     pictures: Sequence[AnnotatedPicture],
     categories: tuple[str, ...],
-    config: ViewConfig,
+    config: PretrainAugmentConfig,
     side_px: int,
     rng: np.random.Generator,
 ) -> Sample:
@@ -76,7 +76,7 @@ def draw_view(
 
     def photograph(size: tuple[int, int]) -> Sample:
         sample = load_sample(pictures[int(rng.integers(len(pictures)))], categories)
-        return warped(sample, size, draw_warp(sample.rgb.shape[:2], size, config, rng), rng)
+        return warp_sample(sample, size, random_affine(sample.rgb.shape[:2], size, config, rng), rng)
 
     if rng.random() >= config.mosaic:
         sample = photograph((side_px, side_px))
@@ -91,12 +91,12 @@ def draw_view(
     if rng.random() < config.grey:
         rgb = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     if rng.random() < config.jpeg:
-        rgb = compressed(rgb, int(rng.integers(30, 91)))
+        rgb = compress_jpeg(rgb, int(rng.integers(30, 91)))
     return replace(sample, rgb=rgb)
 
 
-def draw_warp(
-    of: tuple[int, int], size: tuple[int, int], config: ViewConfig, rng: np.random.Generator
+def random_affine(
+    of: tuple[int, int], size: tuple[int, int], config: PretrainAugmentConfig, rng: np.random.Generator
 ) -> Float[np.ndarray, "2 3"]:
     """Draws where the pixels of a photograph go.
 
@@ -123,13 +123,15 @@ def draw_warp(
     return np.concatenate([linear, (goal - linear @ middle)[:, None]], axis=1)
 
 
-def warped(sample: Sample, size: tuple[int, int], warp: Float[np.ndarray, "2 3"], rng: np.random.Generator) -> Sample:
+def warp_sample(
+    sample: Sample, size: tuple[int, int], warp: Float[np.ndarray, "2 3"], rng: np.random.Generator
+) -> Sample:
     """A photograph moved into a view; outside of it the view has one random colour.
 
     Args:
         sample: the photograph.
         size: height and width of the view.
-        warp: as ``draw_warp`` gives it.
+        warp: as ``random_affine`` gives it.
         rng: draws the colour.
     """
     scale = float(np.sqrt(abs(np.linalg.det(warp[:, :2]))))
@@ -149,7 +151,7 @@ def warped(sample: Sample, size: tuple[int, int], warp: Float[np.ndarray, "2 3"]
     for index, mask in enumerate(sample.masks):
         masks[index] = cv2.warpAffine(mask.astype(np.uint8), warp, size[::-1], flags=cv2.INTER_NEAREST) > 0
     before, after = sample.masks.sum(axis=(1, 2)) * scale**2, masks.sum(axis=(1, 2))
-    doubtful = (after < LEAST_SHARE_LEFT * before) | (after < LEAST_PIXELS)
+    doubtful = (after < MIN_SHARE_LEFT * before) | (after < MIN_PIXELS)
     there = after > 0
     return Sample(
         rgb=out,
@@ -185,7 +187,7 @@ def mosaic(parts: Sequence[tuple[tuple[int, int], Sample]], side_px: int) -> Sam
     )
 
 
-def compressed(rgb: UInt8[np.ndarray, "h w 3"], quality: int) -> UInt8[np.ndarray, "h w 3"]:
+def compress_jpeg(rgb: UInt8[np.ndarray, "h w 3"], quality: int) -> UInt8[np.ndarray, "h w 3"]:
     """A picture as JPEG leaves it."""
     _, encoded = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR)

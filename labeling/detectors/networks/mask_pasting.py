@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32
 MASK_THRESHOLD = 0.5
 
 
-def paste(
+def paste_mask(
     probability: Float32[np.ndarray, "m m"], box_xyxy: Float32[np.ndarray, "4"], size: tuple[int, int]
 ) -> Bool[np.ndarray, "h w"]:
     """The mask of a picture from the probabilities in the cells of a box: bilinear, only inside the box.
