@@ -21,6 +21,7 @@ Candidates that overlap are taken to be suppressed already, unless ``nms_iou`` i
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,20 @@ class OnnxConfig:
     outputs: tuple[tuple[str, str], ...] = tuple((name, name) for name in OUTPUTS)
 
 
+_CHOICES = {
+    "resize": ("stretch", "pad"),
+    "colour": ("rgb", "bgr"),
+    "boxes": ("pixels", "unit"),
+    "masks": ("box", "picture"),
+}
+_READERS: dict[str, Callable[[Json, str], Any]] = {
+    **dict.fromkeys(("first_label", "multiple_of"), Json.integer),
+    **dict.fromkeys(("divide_by", "min_score", "nms_iou"), Json.number),
+    **dict.fromkeys(("mean", "std"), lambda file, name: tuple(file.array(name, (3,)).tolist())),
+    "size": lambda file, name: tuple(int(side) for side in file.array(name, (2,))),
+}
+
+
 def read_config(path: Path) -> OnnxConfig:
     """Reads the JSON.
 
@@ -83,27 +98,14 @@ def _config(file: Json) -> OnnxConfig:
     if not names or not all(isinstance(name, str) for name in names):
         raise file.error("must be a list of names", "categories")
     values["categories"] = tuple(names)
-    for name, choices in (
-        ("resize", ("stretch", "pad")),
-        ("colour", ("rgb", "bgr")),
-        ("boxes", ("pixels", "unit")),
-        ("masks", ("box", "picture")),
-    ):
+    for name, choices in _CHOICES.items():
         if file.has(name):
             values[name] = file.text(name)
             if values[name] not in choices:
                 raise file.error(f"must be one of {', '.join(choices)}, not {values[name]!r}", name)
-    for name in ("first_label", "multiple_of"):
-        if file.has(name):
-            values[name] = file.integer(name)
-    for name in ("divide_by", "min_score", "nms_iou"):
+    for name, read in _READERS.items():
         if file.has(name) and file.get(name).value is not None:
-            values[name] = file.number(name)
-    if file.has("size") and file.get("size").value is not None:
-        values["size"] = tuple(int(side) for side in file.array("size", (2,)))
-    for name in ("mean", "std"):
-        if file.has(name):
-            values[name] = tuple(file.array(name, (3,)).tolist())
+            values[name] = read(file, name)
     if file.has("outputs"):
         given = file.get("outputs").mapping()
         values["outputs"] = tuple((name, str(given.get(name, name))) for name in OUTPUTS)

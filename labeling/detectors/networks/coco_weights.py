@@ -5,10 +5,21 @@ from urllib.error import URLError
 from torch import nn
 
 from labeling.core.detector import DetectorError
-from labeling.detectors.networks.coco_names import category_names_of_coco
 from labeling.detectors.networks.mask_rcnn import Network, build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.torchvision_operators import torchvision
+
+RENAMED = {"potted plant": "plant", "refrigerator": "fridge", "dining table": "table"}
+"""COCO's categories that have another name here."""
+
+
+def category_names_of_coco(coco: list[str]) -> tuple[str, ...]:
+    """Names of the outputs 1, 2, ... of a network trained on COCO.
+
+    Args:
+        coco: its list, as torchvision has it: from 0, with "__background__" and "N/A" for outputs without a meaning.
+    """
+    return tuple("" if name == "N/A" else RENAMED.get(name, name) for name in coco[1:])
 
 
 def coco_spec() -> NetworkSpec:

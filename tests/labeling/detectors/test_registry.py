@@ -15,7 +15,7 @@ from labeling.core.masks import mask_iou
 from labeling.detectors import registry
 from labeling.detectors.adapters.depth_masks import mask_in_box
 from labeling.detectors.adapters.onnx import OnnxDetector
-from labeling.detectors.networks.coco_names import category_names_of_coco
+from labeling.detectors.networks.coco_weights import category_names_of_coco
 from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import save_network
