@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class DetectCommand(DetectionCommand):
     """Writes ``detections.json`` (COCO results with RLE masks and scores) beside the frames of each episode.
 
-    Episodes that this detector has already looked at are passed over.
+    Episodes that already hold the results of this detector are skipped.
     """
 
     detector: str = DEFAULT

@@ -27,7 +27,7 @@ RECORDED = "recorded"
 class Detect3dCommand(DetectionCommand):
     """Writes ``detections_3d.json`` beside the frames of each episode: boxes in the world, each found from one view.
 
-    Episodes that these detectors have already looked at are passed over.
+    Episodes that already hold the results of these detectors are skipped.
     """
 
     detector: str

@@ -160,13 +160,13 @@ def _categories(command: FinetuneCommand, known: tuple[str, ...], pictures: Pict
     """
     from labeling.detectors.data.annotated_pictures import category_names
 
-    taught = category_names(pictures.learn)
-    new = tuple(name for name in taught if name not in known)
+    annotated = category_names(pictures.learn)
+    new = tuple(name for name in annotated if name not in known)
     if new and command.new_categories:
         known = (*known, *new)
-    elif len(new) == len(taught):
+    elif len(new) == len(annotated):
         raise UsageError(
-            f"{command.sources}: none of the categories there ({', '.join(taught)}) is one that {command.detector} "
+            f"{command.sources}: none of the categories there ({', '.join(annotated)}) is one that {command.detector} "
             f"knows ({', '.join(name for name in known if name)}); --new-categories teaches them"
         )
     elif new:

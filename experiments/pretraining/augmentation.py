@@ -151,14 +151,14 @@ def warp_sample(
     for index, mask in enumerate(sample.masks):
         masks[index] = cv2.warpAffine(mask.astype(np.uint8), warp, size[::-1], flags=cv2.INTER_NEAREST) > 0
     before, after = sample.masks.sum(axis=(1, 2)) * scale**2, masks.sum(axis=(1, 2))
-    doubtful = (after < MIN_SHARE_LEFT * before) | (after < MIN_PIXELS)
+    too_little_left = (after < MIN_SHARE_LEFT * before) | (after < MIN_PIXELS)
     there = after > 0
     return Sample(
         rgb=out,
         masks=masks[there],
         labels=sample.labels[there],
         weights=sample.weights[there],
-        ignore=(sample.ignore | doubtful)[there],
+        ignore=(sample.ignore | too_little_left)[there],
     )
 
 

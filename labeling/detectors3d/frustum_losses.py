@@ -25,7 +25,7 @@ class FrustumBatch:
     boxes: Tensor
     """(b, 7): as ``labeling.detectors3d.upright_boxes`` writes them."""
     weights: Tensor
-    """(b,): how far each is to be trusted, in [0, 1]."""
+    """(b,): of each sample in the loss, in [0, 1]."""
 
 
 def frustum_losses(network: FrustumNet, output: FrustumOutput, batch: FrustumBatch) -> dict[str, Tensor]:

@@ -26,7 +26,7 @@ class FrustumSpec:
 
     categories: tuple[str, ...]
     sizes_m: tuple[tuple[float, float, float], ...]
-    """For each category the template that its size is told relative to: length, width, height."""
+    """For each category the size template that residuals are relative to: length, width, height."""
     width: float = 1.0
     """Channels of every layer relative to the paper's."""
     num_points: int = 1024

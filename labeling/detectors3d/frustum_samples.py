@@ -54,9 +54,9 @@ class FrustumSample:
     box: Box3d
     """In the world; of the whole object."""
     weight: float
-    """How far it is to be trusted, in [0, 1]."""
+    """In the loss, in [0, 1]: the confidence of the label."""
     rays: Float[np.ndarray, "2 3"]
-    """What turns a pixel (x, y, 1) into the horizontal part of its ray in the world."""
+    """Maps a pixel (x, y, 1) to the horizontal part of its ray in the world."""
 
     def crop(self, box_xyxy: tuple[float, float, float, float]) -> tuple[Frustum, Bool[np.ndarray, "m"]]:
         """The frustum of another 2-D box within the margin, and which of its points are the object's."""
@@ -159,7 +159,7 @@ def make_frustum_sample(
         category: of the object.
         mask: what is seen of it.
         box: of the whole object, in the world.
-        weight: how far it is to be trusted.
+        weight: in the loss, in [0, 1].
         rng: chooses the points that are kept.
 
     Raises:

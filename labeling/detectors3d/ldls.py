@@ -111,9 +111,9 @@ def segment(
     if len(points) <= config.neighbours:
         return np.full(len(points), -1), np.zeros(len(points))
     graph = neighbour_graph(points, config)
-    told = config.pixel_weight * _pixel_sums(masks, pixels, config.window_px)
-    total = np.asarray(graph.sum(axis=1)).ravel() + told.sum(axis=1)
-    labels = diffuse(graph, told, total, config.tolerance)
+    pixel_labels = config.pixel_weight * _pixel_sums(masks, pixels, config.window_px)
+    total = np.asarray(graph.sum(axis=1)).ravel() + pixel_labels.sum(axis=1)
+    labels = diffuse(graph, pixel_labels, total, config.tolerance)
     owner = labels.argmax(axis=1) - 1
     share = labels.max(axis=1) / np.maximum(labels.sum(axis=1), 1e-12)
     for number in range(len(masks)):
@@ -133,14 +133,14 @@ def neighbour_graph(points: Float[np.ndarray, "n 3"], config: LdlsConfig) -> spa
 
 
 def diffuse(
-    graph: sparse.csr_matrix, told: Float[np.ndarray, "n c"], total: Float[np.ndarray, "n"], tolerance: float
+    graph: sparse.csr_matrix, pixel_labels: Float[np.ndarray, "n c"], total: Float[np.ndarray, "n"], tolerance: float
 ) -> Float[np.ndarray, "n c"]:
     """The labels that no further step of diffusion changes: each point's are the weighted mean of those of its
-    neighbours and of what its pixels tell. A point's labels sum to 1, so that the first follows from the others.
+    neighbours and of the labels of its pixels. A point's labels sum to 1, so that the first follows from the others.
 
     Args:
         graph: weights of neighbours.
-        told: weighted labels of the pixels; they stay as they are.
+        pixel_labels: weighted labels of the pixels; they stay as they are.
         total: of all weights of a point.
         tolerance: relative residual.
     """
@@ -149,8 +149,8 @@ def diffuse(
     scale = 1 / np.sqrt(total)
     system = sparse.diags(scale) @ system @ sparse.diags(scale)
     columns = []
-    for told_of_one in told.T[1:]:
-        found, _ = bicgstab(system, scale * told_of_one, rtol=tolerance, maxiter=2000)
+    for pixel_labels_of_one in pixel_labels.T[1:]:
+        found, _ = bicgstab(system, scale * pixel_labels_of_one, rtol=tolerance, maxiter=2000)
         columns.append(np.clip(scale * found, 0.0, 1.0))
     return np.stack([np.clip(1.0 - sum(columns, np.zeros(len(total))), 0.0, None), *columns], axis=1)
 

@@ -39,7 +39,7 @@ class Annotation:
     rle: dict
     """COCO RLE of its visible part."""
     weight: float = 1.0
-    """How far the annotation is to be trusted, in [0, 1]."""
+    """Of the annotation in the loss, in [0, 1]: its confidence."""
     ignore: bool = False
     """Nothing is known here: detections are neither right nor wrong."""
 

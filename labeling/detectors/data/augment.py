@@ -49,9 +49,9 @@ def _window(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> 
     if (tall, wide) == (height, width):
         return sample
     middle = np.array([rng.integers(height), rng.integers(width)])
-    taught = np.flatnonzero(~sample.ignore & sample.masks.any(axis=(1, 2)))
-    if len(taught):
-        pixels = np.argwhere(sample.masks[rng.choice(taught)])
+    learnable = np.flatnonzero(~sample.ignore & sample.masks.any(axis=(1, 2)))
+    if len(learnable):
+        pixels = np.argwhere(sample.masks[rng.choice(learnable)])
         middle = pixels[rng.integers(len(pixels))]
     top = int(np.clip(middle[0] - rng.integers(tall), 0, height - tall))
     left = int(np.clip(middle[1] - rng.integers(wide), 0, width - wide))

@@ -33,7 +33,7 @@ class NetworkDetector:
     def detect(
         self, rgb: UInt8[np.ndarray, "b h w 3"], depth_m: Float32[np.ndarray, "b h w"] | None = None
     ) -> list[PictureDetections]:
-        """See ``labeling.core.detector.Detector``; depth is not looked at."""
+        """See ``labeling.core.detector.Detector``; depth is not used."""
         found: list[PictureDetections] = []
         for start in range(0, len(rgb), self.batch_size):
             found.extend(self._detect_batch(rgb[start : start + self.batch_size]))

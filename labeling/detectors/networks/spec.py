@@ -47,7 +47,7 @@ class NetworkSpec:
         return tuple(name for name in self.categories if name)
 
     def input_size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Height and width in pixels at which a picture of this height and width is looked at."""
+        """Height and width in pixels to which a picture of this height and width is resized."""
         short, long = min(size), max(size)
         scale = min(max(short, self.short_side_px[0]), self.short_side_px[1]) / short
         scale = min(scale, self.long_side_px / long)
