@@ -67,7 +67,7 @@ def run(config: GenerateConfig) -> None:
     from tqdm import tqdm
 
     from labeling.generator.label_writer import write_label_set
-    from labeling.generator.sources import identity
+    from labeling.generator.sources import source_fingerprint
     from labeling.io.episodes import find_episodes
 
     config.label.check()
@@ -75,7 +75,7 @@ def run(config: GenerateConfig) -> None:
     config.sources.check()
     if config.workers < 1:
         raise UsageError(f"--workers must be at least 1, not {config.workers}")
-    inputs = (asdict(config.recording), identity(config.sources))
+    inputs = (asdict(config.recording), source_fingerprint(config.sources))
     folders = find_episodes(config.dataset, config.recording)
     _check_out(config.out, config.dataset)
     job = Job(config.dataset, config.out, config.recording, config.sources, config.label, inputs)

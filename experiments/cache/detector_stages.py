@@ -51,12 +51,13 @@ def make_labels(
         The folder of the label set.
     """
     from labeling import generate
-    from labeling.generator.sources import identity
+    from labeling.generator.sources import source_fingerprint
 
     config = replace(settings or LabelConfig(), seed=seed)
     sources = sources or SourceConfig()
     dataset = episodes[0].parent
-    inputs = [dataset.name, "growing" if growing else len(episodes), asdict(config), identity(sources), share_scenes]
+    chosen = "growing" if growing else len(episodes)
+    inputs = [dataset.name, chosen, asdict(config), source_fingerprint(sources), share_scenes]
     out = context.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
     generate.run(
         generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes)

@@ -1,4 +1,4 @@
-"""What two detectors have found in the same views, as the findings of one."""
+"""The detections of two detectors in the same views, put together without duplicates."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ SAME_OBJECT = 0.5
 """IoU from which on two detections of one category in one view mean the same object."""
 
 
-def pooled(first: Sequence[Detection], second: Sequence[Detection]) -> tuple[Detection, ...]:
-    """The findings of two detectors in the same views.
+def pool_detections(first: Sequence[Detection], second: Sequence[Detection]) -> tuple[Detection, ...]:
+    """The detections of two detectors, of each object that both have found the more confident one.
 
-    Where both have found an object, the surer detection stays; what only one has found stays as well. Detectors fail at
-    different things: one that was fine-tuned finds what the pre-trained one missed, and misses some that it had found.
+    Detectors fail at different things: one that was fine-tuned finds what the pre-trained one missed, and misses some
+    that it had found.
 
     Args:
         first: detections of any views.
-        second: those of the other detector. Of two that are equally sure, that of ``first`` stays.
+        second: those of the other detector. Of two that are equally confident, that of ``first`` stays.
 
     Returns:
         Those of ``first`` that stay, in their order, then those of ``second``.

@@ -29,9 +29,9 @@ from labeling.generator.objects.association import (
     assign_weak_detections,
     associate_detections,
     group_segments,
+    is_consistent,
     objects_by_agreement,
 )
-from labeling.generator.objects.consistency import is_consistent
 from labeling.generator.objects.seeds import DetectionSeeds, detection_seeds
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf

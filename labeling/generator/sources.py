@@ -11,7 +11,7 @@ from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.core.types import Detection
 from labeling.detectors.run_detector import detector_by_name, run_detector
-from labeling.generator.detection_pooling import pooled
+from labeling.generator.detection_pooling import pool_detections
 from labeling.generator.objects.weak_supervision import one_view_per_object
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
@@ -75,7 +75,7 @@ def find_sources(
     return Sources(episode.detections, "detections.json")
 
 
-def identity(config: SourceConfig) -> list[Any]:
+def source_fingerprint(config: SourceConfig) -> list[Any]:
     """Changes whenever the sources might: the settings, and the files and the code they name."""
     known: list[Any] = [config.weak, config.detector, config.with_recorded]
     for path in (config.detections, config.annotations):
@@ -132,7 +132,7 @@ def with_source_detections(episode: Episode, labels: Path, provenance: dict[str,
     metadata = {key: value for key, value in episode.metadata.items() if key != "detector_categories"}
     known = info.get("detector_categories")
     if sources.get("with_recorded"):
-        used = replace(used, detections=pooled(used.detections or (), episode.detections or ()))
+        used = replace(used, detections=pool_detections(used.detections or (), episode.detections or ()))
         recorded = episode.metadata.get("detector_categories")
         known = None if known is None or recorded is None else [*dict.fromkeys([*known, *recorded])]
     return replace(used, metadata=metadata if known is None else {**metadata, "detector_categories": known})
@@ -164,7 +164,7 @@ def _with_recorded(found: Sources, episode: Episode) -> Sources:
         raise EpisodeFormatError(
             f"{episode.name}: has no detections.json to take beside what the detector finds; leave out --with-recorded"
         )
-    return Sources(pooled(found.detections, episode.detections), f"{found.origin} and detections.json")
+    return Sources(pool_detections(found.detections, episode.detections), f"{found.origin} and detections.json")
 
 
 def _read_detections(

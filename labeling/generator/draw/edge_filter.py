@@ -19,36 +19,6 @@ _ROWS = 8
 """Rows filtered side by side: each waits for its own last pixel only."""
 
 
-def edge_aware_fill(
-    values: Float32[np.ndarray, "h w c"],
-    weight: Float32[np.ndarray, "h w"],
-    guide: UInt8[np.ndarray, "h w 3"],
-    reach_px: float,
-    edge: float,
-) -> tuple[Float32[np.ndarray, "h w c"], Float32[np.ndarray, "h w"]]:
-    """Weighted means of ``values`` over neighbourhoods that end at edges of the guide.
-
-    Args:
-        values: channels; read only where the weight is positive.
-        weight: of each pixel, 0 in holes.
-        guide: picture whose edges stop the spreading.
-        reach_px: standard deviation of the smoothing in pixels, where the guide is flat.
-        edge: change of the guide (channels in [0, 1], summed) that counts as much as ``reach_px`` pixels.
-
-    Returns:
-        The means, and the total weight that reached each pixel (0: nothing known nearby).
-    """
-    across, down = feedback_maps(guide, reach_px, edge)
-    total = np.array(weight, np.float32, order="C")
-    smooth(total, across, down)
-    means = np.empty(values.shape, np.float32)
-    for channel in range(values.shape[2]):
-        plane = np.ascontiguousarray(values[:, :, channel] * weight, np.float32)
-        smooth(plane, across, down)
-        means[:, :, channel] = plane / np.maximum(total, np.float32(1e-12))
-    return means, total
-
-
 def feedback_maps(
     guide: UInt8[np.ndarray, "h w 3"], reach_px: float, edge: float
 ) -> tuple[Float32[np.ndarray, "i h w"], Float32[np.ndarray, "i h w"]]:

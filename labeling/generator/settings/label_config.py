@@ -2,13 +2,12 @@
 a room; the object size itself is measured in the data (labeling.generator.cloud.object_scale).
 """
 
-import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Literal
 
-from labeling.core.errors import UsageError
 from labeling.core.types import CONFIDENT
 from labeling.generator.settings.published_defects import PublishedDefects
+from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, Share, check_ranges
 
 
 @dataclass(frozen=True)
@@ -24,97 +23,97 @@ class LabelConfig:
         labeling.core.errors.UsageError: --confident must lie above 0 and at most at 1, not 1.5
     """
 
-    confident: float = CONFIDENT
+    confident: PositiveShare[float] = CONFIDENT
     """Detections at least this confident become sources of labels. Source: thesis A.2.2."""
     weak_evidence: bool = True
     """Let detections below ``confident`` vote, with the weight of their score, on objects that a source has found."""
-    agreeing_views: int = 2
+    agreeing_views: NonNegative[int] = 2
     """Objects that no view is sure of are labelled too if at least this many views agree on place and category, and the
     chance that not all of them are wrong reaches ``confident``. 0 leaves them out, as in the thesis."""
     fuse_views: bool = True
     """Detections of one object speak for it together. False: every confident detection is segmented alone, and where
     masks then overlap in a view the most confident one is kept, as in the thesis."""
-    max_sources: int = 0
+    max_sources: NonNegative[int] = 0
     """Confident views of an object that seed it at most, the most confident first; 0 takes all."""
-    min_mask_px: int = 32
+    min_mask_px: NonNegative[int] = 32
     """Smaller detections are passed over. Source: field notes (published code)."""
-    max_range_m: float = 50.0
+    max_range_m: Positive[float] = 50.0
     """Depth beyond this is not used. Source: field notes (published code)."""
-    erode: float = 0.015
+    erode: NonNegative[float] = 0.015
     """Width of the unknown band inside a mask, as a share of the square root of its pixels (thesis: 3x3, once)."""
-    dilate: float = 0.05
+    dilate: NonNegative[float] = 0.05
     """Width of the unknown band outside a mask, as a share of the square root of its pixels (published code: 4 px)."""
-    erosions: int | None = None
+    erosions: NonNegative[int] | None = None
     """Instead of ``erode``: how often the mask is eroded by 3x3 pixels (thesis: once in rooms, 3 times in streets)."""
-    dilations: int | None = None
+    dilations: NonNegative[int] | None = None
     """Instead of ``dilate``: how often the mask is dilated by 3x3 pixels."""
     seed_outliers: Literal["median", "mean", "off"] = "median"
     """Which seeds are dropped as outliers in space: further than ``outlier_spread`` deviations from their median, or
     from their mean (published code), or none."""
-    outlier_spread: float = 3.0
+    outlier_spread: Positive[float] = 3.0
     """How many standard deviations. Source: field notes (published code: 3 in rooms, 2 in streets)."""
-    voxel_share: float = 1 / 16
+    voxel_share: Positive[float] = 1 / 16
     """Voxel edge as a share of the object size (3-4 cm for furniture, 8 mm for a book)."""
-    voxel_m: float | None = None
+    voxel_m: Positive[float] | None = None
     """Voxel edge in metres; None derives it from object size and pixel footprint."""
-    max_voxels: int = 300_000
+    max_voxels: Positive[int] = 300_000
     """Voxels grow until the cloud has at most this many: bounds time and memory."""
-    crop: float = 0.3
+    crop: Positive[float] = 0.3
     """Margin around an object's seeds within which points may belong to it, in object sizes (thesis: 1 m)."""
-    crop_m: float | None = None
+    crop_m: Positive[float] | None = None
     """Instead of ``crop``: half edge of a cube around the seeds, metres, which grows until it holds seeds of both
     classes (published code: 1 in rooms, 6 in streets)."""
-    max_crop_m: float = 5.0
+    max_crop_m: Positive[float] = 5.0
     """How far that cube grows at most. Source: field notes (published code)."""
-    gaussian_share: float = 0.75
+    gaussian_share: Share[float] = 0.75
     """Weight of a Gaussian per class beside the SVM (quadratic discriminant analysis); 0 for the SVM alone, as in the
     thesis, 1 for the Gaussians alone."""
     votes: bool = True
     """Let detections vote directly on the points they saw; False: they only train the classifier, as in the thesis."""
     clamp_seeds: bool = False
     """Hold seeds at probability .99 and .01 whatever the classifier says. Source: field notes (published code)."""
-    outer_share: float = 0.0
+    outer_share: Share[float] = 0.0
     """Share of the object's training points that comes from the outermost fifth of its seeds (published code: .5)."""
-    appearance_weight: float = 4.0
+    appearance_weight: NonNegative[float] = 4.0
     """Weight of the appearance kernel (position and colour), nats."""
-    appearance_width: float = 0.35
+    appearance_width: Positive[float] = 0.35
     """Its standard deviation in space, in object sizes."""
-    appearance_width_m: float | None = None
+    appearance_width_m: Positive[float] | None = None
     """The same in metres; None takes ``appearance_width``."""
-    appearance_colour: float = 0.1
+    appearance_colour: Positive[float] = 0.1
     """Its standard deviation in colour, channels in [0, 1]."""
-    smoothness_weight: float = 1.0
+    smoothness_weight: NonNegative[float] = 1.0
     """Weight of the smoothness kernel (position only), nats."""
-    smoothness_width_voxels: float = 1.5
+    smoothness_width_voxels: Positive[float] = 1.5
     """Its standard deviation in voxels."""
-    smoothness_width_m: float | None = None
+    smoothness_width_m: Positive[float] | None = None
     """The same in metres; None takes ``smoothness_width_voxels``."""
-    iterations: int = 5
+    iterations: NonNegative[int] = 5
     """Mean-field updates. Source: field notes (published code)."""
     exclusive: bool = True
     """One CRF in which objects compete for points; False: one binary CRF per object, as in the thesis."""
-    merge_overlap: float = 0.5
+    merge_overlap: PositiveShare[float] = 0.5
     """Detections (or segments) that share this much of the space both can see are one object."""
     segment_outliers: Literal["pieces", "mean", "off"] = "pieces"
     """What is taken out of a finished segment: small pieces that lie apart, points more than ``outlier_spread``
     deviations from its mean (published code), or nothing."""
-    min_piece: float = 0.05
+    min_piece: NonNegative[float] = 0.05
     """Connected components of a segment that hold less than this share of it are taken out."""
-    piece_reach: float = 0.15
+    piece_reach: NonNegative[float] = 0.15
     """So are components, however large, that lie further from the body of the object than this share of its diagonal:
     the ground, or another object. The body is the component with the most votes of detections."""
     visibility: Literal["own", "z-buffer"] = "own"
     """What a pixel with depth shows: its own point, or the nearest point that any view puts there."""
-    fill_px: float | None = None
+    fill_px: NonNegative[float] | None = None
     """Reach of hole filling in pixels; None takes half a voxel, 0 fills nothing."""
-    fill_edge: float = 0.3
+    fill_edge: Positive[float] = 0.3
     """Change of colour (sum over channels in [0, 1]) that stops hole filling as far as its reach does."""
     consistency: bool = False
     """Keep only objects that at least four views are confident of, all under one name. Source: thesis A.5."""
-    erode_doubt: float = 0.15
+    erode_doubt: NonNegative[float] = 0.15
     """How much wider the unknown band inside a mask is for a detection of confidence 0 than for one of 1, as ``erode``:
     masks of low confidence are less exact. 0 as in the thesis."""
-    dilate_doubt: float = 0.1
+    dilate_doubt: NonNegative[float] = 0.1
     """The same for the band outside."""
     free_space: bool = True
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
@@ -122,14 +121,14 @@ class LabelConfig:
     """Give each label its expected IoU as confidence, from what all views say about its object
     (labeling.generator.quality.label_quality); False: the mean confidence of its sources times the mean probability in
     its mask."""
-    min_confidence: float = 0.05
+    min_confidence: Share[float] = 0.05
     """Labels below are marked as regions to ignore instead."""
-    ignore_unconfirmed: float = 0.3
+    ignore_unconfirmed: Share[float] = 0.3
     """Where the confidences of detections that no label explains add up to this over all views, regions are marked to
     be ignored in every view, so that nobody learns that there is background; 1 marks none."""
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
-    seed: int = 0
+    seed: NonNegative[int] = 0
     """Seed of the sampling of training points."""
     published: PublishedDefects = field(default_factory=PublishedDefects)
     """Defects of the published code."""
@@ -140,23 +139,4 @@ class LabelConfig:
         Raises:
             UsageError: naming the setting.
         """
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                rule, holds = _BOUNDS.get(one.name, _NOT_NEGATIVE)
-                if not holds(value):
-                    raise UsageError(f"--{one.name.replace('_', '-')} must {rule}, not {value}")
-
-
-_NOT_NEGATIVE = "be 0 or more and finite", lambda value: 0 <= value < math.inf
-_POSITIVE = "be above 0 and finite", lambda value: 0 < value < math.inf
-_SHARE = "lie in [0, 1]", lambda value: 0 <= value <= 1
-_BOUNDS = {
-    **dict.fromkeys(("max_range_m", "voxel_share", "voxel_m", "max_voxels", "outlier_spread", "fill_edge"), _POSITIVE),
-    **dict.fromkeys(("crop", "crop_m", "max_crop_m"), _POSITIVE),
-    **dict.fromkeys(("appearance_width", "appearance_width_m", "appearance_colour"), _POSITIVE),
-    **dict.fromkeys(("smoothness_width_voxels", "smoothness_width_m"), _POSITIVE),
-    **dict.fromkeys(("outer_share", "gaussian_share", "min_confidence", "ignore_unconfirmed"), _SHARE),
-    **dict.fromkeys(("confident", "merge_overlap"), ("lie above 0 and at most at 1", lambda value: 0 < value <= 1)),
-}
-"""What a number must do, and the test of it; numbers that are not named here must not be negative."""
+        check_ranges(self)

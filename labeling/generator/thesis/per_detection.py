@@ -19,8 +19,7 @@ from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
 from labeling.generator.draw.view_masks import view_probabilities
-from labeling.generator.objects.association import Candidate, associate_detections
-from labeling.generator.objects.consistency import is_consistent
+from labeling.generator.objects.association import Candidate, associate_detections, is_consistent
 from labeling.generator.objects.seeds import detection_seeds
 from labeling.generator.segment.crf import ObjectCrf
 from labeling.generator.settings.label_config import LabelConfig

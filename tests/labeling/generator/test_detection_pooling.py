@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from labeling.core.masks import mask_iou
 from labeling.core.types import Detection
-from labeling.generator.detection_pooling import SAME_OBJECT, pooled
+from labeling.generator.detection_pooling import SAME_OBJECT, pool_detections
 
 SIZE = (6, 8)
 
@@ -41,7 +41,7 @@ def numbers_of_pairs(first: tuple[Detection, ...], second: tuple[Detection, ...]
 
 @given(detections(), detections())
 def test_every_object_stays_once(first, second):
-    found = pooled(first, second)
+    found = pool_detections(first, second)
     assert all(any(one is kept for kept in (*first, *second)) for one in found)
     assert len(first) + len(second) - len(found) in numbers_of_pairs(first, second)
     for gone in (*first, *second):
@@ -51,12 +51,12 @@ def test_every_object_stays_once(first, second):
 
 @given(detections())
 def test_a_detector_beside_one_that_finds_nothing_is_as_it_was(first):
-    assert pooled(first, ()) == first == pooled((), first)
+    assert pool_detections(first, ()) == first == pool_detections((), first)
 
 
 @given(detections())
 def test_a_detector_beside_itself_says_nothing_new(first):
-    assert sorted(map(id, pooled(first, first))) == sorted(map(id, first))
+    assert sorted(map(id, pool_detections(first, first))) == sorted(map(id, first))
 
 
 def test_the_surer_of_two_stays_and_other_categories_are_left_alone():
@@ -66,5 +66,5 @@ def test_the_surer_of_two_stays_and_other_categories_are_left_alone():
     nearly[1, 1:4] = False
     sure, unsure = Detection(0, "bed", 0.9, nearly), Detection(0, "bed", 0.4, mask)
     other, elsewhere = Detection(0, "tv", 0.3, mask), Detection(1, "bed", 0.2, mask)
-    assert pooled((unsure, other), (sure, elsewhere)) == (other, sure, elsewhere)
-    assert pooled((sure, other), (unsure, elsewhere)) == (sure, other, elsewhere)
+    assert pool_detections((unsure, other), (sure, elsewhere)) == (other, sure, elsewhere)
+    assert pool_detections((sure, other), (unsure, elsewhere)) == (sure, other, elsewhere)

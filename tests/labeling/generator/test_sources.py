@@ -20,7 +20,7 @@ from labeling.detectors.adapters.function import load_function
 from labeling.detectors.registry import load_detector
 from labeling.detectors.run_detector import run_detector
 from labeling.generate import main
-from labeling.generator.detection_pooling import pooled
+from labeling.generator.detection_pooling import pool_detections
 from labeling.generator.sources import detections_record, with_source_detections
 from labeling.io.episodes import read_episode, write_episode
 
@@ -231,7 +231,7 @@ def test_recorded_detections_speak_beside_those_of_a_detector(detector, dataset,
     folder = dataset / rooms[0].name
     used = with_source_detections(read_episode(folder), out, about).detections
     assert used is not None
-    assert len(used) == len(pooled(found, read_episode(folder).detections or ()))
+    assert len(used) == len(pool_detections(found, read_episode(folder).detections or ()))
     assert len(used) > max(len(found), len(rooms[0].detections or ()))
     (folder / "detections.json").unlink()
     assert main([str(folder), "--out", str(tmp_path / "one"), "--detector", name, "--with-recorded"]) == 2

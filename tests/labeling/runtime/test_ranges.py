@@ -3,7 +3,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from labeling.core.errors import UsageError
-from labeling.runtime.ranges import NonNegative, Positive, Share, ShareBelowOne, check_ranges
+from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, Share, ShareBelowOne, check_ranges
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,8 @@ class Settings(Base):
     patience: NonNegative[int] = 0
     flip: Share[float] = 1.0
     average: ShareBelowOne[float] = 0.0
+    edge_m: Positive[float] | None = None
+    threshold: PositiveShare[float] = 1.0
 
 
 def test_what_lies_within_its_range_is_accepted():
@@ -31,6 +33,8 @@ def test_what_lies_within_its_range_is_accepted():
         ({"patience": -1}, "--patience must be 0 or more, not -1"),
         ({"flip": 1.5}, r"--flip must lie in \[0, 1\], not 1.5"),
         ({"flip": float("nan")}, "--flip must lie in"),
+        ({"edge_m": 0.0}, "--edge-m must be above 0, not 0.0"),
+        ({"threshold": 0.0}, "--threshold must lie above 0 and at most at 1, not 0.0"),
         ({"average": 1.0}, "--average must be at least 0 and below 1, not 1.0"),
     ],
 )

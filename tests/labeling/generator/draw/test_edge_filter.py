@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.generator.draw.edge_filter import edge_aware_fill
+from .filled import edge_aware_fill
 
 
 def flat_guide(height: int, width: int) -> np.ndarray:

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from labeling.generator.draw.edge_filter import edge_aware_fill
 from labeling.generator.draw.view_masks import MIN_WEIGHT, OTHER_VIEW_WEIGHT, modal_masks, view_probabilities
+
+from .filled import edge_aware_fill
 
 
 def view(seed: int, holes: float = 0.0):

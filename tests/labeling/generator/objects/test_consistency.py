@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from labeling.core.types import Detection
-from labeling.generator.objects.association import Candidate
-from labeling.generator.objects.consistency import is_consistent
+from labeling.generator.objects.association import Candidate, is_consistent
 from labeling.generator.objects.seeds import DetectionSeeds
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig

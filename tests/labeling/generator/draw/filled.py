@@ -1,0 +1,20 @@
+"""Edge-aware hole filling of whole pictures: what the windows of ``view_masks`` are compared with."""
+
+import numpy as np
+
+from labeling.generator.draw.edge_filter import feedback_maps, smooth
+
+
+def edge_aware_fill(
+    values: np.ndarray, weight: np.ndarray, guide: np.ndarray, reach_px: float, edge: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted means of channels (h, w, c), and the total weight (h, w) that reached each pixel."""
+    across, down = feedback_maps(guide, reach_px, edge)
+    total = np.array(weight, np.float32, order="C")
+    smooth(total, across, down)
+    means = np.empty(values.shape, np.float32)
+    for channel in range(values.shape[2]):
+        plane = np.ascontiguousarray(values[:, :, channel] * weight, np.float32)
+        smooth(plane, across, down)
+        means[:, :, channel] = plane / np.maximum(total, np.float32(1e-12))
+    return means, total
