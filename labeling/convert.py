@@ -14,7 +14,7 @@ from labeling.runtime.cli import run_command
 
 @dataclass(frozen=True)
 class ConvertConfig:
-    """Writes a recording as an episode: straight PNG pictures, depth in millimetres and in colour's pixels.
+    """Writes a recording as an episode: undistorted PNG pictures, depth in millimetres and in colour's pixels.
 
     ``labeling.generate`` reads recordings as they are; converting is for those with lens distortion, for thinning out
     long ones for good, and for tools that know only one format. Masks that lie beside the recording come along.
@@ -40,7 +40,7 @@ def run(config: ConvertConfig) -> None:
     config.recording.check()
     if config.out.exists():
         raise UsageError(f"--out {config.out}: exists already; give a new folder")
-    episode = read_episode(config.recording_folder, config.recording, straighten=config.undistort)
+    episode = read_episode(config.recording_folder, config.recording, undistort=config.undistort)
     try:
         write_episode(config.out, episode)
     except OSError as error:

@@ -12,6 +12,11 @@ OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns OpenGL camera axes (+Y up, -Z forward: MuJoCo, nerfstudio) into OpenCV ones and back: it is its own inverse."""
 
 
+def intrinsics_matrix(fx: float, fy: float, cx: float, cy: float) -> Float[np.ndarray, "3 3"]:
+    """K of focal lengths and principal point, pixels."""
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
 def intrinsics_from_fov(width_px: int, height_px: int, fov_x_rad: float) -> Float[np.ndarray, "3 3"]:
     """Intrinsics of an ideal camera with square pixels and the principal point in the middle of the picture.
 
@@ -24,7 +29,7 @@ def intrinsics_from_fov(width_px: int, height_px: int, fov_x_rad: float) -> Floa
         K, in pixels.
     """
     focal_px = 0.5 * width_px / np.tan(0.5 * fov_x_rad)
-    return np.array([[focal_px, 0.0, 0.5 * (width_px - 1)], [0.0, focal_px, 0.5 * (height_px - 1)], [0.0, 0.0, 1.0]])
+    return intrinsics_matrix(focal_px, focal_px, 0.5 * (width_px - 1), 0.5 * (height_px - 1))
 
 
 def flip_camera_axes(camera_to_world: Float[np.ndarray, "*views 4 4"]) -> Float[np.ndarray, "*views 4 4"]:

@@ -58,7 +58,7 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
         ...     print([folder.name for folder in find_episodes(Path(dataset), RecordingConfig(layout="nerfstudio"))])
         ['kitchen']
     """
-    from labeling.io.recordings.layouts import layout_of, looked_for
+    from labeling.io.recordings.layouts import expected_files, layout_of
 
     config = config or RecordingConfig()
     if not dataset.is_dir():
@@ -70,20 +70,20 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
     if not found:
         raise EpisodeFormatError(
             f"{dataset}: no episode here; looked, in it and in the {len(below)} folders directly below it, for "
-            f"{looked_for(dataset, config)}"
+            f"{expected_files(dataset, config)}"
         )
     return found
 
 
 def read_episode(
-    folder: Path, config: RecordingConfig | None = None, straighten: bool = False, ground_truth: bool = True
+    folder: Path, config: RecordingConfig | None = None, undistort: bool = False, ground_truth: bool = True
 ) -> Episode:
     """Reads and validates one episode, or any other recording whose layout is known (labeling.io.recordings).
 
     Args:
         folder: the recording.
         config: its layout and which of its frames to take.
-        straighten: remove lens distortion from pictures and masks; without it distorted pictures are refused.
+        undistort: remove lens distortion from pictures and masks; without it distorted pictures are refused.
         ground_truth: take the masks of ``ground_truth.json`` too, if it is there; they are most of what is to be read.
 
     Raises:
@@ -101,7 +101,7 @@ def read_episode(
     from labeling.io.recordings.layouts import frames_of
 
     found = frames_of(folder, config or RecordingConfig())
-    loaded = load(found.frames, straighten)
+    loaded = load(found.frames, undistort)
     names = tuple(frame.name for frame in found.frames)
     episode = Episode(
         **vars(loaded.views),
@@ -110,7 +110,7 @@ def read_episode(
         frame_names=() if names == found.names else found.names,
         notes=(*found.notes, *loaded.notes),
     )
-    return _straight_masks(_with_annotations(folder, episode, ground_truth), loaded)
+    return _undistorted_masks(_with_annotations(folder, episode, ground_truth), loaded)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
@@ -178,15 +178,15 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Epi
     return replace(episode, categories=table.names)
 
 
-def _straight_masks(episode: Episode, loaded: "LoadedViews") -> Episode:
-    """Moves masks that were drawn on distorted pictures onto the straight ones."""
-    lenses = loaded.straightening
-    if not any(lenses):
+def _undistorted_masks(episode: Episode, loaded: "LoadedViews") -> Episode:
+    """Moves masks that were drawn on distorted pictures onto the undistorted ones."""
+    undistortions = loaded.undistortions
+    if not any(undistortions):
         return episode
 
     def moved(view_index: int, mask: np.ndarray) -> np.ndarray:
-        lens = lenses[view_index]
-        return mask if lens is None else lens.mask(mask)
+        undistortion = undistortions[view_index]
+        return mask if undistortion is None else undistortion.mask(mask)
 
     detections, truths = episode.detections, episode.ground_truth
     return replace(
@@ -201,7 +201,7 @@ def _straight_masks(episode: Episode, loaded: "LoadedViews") -> Episode:
             )
             for t in truths
         ),
-        notes=(*episode.notes, f"lens distortion was removed from {sum(lens is not None for lens in lenses)} views"),
+        notes=(*episode.notes, f"lens distortion was removed from {sum(map(bool, undistortions))} views"),
     )
 
 

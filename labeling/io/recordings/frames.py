@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.views import RgbdViews
 from labeling.io.recordings.pictures import (
-    Straightening,
+    Undistortion,
     enlarge_depth,
     read_colour,
     read_depth,
@@ -56,13 +56,70 @@ class FrameList:
     """What was left out, and why."""
 
 
+class FrameCollector:
+    """Gathers the frames of a recording in order, and which of them cannot be used for what reason."""
+
+    def __init__(self, *reasons: str):
+        """``reasons``: why frames may be left out, such as "without depth", in the order of the notes."""
+        self.names: list[str] = []
+        self.frames: list[Frame] = []
+        self.left_out: dict[str, list[str]] = {reason: [] for reason in reasons}
+
+    def add(self, frame: Frame) -> None:
+        """A frame that can be used."""
+        self.names.append(frame.name)
+        self.frames.append(frame)
+
+    def leave_out(self, name: str, reason: str) -> None:
+        """A frame that cannot be used."""
+        self.names.append(name)
+        self.left_out[reason].append(name)
+
+    def frame_list(self) -> FrameList:
+        """All that was gathered, with one note for each reason."""
+        notes = []
+        for reason, names in self.left_out.items():
+            if names:
+                more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+                plural = "s" if len(names) > 1 else ""
+                notes.append(f"left out {len(names)} frame{plural} {reason}: {', '.join(names[:3])}{more}")
+        return FrameList(tuple(self.names), self.frames, notes)
+
+
+def file_inside(folder: Path, relative: str, extensions: Sequence[str] = ()) -> Path:
+    """The file of a recording that one of its other files names.
+
+    Args:
+        folder: the recording.
+        relative: the name; an absolute one must lead into the folder.
+        extensions: tried in turn where the name lacks its extension.
+
+    Raises:
+        ValueError: if it is no file name, leads out of the recording or does not exist.
+    """
+    try:
+        path = folder / PurePosixPath(relative)
+        if PurePosixPath(relative).is_absolute() and path.resolve().is_relative_to(folder.resolve()):
+            path = folder / path.resolve().relative_to(folder.resolve())
+        if not path.is_file():
+            path = next((found for e in extensions if (found := path.with_name(path.name + e)).is_file()), path)
+        leads_out, exists = not path.resolve().is_relative_to(folder.resolve()), path.is_file()
+    except (OSError, UnicodeError, RuntimeError, ValueError):  # too long, not a file name, links in a circle, no name
+        raise ValueError(f"{relative!r} cannot be a file name") from None
+    if leads_out:
+        raise ValueError(f"{relative!r} leads out of the recording's folder")
+    if not exists:
+        raise ValueError(f"{relative!r} does not exist")
+    return path
+
+
 @dataclass(frozen=True)
 class LoadedViews:
     """The views of the frames chosen."""
 
     views: RgbdViews
-    straightening: tuple[Straightening | None, ...]
-    """For each view what has straightened it; None if it was straight already."""
+    undistortions: tuple[Undistortion | None, ...]
+    """For each view what its lens distortion was removed with; None if it had none."""
     notes: list[str]
 
 
@@ -82,18 +139,18 @@ def choose(found: FrameList, config: RecordingConfig) -> FrameList:
     return FrameList(found.names, frames, notes)
 
 
-def load(frames: Sequence[Frame], straighten: bool) -> LoadedViews:
+def load(frames: Sequence[Frame], undistort: bool) -> LoadedViews:
     """Reads the pictures.
 
     Args:
         frames: at least one.
-        straighten: remove lens distortion; without it distorted pictures are refused.
+        undistort: remove lens distortion; without it distorted pictures are refused.
 
     Raises:
         EpisodeFormatError: naming the file.
     """
     rgb: list[np.ndarray] = []
-    depth, intrinsics, straightening = [], [], []
+    depth, intrinsics, undistortions = [], [], []
     resized = 0
     pictures = in_threads(lambda frame: (read_colour(frame.colour_file), _read_depth(frame)), frames)
     for frame, (colour, depth_or_error) in zip(frames, pictures, strict=True):
@@ -108,24 +165,24 @@ def load(frames: Sequence[Frame], straighten: bool) -> LoadedViews:
         depth_m = depth_or_error
         aligned = _align(frame, depth_m, camera, colour.shape[:2])
         resized += aligned is not depth_m
-        lens = None
+        undistortion = None
         if any(frame.distortion):
-            if not straighten:
+            if not undistort:
                 raise EpisodeFormatError(
                     f"{frame.colour_file}: its camera has lens distortion (k1 k2 p1 p2 k3 = "
                     f"{', '.join(f'{value:g}' for value in frame.distortion)}); write straight pictures first: "
                     "python -m labeling.convert FOLDER --undistort --out EPISODE"
                 )
-            lens = Straightening(camera, frame.distortion, colour.shape[:2])
-            colour, aligned = lens.colour(colour), lens.depth(aligned)
+            undistortion = Undistortion(camera, frame.distortion, colour.shape[:2])
+            colour, aligned = undistortion.colour(colour), undistortion.depth(aligned)
         rgb.append(colour)
         depth.append(aligned)
         intrinsics.append(camera)
-        straightening.append(lens)
+        undistortions.append(undistortion)
     notes = [f"depth of {resized} views was brought to the size of their colour pictures"] if resized else []
     poses = np.stack([frame.camera_to_world for frame in frames])
     views = RgbdViews(np.stack(rgb), np.stack(depth), np.stack(intrinsics), poses)
-    return LoadedViews(views, tuple(straightening), notes)
+    return LoadedViews(views, tuple(undistortions), notes)
 
 
 def _read_depth(frame: Frame) -> np.ndarray | EpisodeFormatError:
@@ -170,9 +227,3 @@ def _other_up(frames: Sequence[Frame]) -> str | None:
     if abs(up[axis]) < 0.8 or (axis == 2 and up[2] > 0):
         return None
     return ("" if up[axis] > 0 else "-") + "xyz"[axis]
-
-
-def leave_out_note(names: Sequence[str], reason: str) -> str:
-    """One line about frames that cannot be used."""
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return f"left out {len(names)} frame{'s' if len(names) > 1 else ''} {reason}: {', '.join(names[:3])}{more}"

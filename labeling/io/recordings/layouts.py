@@ -38,8 +38,8 @@ def layout_of(folder: Path, config: RecordingConfig) -> Layout | None:
     return next((layout for layout in candidates if not layout.missing(folder)), None)
 
 
-def looked_for(folder: Path, config: RecordingConfig) -> str:
-    """What makes a recording and what of it a folder lacks, for messages."""
+def expected_files(folder: Path, config: RecordingConfig) -> str:
+    """The files that make a folder a recording, and which of them it lacks, for messages."""
     parts = []
     for layout in LAYOUTS:
         if config.layout in ("auto", layout.name):
@@ -61,7 +61,7 @@ def frames_of(folder: Path, config: RecordingConfig) -> FrameList:
     if layout is None:
         if not folder.is_dir():
             raise EpisodeFormatError(f"{folder}: no such folder")
-        raise EpisodeFormatError(f"{folder}: no recording here; looked for {looked_for(folder, config)}")
+        raise EpisodeFormatError(f"{folder}: no recording here; looked for {expected_files(folder, config)}")
     if config.camera is not None and layout.name != "tum":
         raise UsageError(f"--camera is for TUM folders; {folder} tells its camera itself")
     return choose(layout.list_frames(folder, config), config)

@@ -6,20 +6,22 @@ factor their translations were multiplied with.
 """
 
 import functools
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from labeling.core.geometry import flip_camera_axes, is_rigid
+from labeling.core.errors import EpisodeFormatError
+from labeling.core.geometry import flip_camera_axes, intrinsics_matrix, is_rigid
 from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, leave_out_note
+from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameCollector, FrameList, file_inside
 from labeling.io.recordings.recording_config import RecordingConfig
 
 FILES = ("transforms.json",)
 DEPTH_UNIT_M = 0.001
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
-STRAIGHT_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL")
+CAMERA_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL")
+NO_DEPTH = "without depth_file_path"
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 
 
@@ -38,17 +40,16 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
         problem = f"is metres per unit of depth; {depth_unit_m:g} is more than the {MAX_DEPTH_UNIT_M:g} accepted"
         raise transforms.error(problem, "depth_unit_scale_factor")
     scale = _applied_scale(transforms)
-    names, frames, blind = [], [], []
+    collected = FrameCollector(NO_DEPTH)
     for record in records:
         colour_file = _inside(folder, record, "file_path", EXTENSIONS)
         name = colour_file.relative_to(folder).as_posix()
-        names.append(name)
         if not record.has("depth_file_path"):
-            blind.append((name, record))
+            collected.leave_out(name, NO_DEPTH)
             continue
         pose = _camera_to_world(record)
         pose[:3, 3] /= scale
-        frames.append(
+        collected.add(
             Frame(
                 name=name,
                 colour_file=colour_file,
@@ -59,32 +60,22 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
                 distortion=_distortion(transforms, record),
             )
         )
-    if not frames:
-        raise blind[0][1].error(
+    if not collected.frames:
+        raise records[0].error(
             "is missing, as in every frame; labels need depth, so export the recording with its depth pictures",
             "depth_file_path",
         )
-    notes = [leave_out_note([name for name, _ in blind], "without depth_file_path")] if blind else []
-    return FrameList(tuple(names), frames, notes)
+    return collected.frame_list()
 
 
 def _inside(folder: Path, record: Json, name: str, extensions: tuple[str, ...]) -> Path:
-    """The file a frame refers to, which may be named without its extension; refuses paths out of the recording."""
-    relative = record.text(name)
+    """The file a frame refers to, which may be named without its extension."""
     try:
-        path = folder / PurePosixPath(relative)
-        if PurePosixPath(relative).is_absolute() and path.resolve().is_relative_to(folder.resolve()):
-            path = folder / path.resolve().relative_to(folder.resolve())
-        if not path.is_file():
-            path = next((found for e in extensions if (found := path.with_name(path.name + e)).is_file()), path)
-        leads_out, exists = not path.resolve().is_relative_to(folder.resolve()), path.is_file()
-    except (OSError, UnicodeError, RuntimeError, ValueError):  # too long, not a file name, links in a circle, no name
-        raise record.error(f"{relative!r} cannot be a file name", name) from None
-    if leads_out:
-        raise record.error(f"{relative!r} leads out of the episode's folder", name)
-    if not exists:
-        raise record.error(f"{relative!r} does not exist", name)
-    return path
+        return file_inside(folder, record.text(name), extensions)
+    except EpisodeFormatError:
+        raise
+    except ValueError as error:
+        raise record.error(str(error), name) from None
 
 
 def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
@@ -102,19 +93,19 @@ def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]
         angle = holder("camera_angle_x").number("camera_angle_x", above=0.0)
         focal = 0.5 * width_px / np.tan(0.5 * min(angle, 3.0))
         centre = [holder(name).number(name, 0.5 * (side - 1)) for name, side in (("cx", width_px), ("cy", height_px))]
-        return np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
+        return intrinsics_matrix(focal, focal, *centre)
     fl_x, fl_y = (holder(name).number(name, above=0.0) for name in ("fl_x", "fl_y"))
     cx, cy = (holder(name).number(name) for name in ("cx", "cy"))
-    return np.array([[fl_x, 0.0, cx], [0.0, fl_y, cy], [0.0, 0.0, 1.0]])
+    return intrinsics_matrix(fl_x, fl_y, cx, cy)
 
 
 def _distortion(transforms: Json, record: Json) -> tuple[float, ...]:
     model_holder = record if record.has("camera_model") else transforms
     if model_holder.has("camera_model"):
         model = model_holder.text("camera_model")
-        if model not in STRAIGHT_MODELS:
+        if model not in CAMERA_MODELS:
             raise model_holder.error(
-                f"{model!r} is not supported; undistort the pictures to one of {', '.join(STRAIGHT_MODELS)}",
+                f"{model!r} is not supported; undistort the pictures to one of {', '.join(CAMERA_MODELS)}",
                 "camera_model",
             )
     k4 = (record if record.has("k4") else transforms).number("k4", 0.0)

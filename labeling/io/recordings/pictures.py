@@ -87,8 +87,8 @@ def register_depth(
     return np.where(np.outer(inside[1], inside[0]), depth_m[np.ix_(index[1], index[0])], np.float32(0))
 
 
-class Straightening:
-    """Removes the lens distortion of one view; the straight picture has the same K."""
+class Undistortion:
+    """Removes the lens distortion of one view; the undistorted picture has the same K."""
 
     def __init__(self, intrinsics: Float[np.ndarray, "3 3"], distortion: tuple[float, ...], size: tuple[int, int]):
         """Prepares the maps. ``distortion``: OpenCV's k1 k2 p1 p2 k3; ``size``: height and width."""
@@ -98,15 +98,15 @@ class Straightening:
         )
 
     def colour(self, rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
-        """A straight colour picture; black where the lens has seen nothing."""
+        """An undistorted colour picture; black where the lens has seen nothing."""
         return cv2.remap(rgb, *self._maps, cv2.INTER_LINEAR)
 
     def depth(self, depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
-        """Straight depth, from the nearest pixel."""
+        """Undistorted depth, from the nearest pixel."""
         return cv2.remap(depth_m, *self._maps, cv2.INTER_NEAREST)
 
     def mask(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-        """A straight mask, from the nearest pixel."""
+        """An undistorted mask, from the nearest pixel."""
         return cv2.remap(mask.astype(np.uint8), *self._maps, cv2.INTER_NEAREST).astype(bool)
 
 

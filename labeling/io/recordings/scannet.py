@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from labeling.core.errors import EpisodeFormatError
-from labeling.core.geometry import is_rigid
-from labeling.io.recordings.frames import Frame, FrameList, leave_out_note
+from labeling.core.geometry import intrinsics_matrix, is_rigid
+from labeling.io.recordings.frames import Frame, FrameCollector, FrameList
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.io.recordings.text_tables import read_matrix
 
@@ -38,39 +38,32 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     )
     if not colour:
         raise EpisodeFormatError(f"{folder / 'color'}: holds no PNG or JPEG picture")
-    names, frames = [], []
-    blind, lost = [], []
+    no_depth, no_pose = "without depth", "without a pose (tracking lost)"
+    collected = FrameCollector(no_depth, no_pose)
     for stem, file in colour.items():
         name = file.relative_to(folder).as_posix()
-        names.append(name)
         pose = _pose(poses[stem]) if stem in poses else None
-        if stem not in depth:
-            blind.append(name)
-        elif pose is None:
-            lost.append(name)
-        else:
-            frames.append(
-                Frame(
-                    name=name,
-                    colour_file=file,
-                    depth_file=depth[stem],
-                    depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-                    camera_to_world=pose,
-                    camera=_Camera(camera, folder / "intrinsic" / "intrinsic_color.txt"),
-                    depth_intrinsics=depth_camera,
-                )
+        if stem not in depth or pose is None:
+            collected.leave_out(name, no_pose if stem in depth else no_depth)
+            continue
+        collected.add(
+            Frame(
+                name=name,
+                colour_file=file,
+                depth_file=depth[stem],
+                depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
+                camera_to_world=pose,
+                camera=_Camera(camera, folder / "intrinsic" / "intrinsic_color.txt"),
+                depth_intrinsics=depth_camera,
             )
-    if not frames:
+        )
+    if not collected.frames:
+        left_out = collected.left_out
         raise EpisodeFormatError(
             f"{folder}: none of the {len(colour)} pictures in color/ has both depth and a pose of the same number "
-            f"({len(blind)} without depth, {len(lost)} without a pose or with tracking lost)"
+            f"({len(left_out[no_depth])} without depth, {len(left_out[no_pose])} without a pose or with tracking lost)"
         )
-    notes = [
-        leave_out_note(left, reason)
-        for left, reason in ((blind, "without depth"), (lost, "without a pose (tracking lost)"))
-        if left
-    ]
-    return FrameList(tuple(names), frames, notes)
+    return collected.frame_list()
 
 
 class _Camera:
@@ -94,7 +87,7 @@ def _intrinsics(path: Path) -> Float[np.ndarray, "3 3"]:
     matrix = read_matrix(path)
     if matrix.shape not in ((3, 3), (4, 4), (3, 4)) or not min(matrix[0, 0], matrix[1, 1]) > 0:
         raise EpisodeFormatError(f"{path}: expected a camera matrix (4x4 or 3x3, focal lengths above 0)")
-    return np.array([[matrix[0, 0], 0.0, matrix[0, 2]], [0.0, matrix[1, 1], matrix[1, 2]], [0.0, 0.0, 1.0]])
+    return intrinsics_matrix(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 
 
 def _check_same_place(folder: Path) -> None:

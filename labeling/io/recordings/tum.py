@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from labeling.core.errors import EpisodeFormatError
-from labeling.io.recordings.frames import Frame, FrameList, leave_out_note
+from labeling.core.geometry import intrinsics_matrix
+from labeling.io.recordings.frames import Frame, FrameCollector, FrameList, file_inside
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.io.recordings.text_tables import read_matrix, read_rows, real_numbers
 
@@ -30,36 +31,31 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     depth_s, depth = _pictures(folder / "depth.txt")
     trajectory_s, trajectory = _trajectory(folder / "groundtruth.txt")
     partner = associate(colour_s, depth_s, config.max_gap_s)
-    frames, blind, lost = [], [], []
+    no_depth, no_pose = (f"without {what} within {config.max_gap_s:g} s" for what in ("depth", "a pose"))
+    collected = FrameCollector(no_depth, no_pose)
     for index, name in enumerate(colour):
         pose = pose_at(colour_s[index], trajectory_s, trajectory, config.max_gap_s)
-        if partner[index] < 0:
-            blind.append(name)
-        elif pose is None:
-            lost.append(name)
-        else:
-            frames.append(
-                Frame(
-                    name=name,
-                    colour_file=folder / name,
-                    depth_file=folder / depth[partner[index]],
-                    depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-                    camera_to_world=pose,
-                    camera=lambda size: camera,
-                )
+        if partner[index] < 0 or pose is None:
+            collected.leave_out(name, no_depth if partner[index] < 0 else no_pose)
+            continue
+        collected.add(
+            Frame(
+                name=name,
+                colour_file=folder / name,
+                depth_file=folder / depth[partner[index]],
+                depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
+                camera_to_world=pose,
+                camera=lambda size: camera,
             )
-    if not frames:
+        )
+    if not collected.frames:
+        left_out = collected.left_out
         raise EpisodeFormatError(
             f"{folder / 'rgb.txt'}: none of its {len(colour)} pictures has depth and a pose within "
-            f"{config.max_gap_s:g} s ({len(blind)} without depth, {len(lost)} without pose); compare the time stamps, "
-            "or raise --max-gap-s"
+            f"{config.max_gap_s:g} s ({len(left_out[no_depth])} without depth, {len(left_out[no_pose])} without pose); "
+            "compare the time stamps, or raise --max-gap-s"
         )
-    notes = [
-        leave_out_note(names, f"without {what} within {config.max_gap_s:g} s")
-        for names, what in ((blind, "depth"), (lost, "a pose"))
-        if names
-    ]
-    return FrameList(tuple(colour), frames, notes)
+    return collected.frame_list()
 
 
 def associate(first_s: Float64[np.ndarray, "n"], second_s: Float64[np.ndarray, "m"], max_gap_s: float) -> np.ndarray:
@@ -90,6 +86,8 @@ def pose_at(
     Position is interpolated linearly, orientation by the normalised mean of quaternions, which at the few degrees
     between samples is a slerp to within a thousandth of a degree.
     """
+    from scipy.spatial.transform import Rotation
+
     after = int(np.searchsorted(trajectory_s, time_s))
     around = [i for i in (after - 1, after) if 0 <= i < len(trajectory_s)]
     around = [i for i in around if abs(trajectory_s[i] - time_s) <= max_gap_s + 1e-9]
@@ -103,21 +101,9 @@ def pose_at(
             samples[1, 3:] *= -1
     mixed = (1 - weight) * samples[0] + weight * samples[-1]
     pose = np.eye(4)
-    pose[:3, :3] = quaternion_to_rotation(mixed[3:] / np.linalg.norm(mixed[3:]))
+    pose[:3, :3] = Rotation.from_quat(mixed[3:]).as_matrix()
     pose[:3, 3] = mixed[:3]
     return pose
-
-
-def quaternion_to_rotation(xyzw: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation of a unit quaternion with its real part last, as TUM writes it."""
-    x, y, z, w = xyzw
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _intrinsics(folder: Path, config: RecordingConfig) -> Float[np.ndarray, "3 3"]:
@@ -141,7 +127,7 @@ def _intrinsics(folder: Path, config: RecordingConfig) -> Float[np.ndarray, "3 3
         raise EpisodeFormatError(
             f"{folder / INTRINSICS_FILE}: focal lengths must be above 0, not {values[:2].tolist()}"
         )
-    return np.array([[values[0], 0.0, values[2]], [0.0, values[1], values[3]], [0.0, 0.0, 1.0]])
+    return intrinsics_matrix(*values)
 
 
 def _pictures(path: Path) -> tuple[Float64[np.ndarray, "n"], list[str]]:
@@ -151,14 +137,9 @@ def _pictures(path: Path) -> tuple[Float64[np.ndarray, "n"], list[str]]:
         if len(words) != 2:
             raise EpisodeFormatError(f"{path}: line {line}: expected 'timestamp file', not {len(words)} words")
         try:
-            file = path.parent / words[1]
-            outside, exists = not file.resolve().is_relative_to(path.parent.resolve()), file.is_file()
-        except (OSError, ValueError, RuntimeError):
-            raise EpisodeFormatError(f"{path}: line {line}: {words[1]!r} cannot be a file name") from None
-        if outside:
-            raise EpisodeFormatError(f"{path}: line {line}: {words[1]!r} leads out of the recording's folder")
-        if not exists:
-            raise EpisodeFormatError(f"{path}: line {line}: {words[1]!r} does not exist")
+            file = file_inside(path.parent, words[1])
+        except ValueError as error:
+            raise EpisodeFormatError(f"{path}: line {line}: {error}") from None
         times.append(real_numbers(path, line, words[:1])[0])
         names.append(file.relative_to(path.parent).as_posix())
     if not names:

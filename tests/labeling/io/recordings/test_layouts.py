@@ -253,7 +253,7 @@ def test_undistorted_pictures_and_masks_are_where_a_pinhole_sees_them(tmp_path):
     (tmp_path / "detections.json").write_text(
         json.dumps([{"image_id": 0, "category_id": 1, "score": 0.9, "segmentation": encode_mask(mask)}])
     )
-    episode = read_episode(tmp_path, straighten=True)
+    episode = read_episode(tmp_path, undistort=True)
     assert episode.detections is not None
     for number, (x, y) in enumerate(straight.astype(int)):
         assert episode.rgb[0, y, x].min() > 100
