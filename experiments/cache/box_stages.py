@@ -158,7 +158,7 @@ def _score(evaluation: BoxEvaluation) -> dict[str, Any]:
             episode, detector.lift(episode, detections(episode, evaluation.masks, evaluation.categories))
         )
         truths += true_instances(episode, evaluation.categories)
-    space, bird = (average_precision_3d(found, truths, kind=kind) for kind in ("3d", "bird"))
+    space, bird = (average_precision_3d(found, truths, kind=kind) for kind in ("3d", "bev"))
     edges = EDGES_M[evaluation.world]
     by_range = average_precision_by_range(found, truths, edges)
     counts = {name: sum(one.category == name and not one.ignore for one in truths) for name in evaluation.categories}

@@ -10,8 +10,8 @@ _FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2
 """Corners of ``Box3d.corners()`` around each face, counter-clockwise seen from outside."""
 _NORMALS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], float)
 """Outward normals of these faces, in the box's own axes."""
-_TOUCHING = 1e-9
-"""Distances below this share of the boxes' size are none."""
+_TOLERANCE = 1e-9
+"""Distances below this share of the boxes' size are taken for 0."""
 _MOST_CORNERS = 12
 """A rectangle that six planes have cut has at most ten."""
 
@@ -24,21 +24,21 @@ def box_iou_3d(a: Box3d, b: Box3d) -> float:
         >>> round(box_iou_3d(unit, Box3d(np.array([0.5, 0, 0]), np.ones(3), np.eye(3))), 6)
         0.333333
     """
-    shared = shared_volume(a, b)
+    shared = intersection_volume(a, b)
     union = float(np.prod(a.extent_m)) + float(np.prod(b.extent_m)) - shared
     return min(1.0, shared / union) if union > 0 else 0.0
 
 
-def box_iou_bird(a: Box3d, b: Box3d) -> float:
-    """Intersection over union of the footprints of two upright boxes: what is left of them without height."""
+def box_iou_bev(a: Box3d, b: Box3d) -> float:
+    """Intersection over union of two upright boxes in bird's-eye view: of their footprints, whatever their heights."""
     return box_iou_3d(_flat(a), _flat(b))
 
 
-def shared_volume(a: Box3d, b: Box3d) -> float:
-    """Volume that two boxes in any orientation share, cubic metres.
+def intersection_volume(a: Box3d, b: Box3d) -> float:
+    """Volume of the intersection of two boxes in any orientation, cubic metres.
 
-    The surface of what they share is the part of a's faces that lies in b and the part of b's faces that lies in a; its
-    volume follows by Gauss's theorem. A face that both have in common counts once.
+    Its surface is the part of a's faces that lies in b and the part of b's faces that lies in a; its volume follows by
+    Gauss's theorem. A face that both have in common counts once.
     """
     if not (np.all(a.extent_m > 0) and np.all(b.extent_m > 0)):
         return 0.0
@@ -48,9 +48,9 @@ def shared_volume(a: Box3d, b: Box3d) -> float:
     middle = 0.5 * (a.centre_m + b.centre_m)
     faces = [np.ascontiguousarray((box.corners() - middle)[_FACES]) for box in (a, b)]
     planes = [_planes(box, middle) for box in (a, b)]
-    touching = _TOUCHING * reach
-    first = _six_volumes(faces[0], *planes[1], touching)
-    second = _six_volumes(faces[1], *planes[0], -touching)
+    tolerance = _TOLERANCE * reach
+    first = _six_volumes(faces[0], *planes[1], tolerance)
+    second = _six_volumes(faces[1], *planes[0], -tolerance)
     return max(0.0, (first + second) / 6.0)
 
 
@@ -68,7 +68,13 @@ def _flat(box: Box3d) -> Box3d:
 
 @njit(cache=True)
 def _six_volumes(faces, normals, offsets, slack):  # pragma: no cover - compiled
-    """Six times the signed volume of the cones from the origin to those parts of faces that planes leave of them.
+    """Six times the signed volume of the cones from the origin to a box's faces, clipped to the inside of another box.
+
+    Args:
+        faces: (6, 4, 3) float64, the corners of each face, counter-clockwise seen from outside, metres.
+        normals: (6, 3) float64, outward unit normals of the other box's faces.
+        offsets: (6,) float64, distances of these faces from the origin along their normals, metres.
+        slack: how far outside a plane a point still counts as inside, metres; may be negative.
 
     Source: Sutherland, Hodgman 1974, for the clipping.
     """

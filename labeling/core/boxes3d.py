@@ -11,7 +11,7 @@ def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: floa
 
     Args:
         points: world points of one object, metres.
-        trim: share of points that may stick out on each side: strays must not grow the box.
+        trim: share of points that may stick out on each side: outliers must not grow the box.
         margin_m: added to every extent (a voxel, where points are voxel centres).
 
     Returns:
@@ -20,7 +20,7 @@ def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: floa
     if len(points) == 0:
         return None
     points = np.asarray(points, float)
-    kept = _without_strays(points, trim)
+    kept = _without_outliers(points, trim)
     best = min((_rectangle(kept[:, :2], angle, trim) for angle in _edge_angles(kept[:, :2])), key=lambda r: r[0])
     _, angle, low, high = best
     bottom, top = np.quantile(points[:, 2], [trim, 1 - trim])
@@ -34,8 +34,8 @@ def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: floa
     return Box3d(np.array([*middle, 0.5 * (bottom + top)]), extent, rotation)
 
 
-def _without_strays(points, trim):
-    """Points inside the per-axis quantiles; the footprint's hull follows the crowd, not single strays."""
+def _without_outliers(points, trim):
+    """Points inside the per-axis quantiles, so that single outliers do not stretch the footprint's hull."""
     low, high = np.quantile(points, [trim, 1 - trim], axis=0)
     kept = points[np.all((points >= low - 1e-9) & (points <= high + 1e-9), axis=1)]
     return kept if len(kept) else points

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_nameless
+from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_unknown_categories
 from labeling.io.label_set import LabelSet, View, read_label_set
 from labeling.metrics.average_precision import mean_of
 from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
@@ -91,7 +91,7 @@ def evaluate_label_set(
     labels = read_label_set(folder)
     dataset = labels.find_dataset(dataset)
     notes: list[str] = []
-    episodes = without_nameless(tuple(read_records(dataset, labels, progress, notes)), labels, notes)
+    episodes = without_unknown_categories(tuple(read_records(dataset, labels, progress, notes)), labels, notes)
     note_missing(episodes, labels, notes)
     kept = {view for episode in episodes for view in episode.views}
     truths = [item for episode in episodes for item in episode.truths]

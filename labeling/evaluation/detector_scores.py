@@ -81,13 +81,13 @@ def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]
 
 
 def _metrics(
-    truths: list[MaskInstance], found: list[MaskInstance], pictures: int, nameless: list[str], path: Path, name: str
+    truths: list[MaskInstance], found: list[MaskInstance], pictures: int, unknown: list[str], path: Path, name: str
 ) -> dict[str, Any]:
     from labeling.evaluation.compare import PROTOCOL, figures
 
     if not any(not one.ignore for one in truths):
         raise UsageError(f"{path}: holds no object of a category that {name} has a name for")
-    notes = [f"left out, categories that the detector has no name for: {', '.join(nameless)}"] if nameless else []
+    notes = [f"left out, categories that the detector has no name for: {', '.join(unknown)}"] if unknown else []
     return {
         "schema_version": SCHEMA_VERSION,
         "name": name,

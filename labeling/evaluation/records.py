@@ -123,7 +123,7 @@ def _detector_categories(folder: Path, episode: Episode) -> frozenset[str] | Non
     return frozenset(names)
 
 
-def without_nameless(
+def without_unknown_categories(
     episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: list[str]
 ) -> tuple[EpisodeRecords, ...]:
     """Leaves out ground truth of categories that neither the detector nor the labels have a name for.
@@ -137,9 +137,9 @@ def without_nameless(
         if episode.detector_categories is None:
             return tuple(episodes)
         known |= episode.detector_categories | {item.category for item in episode.detections}
-    gone = sorted({item.category for episode in episodes for item in episode.truths} - known)
-    if gone:
-        notes.append(f"left out, categories that the detector has no name for: {_listing(gone)}")
+    unknown = sorted({item.category for episode in episodes for item in episode.truths} - known)
+    if unknown:
+        notes.append(f"left out, categories that the detector has no name for: {_listing(unknown)}")
     return tuple(
         replace(
             episode,
@@ -157,11 +157,11 @@ def without_nameless(
 
 def note_missing(episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: list[str]) -> None:
     """Notes what a reader of the figures must know about the data."""
-    blind = [episode.name for episode in episodes if not episode.has_detections]
-    if blind and len(blind) == len(episodes):
+    undetected = [episode.name for episode in episodes if not episode.has_detections]
+    if undetected and len(undetected) == len(episodes):
         notes.append("no episode has a detections.json: the detector's figures are undefined")
-    elif blind:
-        notes.append(f"no detections.json, counted as nothing found: {_listing(blind)}")
+    elif undetected:
+        notes.append(f"no detections.json, counted as nothing found: {_listing(undetected)}")
     if not labels.modal:
         notes.append("the label set holds no label")
 

@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 
-from labeling.core.box_overlap import box_iou_3d, box_iou_bird, shared_volume
+from labeling.core.box_overlap import box_iou_3d, box_iou_bev, intersection_volume
 from labeling.core.types import Box3d
 from labeling.metrics.average_precision import AveragePrecision, check_ranking, interpolated_area, summarise
 
-Kind = Literal["3d", "bird"]
+Kind = Literal["3d", "bev"]
 IOU_THRESHOLDS = (0.25, 0.5)
 _ROUNDING = 1e-7
 """An overlap that falls short of a threshold by less has reached it."""
@@ -52,7 +52,7 @@ def average_precision_3d(
         predictions: ranked by ``confidence``; of equal ones the earlier in the sequence comes first.
         ground_truth: what there is to find.
         iou_thresholds: overlap from which on a prediction counts as right, each in (0, 1].
-        kind: overlap of volumes, or of footprints seen from above.
+        kind: overlap of volumes, or of footprints in bird's-eye view.
 
     Raises:
         ValueError: if a threshold lies outside (0, 1], or a confidence is not finite.
@@ -110,7 +110,7 @@ def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind:
     of_view: dict[Hashable, list[int]] = defaultdict(list)
     for number, truth in enumerate(truths):
         of_view[truth.image].append(number)
-    overlap = box_iou_3d if kind == "3d" else box_iou_bird
+    overlap = box_iou_3d if kind == "3d" else box_iou_bev
     return [
         [
             (
@@ -125,7 +125,7 @@ def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind:
 
 def _share(prediction: Box3d, truth: Box3d) -> float:
     volume = float(np.prod(prediction.extent_m))
-    return shared_volume(prediction, truth) / volume if volume > 0 else 0.0
+    return intersection_volume(prediction, truth) / volume if volume > 0 else 0.0
 
 
 def _one_ap(

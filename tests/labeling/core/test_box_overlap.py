@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from labeling.core.box_overlap import box_iou_3d, box_iou_bird, shared_volume
+from labeling.core.box_overlap import box_iou_3d, box_iou_bev, intersection_volume
 from labeling.core.types import Box3d
 
 UNIT = Box3d(np.zeros(3), np.ones(3), np.eye(3))
@@ -46,7 +46,7 @@ def test_any_orientation_agrees_with_counting_points(seed):
     inside = np.all(np.abs((points - b.centre_m) @ b.rotation) <= 0.5 * b.extent_m, axis=1)
     volume = float(np.prod(a.extent_m))
     spread = 5 * volume * np.sqrt(inside.mean() * (1 - inside.mean()) / len(points)) + 1e-6
-    assert shared_volume(a, b) == pytest.approx(volume * inside.mean(), abs=spread)
+    assert intersection_volume(a, b) == pytest.approx(volume * inside.mean(), abs=spread)
 
 
 def test_upright_boxes_agree_with_open3d():
@@ -64,7 +64,7 @@ def test_upright_boxes_agree_with_open3d():
         np.array([(x, -(z - c / 2), y, a, c, b, -yaw) for x, y, z, a, b, c, yaw in some], np.float32) for some in sets
     ]
     ours = np.array([[box_iou_3d(one, other) for other in boxes[1]] for one in boxes[0]])
-    bird = np.array([[box_iou_bird(one, other) for other in boxes[1]] for one in boxes[0]])
+    bird = np.array([[box_iou_bev(one, other) for other in boxes[1]] for one in boxes[0]])
     flat = [some[:, [0, 2, 3, 5, 6]] for some in theirs]
     assert np.count_nonzero(ours > 0.05) > 50
     np.testing.assert_allclose(iou_3d_cpu(*theirs), ours, atol=1e-6)
@@ -86,5 +86,5 @@ def test_overlap_is_symmetric_and_bounded(seed):
     a, b = any_box(seed), any_box(seed + 1)
     assert box_iou_3d(a, b) == pytest.approx(box_iou_3d(b, a), abs=1e-7)
     assert 0.0 <= box_iou_3d(a, b) <= 1.0
-    assert shared_volume(a, b) <= min(np.prod(a.extent_m), np.prod(b.extent_m)) + 1e-7
+    assert intersection_volume(a, b) <= min(np.prod(a.extent_m), np.prod(b.extent_m)) + 1e-7
     assert box_iou_3d(a, a) == pytest.approx(1.0, abs=1e-6)

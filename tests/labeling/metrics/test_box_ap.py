@@ -76,7 +76,7 @@ def test_height_does_not_matter_from_above():
     high = Box3d(np.array([0, 0, 5.5]), np.array([2.0, 1, 3]), np.eye(3))
     truths, found = [BoxInstance(0, "car", low)], [BoxInstance(0, "car", high, 0.5)]
     assert average_precision_3d(found, truths, (0.5,), "3d").mean[0.5] == 0.0
-    assert average_precision_3d(found, truths, (0.5,), "bird").mean[0.5] == pytest.approx(1.0)
+    assert average_precision_3d(found, truths, (0.5,), "bev").mean[0.5] == pytest.approx(1.0)
 
 
 def test_by_distance_each_object_counts_once():
