@@ -11,12 +11,10 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
-    import mujoco
     import numpy as np
     from jaxtyping import UInt8
 
     from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
-    from sbm_gym.rendering.base import Renderer
     from sbm_gym.scenes.compiled import WorldSource
 
 SHEETS = ("scenes", "renderers", "assets")
@@ -26,10 +24,6 @@ SCENES_PER_SHEET = 6
 ABOVE_ASPECT = 1.4
 """Width of pictures from above, over their height."""
 CARDS_PER_ROW = 8
-_MARGIN_PX = 4
-_CAPTION_PX = 16
-_PAPER = 245
-_INK = (40, 40, 40)
 
 
 @dataclass(frozen=True)
@@ -76,13 +70,10 @@ def run(config: PreviewConfig) -> list[Path]:
     sources = {kind: world_source(kind) for kind in config.worlds or WORLDS}
     written: list[Path] = []
     with tqdm(unit="picture", mininterval=0.5) as bar:
-        for kind, source in sources.items():
-            if {"scenes", "renderers"} & set(config.what):
-                for path in _scene_sheets(config, kind, source, bar):
-                    written.append(path)
+        for kind, source in sources.items() if {"scenes", "renderers"} & set(config.what) else ():
+            written += _scene_sheets(config, kind, source, bar)
         if "assets" in config.what:
-            for path in _asset_sheets(config, bar):
-                written.append(path)
+            written += _asset_sheets(config, bar)
     return written
 
 
@@ -90,6 +81,8 @@ def run(config: PreviewConfig) -> list[Path]:
 
 
 def _scene_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: Any) -> Iterator[Path]:
+    from sbm_gym.rendering.contact_sheet import write_sheet
+
     names = source.scenes(config.split)[: config.scenes]
     height = config.size
     shape = source.profile.capture_size
@@ -103,10 +96,9 @@ def _scene_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: 
             scene_tiles += overview
             renderer_tiles += pairs
         suffix = f"{kind}_{start // SCENES_PER_SHEET}.png"
-        if "scenes" in config.what:
-            yield _write(config.out / f"scenes_{suffix}", contact_sheet(scene_tiles, 1 + EYE_VIEWS))
-        if "renderers" in config.what:
-            yield _write(config.out / f"renderers_{suffix}", contact_sheet(renderer_tiles, 4))
+        for what, tiles, columns in (("scenes", scene_tiles, 1 + EYE_VIEWS), ("renderers", renderer_tiles, 4)):
+            if what in config.what:
+                yield write_sheet(config.out / f"{what}_{suffix}", tiles, columns)
 
 
 def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height: int, width: int, bar: Any):
@@ -157,6 +149,7 @@ def _asset_sheets(config: PreviewConfig, bar: Any) -> Iterator[Path]:
     from sbm_gym.assets.catalog.library import default_library
     from sbm_gym.assets.models.classes import USES
     from sbm_gym.assets.parametric.builtin import BuiltinLibrary
+    from sbm_gym.rendering.contact_sheet import write_sheet
 
     uses: dict[str, list[str]] = {}
     for use, described in USES.items():
@@ -172,7 +165,7 @@ def _asset_sheets(config: PreviewConfig, bar: Any) -> Iterator[Path]:
                 bar.set_description(f"{source} {category}", refresh=False)
                 tiles.append((draw_model(library, card, 2 * config.size // 3), f"{card.use}: {card.model_id}"))
                 bar.update()
-            yield _write(config.out / f"assets_{source}_{category}.png", contact_sheet(tiles, CARDS_PER_ROW))
+            yield write_sheet(config.out / f"assets_{source}_{category}.png", tiles, CARDS_PER_ROW)
 
 
 def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UInt8[np.ndarray, 'h w 3']":
@@ -204,58 +197,7 @@ def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UI
     middle = np.array([0.0, 0.0, 0.5 * card.size_m[2]])
     intrinsics = intrinsics_from_fov(size, size, np.deg2rad(40.0))
     camera = look_at(middle + 3.2 * radius * np.array([-0.55, -0.75, 0.45]), middle)
-    return _close(RaysRenderer(model), data, intrinsics, camera, size)
-
-
-def _close(renderer: "Renderer", data: "mujoco.MjData", intrinsics: Any, camera: Any, size: int):
-    picture = renderer.render(data, intrinsics, camera, size, size).rgb
-    renderer.close()
-    return picture
-
-
-# Sheets ---------------------------------------------------------------------------------------------------------------
-
-
-def contact_sheet(
-    tiles: "list[tuple[UInt8[np.ndarray, 'h w 3'], str]]", columns: int
-) -> "UInt8[np.ndarray, 'sheet_h sheet_w 3']":
-    """Pictures of one height in rows on light paper, each with a caption below it.
-
-    Args:
-        tiles: pictures and captions; at least one. Columns are as wide as their widest picture.
-        columns: pictures in a row.
-    """
-    import cv2
-    import numpy as np
-
-    height = tiles[0][0].shape[0]
-    cell_h = height + _CAPTION_PX + _MARGIN_PX
-    rows = -(-len(tiles) // columns)
-    widths = [max(picture.shape[1] for picture, _ in tiles[column::columns]) for column in range(len(tiles[:columns]))]
-    lefts = _MARGIN_PX + np.concatenate([[0], np.cumsum(np.add(widths, _MARGIN_PX))])
-    sheet = np.full((rows * cell_h + _MARGIN_PX, int(lefts[-1]), 3), _PAPER, np.uint8)
-    for index, (picture, caption) in enumerate(tiles):
-        top, left = _MARGIN_PX + index // columns * cell_h, int(lefts[index % columns])
-        width = picture.shape[1]
-        sheet[top : top + height, left : left + width] = picture
-        # Captions too long for their picture lose their beginnings, which are the same for all.
-        letters = max(width // 6, 4)
-        words = caption if len(caption) <= letters else ".." + caption[2 - letters :]
-        base = (left + 1, top + height + _CAPTION_PX - 4)
-        cv2.putText(sheet, words, base, cv2.FONT_HERSHEY_SIMPLEX, 0.34, _INK, 1, cv2.LINE_AA)
-    return sheet
-
-
-def _write(path: Path, picture: "UInt8[np.ndarray, 'h w 3']") -> Path:
-    import cv2
-
-    from labeling.io.formats.atomic import atomic_file
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _, encoded = cv2.imencode(".png", picture[..., ::-1])
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
-    return path
+    return RaysRenderer(model).render(data, intrinsics, camera, size, size).rgb
 
 
 def main(arguments: list[str] | None = None) -> int:

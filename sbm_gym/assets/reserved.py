@@ -8,9 +8,8 @@ sbm_gym.photographs.models.
 import functools
 import hashlib
 
-from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard, default_library
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard, SelectedModels, default_library
 from sbm_gym.assets.models.classes import COCO_CATEGORIES, OUTDOOR_CATEGORIES, USES
-from sbm_gym.assets.models.model import FurnitureModel
 
 ENOUGH_MODELS = 9
 """Classes with fewer models share them between photographs and worlds."""
@@ -46,24 +45,17 @@ def reserved_models() -> tuple[str, ...]:
     return tuple(found)
 
 
-class WorldsLibrary:
+class WorldsLibrary(SelectedModels):
     """A library without the models that are kept for photographs. Implements ``FurnitureLibrary``."""
 
     def __init__(self, library: FurnitureLibrary):
         """Takes them out of ``library``."""
-        self._library, self._reserved = library, frozenset(reserved_models())
+        super().__init__(library)
+        self._reserved = frozenset(reserved_models())
 
     def models(self, use: str) -> tuple[ModelCard, ...]:
         """Models for a use that worlds may show."""
         return tuple(card for card in self._library.models(use) if card.model_id not in self._reserved)
-
-    def load(self, card: ModelCard) -> FurnitureModel:
-        """The model of a card that ``models`` gave."""
-        return self._library.load(card)
-
-    def triangles(self, card: ModelCard) -> int:
-        """How many triangles a model has."""
-        return self._library.triangles(card)
 
 
 @functools.cache

@@ -3,9 +3,8 @@
 import hashlib
 from collections.abc import Sequence
 
-from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard, SelectedModels
 from sbm_gym.assets.models.classes import USES
-from sbm_gym.assets.models.model import FurnitureModel
 from sbm_gym.assets.parametric.builtin import BUILTIN
 
 HELD_OUT_SHARE = 0.3
@@ -33,7 +32,7 @@ def held_out(cards: Sequence[ModelCard]) -> frozenset[str]:
     return frozenset(chosen)
 
 
-class PartLibrary:
+class PartLibrary(SelectedModels):
     """The models of a library that belong to training, or those that do not.
 
     Uses without a class are shared: nothing is labelled in their name. A use with a single model belongs to training if
@@ -47,7 +46,8 @@ class PartLibrary:
             library: all models.
             training: whether to take the part that training may show.
         """
-        self._library, self._training = library, training
+        super().__init__(library)
+        self._training = training
         self._parts: dict[str, tuple[ModelCard, ...]] = {}
 
     def models(self, use: str) -> tuple[ModelCard, ...]:
@@ -55,14 +55,6 @@ class PartLibrary:
         if use not in self._parts:
             self._parts[use] = self._part(use)
         return self._parts[use]
-
-    def load(self, card: ModelCard) -> FurnitureModel:
-        """The model of a card."""
-        return self._library.load(card)
-
-    def triangles(self, card: ModelCard) -> int:
-        """How many triangles the model of a card has."""
-        return self._library.triangles(card)
 
     def _part(self, use: str) -> tuple[ModelCard, ...]:
         cards = self._library.models(use)

@@ -7,8 +7,7 @@ from jaxtyping import Bool, UInt8
 
 from labeling.core.rle import decode_mask
 from labeling.detectors.data.annotated_pictures import read_pictures
-from labeling.io.formats.atomic import atomic_file
-from sbm_gym.preview import contact_sheet
+from sbm_gym.rendering.contact_sheet import write_sheet
 
 COLUMNS = 8
 _INK, _IGNORED, _PAPER = (70, 255, 70), (255, 140, 0), 245
@@ -22,8 +21,6 @@ def draw_sheet(folder: Path, count: int, path: Path) -> None:
         count: how many photographs.
         path: PNG to write.
     """
-    import cv2
-
     photographs = read_pictures(folder)
     chosen = [photographs[k] for k in np.unique(np.linspace(0, len(photographs) - 1, count).astype(int)).tolist()]
     side = max(max(one.size) for one in chosen)
@@ -35,9 +32,7 @@ def draw_sheet(folder: Path, count: int, path: Path) -> None:
         tile = np.full((side, side, 3), _PAPER, np.uint8)
         tile[: one.size[0], : one.size[1]] = rgb
         tiles.append((tile, " ".join(a.category for a in one.annotations if not a.ignore)))
-    _, encoded = cv2.imencode(".png", contact_sheet(tiles, COLUMNS)[..., ::-1])
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+    write_sheet(path, tiles, COLUMNS)
 
 
 def outline(rgb: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], ink: tuple[int, int, int]) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 from labeling.core.geometry import project
 from sbm_gym import preview
-from sbm_gym.preview import EYE_VIEWS, PreviewConfig, contact_sheet
+from sbm_gym.preview import EYE_VIEWS, PreviewConfig
+from sbm_gym.rendering.contact_sheet import contact_sheet
 from sbm_gym.scenes import world_sources
 from sbm_gym.scenes.viewpoints import eye_level_views, fitted_camera, view_from_above
 

@@ -48,6 +48,22 @@ class FurnitureLibrary(Protocol):
         ...
 
 
+class SelectedModels:
+    """Some models of another library: subclasses say which by ``models``."""
+
+    def __init__(self, library: FurnitureLibrary):
+        """Selects from ``library``."""
+        self._library = library
+
+    def load(self, card: ModelCard) -> FurnitureModel:
+        """The model of a card that ``models`` gave."""
+        return self._library.load(card)
+
+    def triangles(self, card: ModelCard) -> int:
+        """How many triangles the model of a card has."""
+        return self._library.triangles(card)
+
+
 class Home3dLibrary:
     """The mapped models of Sweet Home 3D furniture libraries."""
 
