@@ -111,13 +111,7 @@ class SceneBuilder:
 
     def drawn(self, body: mujoco.MjsBody, mesh: str, material: str, **where) -> None:
         """Adds a mesh to a body as a geom that is drawn and never touched."""
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname=mesh,
-            material=material,
-            **DRAWN,
-            **where,
-        )
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, material=material, **DRAWN, **where)
 
     def drawn_box(
         self, body: mujoco.MjsBody, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], material: str

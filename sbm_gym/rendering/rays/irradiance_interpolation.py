@@ -165,17 +165,7 @@ def soften_shadows(start, stop, width, height, geom, across, below, light, lit, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def interpolate_samples(
-    start,
-    stop,
-    pixels,
-    samples,
-    width,
-    height,
-    seen: SurfaceTable,
-    around: SurfaceTable,
-    around_light,
-    light,
-    is_open,
+    start, stop, pixels, samples, width, height, seen: SurfaceTable, around: SurfaceTable, around_light, light, is_open
 ):
     """Gives sub-rays the light of their own pixel, else of those beside it; marks those where none fits.
 

@@ -66,7 +66,7 @@ def test_normals_look_outward():
     surface = model.surfaces[0]
     assert np.all(np.einsum("vk,vk->v", surface.vertices_m - [0, 0, 1.5], surface.normals) > 0)
     kit = Kit()
-    kit.lathe(paint, [(0, 0), (1, 0), (1, 1), (0, 1)])
+    kit.lathe(paint, [0, 1, 1, 0], [0, 0, 1, 1])
     surface = kit.finish("drum", (2.0, 2.0, 1.0)).surfaces[0]
     assert np.all(np.einsum("vk,vk->v", surface.vertices_m - [0, 0, 0.5], surface.normals) > 0)
     kit = Kit()

@@ -27,7 +27,8 @@ def drawers(kit: Kit, rng, paint, across, height, front: float, columns: int, ro
             if style == 0:
                 kit.lathe(
                     grip,
-                    [(0, mz - 0.013), (0.013, mz - 0.008), (0.013, mz + 0.008), (0, mz + 0.013)],
+                    [0, 0.013, 0.013, 0],
+                    [mz - 0.013, mz - 0.008, mz + 0.008, mz + 0.013],
                     (mx, y - 0.012),
                     sides=8,
                 )

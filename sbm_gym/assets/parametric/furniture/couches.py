@@ -176,7 +176,7 @@ def _feet(kit: Kit, rng: np.random.Generator, places: list[tuple[float, float]],
             kit.box(paint, (x - 0.025, y - 0.025, 0), (x + 0.025, y + 0.025, high + 0.01))
         else:
             r = 0.016 if kind == 0 else 0.011
-            kit.lathe(paint, [(0, 0), (r, 0), (1.6 * r, high + 0.01), (0, high + 0.01)], (x, y), sides=8)
+            kit.lathe(paint, [0, r, 1.6 * r, 0], [0, 0, high + 0.01, high + 0.01], (x, y), sides=8)
 
 
 def _framed(kit: Kit, rng: np.random.Generator, size: Size, seats: int) -> None:

@@ -32,25 +32,17 @@ def _lamp(kit: Kit, rng, w: float, h: float, foot: float, shade_h: float) -> Non
         b = 0.3 * w
         kit.lathe(
             stand,
-            [
-                (0, 0),
-                (0.7 * b, 0),
-                (b, 0.3 * low),
-                (0.8 * b, 0.65 * low),
-                (0.2 * b, 0.95 * low),
-                (0.1 * b, low + 0.02),
-                (0, low + 0.02),
-            ],
+            [0, 0.7 * b, b, 0.8 * b, 0.2 * b, 0.1 * b, 0],
+            [0, 0, 0.3 * low, 0.65 * low, 0.95 * low, low + 0.02, low + 0.02],
             sides=16,
         )
     else:
-        kit.lathe(
-            stand, [(0, 0), (foot, 0), (foot, 0.012), (0.012, 0.03), (0.011, low + 0.02), (0, low + 0.02)], sides=16
-        )
+        kit.lathe(stand, [0, foot, foot, 0.012, 0.011, 0], [0, 0, 0.012, 0.03, low + 0.02, low + 0.02], sides=16)
     top = float(rng.uniform(0.55, 1.0)) * w / 2
     kit.lathe(
         shade,
-        [(w / 2, low), (top, h), (0.9 * top, h), (0.2 * top, h - 0.01), (0.96 * w / 2, low + 0.004), (w / 2, low)],
+        [w / 2, top, 0.9 * top, 0.2 * top, 0.96 * w / 2, w / 2],
+        [low, h, h, h - 0.01, low + 0.004, low],
         sides=22,
     )
 
@@ -61,12 +53,12 @@ def desk_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     paint = paints.board(rng) if rng.random() < 0.5 else paints.metal(rng)
     r = 0.32 * min(w, d)
     y = d / 2 - r
-    kit.lathe(paint, [(0, 0), (r, 0), (r, 0.015), (0.02, 0.03), (0, 0.03)], (0, y), 16)
+    kit.lathe(paint, [0, r, r, 0.02, 0], [0, 0, 0.015, 0.03, 0.03], (0, y), 16)
     kit.tube(paint, [(0, y, 0.02), (0, d / 2 - 0.01, 0.55 * h)], 0.008, sides=6)
     kit.tube(paint, [(0, d / 2 - 0.01, 0.55 * h), (0, -0.1 * d, h - 0.03)], 0.008, sides=6)
     with kit.placed((0, -0.1 * d, h - 0.05), turn_x(-0.7)):
-        kit.lathe(paint, [(0.42 * w, -0.11), (0.3 * w, -0.03), (0.1 * w, 0.02), (0, 0.03)], sides=14)
-        kit.lathe(paint, [(0, 0.0), (0.28 * w, -0.035), (0.4 * w, -0.11), (0.42 * w, -0.11)], sides=14)
+        kit.lathe(paint, [0.42 * w, 0.3 * w, 0.1 * w, 0], [-0.11, -0.03, 0.02, 0.03], sides=14)
+        kit.lathe(paint, [0, 0.28 * w, 0.4 * w, 0.42 * w], [0.0, -0.035, -0.11, -0.11], sides=14)
 
 
 def hanging_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -76,16 +68,25 @@ def hanging_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     bulb = paints.plain((1.0, 0.96, 0.86), 0.0)
     high = min(0.3, 0.45 * h)
     kit.tube(paints.BLACK, [(0, 0, high), (0, 0, h - 0.01)], 0.005, sides=5)
-    kit.lathe(shade, [(0, h - 0.03), (0.05, h - 0.03), (0.05, h), (0, h)], sides=12)
+    kit.lathe(shade, [0, 0.05, 0.05, 0], [h - 0.03, h - 0.03, h, h], sides=12)
     if rng.random() < 0.3:
         kit.lathe(
-            bulb, [(w / 2 * np.sin(t), high / 2 - high / 2 * np.cos(t)) for t in np.linspace(0, np.pi, 10)], sides=18
+            bulb,
+            [w / 2 * np.sin(t) for t in np.linspace(0, np.pi, 10)],
+            [high / 2 - high / 2 * np.cos(t) for t in np.linspace(0, np.pi, 10)],
+            sides=18,
         )
         return
-    kit.lathe(shade, [(w / 2, 0), (0.42 * w, 0.4 * high), (0.18 * w, 0.8 * high), (0.03, high), (0, high)], sides=20)
+    kit.lathe(shade, [w / 2, 0.42 * w, 0.18 * w, 0.03, 0], [0, 0.4 * high, 0.8 * high, high, high], sides=20)
     kit.lathe(
         paints.plain((0.95, 0.93, 0.88), 0.0),
-        [(0, 0.9 * high), (0.17 * w, 0.78 * high), (0.41 * w, 0.38 * high), (w / 2, 0)],
+        [0, 0.17 * w, 0.41 * w, w / 2],
+        [0.9 * high, 0.78 * high, 0.38 * high, 0],
         sides=20,
     )
-    kit.lathe(bulb, [(0.045 * np.sin(t), 0.45 * high - 0.045 * np.cos(t)) for t in np.linspace(0, np.pi, 7)], sides=10)
+    kit.lathe(
+        bulb,
+        [0.045 * np.sin(t) for t in np.linspace(0, np.pi, 7)],
+        [0.45 * high - 0.045 * np.cos(t) for t in np.linspace(0, np.pi, 7)],
+        sides=10,
+    )

@@ -13,30 +13,18 @@ def pot(kit: Kit, rng: np.random.Generator, r: float, h: float) -> None:
     kind = int(rng.integers(3))
     base = float(rng.uniform(0.65, 0.85)) * r
     if kind == 0:
-        profile = [
-            (0, 0),
-            (base, 0),
-            (r * 0.96, h * 0.82),
-            (r * 1.0, h * 0.82),
-            (r, h),
-            (r * 0.88, h),
-            (r * 0.86, h * 0.9),
-            (0, h * 0.9),
-        ]
-        kit.lathe(paint, profile, sides=18)
+        radii = [0, base, r * 0.96, r, r, r * 0.88, r * 0.86, 0]
+        kit.lathe(paint, radii, np.array([0, 0, 0.82, 0.82, 1, 1, 0.9, 0.9]) * h, sides=18)
     elif kind == 1:
         kit.lathe(
-            paint,
-            [(0, 0), (0.7, 0), (0.95, 0.25), (1, 0.55), (0.82, 1), (0.74, 1), (0.7, 0.9), (0, 0.9)],
-            sides=18,
-            scale=(r, h),
+            paint, [0, 0.7, 0.95, 1, 0.82, 0.74, 0.7, 0], [0, 0, 0.25, 0.55, 1, 1, 0.9, 0.9], sides=18, scale=(r, h)
         )
     else:
         s = 0.94 * r
         kit.box(paint, (-s, -s, 0), (s, s, h), bevel=0.01)
     soil = paints.plain((0.16, 0.11, 0.08), 0.0)
     top = (1.003 if kind == 2 else 0.93) * h
-    kit.lathe(soil, [(0.86 * r if kind != 1 else 0.72 * r, top - 0.004), (0, top + 0.004)], sides=14)
+    kit.lathe(soil, [0.86 * r if kind != 1 else 0.72 * r, 0], [top - 0.004, top + 0.004], sides=14)
 
 
 def plant(kit: Kit, rng: np.random.Generator, size: Size) -> None:

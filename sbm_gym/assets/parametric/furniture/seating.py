@@ -108,16 +108,8 @@ def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, fr
     if rng.random() < 0.25:
         kit.lathe(
             frame,
-            [
-                (0, 0),
-                (0.22, 0),
-                (0.21, 0.015),
-                (0.04, 0.03),
-                (0.025, 0.06),
-                (0.025, seat - 0.09),
-                (0.09, seat - 0.07),
-                (0, seat - 0.065),
-            ],
+            [0, 0.22, 0.21, 0.04, 0.025, 0.025, 0.09, 0],
+            [0, 0, 0.015, 0.03, 0.06, seat - 0.09, seat - 0.07, seat - 0.065],
         )
     else:
         legs = paints.wood(rng) if rng.random() < 0.6 else frame
@@ -146,9 +138,7 @@ def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         with kit.placed((x, y, 0.03), turn_z(angle)):
             kit.prism(black, [(0.028 * np.cos(a), 0.03 * np.sin(a)) for a in np.arange(10) * np.pi / 5], 1, -0.02, 0.02)
     kit.lathe(
-        black,
-        [(0.032, 0.08), (0.032, 0.28), (0.02, 0.28), (0.02, seat - 0.07), (0.1, seat - 0.06), (0, seat - 0.06)],
-        sides=10,
+        black, [0.032, 0.032, 0.02, 0.02, 0.1, 0], [0.08, 0.28, 0.28, seat - 0.07, seat - 0.06, seat - 0.06], sides=10
     )
     wide, deep = 0.82 * w, 0.78 * d
     kit.box(

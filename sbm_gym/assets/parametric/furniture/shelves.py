@@ -93,14 +93,8 @@ def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
                 x = float(rng.uniform(x0 + r, x1 - r))
                 kit.lathe(
                     paints.board(rng),
-                    [
-                        (0, base),
-                        (0.6 * r, base),
-                        (r, base + 0.45 * high),
-                        (0.45 * r, base + 0.8 * high),
-                        (0.55 * r, base + high),
-                        (0, base + high - 0.01),
-                    ],
+                    [0, 0.6 * r, r, 0.45 * r, 0.55 * r, 0],
+                    [base, base, base + 0.45 * high, base + 0.8 * high, base + high, base + high - 0.01],
                     (x, 0),
                     sides=12,
                 )

@@ -42,11 +42,9 @@ def waste_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     paint = paints.metal(rng) if rng.random() < 0.5 else paints.board(rng)
     r = w / 2
     if rng.random() < 0.5:
-        kit.lathe(paint, [(0, 0), (0.75 * r, 0), (r, h), (0.96 * r, h), (0.72 * r, 0.02), (0, 0.02)], sides=20)
+        kit.lathe(paint, [0, 0.75 * r, r, 0.96 * r, 0.72 * r, 0], [0, 0, h, h, 0.02, 0.02], sides=20)
     else:
-        kit.lathe(
-            paint, [(0, 0), (1, 0), (1, 0.78), (0.97, 0.8), (0.85, 0.92), (0.45, 0.985), (0, 1)], sides=20, scale=(r, h)
-        )
+        kit.lathe(paint, [0, 1, 1, 0.97, 0.85, 0.45, 0], [0, 0, 0.78, 0.8, 0.92, 0.985, 1], sides=20, scale=(r, h))
 
 
 def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -58,24 +56,17 @@ def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     if kind == 0 and rng.random() < 0.5:
         kit.lathe(
             paint,
-            [(0, 0), (0.6, 0), (1, 0.35), (0.8, 0.65), (0.4, 0.85), (0.5, 1), (0.42, 1), (0.3, 0.85), (0, 0.8)],
+            [0, 0.6, 1, 0.8, 0.4, 0.5, 0.42, 0.3, 0],
+            [0, 0, 0.35, 0.65, 0.85, 1, 1, 0.85, 0.8],
             sides=18,
             scale=(r, h),
         )
     elif kind == 0:
         kit.lathe(
-            paint,
-            [(0, 0), (1, 0), (1, 0.6), (0.35, 0.74), (0.33, 0.97), (0.38, 0.975), (0.38, 1), (0, 1)],
-            sides=16,
-            scale=(r, h),
+            paint, [0, 1, 1, 0.35, 0.33, 0.38, 0.38, 0], [0, 0, 0.6, 0.74, 0.97, 0.975, 1, 1], sides=16, scale=(r, h)
         )
     else:
-        kit.lathe(
-            paint,
-            [(0, 0), (0.4, 0), (0.75, 0.35), (1, 0.75), (0.96, 0.75), (0.7, 0.36), (0, 0.15)],
-            sides=18,
-            scale=(r, h),
-        )
+        kit.lathe(paint, [0, 0.4, 0.75, 1, 0.96, 0.7, 0], [0, 0, 0.35, 0.75, 0.75, 0.36, 0.15], sides=18, scale=(r, h))
         for i in range(4):
             fruit = paints.plain(
                 ((0.75, 0.15, 0.1), (0.9, 0.55, 0.1), (0.5, 0.65, 0.15), (0.92, 0.8, 0.2))[rng.integers(4)], 0.2
@@ -83,7 +74,8 @@ def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             a, f = i * 1.6, 0.33 * r
             kit.lathe(
                 fruit,
-                [(f * np.sin(t), h - f - f * np.cos(t)) for t in np.linspace(0, np.pi, 7)],
+                [f * np.sin(t) for t in np.linspace(0, np.pi, 7)],
+                [h - f - f * np.cos(t) for t in np.linspace(0, np.pi, 7)],
                 (0.42 * r * np.cos(a), 0.42 * r * np.sin(a)),
                 10,
             )
@@ -110,7 +102,7 @@ def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             z = top
         return
     r = 0.3 * min(w, d)
-    kit.lathe(paints.board(rng), [(0, 0), (1, 0), (1, 0.65), (0.9, 0.65), (0.9, 0.1), (0, 0.1)], sides=14, scale=(r, h))
+    kit.lathe(paints.board(rng), [0, 1, 1, 0.9, 0.9, 0], [0, 0, 0.65, 0.65, 0.1, 0.1], sides=14, scale=(r, h))
     for i in range(5):
         a = i * 1.26
         kit.tube(

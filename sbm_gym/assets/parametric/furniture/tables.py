@@ -29,7 +29,8 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         r = 0.28 * w
         kit.lathe(
             legs,
-            [(0, 0), (r, 0), (r, 0.02), (0.06, 0.06), (0.04, 0.12), (0.035, h - 0.2), (0.1, h - thick), (0, h - thick)],
+            [0, r, r, 0.06, 0.04, 0.035, 0.1, 0],
+            [0, 0, 0.02, 0.06, 0.12, h - 0.2, h - thick, h - thick],
             sides=18,
         )
     elif kind == 3 and not round_top:
@@ -67,7 +68,7 @@ def coffee_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     if abs(w - d) < 0.02:
         kit.prism(top, _oval(w, d), 2, h - thick, h)
         if rng.random() < 0.3:
-            kit.lathe(top, [(0, 0), (0.35 * w, 0), (0.35 * w, h - thick), (0, h - thick)], sides=20)
+            kit.lathe(top, [0, 0.35 * w, 0.35 * w, 0], [0, 0, h - thick, h - thick], sides=20)
         else:
             four_legs(kit, legs, 0.75 * w, 0.75 * d, h - thick, 0.04, int(rng.integers(1, 3)))
         return

@@ -11,7 +11,7 @@ def four_legs(kit: Kit, paint, w: float, d: float, top: float, thick: float, sty
             if style == 0:
                 kit.box(paint, (x - thick / 2, y - thick / 2, 0), (x + thick / 2, y + thick / 2, top))
             elif style == 1:
-                kit.lathe(paint, [(0, 0), (0.32 * thick, 0), (0.5 * thick, top), (0, top)], (x, y), sides=10)
+                kit.lathe(paint, [0, 0.32 * thick, 0.5 * thick, 0], [0, 0, top, top], (x, y), sides=10)
             else:
                 foot = (sx * (w / 2 - 0.3 * thick), sy * (d / 2 - 0.3 * thick), 0.0)
                 kit.tube(paint, [foot, (0.72 * x, 0.72 * y, top)], [0.32 * thick, 0.5 * thick], sides=9)

@@ -173,7 +173,8 @@ class Kit:
     def lathe(
         self,
         paint: Paint,
-        profile: Sequence[tuple[float, float]],
+        radii: Sequence[float],
+        heights: Sequence[float],
         centre: Sequence[float] = (0.0, 0.0),
         sides: int = 16,
         warp: Warp | None = None,
@@ -183,13 +184,14 @@ class Kit:
 
         Args:
             paint: its look.
-            profile: (radius, height) from the bottom up along the outside.
+            radii: of its profile, from the bottom up along the outside.
+            heights: of the same points.
             centre: x and y of the axis.
             sides: corners of its cross section.
             warp: moves points before they are centred, such as to an oval.
-            scale: what the radii and heights of the profile are multiples of, metres.
+            scale: what radii and heights are multiples of, metres.
         """
-        r, z = (np.array(profile, float) * scale).T
+        r, z = scale[0] * np.array(radii, float), scale[1] * np.array(heights, float)
         angle = np.linspace(0, 2 * np.pi, sides + 1)
         points = np.stack(
             [np.cos(angle)[:, None] * r, np.sin(angle)[:, None] * r, np.broadcast_to(z, (sides + 1, len(z)))], axis=-1

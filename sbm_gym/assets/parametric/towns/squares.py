@@ -28,10 +28,8 @@ def cafe_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     w, _, h = size
     metal = paints.metal(rng)
     top = paints.wood(rng) if rng.random() < 0.5 else paints.board(rng)
-    kit.lathe(
-        metal, [(0, 0), (0.34 * w, 0), (0.34 * w, 0.015), (0.03, 0.05), (0.025, h - 0.03), (0, h - 0.03)], sides=16
-    )
-    kit.lathe(top, [(0, h - 0.03), (w / 2, h - 0.03), (w / 2, h), (0, h)], sides=24)
+    kit.lathe(metal, [0, 0.34 * w, 0.34 * w, 0.03, 0.025, 0], [0, 0, 0.015, 0.05, h - 0.03, h - 0.03], sides=16)
+    kit.lathe(top, [0, w / 2, w / 2, 0], [h - 0.03, h - 0.03, h, h], sides=24)
 
 
 def parasol(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -39,11 +37,11 @@ def parasol(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     w, _, h = size
     cloth = paints.fabric(rng, 0.3)
     post = paints.wood(rng)
-    kit.lathe(DARK, [(0, 0), (0.25, 0), (0.25, 0.06), (0.05, 0.1), (0, 0.1)], sides=14)
+    kit.lathe(DARK, [0, 0.25, 0.25, 0.05, 0], [0, 0, 0.06, 0.1, 0.1], sides=14)
     kit.tube(post, [(0, 0, 0.05), (0, 0, h)], 0.022, sides=8)
     rim = h - 0.16 * w
-    kit.lathe(cloth, [(w / 2, rim - 0.14), (w / 2, rim), (0, h - 0.02)], sides=8)
-    kit.lathe(paints.darker(cloth, 0.8), [(0, h - 0.03), (0.495 * w, rim - 0.005), (0.495 * w, rim - 0.14)], sides=8)
+    kit.lathe(cloth, [w / 2, w / 2, 0], [rim - 0.14, rim, h - 0.02], sides=8)
+    kit.lathe(paints.darker(cloth, 0.8), [0, 0.495 * w, 0.495 * w], [h - 0.03, rim - 0.005, rim - 0.14], sides=8)
 
 
 def fountain(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -52,21 +50,12 @@ def fountain(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     stone = paints.plain(tuple(float(c) for c in np.array([0.62, 0.6, 0.56]) * rng.uniform(0.85, 1.1)), 0.05)
     water = paints.plain((0.2, 0.36, 0.42), 0.9, 0.9)
     r, rim = w / 2, 0.24 * h
-    kit.lathe(stone, [(0, 0), (r, 0), (r, rim), (0.88 * r, rim), (0.86 * r, 0.5 * rim), (0, 0.5 * rim)], sides=28)
-    kit.lathe(water, [(0.87 * r, 0.85 * rim), (0, 0.85 * rim)], sides=28)
+    kit.lathe(stone, [0, r, r, 0.88 * r, 0.86 * r, 0], [0, 0, rim, rim, 0.5 * rim, 0.5 * rim], sides=28)
+    kit.lathe(water, [0.87 * r, 0], [0.85 * rim, 0.85 * rim], sides=28)
     kit.lathe(
         stone,
-        [
-            (0.24 * r, 0.5 * rim),
-            (0.12 * r, 0.35 * h),
-            (0.1 * r, 0.6 * h),
-            (0.45 * r, 0.74 * h),
-            (0.42 * r, 0.75 * h),
-            (0.12 * r, 0.68 * h),
-            (0.06 * r, 0.9 * h),
-            (0.09 * r, h),
-            (0, h),
-        ],
+        [0.24 * r, 0.12 * r, 0.1 * r, 0.45 * r, 0.42 * r, 0.12 * r, 0.06 * r, 0.09 * r, 0],
+        [0.5 * rim, 0.35 * h, 0.6 * h, 0.74 * h, 0.75 * h, 0.68 * h, 0.9 * h, h, h],
         sides=20,
     )
-    kit.lathe(water, [(0.4 * r, 0.735 * h), (0.1 * r, 0.735 * h)], sides=20)
+    kit.lathe(water, [0.4 * r, 0.1 * r], [0.735 * h, 0.735 * h], sides=20)

@@ -16,7 +16,7 @@ def street_light(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     glow = paints.plain((1.0, 0.96, 0.85), 0.2)
     if h > 4.5:
         y = d / 2 - 0.12
-        kit.lathe(post, [(0, 0), (0.12, 0), (0.12, 0.25), (0.07, 0.35), (0.045, h - 0.5), (0, h - 0.5)], (0, y), 10)
+        kit.lathe(post, [0, 0.12, 0.12, 0.07, 0.045, 0], [0, 0, 0.25, 0.35, h - 0.5, h - 0.5], (0, y), 10)
         kit.tube(
             post,
             [(0, y, h - 0.55), (0, y - 0.1, h - 0.15), (0, 0, h - 0.05), (0, -d / 2 + 0.4, h - 0.05)],
@@ -29,20 +29,12 @@ def street_light(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     r = 0.5 * min(w, d)
     kit.lathe(
         post,
-        [
-            (0, 0),
-            (0.7 * r, 0),
-            (0.7 * r, 0.15),
-            (0.35 * r, 0.4),
-            (0.2 * r, 0.5),
-            (0.17 * r, h - 0.75),
-            (0.35 * r, h - 0.68),
-            (0, h - 0.68),
-        ],
+        [0, 0.7 * r, 0.7 * r, 0.35 * r, 0.2 * r, 0.17 * r, 0.35 * r, 0],
+        [0, 0, 0.15, 0.4, 0.5, h - 0.75, h - 0.68, h - 0.68],
         sides=12,
     )
-    kit.lathe(glow, [(0.5 * r, h - 0.68), (0.9 * r, h - 0.25), (0, h - 0.25)], sides=6)
-    kit.lathe(post, [(r, h - 0.26), (0.95 * r, h - 0.22), (0.2 * r, h - 0.05), (0.1 * r, h), (0, h)], sides=6)
+    kit.lathe(glow, [0.5 * r, 0.9 * r, 0], [h - 0.68, h - 0.25, h - 0.25], sides=6)
+    kit.lathe(post, [r, 0.95 * r, 0.2 * r, 0.1 * r, 0], [h - 0.26, h - 0.22, h - 0.05, h, h], sides=6)
 
 
 def bench(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -82,11 +74,11 @@ def litter_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     w, _, h = size
     r = w / 2
     paint = lacquer(rng)
-    kit.lathe(DARK, [(0, 0), (0.85, 0), (0.85, 0.95), (0.7, 0.95), (0.7, 0.5), (0, 0.5)], sides=14, scale=(r, h))
+    kit.lathe(DARK, [0, 0.85, 0.85, 0.7, 0.7, 0], [0, 0, 0.95, 0.95, 0.5, 0.5], sides=14, scale=(r, h))
     for a in np.arange(14) * 2 * np.pi / 14:
         with kit.placed(rotation=turn_z(float(a))):
             kit.box(paint, (-0.16 * r, -0.97 * r, 0.06 * h), (0.16 * r, -0.86 * r, 0.94 * h))
-    kit.lathe(paint, [(0.84, 0.94), (1, 0.94), (1, 1), (0.75, 1), (0.75, 0.94), (0.84, 0.94)], sides=20, scale=(r, h))
+    kit.lathe(paint, [0.84, 1, 1, 0.75, 0.75, 0.84], [0.94, 0.94, 1, 1, 0.94, 0.94], sides=20, scale=(r, h))
 
 
 def traffic_cone(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -99,4 +91,5 @@ def traffic_cone(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     levels = [0.035, 0.35 * h, 0.52 * h, 0.68 * h, 0.82 * h, h]
     for number, (a, b) in enumerate(itertools.pairwise(levels)):
         r0, r1 = (foot + (tip - foot) * (z - 0.035) / (h - 0.035) for z in (a, b))
-        kit.lathe(white if number in (1, 3) else orange, [(r0, a), (r1, b), *([(0.0, h)] if b == h else [])], sides=18)
+        radii, heights = ([r0, r1, 0.0], [a, b, h]) if b == h else ([r0, r1], [a, b])
+        kit.lathe(white if number in (1, 3) else orange, radii, heights, sides=18)
