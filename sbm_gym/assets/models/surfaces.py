@@ -53,7 +53,28 @@ def _blur(shape: tuple[int, int], scale: tuple[float, float]) -> Float[np.ndarra
     return keep
 
 
-def _picture(colour: Float[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
+def layered_noise(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    *layers: tuple[float, float, float],
+    base: float | Float[np.ndarray, "h w"] = 0.0,
+) -> Float[np.ndarray, "h w"]:
+    """A sum of ``periodic_noise``.
+
+    Args:
+        rng: source of randomness.
+        shape: height and width, pixels.
+        layers: for each layer its scale down and across, pixels, and its strength.
+        base: what the layers are added to.
+    """
+    total = np.zeros(shape) + base
+    for down, across, strength in layers:
+        total += periodic_noise(rng, shape, (down, across)) * strength
+    return total
+
+
+def as_picture(colour: Float[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
+    """Colours from 0 to 255 as bytes."""
     whole = np.rint(colour)
     return np.clip(whole, 0, 255, out=whole).astype(np.uint8)
 
@@ -101,15 +122,13 @@ def wood_planks(rng: np.random.Generator) -> Material:
         seam[at, start % side] = seam[at, cut % side] = True
         seam[row * row_px] = True
     # Grain belongs to its plank, so each row gets its own stretch of noise.
-    grain = (
-        periodic_noise(rng, (side, side), (1.0, 30.0)) * 0.045 + periodic_noise(rng, (side, side), (3.0, 60.0)) * 0.04
-    )
+    grain = layered_noise(rng, (side, side), (1.0, 30.0, 0.045), (3.0, 60.0, 0.04))
     for row in range(rows):
         at = slice(row * row_px, (row + 1) * row_px)
         grain[at] = np.roll(grain[at], int(rng.integers(side)), axis=1)
     shade = 1 + tone + grain
     shade[seam] *= 0.62
-    return Material(_picture(base * shade[..., None]), (1.2, 1.2), specular=0.15, shininess=0.4)
+    return Material(as_picture(base * shade[..., None]), (1.2, 1.2), specular=0.15, shininess=0.4)
 
 
 def parquet(rng: np.random.Generator) -> Material:
@@ -129,14 +148,14 @@ def parquet(rng: np.random.Generator) -> Material:
             shade[i * square_px : (i + 1) * square_px, j * square_px : (j + 1) * square_px] = (
                 block if (i + j) % 2 else block.T
             )
-    return Material(_picture(base * shade[..., None]), (1.2, 1.2), specular=0.15, shininess=0.4)
+    return Material(as_picture(base * shade[..., None]), (1.2, 1.2), specular=0.15, shininess=0.4)
 
 
 def carpet(rng: np.random.Generator) -> Material:
     """Wall-to-wall carpet: fine pile with slow changes of tone."""
     side = 384
-    pile = periodic_noise(rng, (side, side), (0.7, 0.7)) * 0.06 + periodic_noise(rng, (side, side), (12, 12)) * 0.025
-    return Material(_picture(_pick(rng, _CARPETS) * (1 + pile)[..., None]), (1.0, 1.0))
+    pile = layered_noise(rng, (side, side), (0.7, 0.7, 0.06), (12, 12, 0.025))
+    return Material(as_picture(_pick(rng, _CARPETS) * (1 + pile)[..., None]), (1.0, 1.0))
 
 
 def tiles(rng: np.random.Generator) -> Material:
@@ -145,22 +164,20 @@ def tiles(rng: np.random.Generator) -> Material:
     side = count * tile_px
     base = _pick(rng, _TILES)
     shade = np.repeat(np.repeat(1 + rng.normal(0, 0.035, (count, count)), tile_px, axis=0), tile_px, axis=1)
-    shade = (
-        shade + periodic_noise(rng, (side, side), (10, 10)) * 0.02 + periodic_noise(rng, (side, side), (2, 2)) * 0.012
-    )
+    shade = shade + layered_noise(rng, (side, side), (10, 10, 0.02), (2, 2, 0.012))
     colour = base * shade[..., None]
     inside = np.minimum(np.arange(side) % tile_px, (tile_px - 1) - np.arange(side) % tile_px)
     grout = (inside[:, None] < 2) | (inside[None] < 2)
     colour[grout] = base * 0.62 + 10
     size = count * float(rng.choice([0.3, 0.33, 0.45]))
-    return Material(_picture(colour), (size, size), specular=0.3, shininess=0.6)
+    return Material(as_picture(colour), (size, size), specular=0.3, shininess=0.6)
 
 
 def plaster(rng: np.random.Generator) -> Material:
     """Painted plaster."""
     side = 384
-    rough = periodic_noise(rng, (side, side), (1.5, 1.5)) * 0.010 + periodic_noise(rng, (side, side), (20, 20)) * 0.010
-    return Material(_picture(_pick(rng, _WALLS) * (1 + rough)[..., None]), (1.5, 1.5))
+    rough = layered_noise(rng, (side, side), (1.5, 1.5, 0.010), (20, 20, 0.010))
+    return Material(as_picture(_pick(rng, _WALLS) * (1 + rough)[..., None]), (1.5, 1.5))
 
 
 def wallpaper(rng: np.random.Generator) -> Material:
@@ -184,7 +201,7 @@ def wallpaper(rng: np.random.Generator) -> Material:
     tint = 1 + rng.choice([-1, 1]) * rng.uniform(0.04, 0.10)
     fibre = 1 + periodic_noise(rng, (side, side), (1, 1)) * 0.008
     colour = ground * np.where(figure[..., None] > 0, tint, 1.0) * fibre[..., None]
-    return Material(_picture(colour), (1.0, 1.0))
+    return Material(as_picture(colour), (1.0, 1.0))
 
 
 def wall_tiles(rng: np.random.Generator) -> Material:
@@ -198,7 +215,7 @@ def wall_tiles(rng: np.random.Generator) -> Material:
     colour[(inside[:, None] < 1) | (inside[None] < 1)] = base * 0.78
     size = count * float(rng.choice([0.15, 0.2, 0.3]))
     wide = 2.0 if rng.random() < 0.4 else 1.0
-    return Material(_picture(colour), (wide * size, size), specular=0.3, shininess=0.7)
+    return Material(as_picture(colour), (wide * size, size), specular=0.3, shininess=0.7)
 
 
 def curtain(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
@@ -208,14 +225,14 @@ def curtain(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
     colour = np.broadcast_to(_pick(rng, tones), (side, side, 3)).copy()
     if rng.random() < 0.35:
         colour[:, (np.arange(side) // int(rng.integers(8, 24))) % 2 == 0] *= rng.uniform(0.82, 0.94)
-    return _picture(colour * (1 + periodic_noise(rng, (side, side), (0.7, 0.7)) * 0.03)[..., None])
+    return as_picture(colour * (1 + periodic_noise(rng, (side, side), (0.7, 0.7)) * 0.03)[..., None])
 
 
 def ceiling(rng: np.random.Generator) -> Material:
     """White paint on a slightly rough ceiling."""
     side = 256
     rough = periodic_noise(rng, (side, side), (1.2, 1.2)) * 0.008
-    return Material(_picture(np.array([238.0, 237.0, 233.0]) * (1 + rough)[..., None]), (1.5, 1.5))
+    return Material(as_picture(np.array([238.0, 237.0, 233.0]) * (1 + rough)[..., None]), (1.5, 1.5))
 
 
 def rug(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
@@ -240,7 +257,7 @@ def rug(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
     colour[edge < border] = palette[2]
     colour[edge < border // 3] = palette[0] * 0.8
     pile = periodic_noise(rng, (height, width), (0.8, 0.8)) * 0.06
-    return _picture(colour * (1 + pile)[..., None])
+    return as_picture(colour * (1 + pile)[..., None])
 
 
 def landscape(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
@@ -259,7 +276,7 @@ def landscape(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
         below = y >= line[None]
         for channel in range(3):
             np.copyto(colour[..., channel], tone[channel] * texture, where=below)
-    return _picture(colour)
+    return as_picture(colour)
 
 
 def painting(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
@@ -279,4 +296,4 @@ def painting(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
             inside = ((x - cx) / sx) ** 2 + ((y - cy) / sy) ** 2 < 1
         colour[inside] = tone
     brush = 1 + periodic_noise(rng, (height, width), (1, 4)) * 0.04
-    return _picture(colour * brush[..., None])
+    return as_picture(colour * brush[..., None])

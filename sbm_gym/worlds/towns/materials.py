@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from sbm_gym.assets.models.surfaces import Material, periodic_noise
+from sbm_gym.assets.models.surfaces import Material, as_picture, layered_noise, periodic_noise
 
 Colour = tuple[int, int, int]
 
@@ -19,21 +19,17 @@ def _rng(name: str) -> np.random.Generator:
     return np.random.default_rng((7, zlib.crc32(name.encode())))
 
 
-def _bytes(colour: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
-    return np.clip(np.rint(colour), 0, 255).astype(np.uint8)
-
-
 @functools.cache
 def asphalt() -> Material:
     """Worn asphalt: fine stones, darker patches, a few sealed cracks."""
     rng, side = _rng("asphalt"), 512
     stones = periodic_noise(rng, (side, side), (0.8, 0.8)) * 0.10
-    patches = periodic_noise(rng, (side, side), (40, 40)) * 0.06 + periodic_noise(rng, (side, side), (9, 9)) * 0.03
+    patches = layered_noise(rng, (side, side), (40, 40, 0.06), (9, 9, 0.03))
     wander = periodic_noise(rng, (side, side), (18, 18))
     cracks = np.exp(-((wander / 0.035) ** 2)) * (periodic_noise(rng, (side, side), (45, 45)) > 0.6)
     shade = (1 + stones + patches) * (1 - 0.22 * cracks)
     return Material(
-        _bytes(np.array([104.0, 104.0, 106.0]) * shade[..., None]), (7.0, 7.0), specular=0.03, shininess=0.1
+        as_picture(np.array([104.0, 104.0, 106.0]) * shade[..., None]), (7.0, 7.0), specular=0.03, shininess=0.1
     )
 
 
@@ -41,43 +37,29 @@ def asphalt() -> Material:
 def paving() -> Material:
     """Concrete slabs of 60 by 40 cm in running bond."""
     rng = _rng("paving")
-    rows, columns, tall, wide = 6, 4, 64, 96
-    height, width = rows * tall, columns * wide
-    tone = np.zeros((height, width))
-    joint = np.zeros((height, width), bool)
-    for row in range(rows):
-        shift = (row % 2) * wide // 2
-        line = np.repeat(1 + rng.normal(0, 0.045, columns), wide)
-        tone[row * tall : (row + 1) * tall] = np.roll(line, shift)[None]
-        joint[row * tall : row * tall + 2] = True
-        for column in range(columns):
-            at = (column * wide + shift) % width
-            joint[row * tall : (row + 1) * tall, at : at + 2] = True
-    grain = (
-        periodic_noise(rng, (height, width), (1.2, 1.2)) * 0.03 + periodic_noise(rng, (height, width), (25, 25)) * 0.04
-    )
-    shade = tone + grain
+    tone, joint = _courses(rng, 6, 4, 64, 96, 2, 0.045)
+    shade = 1 + tone + layered_noise(rng, tone.shape, (1.2, 1.2, 0.03), (25, 25, 0.04))
     shade[joint] *= 0.72
-    return Material(_bytes(np.array([184.0, 178.0, 168.0]) * shade[..., None]), (2.4, 2.4))
+    return Material(as_picture(np.array([184.0, 178.0, 168.0]) * shade[..., None]), (2.4, 2.4))
 
 
 @functools.cache
 def concrete() -> Material:
     """Kerb stones and plain concrete."""
     rng, side = _rng("concrete"), 256
-    shade = 1 + periodic_noise(rng, (side, side), (1, 1)) * 0.04 + periodic_noise(rng, (side, side), (20, 20)) * 0.05
-    return Material(_bytes(np.array([176.0, 173.0, 166.0]) * shade[..., None]), (2.0, 2.0))
+    shade = layered_noise(rng, (side, side), (1, 1, 0.04), (20, 20, 0.05), base=1.0)
+    return Material(as_picture(np.array([176.0, 173.0, 166.0]) * shade[..., None]), (2.0, 2.0))
 
 
 @functools.cache
 def grass() -> Material:
     """Mown grass."""
     rng, side = _rng("grass"), 512
-    blades = periodic_noise(rng, (side, side), (1.6, 0.7)) * 0.16 + periodic_noise(rng, (side, side), (4, 4)) * 0.07
+    blades = layered_noise(rng, (side, side), (1.6, 0.7, 0.16), (4, 4, 0.07))
     patches = periodic_noise(rng, (side, side), (50, 50)) * 0.09
     dry = np.clip(periodic_noise(rng, (side, side), (30, 30)), 0, 2)[..., None] * 0.12
     colour = np.array([86.0, 116.0, 52.0]) * (1 - dry) + np.array([140.0, 132.0, 70.0]) * dry
-    return Material(_bytes(colour * (1 + blades + patches)[..., None]), (4.0, 4.0))
+    return Material(as_picture(colour * (1 + blades + patches)[..., None]), (4.0, 4.0))
 
 
 @functools.cache
@@ -85,18 +67,16 @@ def leaves() -> Material:
     """A clipped hedge."""
     rng, side = _rng("leaves"), 256
     light = np.clip(periodic_noise(rng, (side, side), (2.2, 2.2)), -1.6, 1.6) * 0.34
-    fine = periodic_noise(rng, (side, side), (0.8, 0.8)) * 0.10 + periodic_noise(rng, (side, side), (14, 14)) * 0.08
-    return Material(_bytes(np.array([58.0, 84.0, 36.0]) * (1 + light + fine)[..., None]), (1.1, 1.1))
+    fine = layered_noise(rng, (side, side), (0.8, 0.8, 0.10), (14, 14, 0.08))
+    return Material(as_picture(np.array([58.0, 84.0, 36.0]) * (1 + light + fine)[..., None]), (1.1, 1.1))
 
 
 @functools.cache
 def gravel() -> Material:
     """The path of a park."""
     rng, side = _rng("gravel"), 384
-    shade = (
-        1 + periodic_noise(rng, (side, side), (1.3, 1.3)) * 0.12 + periodic_noise(rng, (side, side), (30, 30)) * 0.04
-    )
-    return Material(_bytes(np.array([186.0, 168.0, 138.0]) * shade[..., None]), (2.5, 2.5))
+    shade = layered_noise(rng, (side, side), (1.3, 1.3, 0.12), (30, 30, 0.04), base=1.0)
+    return Material(as_picture(np.array([186.0, 168.0, 138.0]) * shade[..., None]), (2.5, 2.5))
 
 
 def _courses(
@@ -120,12 +100,12 @@ def brick(colour: Colour, mortar: Colour = (186, 180, 170)) -> Material:
     """Brickwork, courses of 7.5 cm."""
     rng = _rng(f"brick{colour}")
     tone, joint = _courses(rng, 24, 8, 21, 64, 3, 0.10)
-    grain = periodic_noise(rng, tone.shape, (1.0, 1.5)) * 0.06 + periodic_noise(rng, tone.shape, (40, 40)) * 0.05
+    grain = layered_noise(rng, tone.shape, (1.0, 1.5, 0.06), (40, 40, 0.05))
     picture = np.array(colour, float) * (1 + tone + grain)[..., None]
     # A few bricks were burnt darker.
     picture[(tone > 0.17)] *= 0.72
     picture[joint] = np.array(mortar, float) * (1 + grain[joint])[:, None]
-    return Material(_bytes(picture), (1.8, 1.8))
+    return Material(as_picture(picture), (1.8, 1.8))
 
 
 @functools.cache
@@ -133,19 +113,19 @@ def ashlar(colour: Colour) -> Material:
     """Dressed stone in courses of 40 cm."""
     rng = _rng(f"ashlar{colour}")
     tone, joint = _courses(rng, 6, 4, 80, 120, 2, 0.045)
-    grain = periodic_noise(rng, tone.shape, (1.5, 2.5)) * 0.03 + periodic_noise(rng, tone.shape, (20, 30)) * 0.035
+    grain = layered_noise(rng, tone.shape, (1.5, 2.5, 0.03), (20, 30, 0.035))
     picture = np.array(colour, float) * (1 + tone + grain)[..., None]
     picture[joint] *= 0.7
-    return Material(_bytes(picture), (3.2, 2.4))
+    return Material(as_picture(picture), (3.2, 2.4))
 
 
 @functools.cache
 def render(colour: Colour) -> Material:
     """Rendered and painted wall with rain streaks."""
     rng, side = _rng(f"render{colour}"), 384
-    rough = periodic_noise(rng, (side, side), (1.2, 1.2)) * 0.018 + periodic_noise(rng, (side, side), (35, 35)) * 0.03
+    rough = layered_noise(rng, (side, side), (1.2, 1.2, 0.018), (35, 35, 0.03))
     streaks = periodic_noise(rng, (side, side), (40, 2.5)) * 0.014
-    return Material(_bytes(np.array(colour, float) * (1 + rough + streaks)[..., None]), (4.0, 4.0))
+    return Material(as_picture(np.array(colour, float) * (1 + rough + streaks)[..., None]), (4.0, 4.0))
 
 
 @functools.cache
@@ -153,10 +133,10 @@ def panels(colour: Colour) -> Material:
     """Concrete panels of 3 by 1.5 metres with open joints."""
     rng = _rng(f"panels{colour}")
     tone, joint = _courses(rng, 2, 2, 160, 320, 3, 0.03)
-    grain = periodic_noise(rng, tone.shape, (1.2, 1.2)) * 0.025 + periodic_noise(rng, tone.shape, (50, 12)) * 0.04
+    grain = layered_noise(rng, tone.shape, (1.2, 1.2, 0.025), (50, 12, 0.04))
     picture = np.array(colour, float) * (1 + tone + grain)[..., None]
     picture[joint] *= 0.6
-    return Material(_bytes(picture), (6.0, 3.0))
+    return Material(as_picture(picture), (6.0, 3.0))
 
 
 @functools.cache
@@ -169,15 +149,15 @@ def roof_tiles(colour: Colour) -> Material:
     shift = ((y // tall) % 2) * wide // 2
     curve = 0.78 + 0.22 * np.sin(np.pi * ((x + shift) % wide) / wide)
     shade = curve * (0.72 + 0.28 * ((y % tall) / tall)) * (1 + tone)
-    return Material(_bytes(np.array(colour, float) * shade[..., None]), (3.0, 3.6))
+    return Material(as_picture(np.array(colour, float) * shade[..., None]), (3.0, 3.6))
 
 
 @functools.cache
 def flat_roof() -> Material:
     """Roofing felt with gravel."""
     rng, side = _rng("felt"), 256
-    shade = 1 + periodic_noise(rng, (side, side), (1, 1)) * 0.1 + periodic_noise(rng, (side, side), (20, 20)) * 0.06
-    return Material(_bytes(np.array([98.0, 96.0, 94.0]) * shade[..., None]), (4.0, 4.0))
+    shade = layered_noise(rng, (side, side), (1, 1, 0.1), (20, 20, 0.06), base=1.0)
+    return Material(as_picture(np.array([98.0, 96.0, 94.0]) * shade[..., None]), (4.0, 4.0))
 
 
 @functools.cache
@@ -204,7 +184,7 @@ def window_panes() -> tuple[UInt8[np.ndarray, "h w 3"], ...]:
         if number == 4:  # slats
             slats = (np.sin(y * 130) > -0.2)[..., None]
             picture = np.where(slats, 0.6 * np.array([190.0, 190.0, 186.0]) + 0.4 * picture, picture)
-        pictures.append(_bytes(picture))
+        pictures.append(as_picture(picture))
     return tuple(pictures)
 
 
@@ -225,7 +205,7 @@ def door(colour: Colour) -> UInt8[np.ndarray, "h w 3"]:
     cv2.circle(picture, (98, 152), 5, (206, 188, 120), -1)
     picture[:, :4] *= 0.75
     picture[:, -4:] *= 0.75
-    return _bytes(picture)
+    return as_picture(picture)
 
 
 @functools.cache
@@ -239,7 +219,7 @@ def manhole() -> UInt8[np.ndarray, "h w 3"]:
     iron = np.array([66.0, 64.0, 62.0]) + lozenge[..., None]
     picture = np.where((radius < 44)[..., None], iron, picture)
     picture = np.where(((radius > 38) & (radius < 41))[..., None], 40.0, picture)
-    return _bytes(picture)
+    return as_picture(picture)
 
 
 ROAD_SIGNS = ("stop", "no_entry", "limit", "crossing", "parking", "yield")

@@ -14,7 +14,7 @@ def pot(kit: Kit, rng: np.random.Generator, r: float, h: float) -> None:
     base = float(rng.uniform(0.65, 0.85)) * r
     if kind == 0:
         radii = [0, base, r * 0.96, r, r, r * 0.88, r * 0.86, 0]
-        kit.lathe(paint, radii, np.array([0, 0, 0.82, 0.82, 1, 1, 0.9, 0.9]) * h, sides=18)
+        kit.lathe(paint, radii, [0, 0, 0.82, 0.82, 1, 1, 0.9, 0.9], sides=18, scale=(1.0, h))
     elif kind == 1:
         kit.lathe(
             paint, [0, 0.7, 0.95, 1, 0.82, 0.74, 0.7, 0], [0, 0, 0.25, 0.55, 1, 1, 0.9, 0.9], sides=18, scale=(r, h)
