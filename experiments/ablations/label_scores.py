@@ -1,14 +1,13 @@
 """Labels of one recorded episode under given settings, and how good they are."""
 
-import hashlib
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cache.stages import RunContext, Store, digest, folder_digest, run_tasks
+from experiments.cache.stages import RunContext, cached, digest, folder_digest
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
@@ -19,15 +18,8 @@ if TYPE_CHECKING:
 
 FIGURES = ("mask_ap50", "mask_ap30", "mean_iou", "mean_iou_matched", "amodal_mean_iou")
 """As ``labeling.evaluate`` defines them."""
-STAGE = "labels"
-SCORING_CODE = (
-    "labeling.generator.propagate",
-    "labeling.io.episodes",
-    "labeling.metrics.matching",
-    "labeling.metrics.mask_ap",
-)
-CONFIGS_PER_TASK = 6
-"""An episode is read once for so many settings; fewer make the progress bar smoother."""
+_WARM: list[bool] = []
+"""Whether this process has labelled anything."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +32,6 @@ class Scored:
     objects: int
     predictions: "tuple[MaskInstance, ...]"
     """Modal masks; their ``image`` is (episode, view)."""
-
-
-_warm: list[bool] = []
-
-
-@dataclass(frozen=True)
-class _Task:
-    folder: str
-    store: Store
-    wanted: tuple[tuple[str, LabelConfig | None], ...]
-    """Keys of the outcomes, and settings; None stands for the detector's own masks."""
 
 
 def score_all(
@@ -70,31 +51,16 @@ def score_all(
     Raises:
         SbmError: if an episode cannot be read or labelled.
     """
-    own = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    common = [own, code_digest(*SCORING_CODE), experiment_versions()]
-    keys = {
-        (folder, number): digest(common, content, None if config is None else asdict(config))
-        for folder in folders
+    common = [code_digest(__name__), experiment_versions()]
+    jobs = [
+        (digest(common, content, None if config is None else asdict(config)), (folder, config))
+        for folder in folders  # one after the other, so that a process reads few of them
         for content in [folder_digest(folder)]
-        for number, config in enumerate(configs)
-    }
-    tasks = []
-    for folder in folders:
-        missing = {
-            keys[folder, number]: config
-            for number, config in enumerate(configs)
-            if not context.store.has(STAGE, keys[folder, number])
-        }
-        wanted = list(missing.items())
-        tasks += [
-            _Task(str(folder), context.store, tuple(wanted[start : start + CONFIGS_PER_TASK]))
-            for start in range(0, len(wanted), CONFIGS_PER_TASK)
-        ]
-    run_tasks(_work, tasks, context.workers, title, lambda task: len(task.wanted))
-    return [
-        [_scored(context.store.read(STAGE, keys[folder, number]), folder) for folder in folders]
-        for number in range(len(configs))
+        for config in configs
     ]
+    found = iter(cached("labels", _score, jobs, context, title, always_spawn=True))
+    by_folder = [[_scored(next(found), folder) for _ in configs] for folder in folders]
+    return [list(of_setting) for of_setting in zip(*by_folder, strict=True)]
 
 
 def true_instances(folders: Sequence[Path]) -> "list[MaskInstance]":
@@ -109,46 +75,31 @@ def pooled_figures(truths: "Sequence[MaskInstance]", scored: Sequence[Scored]) -
     return _figures([one for score in scored for one in score.predictions], truths)
 
 
-def _work(task: _Task) -> None:
+@lru_cache(1)
+def _read(folder: Path) -> "Episode":
     from labeling.io.episodes import read_episode
 
-    episode = read_episode(Path(task.folder))
-    _warm_up(episode)
-    for key, config in task.wanted:
-        task.store.write(STAGE, key, _score(episode, config))
+    return read_episode(folder)
 
 
-def _warm_up(episode: "Episode") -> None:
-    """Labels one episode per process for nothing, so that loading compiled code is not counted as labelling."""
-    if not _warm:
-        _warm.append(True)
-        _score(episode, LabelConfig())
-
-
-def _score(episode: "Episode", config: LabelConfig | None) -> dict[str, Any]:
+def _score(job: tuple[Path, LabelConfig | None]) -> dict[str, Any]:
     from labeling.generator.propagate import propagate
     from labeling.metrics.matching import instances_of, match, mean_iou
 
-    name, seconds, objects = episode.name, 0.0, 0
-    whole: list[MaskInstance] = []
-    if config is None:
-        predictions = instances_of(name, episode.detections or ())
-    else:
-        with _cpu_seconds() as spent:
-            labels = propagate(episode, episode.detections, config)
-        seconds, objects = spent[0], len(labels.objects)
+    (folder, config), seconds, objects = job, 0.0, 0
+    episode = _read(folder)
+    name, predictions, whole = episode.name, instances_of(episode.name, episode.detections or ()), []
+    if config is not None:
+        if not _WARM:  # an episode for nothing, so that loading compiled code is not counted as labelling
+            _WARM.append(propagate(episode, episode.detections, LabelConfig()) is not None)
+        started = time.process_time()
+        labels = propagate(episode, episode.detections, config)
+        seconds, objects = time.process_time() - started, len(labels.objects)
         predictions, whole = instances_of(name, labels.labels), instances_of(name, labels.labels, "amodal")
-    figures = _figures(predictions, _truths(episode, name))
-    amodal_truths = _truths(episode, name, amodal=True)
+    figures, amodal_truths = _figures(predictions, _truths(episode, name)), _truths(episode, name, amodal=True)
     figures["amodal_mean_iou"] = mean_iou(amodal_truths, match(whole, amodal_truths)).mean_iou if whole else None
-    return {
-        "figures": figures,
-        "cpu_s": seconds,
-        "objects": objects,
-        "predictions": [
-            [one.image[1], one.category, one.rle["size"], one.rle["counts"], one.confidence] for one in predictions
-        ],
-    }
+    records = [[one.image[1], one.category, one.rle["size"], one.rle["counts"], one.confidence] for one in predictions]
+    return {"figures": figures, "cpu_s": seconds, "objects": objects, "predictions": records}
 
 
 def _scored(record: dict[str, Any], folder: Path) -> Scored:
@@ -183,12 +134,3 @@ def _figures(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstan
         "mean_iou": iou.mean_iou,
         "mean_iou_matched": iou.mean_iou_matched,
     }
-
-
-@contextmanager
-def _cpu_seconds() -> Iterator[list[float]]:
-    started, spent = time.process_time(), [0.0]
-    try:
-        yield spent
-    finally:
-        spent[0] = time.process_time() - started

@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+from tqdm import tqdm
+
 from labeling.core.errors import SbmError
 from labeling.io.formats.atomic import write_json
 from labeling.runtime.process_pool import run_jobs
@@ -85,44 +87,13 @@ class RunContext:
         return Store(self.cache / "stages")
 
 
-def run_tasks(
-    work: Callable[[Task], object],
-    tasks: Sequence[Task],
-    workers: int,
-    title: str,
-    weight: Callable[[Task], int] = lambda task: 1,
-) -> None:
-    """Works through tasks in processes of one thread each, with a progress bar.
-
-    Args:
-        work: a function of a module, which keeps its outcome itself.
-        tasks: what to give it; picklable.
-        workers: how many processes.
-        title: of the progress bar.
-        weight: how much of the work a task is.
-
-    Raises:
-        SbmError: once all other tasks are done, if any has failed.
-    """
-    from tqdm import tqdm
-
-    errors: list[str] = []
-    bar = tqdm(total=sum(map(weight, tasks)), desc=title, unit="run", smoothing=0.05, file=sys.stderr)
-    # One thread each, for a single worker, too: what time things take does not depend on how many there are.
-    with bar, closing(run_jobs(work, tasks, workers, always_spawn=True)) as outcomes:
-        for outcome in outcomes:
-            if isinstance(outcome.error, SbmError):
-                errors.append(str(outcome.error))
-                tqdm.write(f"error: {outcome.error}", file=sys.stderr)
-            else:
-                outcome.result()
-            bar.update(weight(outcome.job))
-    if errors:
-        raise SbmError(f"{len(errors)} of {len(tasks)} tasks failed; the first: {errors[0]}")
-
-
 def cached(
-    stage: str, compute: Callable[[Job], Any], jobs: Sequence[tuple[str, Job]], context: RunContext, title: str
+    stage: str,
+    compute: Callable[[Job], Any],
+    jobs: Sequence[tuple[str, Job]],
+    context: RunContext,
+    title: str,
+    always_spawn: bool = False,
 ) -> list[Any]:
     """What jobs come to, in order; what is not in the store is computed in parallel and kept.
 
@@ -130,12 +101,24 @@ def cached(
         stage: name of the stage in the store.
         compute: a function of a module; what it returns is kept as JSON.
         jobs: the key of each, which changes with all that decides its outcome, and what to give ``compute``; picklable.
-        context: store, and how many processes.
+        context: store, and how many processes. Each has one thread, which takes two thirds of the time of one job after
+            the other in as many threads; with a GPU or a single worker, this process does one after the other.
         title: of the progress bar.
+        always_spawn: processes of one thread each in any case, where jobs measure time.
+
+    Raises:
+        SbmError: once all other jobs are done, if any has failed.
     """
+    from labeling.detectors.registry import choose_device
+
     store = context.store
-    missing = {key: job for key, job in jobs if not store.has(stage, key)}
-    run_parallel(partial(_compute, compute, store, stage), list(missing.items()), context, title)
+    missing = list({key: job for key, job in jobs if not store.has(stage, key)}.items())
+    work = partial(_compute, compute, store, stage)
+    if always_spawn or (context.workers > 1 and choose_device() == "cpu"):
+        run_tasks(work, missing, context.workers, title)
+    else:
+        for job in tqdm(missing, desc=title, unit="run", file=sys.stderr):
+            work(job)
     return [store.read(stage, key) for key, _ in jobs]
 
 
@@ -144,22 +127,28 @@ def _compute(compute: Callable[[Job], Any], store: Store, stage: str, item: tupl
     store.write(stage, key, compute(job))
 
 
-def run_parallel(work: Callable[[Task], object], tasks: Sequence[Task], context: RunContext, title: str) -> None:
-    """Works through tasks in processes of one thread each, which takes two thirds of the time of one after the other
-    in as many threads; but one after the other, in this process, with a GPU or a single worker.
+def run_tasks(work: Callable[[Task], object], tasks: Sequence[Task], workers: int, title: str) -> None:
+    """Works through tasks in processes of one thread each, with a progress bar.
 
     Args:
         work: a function of a module, which keeps its outcome itself.
         tasks: what to give it; picklable.
-        context: says how many processes.
+        workers: how many processes.
         title: of the progress bar.
+
+    Raises:
+        SbmError: once all other tasks are done, if any has failed.
     """
-    from tqdm import tqdm
-
-    from labeling.detectors.registry import choose_device
-
-    if context.workers > 1 and choose_device() == "cpu":
-        run_tasks(work, tasks, context.workers, title)
-        return
-    for task in tqdm(tasks, desc=title, unit="run", file=sys.stderr):
-        work(task)
+    errors: list[str] = []
+    bar = tqdm(total=len(tasks), desc=title, unit="run", smoothing=0.05, file=sys.stderr)
+    # One thread each, for a single worker, too: what time things take does not depend on how many there are.
+    with bar, closing(run_jobs(work, tasks, workers, always_spawn=True)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome.error, SbmError):
+                errors.append(str(outcome.error))
+                tqdm.write(f"error: {outcome.error}", file=sys.stderr)
+            else:
+                outcome.result()
+            bar.update()
+    if errors:
+        raise SbmError(f"{len(errors)} of {len(tasks)} tasks failed; the first: {errors[0]}")
