@@ -5,6 +5,19 @@ import signal
 from pathlib import Path
 
 import pytest
+from jaxtyping import install_import_hook
+
+from labeling.runtime.threads import THREAD_VARIABLES
+
+from .imports import checked_by_jaxtyping
+
+# Workers of pytest-xdist share the cores: threads of one would wait for those of the others. Before numba is imported.
+if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
+    share = max(1, len(os.sched_getaffinity(0)) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"]))
+    for variable in THREAD_VARIABLES:
+        os.environ.setdefault(variable, str(share))
+# Array shapes in signatures are checked while tests run. Before the first test module is imported.
+install_import_hook(checked_by_jaxtyping(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 ROOT = Path(__file__).resolve().parents[1]
 

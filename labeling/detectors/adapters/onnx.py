@@ -179,7 +179,7 @@ class OnnxDetector:
             masks=np.stack([drawn[i] for i in kept]) if kept else np.zeros((0, *size), bool),
         )
 
-    def _prepare(self, picture: UInt8[np.ndarray, "h w 3"]) -> tuple[Float32[np.ndarray, "1 3 h w"], np.ndarray]:
+    def _prepare(self, picture: UInt8[np.ndarray, "h w 3"]) -> tuple[Float32[np.ndarray, "1 3 tall wide"], np.ndarray]:
         """The network's input, and how many of its pixels a pixel of the picture is, across and down."""
         height, width = picture.shape[:2]
         step = self.config.multiple_of

@@ -31,14 +31,26 @@ SCENES = (
 )
 
 
-@functools.cache
+QUICK = ("train/00", "train/07", "train/12", "test/01", "seed/3", "builtin/0")
+"""What is law in these is law in the others, which ``make slow`` looks at."""
+
+
+@pytest.fixture(
+    scope="module", params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
+def name(request):
+    """A scene. All tests of a scene run one after the other, so that one scene at a time is in memory."""
+    return request.param
+
+
+@functools.lru_cache(maxsize=1)
 def world(name):
     if name.startswith("builtin/"):
         return world_source("indoor-builtin").build(name.replace("builtin", "seed"))
     return build_indoor(name)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def compiled(name):
     """The model, and the lower and upper corner of what is drawn of every body with a piece of furniture."""
     model = world(name).spec.compile()
@@ -79,7 +91,6 @@ def room_bodies(model, data):
     return rooms
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_rooms_hold_enough_and_no_unknown_classes(name):
     objects = world(name).objects
     assert 6 <= len(objects) <= 60
@@ -88,7 +99,6 @@ def test_rooms_hold_enough_and_no_unknown_classes(name):
     assert all(instance.model_name for instance in objects)
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_scenes_stay_light(name):
     model, _ = compiled(name)
     meshes = model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]
@@ -98,7 +108,6 @@ def test_scenes_stay_light(name):
     assert 1 <= model.nlight <= 7
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_pieces_do_not_intersect(name):
     """Collision boxes (the footprints) of different pieces share no point that is not on a surface."""
     model, data = compiled(name)
@@ -119,7 +128,6 @@ def test_pieces_do_not_intersect(name):
                 assert not inside.all(axis=1).any(), (model.body(body_a).name, model.body(body_b).name)
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_boxes_fit_what_is_drawn(name):
     model, data = compiled(name)
     for instance in world(name).objects:
@@ -129,7 +137,6 @@ def test_boxes_fit_what_is_drawn(name):
         np.testing.assert_allclose(local.max(axis=0), instance.box_3d.extent_m / 2, atol=0.005)
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_nothing_floats_and_nothing_leaves_its_room(name):
     """Every piece is in one room, and stands on the floor or on another piece, hangs from the ceiling, or on a wall."""
     model, data = compiled(name)
@@ -158,7 +165,6 @@ def test_nothing_floats_and_nothing_leaves_its_room(name):
         assert on_floor or hangs or rests or on_wall, body
 
 
-@pytest.mark.parametrize("name", [name for name in SCENES if name.startswith(("train/0", "builtin"))])
 def test_cushions_lie_on_what_carries_them(name):
     """Straight down from a cushion's lowest parts comes its couch or bed, within a centimetre or two of its skin."""
     import open3d as o3d
@@ -193,7 +199,6 @@ def test_cushions_lie_on_what_carries_them(name):
         assert gap[under].min() < 0.02, cushion.body_name
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_free_space_is_connected_and_every_object_has_a_ring_of_eight_viewpoints(name):
     navigable = world(name).navigable
     np.testing.assert_array_equal(navigable.free, navigable.largest_component)
@@ -207,7 +212,6 @@ def test_free_space_is_connected_and_every_object_has_a_ring_of_eight_viewpoints
         assert np.count_nonzero(views) >= MIN_BEARINGS, instance.body_name
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_every_room_can_be_entered_from_every_other(name):
     model, data = compiled(name)
     navigable = world(name).navigable
@@ -226,7 +230,6 @@ def test_every_room_can_be_entered_from_every_other(name):
         assert all(navigable.line_is_free(a, b) for a, b in itertools.pairwise(way))
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_open_door_leaves_stand_where_they_are_drawn_in_one_room_and_in_nobodys_way(name):
     model, data = compiled(name)
     navigable = world(name).navigable
@@ -253,6 +256,7 @@ def test_open_door_leaves_stand_where_they_are_drawn_in_one_room_and_in_nobodys_
             assert not navigable.is_free((middle + t * half_x * turn[:, 0])[:2])
 
 
+@pytest.mark.slow
 def test_most_homes_have_doors_that_stand_open():
     leaves = {}
     for name in INTERIORS.of_split("train"):
@@ -264,7 +268,6 @@ def test_most_homes_have_doors_that_stand_open():
     assert sum(leaves.values()) >= 20
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_wall_cabinets_and_hoods_hang_over_kitchen_cabinets(name):
     """Seen from above, each lies within the cabinets and cookers below it, with a worktop's height between."""
     model, data = compiled(name)
@@ -289,7 +292,6 @@ def _is_fitted(body):
     return body.startswith(("kitchen_unit", "kitchen_sink", "cooker", "wall_cabinet"))
 
 
-@pytest.mark.parametrize("name", SCENES)
 def test_kitchen_cabinets_of_a_row_leave_no_gap(name):
     """Each cabinet, sink or cooker touches another one side to side; a single one may stand alone."""
     model, data = compiled(name)
@@ -306,7 +308,6 @@ def test_kitchen_cabinets_of_a_row_leave_no_gap(name):
     assert alone <= max(2, len(boxes) // 3)
 
 
-@pytest.mark.parametrize("name", SCENES[:6])
 def test_the_agent_touches_nothing_where_the_map_is_free(name):
     """MuJoCo as the oracle: a pole of the agent's radius, put down at free places, has no contact."""
     spec = world(name).spec.copy()
@@ -335,27 +336,24 @@ def test_every_class_has_ten_instances_in_training_and_some_to_spare():
     assert row in (ROOT / "docs" / "worlds.md").read_text(), row
 
 
-def test_homes_have_what_they_are_lived_in_with():
+def test_homes_have_what_they_are_lived_in_with(name):
     """Where there is a kitchen there is a fridge, where a bathroom a toilet, and each stands in its room."""
-    for name in INTERIORS.of_split("train"):
-        model, data = compiled(name)
-        for body, low, high in room_bodies(model, data):
-            inside = {
-                o.category
-                for o in world(name).objects
-                if np.all(o.box_3d.centre_m[:2] > low) and np.all(o.box_3d.centre_m[:2] < high)
-            }
-            kind = model.body(body).name
-            for word, category in (("kitchen", "fridge"), ("bathroom", "toilet"), ("bedroom", "bed")):
-                if word in kind:
-                    assert category in inside, (name, kind)
-            names = furniture_bodies(model)
-            fixtures = {
-                n for n, b in names.items() if np.all(data.xpos[b][:2] > low) and np.all(data.xpos[b][:2] < high)
-            }
-            for word, expected in (("kitchen", "kitchen_sink"), ("kitchen", "cooker_"), ("bathroom", "washbasin")):
-                if word in kind:
-                    assert any(n.startswith(expected) for n in fixtures), (name, kind, expected)
+    model, data = compiled(name)
+    for body, low, high in room_bodies(model, data):
+        inside = {
+            o.category
+            for o in world(name).objects
+            if np.all(o.box_3d.centre_m[:2] > low) and np.all(o.box_3d.centre_m[:2] < high)
+        }
+        kind = model.body(body).name
+        for word, category in (("kitchen", "fridge"), ("bathroom", "toilet"), ("bedroom", "bed")):
+            if word in kind:
+                assert category in inside, (name, kind)
+        names = furniture_bodies(model)
+        fixtures = {n for n, b in names.items() if np.all(data.xpos[b][:2] > low) and np.all(data.xpos[b][:2] < high)}
+        for word, expected in (("kitchen", "kitchen_sink"), ("kitchen", "cooker_"), ("bathroom", "washbasin")):
+            if word in kind:
+                assert any(n.startswith(expected) for n in fixtures), (name, kind, expected)
 
 
 def test_lamps_cast_shadows():

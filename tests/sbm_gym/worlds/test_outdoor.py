@@ -25,16 +25,26 @@ from sbm_gym.worlds.towns.weather import draw_weather
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL
 
 NAMED = TOWNS.of_split(None)
-TOWNS = (*NAMED, "town/seed/7")
+SCENES = (*NAMED, "town/seed/7")
 EPISODES = 12
+QUICK = ("town/train/00", "town/test/00", "town/seed/7")
+"""What is law in these is law in the others, which ``make slow`` looks at."""
 
 
-@functools.cache
+@pytest.fixture(
+    scope="module", params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
+def name(request):
+    """A town. All tests of a town run one after the other, so that one town at a time is in memory."""
+    return request.param
+
+
+@functools.lru_cache(maxsize=1)
 def town(name):
     return build_outdoor(name)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def compiled(name):
     model = town(name).spec.compile()
     data = mujoco.MjData(model)
@@ -42,7 +52,7 @@ def compiled(name):
     return model, data
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def arrangements(name):
     rng = np.random.default_rng(0)
     stage = town(name).stage
@@ -124,7 +134,6 @@ def test_the_same_name_gives_the_same_town_in_another_process():
     assert first != second
 
 
-@pytest.mark.parametrize("name", TOWNS)
 def test_towns_hold_vehicles_of_the_classes_and_models_of_their_own(name):
     objects = town(name).objects
     assert len(objects) >= 8
@@ -140,7 +149,6 @@ def test_all_classes_come_as_visitors():
     assert seen == set(OUTDOOR_CATEGORIES)
 
 
-@pytest.mark.parametrize("name", TOWNS)
 def test_the_two_vehicles_of_an_episode_stand_apart_and_the_agent_starts_near(name):
     rng = np.random.default_rng(0)
     for arrangement in arrangements(name):
@@ -157,7 +165,6 @@ def test_episodes_of_a_town_differ():
     assert len(places) > EPISODES // 2
 
 
-@pytest.mark.parametrize("name", TOWNS)
 def test_nothing_solid_is_inside_a_vehicle(name):
     """Points of each vehicle's collision boxes lie in no other body's, and the other way round."""
     for arrangement in arrangements(name)[:4]:
@@ -182,7 +189,6 @@ def test_nothing_solid_is_inside_a_vehicle(name):
                     assert not inside.any(), tuple(names)
 
 
-@pytest.mark.parametrize("name", TOWNS)
 def test_vehicles_stand_on_the_ground_where_vehicles_stand(name):
     plan = draw_plan(np.random.default_rng(TOWNS.resolve(name)[1].seed))
     for arrangement in arrangements(name)[:4]:
@@ -210,7 +216,6 @@ def test_vehicles_stand_on_the_ground_where_vehicles_stand(name):
             assert min(abs(lowest - height) for height in heights) < 0.02
 
 
-@pytest.mark.parametrize("name", TOWNS)
 def test_boxes_fit_what_is_drawn(name):
     arrangement = arrangements(name)[0]
     model, data = placed(name, arrangement)
@@ -242,7 +247,6 @@ def directions_seen_from(model, data, navigable, instance):
     return count
 
 
-@pytest.mark.parametrize("name", TOWNS)
 def test_every_vehicle_can_be_seen_from_a_ring_of_eight_viewpoints(name):
     world = town(name)
     np.testing.assert_array_equal(world.navigable.free, world.navigable.largest_component)
@@ -255,7 +259,6 @@ def test_every_vehicle_can_be_seen_from_a_ring_of_eight_viewpoints(name):
         assert directions_seen_from(model, data, world.navigable, instance) >= 8, instance.body_name
 
 
-@pytest.mark.parametrize("name", TOWNS[:4])
 def test_the_agent_touches_nothing_where_the_map_of_an_episode_is_free(name):
     """MuJoCo as the oracle: a pole of the agent's radius, put down at free places, has no contact."""
     spec = build_outdoor(name).spec
@@ -332,7 +335,13 @@ def silhouette_m2(model) -> float:
     return float(picture.sum()) * 1e-4
 
 
-@pytest.mark.parametrize("model_id", ["Scopia#ficusTree", "Scopia#peachBlossom", "Scopia#palm"])
+@pytest.mark.parametrize(
+    "model_id",
+    [
+        "Scopia#palm",
+        *(pytest.param(f"Scopia#{tree}", marks=pytest.mark.slow) for tree in ("ficusTree", "peachBlossom")),
+    ],
+)
 def test_thinned_trees_keep_their_size_and_cover(model_id):
     library = default_library()
     (entry,) = [entry for source in library.libraries for entry in source.entries if entry.model_id == model_id]
@@ -344,15 +353,14 @@ def test_thinned_trees_keep_their_size_and_cover(model_id):
     np.testing.assert_allclose(np.ptp(points, axis=0), whole.size_m, rtol=0.12)
 
 
-def test_towns_are_no_heavier_than_they_must_be():
+def test_towns_are_no_heavier_than_they_must_be(name):
     """Renderers and resets pay for triangles, and towns hold many things."""
-    for name in NAMED:
-        model, _ = compiled(name)
-        meshes = model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]
-        assert model.mesh_facenum[meshes].sum() < 420_000
-        moving = model.body_mocapid[model.geom_bodyid] >= 0
-        drawn = moving & (model.geom_group == GEOM_GROUP_VISUAL)
-        assert model.mesh_facenum[model.geom_dataid[drawn]].sum() < 45_000
+    model, _ = compiled(name)
+    meshes = model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]
+    assert model.mesh_facenum[meshes].sum() < 420_000
+    moving = model.body_mocapid[model.geom_bodyid] >= 0
+    drawn = moving & (model.geom_group == GEOM_GROUP_VISUAL)
+    assert model.mesh_facenum[model.geom_dataid[drawn]].sum() < 45_000
 
 
 def test_training_towns_use_no_model_that_test_towns_use():

@@ -74,7 +74,7 @@ def test_a_fit_recovers_the_model_that_made_the_data() -> None:
     features = rng.normal(2, 3, (4000, len(NAMES)))
     true = np.array([*FEATURES.values()]) * np.linspace(0.1, 0.8, len(NAMES))
     chance = 1 / (1 + np.exp(-((features - 2) @ true / 3 + 0.4)))
-    fitted = fit_model(features, chance, ridge=0)
+    fitted = fit_model(features, chance, ridge=0.0)
     assert np.allclose(fitted.expected_iou(features), chance, atol=1e-3)
 
 
