@@ -1,4 +1,4 @@
-"""What a detector saw before and after it learnt from its own labels: ``python -m experiments.before_after``.
+"""What a detector found before and after fine-tuning on its own labels: ``python -m experiments.before_after``.
 
 As figures 5.2 and 5.3 of the thesis, but chosen by a rule: the views of unseen scenes on which it gained most, one of
 each episode, and the one on which it lost most.
@@ -8,14 +8,17 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from experiments.cache.stages import Scale
-from experiments.figures.before_after import CONFIDENT, NAME, Pair, balance, draw, most_changed
+from experiments.figures.before_after import CONFIDENT, NAME, ViewChange, draw, most_changed, net_true_positives
 from labeling.core.errors import SbmError
 from labeling.runtime.cli import run_command
+
+if TYPE_CHECKING:
+    from labeling.core.detector import Detector
 
 
 @dataclass(frozen=True)
@@ -56,48 +59,40 @@ def run(config: PictureConfig) -> None:
 
     sets = TrainingSets(config.world, RunContext(config.scale, (config.seed,), 1, config.cache))
     names = sets.detectors([Student(None, config.seed), Student(config.labels, config.seed)])
-    pairs = pairs_of(sets.episodes("test"), *(load_detector(name) for name in names))
-    chosen = most_changed(pairs, config.best)
+    changes = compare_views(sets.episodes("test"), *(load_detector(name) for name in names))
+    chosen = most_changed(changes, config.best)
     if not chosen:
-        raise SbmError(f"in none of {len(pairs)} views has anything changed; there is nothing to draw")
+        raise SbmError(f"in none of {len(changes)} views has anything changed; there is nothing to draw")
     name = NAME.format(config.world)
     picture, record = config.docs / "pictures" / f"{name}.png", config.results / f"{name}.json"
     with atomic_file(picture) as temporary:
         draw(chosen, temporary)
-    views = [{"episode": pair.episode.name, "view": pair.view, "gain": pair.gain} for pair in chosen]
-    gains = np.sign([pair.gain for pair in pairs])
+    views = [{"episode": one.episode.name, "view": one.view, "gain": one.gain} for one in chosen]
+    gains = np.sign([one.gain for one in changes])
     counts = {word: int(np.sum(gains == sign)) for word, sign in (("gained", 1), ("same", 0), ("lost", -1))}
     settings = {name: value for name, value in asdict(config).items() if not isinstance(value, Path)}
     write_json(record, {**settings, "views": views, "all_views": counts})
     print(f"{picture}\n{record}")
 
 
-def pairs_of(episodes: Sequence[Path], before, after) -> list[Pair]:
-    """What two detectors find in all views.
-
-    Args:
-        episodes: folders, with ground truth.
-        before: a detector.
-        after: another.
-    """
+def compare_views(episodes: Sequence[Path], before: "Detector", after: "Detector") -> list[ViewChange]:
+    """What two detectors find in all views of episodes with ground truth."""
     from tqdm import tqdm
 
     from labeling.detectors.run_detector import run_detector
     from labeling.io.episodes import read_episode
 
-    found = []
+    found, both = [], (before, after)
     known = None if before.categories is None else set(before.categories)
     for folder in tqdm(episodes, desc="detecting", unit="episode", file=sys.stderr):
         episode = read_episode(folder)
-        truths = [one for one in episode.ground_truth or () if known is None or one.category in known]
-        both = [
-            [one for one in run_detector(which, episode) if one.confidence >= CONFIDENT] for which in (before, after)
-        ]
+        detected = [[one for one in run_detector(which, episode) if one.confidence >= CONFIDENT] for which in both]
         for view in range(episode.num_views):
-            here = [tuple(one for one in some if one.view_index == view) for some in both]
-            there = [one for one in truths if one.view_index == view]
-            gain = balance(here[1], there) - balance(here[0], there)
-            found.append(Pair(folder, view, gain, here[0], here[1]))
+            old, new = (tuple(one for one in some if one.view_index == view) for some in detected)
+            in_view = [one for one in episode.ground_truth or () if one.view_index == view]
+            truths = [one for one in in_view if known is None or one.category in known]
+            gain = net_true_positives(new, truths) - net_true_positives(old, truths)
+            found.append(ViewChange(folder, view, gain, old, new))
     return found
 
 

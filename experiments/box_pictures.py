@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from experiments.cache.stages import Scale
-from experiments.figures.boxes_on_views import RECORD, SURE, busiest_view, draw, true_boxes
+from experiments.figures.boxes_on_views import MIN_CONFIDENCE, RECORD, busiest_view, draw, true_boxes
 from labeling.runtime.cli import run_command
 
 
@@ -59,7 +59,7 @@ def run(config: PictureConfig) -> None:
         episode = read_episode(folder)
         view = busiest_view(episode, categories)
         seen = [one for one in detections(episode, "recorded", categories) if one.view_index == view]
-        sure = [one for one in seen if one.confidence >= SURE]
+        sure = [one for one in seen if one.confidence >= MIN_CONFIDENCE]
         found = {name: detector.lift(episode, sure) for name, detector in detectors.items()}
         panels.append((episode, view, found, true_boxes(episode, view, categories)))
         drawn.append(

@@ -42,17 +42,17 @@ def run(config: FailuresConfig) -> None:
 
     check_name(config.detector)
     detector = load_detector(config.detector)
-    looks = {}
+    objects = {}
     for world in WORLDS:
         folders = find_episodes(record_views(config.views, world, "train"))
-        looks[world] = [look for folder in folders for look in find_objects(read_episode(folder), detector)]
-    tables = {world: {name: bin_by(looks[world], name, world) for name in CONDITIONS} for world in WORLDS}
+        objects[world] = [one for folder in folders for one in find_objects(read_episode(folder), detector)]
+    tables = {world: {name: bin_by(objects[world], name, world) for name in CONDITIONS} for world in WORLDS}
     draw_failures(tables, config.picture)
     content = {
         "detector": config.detector,
         "seed": config.views.seed,
         "episodes": config.views.episodes,
-        "objects": {world: len(looks[world]) for world in WORLDS},
+        "objects": {world: len(objects[world]) for world in WORLDS},
         "by": {world: {name: [asdict(row) for row in rows] for name, rows in t.items()} for world, t in tables.items()},
     }
     write_json(config.results, content)

@@ -1,4 +1,4 @@
-"""What a detector saw before and after it learnt from its own labels, as a picture."""
+"""What a detector found before and after fine-tuning, as a picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,70 +9,62 @@ from labeling.core.types import Detection, GroundTruth
 
 CONFIDENT = 0.5
 """Detections from this confidence on count, and are drawn."""
-
-
 MIN_IOU = 0.5
-
-
 NAME = "before_after_{}"
 """Of the picture and of the record, by world."""
 
 
 @dataclass(frozen=True)
-class Pair:
-    """One view."""
+class ViewChange:
+    """What was detected in one view before and after."""
 
     episode: Path
     view: int
     gain: int
-    """Objects found rightly minus false finds, after minus before."""
+    """True positives minus false positives, after minus before."""
     before: tuple[Detection, ...]
     after: tuple[Detection, ...]
 
 
-def balance(detections: Sequence[Detection], truths: Sequence[GroundTruth]) -> int:
-    """Objects found rightly, each once, minus detections that are no object's; objects to be ignored count for neither.
+def net_true_positives(detections: Sequence[Detection], truths: Sequence[GroundTruth]) -> int:
+    """True positives minus false positives; objects to be ignored count for neither.
 
     Args:
         detections: of one view.
         truths: of the same view.
     """
-    free, balance = list(truths), 0
+    unmatched, net = list(truths), 0
     for one in sorted(detections, key=lambda one: -one.confidence):
-        fits = [
-            (mask_iou(one.mask, truth.modal), -place)
-            for place, truth in enumerate(free)
-            if truth.category == one.category
-        ]
-        overlap, place = max(fits, default=(0.0, 0))
-        if overlap < MIN_IOU:
-            balance -= 1
-            continue
-        balance += not free.pop(-place).ignore
-    return balance
+        of_category = [truth for truth in unmatched if truth.category == one.category]
+        best = max(of_category, key=lambda truth: mask_iou(one.mask, truth.modal), default=None)
+        if best is None or mask_iou(one.mask, best.modal) < MIN_IOU:
+            net -= 1
+        else:
+            net += not best.ignore
+            unmatched = [truth for truth in unmatched if truth is not best]
+    return net
 
 
-def most_changed(pairs: Sequence[Pair], best: int) -> list[Pair]:
+def most_changed(changes: Sequence[ViewChange], best: int) -> list[ViewChange]:
     """The views with the greatest gain, one of each episode, and the one with the greatest loss if any has lost.
 
     Args:
-        pairs: all views.
+        changes: all views.
         best: how many.
     """
-    of_each: dict[Path, Pair] = {}
-    for pair in pairs:
-        if pair.episode not in of_each or pair.gain > of_each[pair.episode].gain:
-            of_each[pair.episode] = pair
-    gained = sorted((pair for pair in of_each.values() if pair.gain > 0), key=lambda pair: -pair.gain)[:best]
-    worst = min(pairs, key=lambda pair: pair.gain)
+    of_each: dict[Path, ViewChange] = {}
+    for one in sorted(changes, key=lambda one: -one.gain):
+        of_each.setdefault(one.episode, one)
+    worst = min(changes, key=lambda one: one.gain)
+    gained = [one for one in of_each.values() if one.gain > 0][:best]
     return [*gained, worst] if worst.gain < 0 else gained
 
 
-def draw(pairs: Sequence[Pair], path: Path) -> None:
+def draw(changes: Sequence[ViewChange], path: Path) -> None:
     """Draws views side by side: before above, after below.
 
     Args:
-        pairs: what to draw.
+        changes: what to draw.
         path: PNG to write.
     """
     from matplotlib import pyplot as plt
@@ -81,22 +73,20 @@ def draw(pairs: Sequence[Pair], path: Path) -> None:
     from experiments.figures.style import save
     from labeling.io.episodes import read_episode
 
-    wide = read_episode(pairs[0].episode).size
-    across = max(1, len(pairs)) if wide[1] < 2 * wide[0] else 1
+    wide = read_episode(changes[0].episode).size
+    across = max(1, len(changes)) if wide[1] < 2 * wide[0] else 1
     # Wide pictures stand below each other, before on the left.
-    shape = (2, across) if across > 1 else (len(pairs), 2)
-    size = 3.4 if across > 1 else 7.0
-    figure, axes = plt.subplots(
-        *shape, figsize=(size * shape[1], size * shape[0] * wide[0] / wide[1] * 1.12), dpi=80, squeeze=False
-    )
-    for number, pair in enumerate(pairs):
-        episode = read_episode(pair.episode)
-        truths = [one for one in episode.ground_truth or () if one.view_index == pair.view]
-        for side, (title, detections) in enumerate((("before", pair.before), ("after", pair.after))):
+    rows, columns, width_in = (2, across, 3.4) if across > 1 else (len(changes), 2, 7.0)
+    size_in = (width_in * columns, width_in * rows * wide[0] / wide[1] * 1.12)
+    figure, axes = plt.subplots(rows, columns, figsize=size_in, dpi=80, squeeze=False)
+    for number, one in enumerate(changes):
+        episode = read_episode(one.episode)
+        truths = [truth for truth in episode.ground_truth or () if truth.view_index == one.view]
+        for side, (title, detections) in enumerate((("before", one.before), ("after", one.after))):
             panel = axes[side, number] if across > 1 else axes[number, side]
-            panel.imshow(named(episode.rgb[pair.view], detections, truths))
+            panel.imshow(named(episode.rgb[one.view], detections, truths))
             panel.axis("off")
-            change = f" ({pair.gain:+d})" if side else ""
+            change = f" ({one.gain:+d})" if side else ""
             panel.set_title(f"{title}{change}", fontsize=10, pad=3)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.95, bottom=0.005, wspace=0.02, hspace=0.1)
     save(figure, path)

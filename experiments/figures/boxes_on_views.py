@@ -13,10 +13,13 @@ from labeling.detectors3d.base import Detection3d
 
 RECORD = "boxes_{}"
 """Of the picture and of the record, by world."""
-
-
-SURE = 0.3
+MIN_CONFIDENCE = 0.3
 """Detections in the picture from this confidence on are lifted: the same for all."""
+EDGES = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+"""Of a box, between its corners."""
+FOOTPRINT = [0, 2, 6, 4, 0]
+"""Corners around a box from above."""
+FOUND, TRUE = (31, 160, 84), (20, 20, 20)
 
 
 def busiest_view(episode: Episode, categories: Sequence[str]) -> int:
@@ -111,9 +114,8 @@ def _from_above(axes: Any, episode: Episode, view: int, boxes: Sequence[Box3d], 
     from labeling.core.geometry import unproject_depth
 
     pose = episode.camera_to_world[view]
-    ahead = np.arctan2(pose[1, 2], pose[0, 2])
-    c, s = np.cos(np.pi / 2 - ahead), np.sin(np.pi / 2 - ahead)
-    turn = np.array([[c, -s], [s, c]])
+    c, s = pose[:2, 2] / np.hypot(*pose[:2, 2])
+    turn = np.array([[s, -c], [c, s]])
 
     def local(points: np.ndarray) -> np.ndarray:
         return (points[:, :2] - pose[:2, 3]) @ turn.T
@@ -133,13 +135,3 @@ def _from_above(axes: Any, episode: Episode, view: int, boxes: Sequence[Box3d], 
     axes.plot(0, 0, "^", color="#b3372f", markersize=5)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=6)
-
-
-EDGES = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
-"""Of a box, between its corners."""
-
-
-FOOTPRINT = [0, 2, 6, 4, 0]
-
-
-FOUND, TRUE = (31, 160, 84), (20, 20, 20)

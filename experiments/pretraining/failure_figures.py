@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
+from experiments.figures.style import save
 from experiments.pretraining.world_views import CONFIDENT
 from labeling.core.detector import Detector
 from labeling.core.episode import Episode
@@ -18,8 +18,6 @@ from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
 from labeling.io.formats.atomic import atomic_file
 from labeling.metrics.matching import MaskInstance, match
-
-matplotlib.use("Agg")
 
 CONDITIONS = ("side", "visible", "distance")
 TITLES = {
@@ -82,12 +80,12 @@ def find_objects(episode: Episode, detector: Detector) -> list[ObjectView]:
     wanted = [MaskInstance(t.view_index, t.category, encode_mask(t.modal)) for t in truths]
     right = [m.iou >= RIGHT_IOU for m in match(found, wanted)]
     sure = [m.iou >= RIGHT_IOU for m in match([item for item in found if item.confidence >= CONFIDENT], wanted)]
-    looks = []
+    objects = []
     for truth, is_found, is_sure in zip(truths, right, sure, strict=True):
         assert truth.box_3d is not None
         eye = episode.camera_to_world[truth.view_index][:3, 3]
         whole = truth.modal if truth.amodal is None else truth.amodal
-        looks.append(
+        objects.append(
             ObjectView(
                 category=truth.category,
                 side=seen_from_deg(truth.box_3d, eye),
@@ -97,7 +95,7 @@ def find_objects(episode: Episode, detector: Detector) -> list[ObjectView]:
                 confident=is_sure,
             )
         )
-    return looks
+    return objects
 
 
 def seen_from_deg(box: Box3d, eye_m: Float[np.ndarray, "3"]) -> float:
@@ -106,22 +104,22 @@ def seen_from_deg(box: Box3d, eye_m: Float[np.ndarray, "3"]) -> float:
     return float(np.rad2deg(np.abs(np.arctan2(right, -back))))
 
 
-def bin_by(looks: Sequence[ObjectView], condition: str, world: str) -> list[Bin]:
+def bin_by(objects: Sequence[ObjectView], condition: str, world: str) -> list[Bin]:
     """Objects by one condition.
 
     Args:
-        looks: all objects in all views.
+        objects: all objects in all views.
         condition: one of ``CONDITIONS``.
         world: "indoor" or "outdoor".
     """
     edges = EDGES[condition][world]
-    values = np.array([getattr(look, condition) for look in looks])
+    values = np.array([getattr(one, condition) for one in objects])
     # The last bin holds its upper edge too.
     place = np.minimum(np.searchsorted(edges, values, side="right") - 1, len(edges) - 2)
     place[values > edges[-1]] = -1
     rows = []
     for number, (low, high) in enumerate(itertools.pairwise(edges)):
-        chosen = [looks[k] for k in np.flatnonzero(place == number).tolist()]
+        chosen = [objects[k] for k in np.flatnonzero(place == number).tolist()]
         count = len(chosen)
         shares = [sum(getattr(c, name) for c in chosen) / count if count else None for name in ("found", "confident")]
         rows.append(Bin(low, high, count, shares[0], shares[1]))
@@ -153,8 +151,7 @@ def draw_failures(tables: Mapping[str, Mapping[str, Sequence[Bin]]], path: Path)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper center", ncols=2, frameon=False, fontsize=9)
     figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.96))
     with atomic_file(path) as temporary:
-        figure.savefig(temporary, format="png")
-    plt.close(figure)
+        save(figure, temporary)
 
 
 def _panel(axes: Axes, rows: Sequence[Bin]) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.figures.before_after import Pair, balance, draw, most_changed
+from experiments.figures.before_after import ViewChange, draw, most_changed, net_true_positives
 from labeling.core.types import Detection, GroundTruth
 
 
@@ -42,20 +42,20 @@ TRUTHS = [truth(1, 0), truth(2, 10), truth(3, 20, "table"), truth(4, 30, ignore=
     ],
 )
 def test_an_object_counts_once_and_what_is_no_object_counts_against(detections: list, expected: int) -> None:
-    assert balance(detections, TRUTHS) == expected
+    assert net_true_positives(detections, TRUTHS) == expected
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(-4, 4)), min_size=1, max_size=30), st.integers(1, 4))
 def test_the_views_shown_are_the_best_of_different_episodes_and_the_worst(views: list, best: int) -> None:
-    pairs = [Pair(Path(str(episode)), view, gain, (), ()) for view, (episode, gain) in enumerate(views)]
+    pairs = [ViewChange(Path(str(episode)), view, gain, (), ()) for view, (episode, gain) in enumerate(views)]
     chosen = most_changed(pairs, best)
-    gained = [pair for pair in chosen if pair.gain > 0]
-    lost = [pair for pair in chosen if pair.gain <= 0]
+    gained = [one for one in chosen if one.gain > 0]
+    lost = [one for one in chosen if one.gain <= 0]
     tops = sorted((max(p.gain for p in pairs if p.episode == e) for e in {p.episode for p in pairs}), reverse=True)
-    assert [pair.gain for pair in gained] == [gain for gain in tops if gain > 0][:best]
-    assert len({pair.episode for pair in gained}) == len(gained)
-    least = min(pair.gain for pair in pairs)
-    assert [pair.gain for pair in lost] == ([least] if least < 0 else [])
+    assert [one.gain for one in gained] == [gain for gain in tops if gain > 0][:best]
+    assert len({one.episode for one in gained}) == len(gained)
+    least = min(one.gain for one in pairs)
+    assert [one.gain for one in lost] == ([least] if least < 0 else [])
 
 
 def test_square_and_wide_views_are_drawn(tmp_path: Path) -> None:
@@ -69,5 +69,5 @@ def test_square_and_wide_views_are_drawn(tmp_path: Path) -> None:
         folder = tmp_path / name
         write_episode(folder, replace(make_episode(3, 2, size, num_objects=3), name=name))
         found = tuple(one for one in read_episode(folder).detections or () if one.view_index == 1)
-        draw([Pair(folder, 1, 2, (), found), Pair(folder, 1, -1, found, ())], tmp_path / f"{name}.png")
+        draw([ViewChange(folder, 1, 2, (), found), ViewChange(folder, 1, -1, found, ())], tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").stat().st_size > 1000

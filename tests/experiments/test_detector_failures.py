@@ -37,20 +37,20 @@ def test_side_depends_on_the_turn_between_object_and_camera_only(yaw, side, away
 def test_every_object_is_in_one_bin():
     rng = np.random.default_rng(0)
     draws = rng.uniform(0, (180.0, 1.0, 49.0), (200, 3)).tolist()
-    looks = [ObjectView("car", side, visible, away, found=True, confident=False) for side, visible, away in draws]
-    looks += [
+    objects = [ObjectView("car", side, visible, away, found=True, confident=False) for side, visible, away in draws]
+    objects += [
         ObjectView("car", 180.0, 1.0, 50.0, found=False, confident=False),
         ObjectView("car", 0.0, 0.0, 0.0, True, True),
     ]
     for condition in CONDITIONS:
-        rows = bin_by(looks, condition, "outdoor")
-        assert sum(row.objects for row in rows) == len(looks)
+        rows = bin_by(objects, condition, "outdoor")
+        assert sum(row.objects for row in rows) == len(objects)
         assert sum(row.objects * (row.found or 0.0) for row in rows) == pytest.approx(201)
         assert sum(row.objects * (row.confident or 0.0) for row in rows) == pytest.approx(1)
         for row in rows:
-            inside = [k for k in looks if row.low <= getattr(k, condition) < row.high]
+            inside = [k for k in objects if row.low <= getattr(k, condition) < row.high]
             last = row.high == EDGES[condition]["outdoor"][-1]
-            assert row.objects == len(inside) + last * sum(getattr(k, condition) == row.high for k in looks)
+            assert row.objects == len(inside) + last * sum(getattr(k, condition) == row.high for k in objects)
 
 
 def test_objects_too_far_for_every_bin_are_left_out():
@@ -80,7 +80,7 @@ class OneBox:
         return [stack_detections([("chair", 0.5 + 0.45 * view, mask)], (height, width)) for view in range(len(rgb))]
 
 
-def test_looks_tell_what_was_found_and_how_it_was_seen():
+def test_objects_in_views_tell_what_was_found_and_how_it_was_seen():
     half, all_of_it = np.zeros((8, 8), bool), np.ones((8, 8), bool)
     half[:, :4] = True
     box = Box3d(np.array([0.0, 0.0, 0.0]), np.ones(3), np.eye(3))
@@ -113,8 +113,8 @@ def test_looks_tell_what_was_found_and_how_it_was_seen():
 def test_the_picture_is_drawn(tmp_path):
     rng = np.random.default_rng(1)
     draws = rng.uniform(0, (180.0, 1.0, 20.0), (50, 3)).tolist()
-    looks = [ObjectView("car", side, visible, away, bool(rng.random() < 0.6), False) for side, visible, away in draws]
-    tables = {w: {name: bin_by(looks, name, w) for name in CONDITIONS} for w in ("indoor", "outdoor")}
+    objects = [ObjectView("car", side, visible, away, bool(rng.random() < 0.6), False) for side, visible, away in draws]
+    tables = {w: {name: bin_by(objects, name, w) for name in CONDITIONS} for w in ("indoor", "outdoor")}
     draw_failures(tables, tmp_path / "picture.png")
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
 
