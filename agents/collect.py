@@ -12,9 +12,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _collect(config: CollectConfig) -> None:
-    from agents.rollouts.recorder import collect
+    from agents.rollouts.recorder import collect_episodes
 
-    collect(config)
+    collect_episodes(config)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _evaluate(config: EvaluateConfig) -> None:
-    from agents.evaluation.run import evaluate
+    from agents.evaluation.run import evaluate_policies
 
-    evaluate(config)
+    evaluate_policies(config)
 
 
 if __name__ == "__main__":

@@ -16,9 +16,9 @@ def run(config: PpoConfig) -> None:
     """
     from tqdm import tqdm
 
-    from agents.ppo.training import train
+    from agents.ppo.training import train_ppo
 
-    train(config, tqdm.write, functools.partial(tqdm, unit="step", file=sys.stderr, dynamic_ncols=True))
+    train_ppo(config, tqdm.write, functools.partial(tqdm, unit="step", file=sys.stderr, dynamic_ncols=True))
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -34,13 +34,13 @@ def run(config: DemoConfig) -> None:
         SbmError: if a stage cannot run, such as when the furniture libraries are missing.
     """
     from agents.rollouts.collect_config import CollectConfig
-    from agents.rollouts.recorder import collect
+    from agents.rollouts.recorder import collect_episodes
     from labeling import evaluate, generate
 
     dataset, labels = config.out / "episodes", config.out / "labels"
     started_s = time.monotonic()
     _say(f"1/3 moving: {config.episodes} episodes of the policy {config.policy} with the detector {config.detector}")
-    collect(
+    collect_episodes(
         CollectConfig(
             out=dataset, policy=config.policy, detector=config.detector, episodes=config.episodes, seed=config.seed
         )

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from labeling.runtime.ranges import Count, NonNegative, PictureHeight
+
 
 @dataclass(frozen=True)
 class EvaluateConfig:
@@ -21,20 +23,20 @@ class EvaluateConfig:
     """Gymnasium id of the world."""
     split: Literal["train", "val", "test", "wide"] = "val"
     """Scenes. Test scenes are for final figures only."""
-    episodes: int = 50
+    episodes: Count = 50
     """Episodes of each policy and seed."""
-    seeds: int = 3
+    seeds: Count = 3
     """Seeds 0, 1, ...: each draws starts of its own. Spread is over seeds."""
     detector: str = "simulated"
     """The detector in the loop."""
     labels: bool = True
     """Make labels of the first 5, 10, 12, 15, 20 and 25 views and score them. Without, it is many times faster."""
-    size: int | None = None
+    size: PictureHeight | None = None
     """Height of the pictures that labels are made on, pixels; their shape is the world's. By default 256, as in the
     thesis."""
-    pictures: int = 0
+    pictures: NonNegative[int] = 0
     """Draw the ways of all policies from above in so many episodes, into OUT/pictures."""
-    workers: int = 1
+    workers: Count = 1
     """Processes side by side, one thread each if there are several."""
     out: Path = Path("out/evaluation")
     """Folder for the results; made if it does not exist."""

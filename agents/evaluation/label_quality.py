@@ -16,13 +16,9 @@ ignored (slivers) counts neither way, and categories that the detector has no na
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from sbm_gym.env.recording import Capture
+from sbm_gym.env.recording import Capture, episode_of_captures
 
 if TYPE_CHECKING:
-    from labeling.core.types import Detection
-    from labeling.core.views import RgbdViews
     from labeling.metrics.matching import MaskInstance
 
 VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
@@ -43,14 +39,14 @@ def label_record(captures: Sequence[Capture], categories: Sequence[str]) -> dict
     from labeling.generator.propagate import propagate
 
     truths = [
-        [view, truth.category, _rle(encode_mask(truth.modal)), truth.instance_id, truth.ignore]
-        for view, capture in enumerate(captures)
-        for truth in capture.ground_truth
+        [truth.view_index, truth.category, _rle(encode_mask(truth.modal)), truth.instance_id, truth.ignore]
+        for truth in episode_of_captures(captures, categories, {}).ground_truth or ()
         if truth.modal.any() and truth.category in categories
     ]
     made: dict[str, list[Any]] = {}
     for count in [count for count in VIEW_COUNTS if count <= len(captures)]:
-        labels = propagate(*_views_and_detections(captures[:count]))
+        seen = episode_of_captures(captures[:count], categories, {})
+        labels = propagate(seen, seen.detections or ())
         made[str(count)] = [
             [one.view_index, one.category, _rle(encode_mask(one.modal)), float(one.confidence)]
             for one in labels.labels
@@ -138,22 +134,6 @@ def _right(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance
     from labeling.metrics.matching import match
 
     return [one.truth for one in match(predictions, truths) if one.iou >= RIGHT_IOU and not truths[one.truth].ignore]
-
-
-def _views_and_detections(captures: Sequence[Capture]) -> "tuple[RgbdViews, list[Detection]]":
-    """What the label generator takes."""
-    from dataclasses import replace
-
-    from labeling.core.views import RgbdViews
-
-    views = RgbdViews(
-        rgb=np.stack([capture.rgb for capture in captures]),
-        depth_m=np.stack([capture.depth_m for capture in captures]),
-        intrinsics=np.stack([capture.intrinsics for capture in captures]),
-        camera_to_world=np.stack([capture.camera_to_world for capture in captures]),
-    )
-    found = [replace(one, view_index=view) for view, capture in enumerate(captures) for one in capture.detections]
-    return views, found
 
 
 def _rle(rle: dict[str, Any]) -> list[Any]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, VIEW_COUNTS, episode_figures, pooled_ap
-from agents.evaluation.paired import difference_record, over_seeds, rounded
+from agents.evaluation.statistics import difference_record, over_seeds, rounded
 from labeling.metrics.average_precision import mean_of
 from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
 

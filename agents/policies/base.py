@@ -38,9 +38,17 @@ class Policy(Protocol):
 class RobotPolicy:
     """Base of policies that decide by what the robot knows; they define ``act``, and ``start`` to keep anything else.
 
-    >>> class Forward(RobotPolicy):
-    ...     def act(self, observation, info):
-    ...         return np.array([1.0, 0.0, 0.0, 0.0], np.float32)
+    Example:
+        >>> import sbm_gym
+        >>> class Forward(RobotPolicy):
+        ...     def act(self, observation, info):
+        ...         blocked = info["collided"] or self.robot.views_left % 5 == 0
+        ...         return np.array([1.0, 0.0, float(blocked), 0.0], np.float32)
+        >>> env, policy = gym.make("sbm_gym/IndoorBuiltin-v0"), Forward()
+        >>> observation, info = env.reset(seed=0)
+        >>> policy.reset(env, observation, info, np.random.default_rng(0))
+        >>> policy.act(observation, info)
+        array([1., 0., 1., 0.], dtype=float32)
     """
 
     robot: RobotKnowledge

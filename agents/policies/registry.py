@@ -33,6 +33,10 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
 
     Raises:
         UsageError: if there is none, naming those there are, or its checkpoint is missing or does not fit.
+
+    Example:
+        >>> type(make_policy("next_best_view")).__name__
+        'NextBestView'
     """
     kind, colon, argument = name.partition(":")
     if kind == GREEDY and colon:

@@ -30,7 +30,7 @@ from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.provenance import simulation_provenance
 
 
-def train(config: PpoConfig, say: Callable[[str], None], progress_bar: Callable[..., Any]) -> Progress:
+def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Callable[..., Any]) -> Progress:
     """Trains a policy; goes on where a stopped run was.
 
     Args:
@@ -44,6 +44,11 @@ def train(config: PpoConfig, say: Callable[[str], None], progress_bar: Callable[
     Raises:
         SbmError: if a setting makes no sense, the folder holds another run, or a worker has died.
         KeyboardInterrupt: if stopped by Ctrl-C, after everything has been saved.
+
+    Example:
+        >>> from tqdm import tqdm
+        >>> from agents import PpoConfig, train_ppo
+        >>> progress = train_ppo(PpoConfig(out=Path("run"), steps=8000), print, tqdm)  # doctest: +SKIP, takes minutes
     """
     settings = resolve_settings(config)
     folder, seed, hyperparameters = settings.folder, settings.options.seed, settings.hyperparameters

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from labeling.runtime.ranges import Count, NonNegative, PictureHeight
+
 
 @dataclass(frozen=True)
 class CollectConfig:
@@ -24,19 +26,19 @@ class CollectConfig:
     detector: str = "simulated"
     """Whose detections guide the agent and are recorded: "simulated", or a real one: "compact",
     "maskrcnn_resnet50_fpn", the folder of a labeling.finetune run, "onnx:FILE" or "package.module:function"."""
-    episodes: int = 4
+    episodes: Count = 4
     """How many episodes the folder holds at the end."""
-    seed: int = 0
+    seed: NonNegative[int] = 0
     """Decides scenes, starting places and all noise."""
     split: Literal["train", "val", "test", "wide", "endless"] = "train"
     """Scenes to record in: named ones to learn from, to choose settings by and to test on; "wide", many more to test
     on; or "endless", to learn from: more than a robot could ever visit."""
-    episodes_per_scene: int = 1
+    episodes_per_scene: Count = 1
     """How many episodes, begun in different places, before the next scene. What one of them finds can be labelled in
     the others (labeling.generate --share-scenes)."""
-    size: int | None = None
+    size: PictureHeight | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""
-    workers: int = 1
+    workers: Count = 1
     """Processes side by side, one thread each if there are several. What comes out is the same for any number, but for
     the last digits of a network's confidences, which depend on its threads."""

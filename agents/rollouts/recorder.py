@@ -1,5 +1,6 @@
 """Recording episodes into a folder, so that it can be killed and started again at any time."""
 
+import contextlib
 import dataclasses
 import sys
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from labeling.core.types import CONFIDENT
 from labeling.io.episodes import read_episode, write_episode
 from labeling.runtime.process_pool import PerProcess, map_jobs
 from labeling.runtime.provenance import simulation_provenance
+from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
 
@@ -31,7 +33,7 @@ ATTEMPTS_PER_SCENE = 5
 """After so many starts in one scene that found nothing, the next scene is tried."""
 
 
-def collect(config: CollectConfig) -> list[Path]:
+def collect_episodes(config: CollectConfig) -> list[Path]:
     """Records the episodes that the folder lacks.
 
     Args:
@@ -42,12 +44,21 @@ def collect(config: CollectConfig) -> list[Path]:
 
     Raises:
         SbmError: if env or policy are unknown, the folder holds something else, or no object can be found.
+
+    Example:
+        >>> import tempfile
+        >>> from agents import CollectConfig, collect_episodes
+        >>> out = Path(tempfile.mkdtemp()) / "episodes"
+        >>> config = CollectConfig(out, env="sbm_gym/IndoorBuiltin-v0", policy="spin", episodes=1, size=64)
+        >>> [folder.name for folder in collect_episodes(config)]  # doctest: +ELLIPSIS
+        1 episodes in ...
+        ['0000']
     """
     from tqdm import tqdm
 
-    _check(config)
-    recorder = Recorder(config)
-    try:
+    check_ranges(config)
+    make_policy(config.policy, config.env)
+    with contextlib.closing(make_env(config.env, config.split, config.detector)) as env:
         settings = dataclasses.asdict(config)
         for name in ("out", "episodes", "workers"):  # none changes what an episode holds
             del settings[name]
@@ -59,51 +70,29 @@ def collect(config: CollectConfig) -> list[Path]:
             lambda content: as_options({**defaults, **content["settings"]}),
             "episodes",
         )
-        folders = [recorder.folder(number) for number in range(config.episodes)]
+        folders = [_folder(config, number) for number in range(config.episodes)]
         missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
         if len(missing) < len(folders):
             print(f"{len(folders) - len(missing)} of {len(folders)} episodes are there already", file=sys.stderr)
+        work = partial(_record, config, env) if config.workers == 1 else PerProcess(partial(_recorder, config))
         with tqdm(total=len(missing), desc="recording", unit="episode", file=sys.stderr) as bar:
-            work = recorder.record if config.workers == 1 else PerProcess(partial(_recording, config))
             for _ in map_jobs(work, missing, config.workers):
                 bar.update()
-    finally:
-        recorder.close()
     print(f"{len(folders)} episodes in {config.out}")
     return folders
 
 
-class Recorder:
-    """Records episodes of one configuration, one after the other."""
-
-    def __init__(self, config: CollectConfig) -> None:
-        """Makes the environment.
-
-        Args:
-            config: what to record, and where.
-
-        Raises:
-            UsageError: if env, detector or policy are unknown.
-        """
-        make_policy(config.policy, config.env)
-        self.config = config
-        self.env = make_env(config.env, config.split, config.detector)
-
-    def close(self) -> None:
-        """Frees the environment."""
-        self.env.close()
-
-    def folder(self, number: int) -> Path:
-        """Where an episode lies."""
-        return self.config.out / f"{number:04d}"
-
-    def record(self, number: int) -> None:
-        """Records an episode and writes it, whole or not at all."""
-        write_episode(self.folder(number), record_episode(self.env, self.config, number))
+def _folder(config: CollectConfig, number: int) -> Path:
+    return config.out / f"{number:04d}"
 
 
-def _recording(config: CollectConfig) -> Callable[[int], None]:
-    return Recorder(config).record
+def _recorder(config: CollectConfig) -> Callable[[int], None]:
+    return partial(_record, config, make_env(config.env, config.split, config.detector))
+
+
+def _record(config: CollectConfig, env: gym.Env, number: int) -> None:
+    """Records an episode and writes it, whole or not at all."""
+    write_episode(_folder(config, number), record_episode(env, config, number))
 
 
 def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
@@ -116,6 +105,13 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
 
     Raises:
         SbmError: if no start led to a confident detection.
+
+    Example:
+        >>> import sbm_gym
+        >>> env = gym.make("sbm_gym/IndoorBuiltin-v0")
+        >>> config = CollectConfig(Path("out"), env="sbm_gym/IndoorBuiltin-v0", policy="spin", size=64)
+        >>> record_episode(env, config, number=0).rgb.shape
+        (25, 64, 64, 3)
     """
     scenes = inner_env(env).scene_names
     order = np.random.default_rng([config.seed, 0]).permutation(len(scenes))
@@ -176,19 +172,6 @@ def _is_source(capture: Capture) -> bool:
         and np.count_nonzero(detection.mask) >= SLIVER_AREA_SHARE * detection.mask.size
         for detection in capture.detections
     )
-
-
-def _check(config: CollectConfig) -> None:
-    if config.episodes < 1:
-        raise UsageError(f"--episodes must be at least 1, not {config.episodes}")
-    if config.episodes_per_scene < 1:
-        raise UsageError(f"--episodes-per-scene must be at least 1, not {config.episodes_per_scene}")
-    if config.workers < 1:
-        raise UsageError(f"--workers must be at least 1, not {config.workers}")
-    if config.size is not None and config.size < 32:
-        raise UsageError(f"--size must be at least 32 pixels, not {config.size}")
-    if config.seed < 0:
-        raise UsageError(f"--seed must not be negative, not {config.seed}")
 
 
 def _is_complete(folder: Path) -> bool:

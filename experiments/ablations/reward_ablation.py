@@ -51,7 +51,7 @@ def run(context: RunContext) -> dict[str, Any]:
 
 def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     from agents.evaluation.evaluate_config import EvaluateConfig
-    from agents.evaluation.run import evaluate
+    from agents.evaluation.run import evaluate_policies
     from experiments.tables.policy_evaluation import episodes_folder
 
     config = EvaluateConfig(
@@ -65,5 +65,5 @@ def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
         workers=context.workers,
         out=episodes_folder("reward_ablation", env_id, SPLIT, DETECTOR, None, context),
     )
-    content = evaluate(config)
+    content = evaluate_policies(config)
     return {name: content[name] for name in ("settings", "policies", "protocol")}

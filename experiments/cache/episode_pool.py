@@ -56,9 +56,9 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     Raises:
         SbmError: if the world cannot be built.
     """
-    from agents.evaluation.store import policy_key
+    from agents.evaluation.results import policy_key
     from agents.rollouts.collect_config import CollectConfig
-    from agents.rollouts.recorder import collect
+    from agents.rollouts.recorder import collect_episodes
 
     settings = {
         "env": pool.env,
@@ -76,7 +76,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     ]
     name = f"{pool.name}-{digest(*depends_on)}"
     out = context.cache / "episodes" / name
-    return collect(CollectConfig(out=out, episodes=pool.episodes, workers=context.workers, **settings))
+    return collect_episodes(CollectConfig(out=out, episodes=pool.episodes, workers=context.workers, **settings))
 
 
 def link_dataset(name: str, episodes: Mapping[str, Path], context: RunContext) -> list[Path]:

@@ -41,11 +41,11 @@ def record_views(config: WorldViewsConfig, world: str, split: Literal["train", "
         split: "train" or "val"; test scenes are for final results only.
     """
     from agents.rollouts.collect_config import CollectConfig
-    from agents.rollouts.recorder import collect
+    from agents.rollouts.recorder import collect_episodes
 
     episodes = config.episodes if split == "train" else config.val_episodes
     out = config.folder / f"{world}_{split}"
-    collect(CollectConfig(out=out, env=WORLDS[world], episodes=episodes, seed=config.seed, split=split))
+    collect_episodes(CollectConfig(out=out, env=WORLDS[world], episodes=episodes, seed=config.seed, split=split))
     return out
 
 

@@ -62,7 +62,7 @@ def run(context: RunContext) -> dict[str, Any]:
 
 def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     from agents.evaluation.evaluate_config import EvaluateConfig
-    from agents.evaluation.run import evaluate
+    from agents.evaluation.run import evaluate_policies
 
     size = SIZES[context.scale]
     policies, left_out = available_policies(env_id, POLICIES)
@@ -85,8 +85,8 @@ def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
         size=size.picture_px,
         out=episodes_folder("policy_evaluation_labelled", env_id, SPLIT, DETECTOR, size.picture_px, context),
     )
-    labelled = evaluate(with_labels)
-    content = evaluate(config, played=with_labels.out)
+    labelled = evaluate_policies(with_labels)
+    content = evaluate_policies(config, reuse=with_labels.out)
     for policy, found in labelled["policies"].items():
         content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
     return {
@@ -129,7 +129,7 @@ def episodes_folder(
 
 def training_of(policies: Sequence[str], env_id: str) -> dict[str, dict[str, Any]]:
     """How those policies were trained whose weights come with the project."""
-    from agents.evaluation.store import policy_key
+    from agents.evaluation.results import policy_key
     from agents.policies.registry import checkpoint_of
     from experiments.tables.trained_policies import origin_of
 

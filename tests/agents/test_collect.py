@@ -14,7 +14,7 @@ import pytest
 from agents.collect import main
 from agents.rollouts import recorder
 from agents.rollouts.collect_config import CollectConfig
-from agents.rollouts.recorder import collect
+from agents.rollouts.recorder import collect_episodes
 from labeling.core.errors import UsageError
 from labeling.core.geometry import unproject
 from labeling.io.episodes import find_episodes, read_episode
@@ -40,7 +40,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("recorded") / "episodes"
-    collect(config(out))
+    collect_episodes(config(out))
     return out
 
 
@@ -90,20 +90,20 @@ def test_killed_and_run_again_gives_the_same_bytes(recorded, tmp_path, monkeypat
 
     monkeypatch.setattr(recorder, "write_episode", write_then_die)
     with pytest.raises(KeyboardInterrupt):
-        collect(config(out))
+        collect_episodes(config(out))
     assert len(find_episodes(out)) == 1
     monkeypatch.setattr(recorder, "write_episode", real)
-    collect(config(out))
+    collect_episodes(config(out))
     assert contents(out) == contents(recorded)
 
 
 def test_an_episode_does_not_depend_on_the_others(recorded, tmp_path):
-    collect(config(tmp_path / "one", episodes=1))
+    collect_episodes(config(tmp_path / "one", episodes=1))
     assert contents(tmp_path / "one" / "0000") == contents(recorded / "0000")
 
 
 def test_a_scene_is_begun_in_different_places(recorded, tmp_path):
-    folders = collect(config(tmp_path / "twice", episodes=4, episodes_per_scene=2))
+    folders = collect_episodes(config(tmp_path / "twice", episodes=4, episodes_per_scene=2))
     episodes = [read_episode(folder) for folder in folders]
     scenes = [episode.metadata["scene"] for episode in episodes]
     assert scenes[0] == scenes[1] != scenes[2] == scenes[3]
@@ -114,7 +114,7 @@ def test_a_scene_is_begun_in_different_places(recorded, tmp_path):
 
 def test_complete_folders_are_left_alone(recorded, monkeypatch):
     monkeypatch.setattr(recorder, "write_episode", lambda *_: pytest.fail("nothing is missing"))
-    assert collect(config(recorded)) == [recorded / f"{k:04d}" for k in range(3)]
+    assert collect_episodes(config(recorded)) == [recorded / f"{k:04d}" for k in range(3)]
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_complete_folders_are_left_alone(recorded, monkeypatch):
 )
 def test_other_settings_in_the_same_folder_are_refused(recorded, change):
     with pytest.raises(UsageError, match="other settings"):
-        collect(config(recorded, **change))
+        collect_episodes(config(recorded, **change))
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_other_settings_in_the_same_folder_are_refused(recorded, change):
         (["--env", "no_such_module:x/Y-v0"], "no_such_module"),
         (["--episodes", "0"], "at least 1"),
         (["--size", "8"], "at least 32"),
-        (["--seed", "-1"], "negative"),
+        (["--seed", "-1"], "--seed must be 0 or more, not -1"),
         (["--workers", "0"], "at least 1"),
         (["--episodes-per-scene", "0"], "at least 1"),
     ],
@@ -192,14 +192,14 @@ def test_folders_of_before_a_setting_was_there_are_gone_on_with(recorded, tmp_pa
     content = json.loads((out / "collection.json").read_text())
     del content["settings"]["detector"]
     (out / "collection.json").write_text(json.dumps(content))
-    assert len(collect(config(out))) == 3
+    assert len(collect_episodes(config(out))) == 3
     with pytest.raises(UsageError, match="--detector simulated there, compact now"):
-        collect(config(out, detector="compact"))
+        collect_episodes(config(out, detector="compact"))
 
 
 def test_unknown_detectors_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(UsageError, match="unknown detector 'yolo'"):
-        collect(config(tmp_path / "episodes", detector="yolo"))
+        collect_episodes(config(tmp_path / "episodes", detector="yolo"))
     assert not (tmp_path / "episodes").exists()
 
 
@@ -214,5 +214,5 @@ def test_several_workers_record_the_same_bytes(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT))  # workers find modules where this process does
     env = "tests.experiments.box_env:policies_test/BoxesShort-v0"
     for workers in (1, 2):
-        collect(CollectConfig(out=tmp_path / str(workers), env=env, episodes=3, size=64, workers=workers))
+        collect_episodes(CollectConfig(out=tmp_path / str(workers), env=env, episodes=3, size=64, workers=workers))
     assert contents(tmp_path / "1") == contents(tmp_path / "2")

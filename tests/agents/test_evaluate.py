@@ -13,9 +13,9 @@ import pytest
 from agents.evaluate import main
 from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import VIEW_COUNTS, episode_figures, pooled_ap
-from agents.evaluation.paired import difference_record, over_seeds
-from agents.evaluation.run import Player, evaluate
-from agents.evaluation.store import policy_key
+from agents.evaluation.results import policy_key
+from agents.evaluation.run import Evaluator, evaluate_policies
+from agents.evaluation.statistics import difference_record, over_seeds
 from agents.evaluation.summary import summary
 from agents.rollouts.run_episode import episode_spec
 from labeling.core.errors import UsageError
@@ -44,7 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def evaluated(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("evaluated") / "out"
-    evaluate(config(out, labels=True, pictures=1))
+    evaluate_policies(config(out, labels=True, pictures=1))
     return out
 
 
@@ -64,18 +64,18 @@ def test_all_policies_start_alike_and_episodes_differ(evaluated):
 def test_validation_scenes_are_used_unless_others_are_asked_for(evaluated, tmp_path):
     assert EvaluateConfig().split == "val"
     assert {one["scene"] for one in results(evaluated, "ring")} == set(BoxRooms().scenes("val"))
-    evaluate(config(tmp_path / "train", split="train", policies=("spin",), episodes=3, seeds=1))
+    evaluate_policies(config(tmp_path / "train", split="train", policies=("spin",), episodes=3, seeds=1))
     assert {one["scene"] for one in results(tmp_path / "train", "spin")} == set(BoxRooms().scenes("train"))
 
 
 def test_episodes_played_for_their_labels_need_not_be_played_again(evaluated, tmp_path, monkeypatch):
-    evaluate(config(tmp_path / "afresh"))
-    monkeypatch.setattr(Player, "play", None)
-    evaluate(config(tmp_path / "adopted"), played=evaluated)
+    evaluate_policies(config(tmp_path / "afresh"))
+    monkeypatch.setattr(Evaluator, "run", None)
+    evaluate_policies(config(tmp_path / "adopted"), reuse=evaluated)
     assert contents(tmp_path / "adopted") == contents(tmp_path / "afresh")
 
 
-def test_spawns_depend_on_seed_and_number_alone_and_take_scenes_in_turn():
+def test_starts_depend_on_seed_and_number_alone_and_take_scenes_in_turn():
     scenes = ("a", "b", "c")
     for seed in range(3):
         assert sorted(episode_spec(scenes, seed, number).scene for number in range(3)) == list(scenes)
@@ -118,39 +118,39 @@ def test_what_is_written_is_what_was_evaluated(evaluated):
 
 
 def test_killed_and_run_again_gives_the_same_bytes(evaluated, tmp_path, monkeypatch):
-    out, played, real = tmp_path / "out", [], Player.play
+    out, played, real = tmp_path / "out", [], Evaluator.run
 
-    def play_then_die(player, spawn, policy):
+    def run_then_die(evaluator, spec, policy):
         if len(played) == 3:
             raise KeyboardInterrupt
         played.append(policy)
-        real(player, spawn, policy)
+        real(evaluator, spec, policy)
 
-    monkeypatch.setattr(Player, "play", play_then_die)
+    monkeypatch.setattr(Evaluator, "run", run_then_die)
     with pytest.raises(KeyboardInterrupt):
-        evaluate(config(out, labels=True))
+        evaluate_policies(config(out, labels=True))
     assert len(list(out.rglob("seed*.json"))) == 3
     assert not (out / "evaluation.json").exists()
-    monkeypatch.setattr(Player, "play", real)
-    evaluate(config(out, labels=True))
+    monkeypatch.setattr(Evaluator, "run", real)
+    evaluate_policies(config(out, labels=True))
     assert contents(out) == contents(evaluated)
 
 
 def test_results_that_are_there_are_left_alone_and_policies_can_be_added(tmp_path, monkeypatch):
-    evaluate(config(tmp_path / "out", policies=("random",)))
+    evaluate_policies(config(tmp_path / "out", policies=("random",)))
     before = contents(tmp_path / "out")
-    evaluate(config(tmp_path / "out", policies=("random", "spin")))
+    evaluate_policies(config(tmp_path / "out", policies=("random", "spin")))
     after = contents(tmp_path / "out")
     assert all(after[name] == content for name, content in before.items() if name != "evaluation.json")
     assert sum(name.startswith("episodes/spin") for name in after) == 4
-    monkeypatch.setattr(Player, "play", lambda *_: pytest.fail("nothing is missing"))
-    evaluate(config(tmp_path / "out", policies=("random",), episodes=1))
+    monkeypatch.setattr(Evaluator, "run", lambda *_: pytest.fail("nothing is missing"))
+    evaluate_policies(config(tmp_path / "out", policies=("random",), episodes=1))
 
 
 @pytest.mark.parametrize("change", [{"split": "train"}, {"size": 32}, {"labels": False}])
 def test_other_settings_in_the_same_folder_are_refused(evaluated, change):
     with pytest.raises(UsageError, match="other settings"):
-        evaluate(config(evaluated, **{"labels": True, **change}))
+        evaluate_policies(config(evaluated, **{"labels": True, **change}))
 
 
 @pytest.mark.parametrize(
@@ -336,7 +336,7 @@ def test_folders_with_labels_of_other_views_are_refused(evaluated, tmp_path):
     assert before.pop("views") == list(VIEW_COUNTS)
     (out / "settings.json").write_text(json.dumps({"settings": before}))
     with pytest.raises(UsageError, match="--views"):
-        evaluate(config(out, labels=True))
+        evaluate_policies(config(out, labels=True))
 
 
 def test_help_names_the_options():

@@ -72,7 +72,7 @@ class Bar:
 
 def train(config: PpoConfig, interrupt_at=None):
     said: list[str] = []
-    progress = training.train(config, said.append, lambda **given: Bar(interrupt_at=interrupt_at, **given))
+    progress = training.train_ppo(config, said.append, lambda **given: Bar(interrupt_at=interrupt_at, **given))
     return progress, said
 
 

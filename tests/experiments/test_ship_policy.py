@@ -11,7 +11,7 @@ import pytest
 from agents.policies import registry
 from agents.policies.registry import make_policy
 from agents.ppo.config import PpoConfig
-from agents.ppo.training import train
+from agents.ppo.training import train_ppo
 from experiments import ship_policy
 from experiments.ship_policy import main, thinned
 
@@ -44,7 +44,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         eval_episodes=2,
         seed=3,
     )
-    train(config, lambda _: None, Silent)
+    train_ppo(config, lambda _: None, Silent)
     return folder / "run"
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.evaluation.run import Player
-from agents.evaluation.store import read_result
+from agents.evaluation.results import read_result
+from agents.evaluation.run import Evaluator
 from experiments.ablations import reward_ablation
 from experiments.run import main
 from experiments.tables import policy_evaluation
@@ -50,7 +50,7 @@ def test_policies_are_compared_and_results_kept(
     assert early["difference"]["right"]["mean"] == pytest.approx(expected)
     page = (tmp_path / "docs" / "policies-results.md").read_text()
     assert "`ppo` is left out" in page
-    monkeypatch.setattr(Player, "play", None)  # a second run has nothing left to do
+    monkeypatch.setattr(Evaluator, "run", None)  # a second run has nothing left to do
     assert run("policy_evaluation", tmp_path) == 0
     again = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
     assert again["worlds"] == content["worlds"]
@@ -71,7 +71,7 @@ def test_parts_of_the_reward_are_compared_from_the_same_starts(
         for name, figure in found["figures"].items():
             assert figure["per_seed"] == pytest.approx([one[name] for one in played], abs=1e-4)
     assert "parts of the reward" in (tmp_path / "docs" / "policies-results.md").read_text()
-    monkeypatch.setattr(Player, "play", None)  # a second run has nothing left to do
+    monkeypatch.setattr(Evaluator, "run", None)  # a second run has nothing left to do
     assert run("reward_ablation", tmp_path, seeds=2) == 0
     assert json.loads((tmp_path / "results" / "reward_ablation.json").read_text())["worlds"] == content["worlds"]
     capsys.readouterr()

@@ -3,7 +3,15 @@ from dataclasses import dataclass, replace
 import pytest
 
 from labeling.core.errors import UsageError
-from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, Share, ShareBelowOne, check_ranges
+from labeling.runtime.ranges import (
+    NonNegative,
+    PictureHeight,
+    Positive,
+    PositiveShare,
+    Share,
+    ShareBelowOne,
+    check_ranges,
+)
 
 
 @dataclass(frozen=True)
@@ -19,10 +27,12 @@ class Settings(Base):
     average: ShareBelowOne[float] = 0.0
     edge_m: Positive[float] | None = None
     threshold: PositiveShare[float] = 1.0
+    size: PictureHeight | None = None
 
 
 def test_what_lies_within_its_range_is_accepted():
     check_ranges(Settings())
+    check_ranges(Settings(size=32))
 
 
 @pytest.mark.parametrize(
@@ -36,6 +46,7 @@ def test_what_lies_within_its_range_is_accepted():
         ({"edge_m": 0.0}, "--edge-m must be above 0, not 0.0"),
         ({"threshold": 0.0}, "--threshold must lie above 0 and at most at 1, not 0.0"),
         ({"average": 1.0}, "--average must be at least 0 and below 1, not 1.0"),
+        ({"size": 31}, "--size must be at least 32 pixels, not 31"),
     ],
 )
 def test_what_does_not_is_refused_by_name(change, message):

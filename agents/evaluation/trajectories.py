@@ -1,4 +1,4 @@
-"""Ways of policies drawn from above: where they went and looked, what they found, from which sides they saw it.
+"""Trajectories of policies from above: where they went and looked, what they found, from which sides they saw it.
 
 Pictures may show what only the simulator knows, such as where all objects stand; policies never see any of it.
 """
@@ -22,7 +22,7 @@ LETTER, LINE = 0.012, 0.03
 
 
 @dataclass(frozen=True)
-class Plan:
+class TopDownMap:
     """What does not move in an episode."""
 
     navigable: NavigableMap
@@ -33,18 +33,18 @@ class Plan:
     """Radius of the ring that shows from which sides an object has been seen."""
 
 
-def seen_from_above(env: FixationEnv) -> Plan:
-    """The plan of the scene that the env is in."""
+def top_down_map(env: FixationEnv) -> TopDownMap:
+    """The map of the scene that the env is in."""
     outlines = tuple((one.category, one.box_3d.corners()[[0, 2, 6, 4], :2]) for one in env.scene.world.objects)
     ring_m = max(0.45 * env.profile.ring_m[0], 0.9 * env.knowledge.stride_m)
-    return Plan(env.knowledge.navigable, outlines, env.knowledge.stride_m, ring_m)
+    return TopDownMap(env.knowledge.navigable, outlines, env.knowledge.stride_m, ring_m)
 
 
-def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> None:
+def draw_trajectories(scene: TopDownMap, records: Mapping[str, dict[str, Any]], path: Path) -> None:
     """Draws one episode of several policies side by side.
 
     Args:
-        plan: of the scene.
+        scene: its map.
         records: by policy, the results of episodes from the same start.
         path: PNG to write.
     """
@@ -53,7 +53,7 @@ def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> 
 
     rows = -(-len(records) // MAX_COLUMNS)
     columns = -(-len(records) // rows)
-    window = low_m, high_m = _window(plan, records)
+    window = low_m, high_m = _window(scene, records)
     aspect = float((high_m - low_m)[1] / (high_m - low_m)[0])
     figure = Figure(
         figsize=(4.6 * columns, rows * (4.6 * min(max(aspect, 0.4), 1.6) + 0.5)), dpi=110, layout="constrained"
@@ -63,10 +63,10 @@ def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> 
     for axes in panels[len(records) :]:
         axes.axis("off")
     for axes, (policy, record) in zip(panels, records.items(), strict=False):
-        _draw_plan(axes, plan)
-        _name_objects(axes, plan, window)
-        _draw_finds(axes, plan, record)
-        _draw_way(axes, plan, record)
+        _draw_map(axes, scene)
+        _name_objects(axes, scene, window)
+        _draw_found(axes, scene, record)
+        _draw_trajectory(axes, scene, record)
         axes.set_xlim(low_m[0], high_m[0])
         axes.set_ylim(low_m[1], high_m[1])
         axes.set_aspect("equal")
@@ -88,8 +88,8 @@ def draw_ways(plan: Plan, records: Mapping[str, dict[str, Any]], path: Path) -> 
         figure.savefig(temporary, format="png")
 
 
-def _window(plan: Plan, records: Mapping[str, dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the part of the map that shows all ways, with room around them."""
+def _window(scene: TopDownMap, records: Mapping[str, dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the part of the map that shows all trajectories, with room around them."""
     points = [
         point
         for record in records.values()
@@ -99,32 +99,32 @@ def _window(plan: Plan, records: Mapping[str, dict[str, Any]]) -> tuple[np.ndarr
             *(known["centroid_m"][:2] for known in record["objects"]),
         )
     ]
-    margin_m = 4.0 * plan.stride_m
-    size_m = np.array(plan.navigable.free.shape[::-1]) * plan.navigable.cell_m
-    low_m = np.maximum(np.min(points, axis=0) - margin_m, plan.navigable.origin_m - plan.stride_m)
-    high_m = np.minimum(np.max(points, axis=0) + margin_m, plan.navigable.origin_m + size_m + plan.stride_m)
+    margin_m = 4.0 * scene.stride_m
+    size_m = np.array(scene.navigable.free.shape[::-1]) * scene.navigable.cell_m
+    low_m = np.maximum(np.min(points, axis=0) - margin_m, scene.navigable.origin_m - scene.stride_m)
+    high_m = np.minimum(np.max(points, axis=0) + margin_m, scene.navigable.origin_m + size_m + scene.stride_m)
     return low_m, high_m
 
 
-def _draw_plan(axes: Any, plan: Plan) -> None:
+def _draw_map(axes: Any, scene: TopDownMap) -> None:
     """Where the robot can stand in white, the rest in grey, objects outlined."""
-    navigable = plan.navigable
+    navigable = scene.navigable
     low_m = navigable.origin_m
     high_m = low_m + np.array(navigable.free.shape[::-1]) * navigable.cell_m
     shade = np.where(navigable.free, 1.0, 0.86)
     extent = (low_m[0], high_m[0], low_m[1], high_m[1])
     axes.set_facecolor("0.86")
     axes.imshow(shade, origin="lower", extent=extent, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest")
-    for _, corners_m in plan.outlines_m:
+    for _, corners_m in scene.outlines_m:
         axes.fill(*corners_m.T, facecolor="#f2e3c6", edgecolor="0.45", linewidth=0.7, zorder=2)
 
 
-def _name_objects(axes: Any, plan: Plan, window: tuple[np.ndarray, np.ndarray]) -> None:
+def _name_objects(axes: Any, scene: TopDownMap, window: tuple[np.ndarray, np.ndarray]) -> None:
     """Writes categories on objects: large ones first, and no name over another."""
     from matplotlib.patheffects import withStroke
 
     placed: list[tuple[np.ndarray, int]] = []
-    for category, corners_m in sorted(plan.outlines_m, key=lambda one: -float(np.ptp(one[1], axis=0).prod())):
+    for category, corners_m in sorted(scene.outlines_m, key=lambda one: -float(np.ptp(one[1], axis=0).prod())):
         centre_m = corners_m.mean(axis=0)
         place = (centre_m - window[0]) / (window[1] - window[0])
         near = ((np.abs(place - there), 0.5 * LETTER * (len(category) + letters)) for there, letters in placed)
@@ -145,14 +145,14 @@ def _name_objects(axes: Any, plan: Plan, window: tuple[np.ndarray, np.ndarray]) 
         )
 
 
-def _draw_finds(axes: Any, plan: Plan, record: dict[str, Any]) -> None:
+def _draw_found(axes: Any, scene: TopDownMap, record: dict[str, Any]) -> None:
     """A ring around every confirmed object, its sectors green where it has been seen from there."""
     from matplotlib.patches import Wedge
 
     count = record["num_sectors"]
     for known in record["objects"]:
         centre = known["centroid_m"][:2]
-        radius_m = max(plan.ring_m, 0.5 * max(known["extent_m"][:2]))
+        radius_m = max(scene.ring_m, 0.5 * max(known["extent_m"][:2]))
         for sector in range(count):
             seen = sector in known["sectors"]
             axes.add_patch(
@@ -161,7 +161,7 @@ def _draw_finds(axes: Any, plan: Plan, record: dict[str, Any]) -> None:
                     radius_m,
                     360.0 * sector / count,
                     360.0 * (sector + 1) / count,
-                    width=0.22 * plan.ring_m,
+                    width=0.22 * scene.ring_m,
                     facecolor=SEEN if seen else UNSEEN,
                     edgecolor="white",
                     linewidth=0.4,
@@ -172,15 +172,15 @@ def _draw_finds(axes: Any, plan: Plan, record: dict[str, Any]) -> None:
         axes.plot(*centre, marker="+", color=SEEN, markersize=6, zorder=5)
 
 
-def _draw_way(axes: Any, plan: Plan, record: dict[str, Any]) -> None:
-    """Every place it looked from and the direction of the look, from dark to bright; collisions crossed."""
+def _draw_trajectory(axes: Any, scene: TopDownMap, record: dict[str, Any]) -> None:
+    """Every camera position and the direction of the look, from dark to bright; collisions crossed."""
     from matplotlib import colormaps
 
     places = np.array([record["start"]["position_m"], *(step["position_m"] for step in record["steps"])])
     yaws = np.array([record["start"]["yaw_rad"], *(step["yaw_rad"] for step in record["steps"])])
     colours = colormaps["plasma"](np.linspace(0.0, 0.9, len(places)))
     axes.plot(*places.T, color="0.35", linewidth=0.8, zorder=6)
-    ends = places + 0.8 * plan.stride_m * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
+    ends = places + 0.8 * scene.stride_m * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
     for place, end, colour in zip(places, ends, colours, strict=True):
         axes.plot(*np.stack([place, end]).T, color=colour, linewidth=1.1, zorder=7)
     axes.scatter(*places.T, s=14, c=colours, edgecolors="white", linewidths=0.4, zorder=8)

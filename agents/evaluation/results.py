@@ -10,10 +10,10 @@ from labeling.core.errors import UsageError
 from labeling.io.formats.atomic import write_json
 
 SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
-DECISIVE = ("env", "split", "detector", "labels", "size")
+DECISIVE_SETTINGS = ("env", "split", "detector", "labels", "size")
 """Settings that decide what an episode's result is."""
-BEFORE = {"views": [5, 10, 15, 20, 25]}
-"""Settings of folders that do not name them."""
+EARLIER_DEFAULTS = {"views": [5, 10, 15, 20, 25]}
+"""Settings of folders that are older than these settings."""
 
 
 def policy_key(policy: str, env_id: str) -> str:
@@ -38,15 +38,15 @@ def result_path(out: Path, key: str, seed: int, episode: int) -> Path:
     return out / EPISODES_FOLDER / key / f"seed{seed}-{episode:04d}.json"
 
 
-def adopt(played: Path, out: Path) -> None:
-    """Takes over episodes that were played for their labels: what a policy earns is the same with labels and without.
+def copy_results(source: Path, out: Path) -> None:
+    """Copies results of episodes that were run for their labels: the returns are the same with labels and without.
 
     Args:
-        played: folder of an evaluation with labels, of the same env, split and detector.
+        source: folder of an evaluation with labels, of the same env, split and detector.
         out: folder of one without; what it has already stays.
     """
-    for path in sorted((played / EPISODES_FOLDER).rglob("*.json")):
-        target = out / path.relative_to(played)
+    for path in sorted((source / EPISODES_FOLDER).rglob("*.json")):
+        target = out / path.relative_to(source)
         if not target.is_file():
             target.parent.mkdir(parents=True, exist_ok=True)
             write_json(target, {name: value for name, value in read_result(path).items() if name != "label_quality"})

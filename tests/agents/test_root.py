@@ -1,0 +1,34 @@
+"""What the package's root gives: light to import, every name there, every example right."""
+
+import doctest
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+import agents
+
+
+@pytest.mark.parametrize("name", agents.__all__)
+def test_every_name_is_there_and_documented(name):
+    assert getattr(agents, name).__doc__
+
+
+def test_names_that_are_not_there_are_attribute_errors():
+    with pytest.raises(AttributeError, match="no attribute 'teach'"):
+        _ = agents.teach  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "module", ["agents", "agents.policies.base", "agents.policies.registry", "agents.rollouts.recorder"]
+)
+def test_examples_run(module):
+    result = doctest.testmod(importlib.import_module(module))
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_importing_loads_nothing_heavy():
+    code = "import agents, sys; sys.exit(bool({'torch', 'mujoco', 'stable_baselines3'} & set(sys.modules)))"
+    subprocess.run([sys.executable, "-c", code], check=True)
