@@ -6,20 +6,17 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from labeling.core.errors import SbmError, UsageError
-from labeling.generator.label_jobs import Job, label_all
+from labeling.generator.label_jobs import EpisodeResult, Job, label_all
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import run_command
-
-if TYPE_CHECKING:
-    from labeling.generator.label_writer import EpisodeResult
 
 
 @dataclass(frozen=True)
@@ -45,12 +42,8 @@ class GenerateConfig:
 
 
 @dataclass(frozen=True)
-class GenerateCommand(GenerateConfig):
-    """Turns the confident detections of each episode into masks and boxes of every object in all of its views.
-
-    Writes COCO JSON (modal and amodal masks), 3-D boxes and segmented clouds. Episodes that are already labelled are
-    passed over unless their files, the settings or the program have changed.
-    """
+class GenerateCommand(GenerateConfig):  # noqa: D101 - the docstring of GenerateConfig
+    __doc__ = GenerateConfig.__doc__
 
     preset: PresetName = "default"
     """Where the settings of label generation start from: the best known, the thesis as written ("paper"), or the code
@@ -106,7 +99,7 @@ def run(config: GenerateConfig) -> None:
         raise SbmError(f"{failed} of {len(results)} episodes could not be labelled, for the reasons above")
 
 
-def _print_notes(result: "EpisodeResult") -> None:
+def _print_notes(result: EpisodeResult) -> None:
     """Says on stderr, beside the progress bar, what a user should know about an episode."""
     from tqdm import tqdm
 
@@ -125,7 +118,7 @@ def _check_out(out: Path, dataset: Path) -> None:
         raise UsageError(f"--out {out}: cannot make this folder ({error})") from None
 
 
-def _report(config: GenerateConfig, results: "list[EpisodeResult]") -> None:
+def _report(config: GenerateConfig, results: list[EpisodeResult]) -> None:
     records = [result.record for result in results if result.record is not None]
     views = sum(len(record.file_names) for record in records)
     objects = sum(len(record.objects) for record in records)

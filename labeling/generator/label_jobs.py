@@ -1,19 +1,59 @@
 """Labelling the episodes of a dataset, one after the other or in several processes side by side."""
 
+import hashlib
+import json
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labeling.core.errors import SbmError
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
+from labeling.io.file_names import DETECTIONS_3D_FILE, cloud_file
+from labeling.io.formats.atomic import write_json
+from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json, episode_record, read_record
 from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.runtime.code_digest import code_digest
 from labeling.runtime.process_pool import WorkerDiedError, run_jobs
+from labeling.runtime.provenance import package_versions
 
-if TYPE_CHECKING:
-    from labeling.generator.label_writer import EpisodeResult
+LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scipy", "hotcoco")
+"""What the labels depend on."""
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """How it went with one episode."""
+
+    name: str
+    folder: str
+    """Relative to the dataset; ``.`` if the dataset is the episode."""
+    record: EpisodeRecord | None
+    """What was labelled; None if the episode failed."""
+    error: str | None = None
+
+
+def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
+    """Changes whenever the labels of an episode might: with any input file, setting, library or generator module.
+
+    Args:
+        folder: the episode.
+        config: settings of label generation.
+        inputs: whatever else decides which views and masks are used, as JSON.
+    """
+    digest = hashlib.sha256()
+    digest.update(
+        json.dumps([SCHEMA_VERSION, asdict(config), package_versions(LIBRARIES), inputs], sort_keys=True).encode()
+    )
+    digest.update(code_digest("labeling.generator.label_jobs").encode())
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        relative = path.relative_to(folder)
+        if not any(part.startswith(".") for part in relative.parts) and relative.name != DETECTIONS_3D_FILE:
+            digest.update(str(relative).encode(errors="surrogateescape") + b"\0")
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -29,15 +69,12 @@ class Job:
     inputs: tuple[Any, ...] = ()
     """Whatever else decides what the labels are, as JSON; part of the fingerprint."""
 
-    def label_episode(self, folder: Path) -> "EpisodeResult":
+    def label_episode(self, folder: Path) -> EpisodeResult:
         """Labels one episode and writes its record and cloud, or takes what an earlier run has left."""
-        from labeling.generator.label_writer import EpisodeResult, fingerprint
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
         from labeling.io.episodes import read_episode
-        from labeling.io.file_names import cloud_file
         from labeling.io.formats.ply import write_ply
-        from labeling.io.label_records import episode_record, read_record, write_record
 
         name = folder.resolve().name
         relative = self.relative(folder)
@@ -57,7 +94,7 @@ class Job:
                 record = episode_record(episode, labels, mark, sources.origin, (*episode.notes, *sources.notes))
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)
-                write_record(record_file, record)
+                write_json(record_file, as_json(record))
         except SbmError as error:
             return EpisodeResult(name, relative, None, str(error))
         except OSError as error:
@@ -69,7 +106,7 @@ class Job:
         return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
 
 
-def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator["EpisodeResult", None, None]:
+def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator[EpisodeResult, None, None]:
     """Labels episodes.
 
     Args:
@@ -80,8 +117,6 @@ def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator["Epi
     Yields:
         How it went with each episode, in their order. Closing the generator ends the workers.
     """
-    from labeling.generator.label_writer import EpisodeResult
-
     with closing(run_jobs(job.label_episode, folders, workers, threads=None, ordered=True)) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome.error, WorkerDiedError):

@@ -4,57 +4,19 @@ Each finished episode is kept as one small record under ``episodes/``; the COCO 
 records, so that a rerun only labels what is new or has changed.
 """
 
-import hashlib
-import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+from labeling.generator.label_jobs import LIBRARIES, EpisodeResult
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, DETECTIONS_3D_FILE, MODAL_FILE, SUMMARY_FILE
+from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE
 from labeling.io.formats.atomic import write_json
 from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json
-from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import package_versions
-
-_LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scikit-learn")
-"""What the labels depend on."""
-
-
-@dataclass(frozen=True)
-class EpisodeResult:
-    """How it went with one episode."""
-
-    name: str
-    folder: str
-    """Relative to the dataset; ``.`` if the dataset is the episode."""
-    record: EpisodeRecord | None
-    """What was labelled; None if the episode failed."""
-    error: str | None = None
-
-
-def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
-    """Changes whenever the labels of an episode might: with any input file, setting, library or generator module.
-
-    Args:
-        folder: the episode.
-        config: settings of label generation.
-        inputs: whatever else decides which views and masks are used, as JSON.
-    """
-    digest = hashlib.sha256()
-    digest.update(
-        json.dumps([SCHEMA_VERSION, asdict(config), package_versions(_LIBRARIES), inputs], sort_keys=True).encode()
-    )
-    digest.update(code_digest("labeling.generator.label_jobs").encode())
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        relative = path.relative_to(folder)
-        if not any(part.startswith(".") for part in relative.parts) and relative.name != DETECTIONS_3D_FILE:
-            digest.update(str(relative).encode(errors="surrogateescape") + b"\0")
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 def write_label_set(
@@ -149,7 +111,7 @@ def _summary(out: Path, dataset: Path, config: LabelConfig, results: Sequence[Ep
         "dataset": Path(os.path.relpath(dataset.resolve(), out.resolve())).as_posix(),
         "dataset_as_given": str(dataset),
         "config": asdict(config),
-        "versions": package_versions(_LIBRARIES),
+        "versions": package_versions(LIBRARIES),
         "episodes": [
             {
                 "name": one.name,

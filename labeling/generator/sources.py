@@ -7,8 +7,6 @@ from typing import Any
 
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, UsageError
-from labeling.core.masks import box_xywh
-from labeling.core.rle import encode_mask
 from labeling.core.types import Detection
 from labeling.detectors.run_detector import detector_by_name, run_detector
 from labeling.generator.detection_pooling import pool_detections
@@ -16,7 +14,7 @@ from labeling.generator.objects.weak_supervision import one_view_per_object
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.coco import CategoryTable, read_detections, read_shared_file
-from labeling.io.episodes import NAMING_FILES
+from labeling.io.episodes import NAMING_FILES, detection_record
 from labeling.io.formats.atomic import write_json
 from labeling.io.formats.checked_json import read_json
 
@@ -88,25 +86,16 @@ def source_fingerprint(config: SourceConfig) -> list[Any]:
 def detections_record(episode: Episode, detections: tuple[Detection, ...], info: dict[str, Any]) -> dict[str, Any]:
     """Detections as one COCO file, which ``--detections`` takes as well."""
     height_px, width_px = episode.size
-    names = list(dict.fromkeys([*episode.categories, *(one.category for one in detections)]))
+    names = dict.fromkeys([*episode.categories, *(one.category for one in detections)])
+    ids = {name: number for number, name in enumerate(names, start=1)}
     return {
         "info": info,
         "images": [
             {"id": view, "file_name": name, "width": width_px, "height": height_px}
             for view, name in enumerate(episode.file_names)
         ],
-        "categories": [{"id": number, "name": name} for number, name in enumerate(names, start=1)],
-        "annotations": [
-            {
-                "id": number,
-                "image_id": one.view_index,
-                "category_id": names.index(one.category) + 1,
-                "segmentation": encode_mask(one.mask),
-                "bbox": list(box_xywh(one.mask)),
-                "score": one.confidence,
-            }
-            for number, one in enumerate(detections, start=1)
-        ],
+        "categories": [{"id": number, "name": name} for name, number in ids.items()],
+        "annotations": [{"id": k, **detection_record(one, ids)} for k, one in enumerate(detections, start=1)],
     }
 
 

@@ -151,7 +151,7 @@ def write_episode(folder: Path, episode: Episode) -> None:
         write_json(temporary / TRANSFORMS_FILE, _transforms(episode, frames))
         ids = {name: index + 1 for index, name in enumerate(_all_categories(episode))}
         if episode.detections is not None:
-            write_json(temporary / DETECTIONS_FILE, [_detection_record(d, ids) for d in episode.detections])
+            write_json(temporary / DETECTIONS_FILE, [detection_record(d, ids) for d in episode.detections])
         if episode.ground_truth is not None:
             write_json(temporary / TRUTH_FILE, _ground_truth_record(episode, ids))
         categories = [{"id": index, "name": name} for name, index in ids.items()]
@@ -246,7 +246,8 @@ def _all_categories(episode: Episode) -> list[str]:
     return list(dict.fromkeys([*episode.categories, *(label.category for label in labels)]))
 
 
-def _detection_record(detection: Detection, ids: dict[str, int]) -> dict:
+def detection_record(detection: Detection, ids: dict[str, int]) -> dict[str, Any]:
+    """A detection as a COCO result; ``ids`` are those of the categories."""
     return {
         "image_id": detection.view_index,
         "category_id": ids[detection.category],

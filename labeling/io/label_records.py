@@ -15,7 +15,6 @@ from jaxtyping import Bool
 from labeling.core.episode_labels import LabelledObject, Source
 from labeling.core.rle import encode_mask, rle_area, rle_box_xywh
 from labeling.core.types import Box3d, PseudoLabel
-from labeling.io.formats.atomic import write_json
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
@@ -40,11 +39,6 @@ class MaskRecord:
         area = rle_area(rle)
         return cls(rle, tuple(rle_box_xywh(rle)), area) if area else None
 
-    @classmethod
-    def from_json(cls, content: dict[str, Any] | None) -> "MaskRecord | None":
-        """The inverse of ``as_json``."""
-        return None if content is None else cls(**{**content, "bbox": tuple(content["bbox"])})
-
 
 @dataclass(frozen=True)
 class LabelRecord:
@@ -64,23 +58,9 @@ class LabelRecord:
     @classmethod
     def of(cls, label: PseudoLabel, source_episode: str | None = None) -> "LabelRecord":
         """The record of a label."""
-        return cls(
-            view=label.view_index,
-            instance_id=label.instance_id,
-            category=label.category,
-            score=round(label.confidence, 6),
-            modal=MaskRecord.of(label.modal),
-            amodal=MaskRecord.of(label.amodal),
-            source_view=label.source_view_index,
-            source_score=label.source_confidence,
-            source_episode=source_episode,
-        )
-
-    @classmethod
-    def from_json(cls, content: dict[str, Any]) -> "LabelRecord":
-        """The inverse of ``as_json``."""
-        masks = {kind: MaskRecord.from_json(content[kind]) for kind in ("modal", "amodal")}
-        return cls(**{**content, **masks})
+        named = label.view_index, label.instance_id, label.category, round(label.confidence, 6)
+        masks = MaskRecord.of(label.modal), MaskRecord.of(label.amodal)
+        return cls(*named, *masks, label.source_view_index, label.source_confidence, source_episode)
 
 
 @dataclass(frozen=True)
@@ -111,23 +91,10 @@ class ObjectRecord:
     @classmethod
     def of(cls, one: LabelledObject, shared_from: dict[str, Any] | None = None) -> "ObjectRecord":
         """The record of an object."""
-        box = one.box_3d
-        assert box is not None
-        return cls(
-            instance_id=one.instance_id,
-            category=one.category,
-            score=round(one.confidence, 6),
-            centre=box.centre_m.tolist(),
-            extent=box.extent_m.tolist(),
-            rotation=box.rotation.tolist(),
-            sources=one.sources,
-            shared_from=shared_from,
-        )
-
-    @classmethod
-    def from_json(cls, content: dict[str, Any]) -> "ObjectRecord":
-        """The inverse of ``as_json``."""
-        return cls(**{**content, "sources": tuple(Source(**one) for one in content["sources"])})
+        assert one.box_3d is not None
+        named = one.instance_id, one.category, round(one.confidence, 6)
+        centre, extent, rotation = one.box_3d.centre_m, one.box_3d.extent_m, one.box_3d.rotation
+        return cls(*named, centre.tolist(), extent.tolist(), rotation.tolist(), one.sources, shared_from)
 
     @property
     def box_3d(self) -> Box3d:
@@ -155,24 +122,16 @@ class EpisodeRecord:
     labels: tuple[LabelRecord, ...]
     ignored: tuple[IgnoredRecord, ...]
 
-    @classmethod
-    def from_json(cls, content: dict[str, Any]) -> "EpisodeRecord":
-        """The inverse of ``as_json``.
 
-        Raises:
-            KeyError: if a field is missing.
-            TypeError: if there is an unknown one.
-        """
-        ignored = (IgnoredRecord(**{**one, "modal": MaskRecord.from_json(one["modal"])}) for one in content["ignored"])
-        return cls(
-            **{
-                **content,
-                **{name: tuple(content[name]) for name in ("notes", "file_names", "categories")},
-                "objects": tuple(ObjectRecord.from_json(one) for one in content["objects"]),
-                "labels": tuple(LabelRecord.from_json(one) for one in content["labels"]),
-                "ignored": tuple(ignored),
-            }
-        )
+_PARTS = {
+    "objects": ObjectRecord,
+    "labels": LabelRecord,
+    "ignored": IgnoredRecord,
+    "sources": Source,
+    "modal": MaskRecord,
+    "amodal": MaskRecord,
+}
+"""What the JSON objects of a field become."""
 
 
 def episode_record(
@@ -187,7 +146,6 @@ def episode_record(
         sources: where the masks came from that it was labelled from.
         notes: what a user should know about it.
     """
-    height_px, width_px = episode.size
     named = (*labels.objects, *labels.ignored)
     return EpisodeRecord(
         schema_version=SCHEMA_VERSION,
@@ -195,8 +153,8 @@ def episode_record(
         name=episode.name,
         sources=sources,
         notes=tuple(notes),
-        width=width_px,
-        height=height_px,
+        width=episode.size[1],
+        height=episode.size[0],
         file_names=episode.file_names,
         categories=tuple(dict.fromkeys([*episode.categories, *(one.category for one in named)])),
         objects=tuple(ObjectRecord.of(one) for one in labels.objects),
@@ -218,17 +176,34 @@ def as_json(record: Any) -> Any:
     return [as_json(one) for one in record] if isinstance(record, list | tuple) else record
 
 
-def write_record(path: Path, record: EpisodeRecord) -> None:
-    """Writes the record of an episode, atomically."""
-    write_json(path, as_json(record))
+def from_json(kind: type, content: dict[str, Any]) -> Any:
+    """The inverse of ``as_json``.
+
+    Args:
+        kind: of record.
+        content: JSON values.
+
+    Raises:
+        TypeError: if a field is missing or unknown, or holds something else.
+    """
+    values = {}
+    for name, value in content.items():
+        part = _PARTS.get(name)
+        if part and isinstance(value, list):
+            value = tuple(from_json(part, one) for one in value)
+        elif part and isinstance(value, dict):
+            value = from_json(part, value)
+        elif name in ("notes", "file_names", "categories", "bbox"):
+            value = tuple(value)
+        values[name] = value
+    return kind(**values)
 
 
 def read_record(path: Path, fingerprint: str) -> EpisodeRecord | None:
     """The record of a finished episode, if there is one that can be read and has this fingerprint."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        if isinstance(content, dict) and content.get("fingerprint") == fingerprint:
-            return EpisodeRecord.from_json(content)
-    except (OSError, ValueError, RecursionError, KeyError, TypeError):
-        pass  # labelled again
-    return None
+        fits = isinstance(content, dict) and content.get("fingerprint") == fingerprint
+        return from_json(EpisodeRecord, content) if fits else None
+    except (OSError, ValueError, RecursionError, AttributeError, TypeError):
+        return None  # labelled again

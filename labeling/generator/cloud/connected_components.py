@@ -1,4 +1,4 @@
-"""Points of a segment that lie apart from it: noise of depth and pose, the ground, other objects."""
+"""Connected components of a segment that are no part of it: noise of depth and pose, the ground, other objects."""
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
@@ -15,30 +15,27 @@ def detached_points(
     reach: float = np.inf,
     support: Float32[np.ndarray, "n"] | None = None,
 ) -> Bool[np.ndarray, "n"]:
-    """Points in pieces of their object that lie too far away to be a part of it, or hold too little of it.
+    """Points in connected components of their object that are too far from it, or too small, to be a part of it.
 
     Args:
         points: world points, metres.
         object_of_point: index of the object, -1 for none.
         num_objects: how many objects there are.
-        gap_m: pieces nearer to each other than about this are one piece.
-        min_share: pieces with less than this share of the object's points are strays. An object that another one
-            hides in part falls into a few large pieces: these stay.
-        reach: so are pieces, whatever their size, that are further from the body, and from all that is part of it, than
-            this share of the body's diagonal.
-        support: how far detections say of each point that it is its object's. The piece with the most is the body; by
-            default the one with the most points.
-
-    Returns:
-        Whether each point is a stray.
+        gap_m: components nearer to each other than about this are one.
+        min_share: components with less than this share of the object's points are detached. An object that another one
+            hides in part falls into a few large components: these stay.
+        reach: so are components of any size that are further from the body, and from all that is part of it, than this
+            share of the body's diagonal.
+        support: sum of the confidences of the detections of its object at each point. The component with the most is
+            the body; by default the one with the most points.
     """
-    strays = np.zeros(len(points), bool)
+    detached = np.zeros(len(points), bool)
     for k in range(num_objects):
         members = np.flatnonzero(object_of_point == k)
         if len(members) == 0:
             continue
         own = points[members]
-        piece = _pieces(own, gap_m)
+        piece = _components(own, gap_m)
         size = np.bincount(piece)
         known = size if support is None else np.bincount(piece, weights=support[members].astype(float))
         body = int(known.argmax() if known.any() else size.argmax())
@@ -47,11 +44,11 @@ def detached_points(
             kept = _within_reach(own, piece, size >= min_share * size[body], body, reach)
         kept &= size >= min_share * size[kept].sum()
         kept[body] = True
-        strays[members[~kept[piece]]] = True
-    return strays
+        detached[members[~kept[piece]]] = True
+    return detached
 
 
-def _pieces(points, gap_m: float) -> Int32[np.ndarray, "n"]:
+def _components(points, gap_m: float) -> Int32[np.ndarray, "n"]:
     """Numbers of the connected pieces that points lie in, from 0."""
     from scipy import ndimage
 

@@ -38,7 +38,7 @@ def segment_outliers(
         num_objects: how many objects there are.
         voxel_m: edge of a voxel.
         config: settings; ``segment_outliers`` says by which rule.
-        support: how far detections say of each point that it is its object's, if that is known.
+        support: sum of the confidences of the detections of its object at each point, if that is known.
     """
     if config.segment_outliers == "pieces" and not config.published.first_two_outliers:
         gap_m = COMPONENT_GAP_VOXELS * voxel_m

@@ -77,17 +77,13 @@ def with_label_defects(labels: Sequence[PseudoLabel], defects: PublishedDefects)
     """
     found = list(labels)
     if defects.drifting_classes or defects.whole_masks_only:
-        found = [left for view in _by_view(labels) for left in _written(view, defects)]
+        views = dict.fromkeys(one.view_index for one in labels)
+        found = [
+            left for view in views for left in _written([one for one in labels if one.view_index == view], defects)
+        ]
     if defects.full_confidence:
         found = [replace(one, confidence=1.0, source_confidence=1.0) for one in found]
     return tuple(found)
-
-
-def _by_view(labels: Sequence[PseudoLabel]) -> list[list[PseudoLabel]]:
-    views: dict[int, list[PseudoLabel]] = {}
-    for one in labels:
-        views.setdefault(one.view_index, []).append(one)
-    return list(views.values())
 
 
 def _written(labels: Sequence[PseudoLabel], defects: PublishedDefects) -> list[PseudoLabel]:

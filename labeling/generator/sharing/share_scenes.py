@@ -14,8 +14,7 @@ from labeling.core.episode_labels import LabelledObject
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.rle import decode_mask
 from labeling.core.types import PseudoLabel
-from labeling.generator.label_jobs import Job
-from labeling.generator.label_writer import EpisodeResult
+from labeling.generator.label_jobs import EpisodeResult, Job
 from labeling.generator.sharing.scene_objects import (
     ObjectMasks,
     ObjectObservation,

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float32, Int32
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
-from labeling.core.masks import box_xywh
+from labeling.core.masks import box_xyxy
 from labeling.core.splatting import silhouettes
 from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.outliers import segment_outliers
@@ -81,16 +81,16 @@ def label_per_detection(
     sources = [candidate.sources[0].detection for candidate in candidates]
     labels = _draw_all(fused, sources, probability, scale, config)
     kept = sorted({label.instance_id for label in labels})
-    number = {old: new for new, old in enumerate(kept, start=1)}
+    instance_id = {segment: number for number, segment in enumerate(kept, start=1)}
+    chance = probability[:, [segment - 1 for segment in kept]]
     objects = []
-    for old in kept:
-        detection = sources[old - 1]
+    for number, segment in enumerate(kept, start=1):
+        detection = sources[segment - 1]
         source = Source(detection.view_index, float(detection.confidence), detection.category)
-        members = fused.cloud.points[probability[:, old - 1] > 0.5]
+        members = fused.cloud.points[chance[:, number - 1] > 0.5]
         box = fit_box(members, margin_m=fused.cloud.voxel_m) if len(members) else None
-        objects.append(LabelledObject(number[old], detection.category, source.confidence, box, (source,)))
-    final = [replace(label, instance_id=number[label.instance_id]) for label in labels]
-    chance = probability[:, [old - 1 for old in kept]]
+        objects.append(LabelledObject(number, detection.category, source.confidence, box, (source,)))
+    final = [replace(label, instance_id=instance_id[label.instance_id]) for label in labels]
     cloud = SegmentedCloud(fused.cloud.points, fused.cloud.colours, _first_owner(chance), chance)
     return EpisodeLabels(tuple(objects), with_label_defects(final, config.published), cloud, scale)
 
@@ -164,12 +164,9 @@ def non_maximum_suppression(drawn: Sequence[SegmentMasks], last_wins: bool = Fal
     """
     kept: list[SegmentMasks] = []
     for one in drawn:
-        if any(_is_duplicate(one, other) for other in kept):
-            continue
-        kept.append(one)
-    if not kept:
-        return []
-    taken, left = np.zeros(kept[0].modal.shape, bool), []
+        if not any(_is_duplicate(one, other) for other in kept):
+            kept.append(one)
+    taken, left = np.zeros(kept[0].modal.shape if kept else (), bool), []
     for one in reversed(kept) if last_wins else kept:
         modal = one.modal & ~taken
         taken = taken | one.modal
@@ -183,12 +180,10 @@ def _is_duplicate(a: SegmentMasks, b: SegmentMasks) -> bool:
     if a.category == b.category:
         shared = np.count_nonzero(a.modal & b.modal)
         return bool(shared >= NMS_OVERLAP * min(np.count_nonzero(a.modal), np.count_nonzero(b.modal)))
-    left_a, top_a, width_a, height_a = box_xywh(a.amodal)
-    left_b, top_b, width_b, height_b = box_xywh(b.amodal)
-    across = min(left_a + width_a, left_b + width_b) - max(left_a, left_b)
-    down = min(top_a + height_a, top_b + height_b) - max(top_a, top_b)
-    shared = max(0.0, across) * max(0.0, down)
-    return shared > NMS_OVERLAP * (width_a * height_a + width_b * height_b - shared)
+    box_a, box_b = np.array(box_xyxy(a.amodal)), np.array(box_xyxy(b.amodal))
+    low, high = np.maximum(box_a[:2], box_b[:2]), np.minimum(box_a[2:], box_b[2:])
+    shared = np.prod(np.maximum(high - low, 0))
+    return bool(shared > NMS_OVERLAP * (np.prod(box_a[2:] - box_a[:2]) + np.prod(box_b[2:] - box_b[:2]) - shared))
 
 
 def _first_owner(probability: Float32[np.ndarray, "n k"]) -> Int32[np.ndarray, "n"]:

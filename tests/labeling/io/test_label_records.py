@@ -6,14 +6,15 @@ import pytest
 
 from labeling.core.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject, SegmentedCloud, Source
 from labeling.core.types import Box3d, PseudoLabel
+from labeling.io.formats.atomic import write_json
 from labeling.io.label_records import (
     EpisodeRecord,
     LabelRecord,
     ObjectRecord,
     as_json,
     episode_record,
+    from_json,
     read_record,
-    write_record,
 )
 
 from ..synthetic_room import make_episode
@@ -37,9 +38,9 @@ def record() -> EpisodeRecord:
 
 
 def test_a_record_is_read_as_it_was_written(record: EpisodeRecord, tmp_path) -> None:
-    write_record(tmp_path / "room.json", record)
+    write_json(tmp_path / "room.json", as_json(record))
     assert read_record(tmp_path / "room.json", "mark") == record
-    assert EpisodeRecord.from_json(json.loads(json.dumps(as_json(record)))) == record
+    assert from_json(EpisodeRecord, json.loads(json.dumps(as_json(record)))) == record
 
 
 def test_masks_are_those_of_the_labels(record: EpisodeRecord) -> None:
@@ -55,9 +56,9 @@ def test_masks_are_those_of_the_labels(record: EpisodeRecord) -> None:
 def test_what_is_shared_says_where_from_and_nothing_else_does(record: EpisodeRecord) -> None:
     assert "source_episode" not in as_json(record.labels[0])
     shared = replace(record.labels[0], source_episode="other")
-    assert LabelRecord.from_json(as_json(shared)) == shared
+    assert from_json(LabelRecord, as_json(shared)) == shared
     one = replace(record.objects[0], shared_from={"episode": "other", "instance_id": 4})
-    assert ObjectRecord.from_json(as_json(one)) == one
+    assert from_json(ObjectRecord, as_json(one)) == one
     np.testing.assert_array_equal(one.box_3d.extent_m, [1, 2, 3])
 
 
