@@ -15,6 +15,7 @@ from labeling.core.types import Box3d
 from labeling.io.coco import read_box_3d
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.formats.checked_json import Json, read_json
+from labeling.io.label_set import stated_dataset
 
 BOX_TOLERANCE_PX = 1.0
 SAME_CATEGORY_OVERLAP, ANY_CATEGORY_OVERLAP = 0.5, 0.8
@@ -222,22 +223,8 @@ def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]
     stated = {episode.text("name") for episode in summary.list_of("episodes")}
     for name in sorted(set(known.episodes.values()) - stated):
         yield f"{summary.where('episodes')}: does not tell of episode {name}, which has images"
-    dataset = _dataset(folder, summary)
-    if dataset is not None:
-        yield from _missing_pictures(folder, dataset)
-
-
-def _dataset(folder: Path, summary: Json) -> Path | None:
-    """The dataset, if it still is where the label set says; a label set may be looked at without it."""
-    if not summary.has("dataset"):
-        return None
-    for path in (folder.resolve() / summary.text("dataset"), Path(summary.text("dataset"))):
-        if path.is_dir():
-            return path
-    return None
-
-
-def _missing_pictures(folder: Path, dataset: Path) -> Iterator[str]:
-    for image in read_json(folder / MODAL_FILE).list_of("images"):
-        if not (dataset / image.text("file_name")).is_file():
-            yield f"{image.where('file_name')}: {image.text('file_name')!r} is not in {dataset}"
+    dataset = stated_dataset(folder, summary)
+    if dataset is not None and dataset.is_dir():  # a label set may be looked at without its dataset
+        for image in read_json(folder / MODAL_FILE).list_of("images"):
+            if not (dataset / image.text("file_name")).is_file():
+                yield f"{image.where('file_name')}: {image.text('file_name')!r} is not in {dataset}"

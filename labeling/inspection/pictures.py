@@ -11,7 +11,7 @@ from labeling.core.splatting import splat
 from labeling.core.types import BOX_EDGES
 from labeling.core.views import Camera
 from labeling.inspection.scene import LabelledScene
-from labeling.io.formats.atomic import atomic_file
+from labeling.io.formats.atomic import write_png
 
 SIZE = (720, 960)
 """Height and width of a picture in pixels."""
@@ -42,10 +42,7 @@ def write_pictures(scene: LabelledScene, folder: Path, viewpoints: int = 3) -> l
         pose = look_at(centre + distance_m * direction / np.linalg.norm(direction), centre)
         open_side = shown & ~_in_front(scene, centre, direction)
         file = folder / f"{scene.name}_{name}.png"
-        ok, encoded = cv2.imencode(".png", cv2.cvtColor(draw(scene, open_side, pose), cv2.COLOR_RGB2BGR))
-        assert ok
-        with atomic_file(file) as temporary:
-            temporary.write_bytes(encoded.tobytes())
+        write_png(file, draw(scene, open_side, pose))
         files.append(file)
     return files
 

@@ -12,9 +12,9 @@ from labeling.core.views import Camera
 from labeling.io.coco import read_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
-from labeling.io.formats.checked_json import read_json
+from labeling.io.formats.checked_json import Json, read_json
 from labeling.io.formats.ply import hues, read_ply
-from labeling.io.label_set import recording_config
+from labeling.io.label_set import recording_config, stated_dataset
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
                     for box in boxes
                     if box.text("episode") == episode.text("name")
                 ],
-                _cameras(folder, summary.mapping(), episode.text("name")),
+                _cameras(folder, summary, episode.text("name")),
             )
             for episode in labelled
         ]
@@ -89,17 +89,16 @@ def _scene(folder: Path, name: str, boxes: list[tuple[str, float, Box3d]], camer
     )
 
 
-def _cameras(folder: Path, provenance: dict, name: str) -> tuple[Camera, ...]:
+def _cameras(folder: Path, summary: Json, name: str) -> tuple[Camera, ...]:
     """Where the views were taken from; nothing if the recording cannot be found any more."""
     from labeling.io.recordings.layouts import frames_of
     from labeling.io.recordings.pictures import read_colour
 
-    stated = str(provenance.get("dataset", ""))
-    dataset = next((path for path in (folder.resolve() / stated, Path(stated)) if stated and path.is_dir()), None)
-    if dataset is None:
+    dataset = stated_dataset(folder, summary)
+    if dataset is None or not dataset.is_dir():
         return ()
     try:
-        config = recording_config(provenance)
+        config = recording_config(summary.mapping())
         episode = next(path for path in find_episodes(dataset, config) if path.resolve().name == name)
         frames = frames_of(episode, config).frames
         size = read_colour(frames[0].colour_file).shape[:2]

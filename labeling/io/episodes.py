@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -26,7 +25,7 @@ from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d, Detection
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRANSFORMS_FILE, TRUTH_FILE
-from labeling.io.formats.atomic import atomic_folder, write_json
+from labeling.io.formats.atomic import atomic_folder, write_json, write_png
 from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 
@@ -134,13 +133,11 @@ def write_episode(folder: Path, episode: Episode) -> None:
         2.0
     """
     with atomic_folder(folder) as temporary:
-        (temporary / "rgb").mkdir()
-        (temporary / "depth").mkdir()
         frames = []
         for view in range(episode.num_views):
             rgb_name, depth_name = f"rgb/{view:03d}.png", f"depth/{view:03d}.png"
-            _write_png(temporary / rgb_name, cv2.cvtColor(episode.rgb[view], cv2.COLOR_RGB2BGR))
-            _write_png(temporary / depth_name, _depth_to_units(episode.depth_m[view]))
+            write_png(temporary / rgb_name, episode.rgb[view])
+            write_png(temporary / depth_name, _depth_to_units(episode.depth_m[view]))
             frames.append(
                 {
                     "file_path": rgb_name,
@@ -206,12 +203,6 @@ def _undistorted_masks(episode: Episode, loaded: "LoadedViews") -> Episode:
 
 
 # Writing -------------------------------------------------------------------------------------------------------------
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    ok, encoded = cv2.imencode(".png", image)
-    assert ok
-    path.write_bytes(encoded.tobytes())
 
 
 def _depth_to_units(depth_m: Float32[np.ndarray, "h w"]) -> np.ndarray:

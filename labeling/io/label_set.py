@@ -77,7 +77,7 @@ def read_label_set(folder: Path) -> LabelSet:
             if amodal_sizes != sizes:
                 raise LabelFormatError(f"{folder / AMODAL_FILE}: images are not those of {MODAL_FILE}")
         provenance = read_json(folder / SUMMARY_FILE) if (folder / SUMMARY_FILE).is_file() else None
-        dataset = _dataset(folder, provenance)
+        dataset = stated_dataset(folder, provenance) if provenance else None
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
     return LabelSet(
@@ -106,11 +106,11 @@ def recording_config(provenance: dict[str, Any]) -> RecordingConfig:
     return config
 
 
-def _dataset(folder: Path, provenance: Json | None) -> Path | None:
-    """Where the dataset lies; a relative path starts at the label set, or failing that at the working directory."""
-    if provenance is None or not provenance.has("dataset"):
+def stated_dataset(folder: Path, summary: Json) -> Path | None:
+    """Where a label set says that its dataset lies: beside the label set or, failing that, the working directory."""
+    if not summary.has("dataset"):
         return None
-    stated = Path(provenance.text("dataset"))
+    stated = Path(summary.text("dataset"))
     beside = folder.resolve() / stated
     return beside if not stated.is_absolute() and beside.is_dir() else stated
 

@@ -13,7 +13,7 @@ import numpy as np
 from labeling.core.errors import UsageError
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
-from labeling.io.formats.atomic import atomic_folder, write_json
+from labeling.io.formats.atomic import atomic_folder, write_json, write_png
 from labeling.io.formats.checked_json import read_json
 from labeling.runtime.process_pool import map_jobs
 from labeling.runtime.run_folder import claim_run_folder
@@ -138,13 +138,10 @@ def make_set(folder: Path, settings: AlbumSettings, number: int) -> list[dict[st
     """
     place = folder / PICTURES_FOLDER / f"{number:05d}"
     if not (place / SET_FILE).is_file():
-        import cv2
-
         records = []
         with atomic_folder(place) as temporary:
             for index, one in enumerate(photographs_of_set(settings, number)):
-                _, encoded = cv2.imencode(".png", one.rgb[..., ::-1])
-                (temporary / f"{index}.png").write_bytes(encoded.tobytes())
+                write_png(temporary / f"{index}.png", one.rgb)
                 records.append(_record(f"{index}.png", one))
             write_json(temporary / SET_FILE, {"photographs": records})
     # Read back in any case, so that records are the same whether just made or found.

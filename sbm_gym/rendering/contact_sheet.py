@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from labeling.io.formats.atomic import atomic_file
+from labeling.io.formats.atomic import write_png
 
 _MARGIN_PX, _CAPTION_PX = 4, 16
 _PAPER, _INK = 245, (40, 40, 40)
@@ -42,8 +42,5 @@ def contact_sheet(
 
 def write_sheet(path: Path, tiles: Sequence[tuple[UInt8[np.ndarray, "h w 3"], str]], columns: int) -> Path:
     """Writes ``contact_sheet`` as a PNG; returns its path."""
-    _, encoded = cv2.imencode(".png", contact_sheet(tiles, columns)[..., ::-1])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+    write_png(path, contact_sheet(tiles, columns))
     return path

@@ -7,7 +7,6 @@ from typing import Any
 
 from labeling.evaluation.compare import FIGURES, Evaluation, categories_by_presence
 from labeling.evaluation.records import EpisodeRecords
-from labeling.evaluation.report.pictures import jpeg_data_uri, thumbnail_size
 from labeling.evaluation.report.templates import template
 from labeling.evaluation.report.view_panels import ShownViews, draw_views
 from labeling.io.formats.atomic import atomic_file
@@ -41,16 +40,12 @@ def write_report(
 def render_report(evaluation: Evaluation, shown: ShownViews) -> str:
     """The page as text."""
     metrics = evaluation.metrics
-    pictures = []
-    for image_id, rgb in shown.pictures.items():
-        height_px, width_px = thumbnail_size(*rgb.shape[:2])
-        pictures.append({"id": image_id, "width_px": width_px, "height_px": height_px, "data_uri": jpeg_data_uri(rgb)})
     return template("report.html.jinja").render(
         name=Path(metrics["dataset"]).resolve().name,
         metrics=metrics,
         figures=FIGURES,
         categories=categories_by_presence(metrics)[0],
-        pictures=pictures,
+        thumbnails=shown.thumbnails,
         worst=shown.worst,
         views=shown.views,
         views_of_episode=shown.of_episode,

@@ -50,13 +50,25 @@ def thumbnail_size(height_px: int, width_px: int) -> tuple[int, int]:
     return max(1, round(height_px * scale)), max(1, round(width_px * scale))
 
 
-def jpeg_data_uri(rgb: UInt8[np.ndarray, "h w 3"]) -> str:
-    """A thumbnail of a picture as a ``data:`` address."""
+@dataclass(frozen=True)
+class Thumbnail:
+    """A small picture of a view."""
+
+    image_id: str
+    """Of the SVG element that holds it."""
+    height_px: int
+    width_px: int
+    data_uri: str
+    """A JPEG, as a ``data:`` address."""
+
+
+def thumbnail(image_id: str, rgb: UInt8[np.ndarray, "h w 3"]) -> Thumbnail:
+    """A small picture of a view, to stand in an SVG element of this id."""
     height_px, width_px = thumbnail_size(*rgb.shape[:2])
     small = cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    ok, encoded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert ok
-    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
+    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    data_uri = "data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode("ascii")
+    return Thumbnail(image_id, height_px, width_px, data_uri)
 
 
 def mask_path(mask: Bool[np.ndarray, "h w"], scale: float) -> str:

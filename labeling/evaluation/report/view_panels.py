@@ -4,15 +4,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
-from jaxtyping import UInt8
 
 from labeling.core.episode import Episode
 from labeling.core.rle import decode_mask
 from labeling.evaluation.compare import Case, Evaluation
 from labeling.evaluation.records import EpisodeRecords
-from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail_size
+from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, Thumbnail, panel, thumbnail
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
 from labeling.metrics.matching import MaskInstance, instances_of, match
@@ -61,8 +59,7 @@ class ShownViews:
     """What the report shows of the views."""
 
     views: dict[View, ViewComparison]
-    pictures: dict[str, UInt8[np.ndarray, "h w 3"]]
-    """Element id -> thumbnail."""
+    thumbnails: tuple[Thumbnail, ...]
     worst: tuple[Case, ...]
     """One case a view, the worst first."""
     of_episode: dict[str, tuple[View, ...]]
@@ -114,7 +111,7 @@ def draw_views(
     of_episode = choose_views(evaluation.episodes, max_views - len(worst))
     wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
     compared: dict[View, ViewComparison] = {}
-    pictures: dict[str, UInt8[np.ndarray, "h w 3"]] = {}
+    thumbnails: list[Thumbnail] = []
     for number, records in enumerate(progress(evaluation.episodes)):
         views = [view for view in records.views if view in wanted]
         if not views:
@@ -123,15 +120,9 @@ def draw_views(
         labels = [item for item in evaluation.labels.modal if item.image[0] == records.name]
         for view in views:
             image_id = f"e{number}v{view[1]}"
-            pictures[image_id] = _thumbnail(episode.rgb[view[1]])
+            thumbnails.append(thumbnail(image_id, episode.rgb[view[1]]))
             compared[view] = _compare(episode, records, view, [item for item in labels if item.image == view], image_id)
-    return ShownViews(compared, pictures, worst, of_episode)
-
-
-def _thumbnail(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "small_h small_w 3"]:
-    """A small copy, so that the pictures of large episodes need not stay in memory."""
-    height_px, width_px = thumbnail_size(*rgb.shape[:2])
-    return cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    return ShownViews(compared, tuple(thumbnails), worst, of_episode)
 
 
 def _compare(

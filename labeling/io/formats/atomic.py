@@ -7,7 +7,10 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @contextlib.contextmanager
@@ -48,3 +51,12 @@ def write_json(path: Path, content: Any) -> None:
     """Writes JSON atomically; refuses NaN and infinity, which are not JSON."""
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def write_png(path: Path, picture: "np.ndarray") -> None:
+    """Writes a picture atomically: RGB, or one channel of 8 or 16 bits."""
+    import cv2
+
+    _, encoded = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(encoded.tobytes())

@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 from labeling.core.masks import mask_iou
 from labeling.evaluation.compare import Case, evaluate_label_set
 from labeling.evaluation.report.html import write_report
-from labeling.evaluation.report.pictures import Overlay, jpeg_data_uri, mask_path, panel, shorten, thumbnail_size
+from labeling.evaluation.report.pictures import Overlay, mask_path, panel, shorten, thumbnail, thumbnail_size
 from labeling.evaluation.report.view_panels import choose_worst
 
 VOID = {"meta", "br", "img", "link", "input"}
@@ -218,10 +218,10 @@ def test_thumbnails_are_small_and_keep_their_shape(height_px, width_px):
     assert abs(small_width_px - width_px * scale) < 1
 
 
-def test_jpeg_data_uri_holds_the_picture():
+def test_thumbnails_hold_the_picture():
     rgb = np.zeros((480, 640, 3), np.uint8)
     rgb[:, :320] = (200, 30, 60)
-    kind, content = jpeg_data_uri(rgb).split(",")
+    kind, content = thumbnail("view", rgb).data_uri.split(",")
     assert kind == "data:image/jpeg;base64"
     decoded = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR)
     assert decoded is not None
