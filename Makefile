@@ -19,9 +19,9 @@ types: $(INSTALLED)
 	$(BIN)/pyright
 
 tests: $(INSTALLED)
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist worksteal
 
-# The tests that take longer than a minute each.
+# The tests that take longer than a minute each, and the laws of worlds in all named scenes.
 slow: $(INSTALLED)
 	$(BIN)/pytest -m slow
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from labeling.metrics.mask_ap import average_precision
     from labeling.metrics.matching import MaskInstance
 
+__version__ = "0.1.0"
+
 _MODULES = {
     "Box3d": "core.types",
     "Camera": "core.views",

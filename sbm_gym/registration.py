@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import gymnasium
-
 if TYPE_CHECKING:
     from sbm_gym.scenes.profiles import WorldProfile
     from sbm_gym.worlds.world import World
@@ -29,6 +27,11 @@ def register_envs() -> None:
     >>> "sbm_gym/Indoor-v0" in gymnasium.registry
     True
     """
+    try:
+        import gymnasium
+    except ModuleNotFoundError:  # the extra "sim" is not installed; commands answer --help all the same
+        return
+
     for env_id, kwargs in ENV_IDS.items():
         if env_id not in gymnasium.registry:
             gymnasium.register(

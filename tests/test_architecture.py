@@ -1,5 +1,7 @@
 """House rules that a machine can check: which way imports go, how full a folder is, where commands stand."""
 
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -7,6 +9,8 @@ from collections import Counter
 from graphlib import TopologicalSorter
 
 import pytest
+
+from labeling.runtime.extras import EXTRAS
 
 from .imports import (
     PACKAGES,
@@ -24,7 +28,6 @@ from .imports import (
 )
 
 COMMANDS = commands()
-HEAVY = ("torch", "torchvision", "open3d", "sklearn", "scipy", "numba", "mujoco", "stable_baselines3", "matplotlib")
 MOST_MODULES = 15
 """In one folder: what fits on a screen."""
 
@@ -122,22 +125,37 @@ def test_what_the_packages_read_is_installed_with_them():
         path
         for package in PACKAGES
         for path in (ROOT / package).rglob("*.*")
-        if path.is_file() and path.suffix not in (".py", ".pyc", ".nbi", ".nbc") and "results" not in path.parts
+        if path.is_file()
+        and path.suffix not in (".py", ".typed", ".pyc", ".nbi", ".nbc")
+        and "results" not in path.parts
     }
     assert data
     assert data <= shipped
 
 
+ABSENT = """
+import sys
+from importlib.abc import MetaPathFinder
+class Absent(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in {names!r}:
+            raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
+sys.meta_path.insert(0, Absent())
+import runpy
+"""
+"""A program's first lines, in which modules cannot be imported."""
+
+
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_answers_without_loading_anything_heavy(command):
-    program = (
-        "import runpy, sys\n"
+def test_help_answers_where_no_extra_is_installed_and_loads_nothing_heavy(command):
+    heavy = ("scipy", "numba", "cv2")
+    program = ABSENT.format(names=set(EXTRAS)) + (
         f"sys.argv = ['python -m {command}', '--help']\n"
         "try:\n"
         f"    runpy.run_module({command!r}, run_name='__main__')\n"
         "except SystemExit as end:\n"
         "    assert end.code in (0, None), end.code\n"
-        f"loaded = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        f"loaded = [name for name in {heavy!r} if name in sys.modules]\n"
         "assert not loaded, loaded\n"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
@@ -145,19 +163,75 @@ def test_help_answers_without_loading_anything_heavy(command):
     assert "usage" in result.stdout.lower()
 
 
-def test_labeling_runs_where_no_simulator_is_installed(tmp_path, apc_shelf):
-    program = (
-        "import sys\n"
-        "from importlib.abc import MetaPathFinder\n"
-        "class Absent(MetaPathFinder):\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name.split('.')[0] in ('mujoco', 'gymnasium', 'stable_baselines3', 'torch', 'open3d'):\n"
-        "            raise ModuleNotFoundError(name)\n"
-        "sys.meta_path.insert(0, Absent())\n"
-        "import runpy\n"
+def test_a_missing_extra_is_one_sentence_that_names_it(tmp_path):
+    program = ABSENT.format(names=set(EXTRAS)) + (
+        f"sys.argv = ['train', '--env', 'sbm_gym/Indoor-v0', '--out', {str(tmp_path / 'run')!r}, '--seed', '1']\n"
+        "runpy.run_module('agents.train', run_name='__main__')\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
+    assert result.returncode == 2, result.stderr
+    assert result.stderr == ("error: python -m agents.train needs the extra 'rl': pip install 'seeing-by-moving[rl]'\n")
+
+
+def test_every_import_is_declared():
+    """A package imports what plain installation brings, and what its extras bring; each extra lists what it is for."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    renamed = {"cv2": "opencv-python-headless", "OpenGL": "pyopengl", "PIL": "pillow", "pydensecrf": "pydensecrf2"}
+    renamed |= {"sklearn": "scikit-learn", "yaml": "pyyaml", "markupsafe": "jinja2"}  # which needs it
+
+    def listed(requirements):
+        return {re.split(r"[<>=\[]", requirement)[0] for requirement in requirements}
+
+    imported = {
+        name.partition(".")[0]
+        for package in PACKAGES
+        for path in modules(package).values()
+        for name in imported_names(syntax_tree(path))
+    } - {*sys.stdlib_module_names, *PACKAGES}
+    for name in imported:
+        distribution = renamed.get(name, name.replace("_", "-"))
+        requirements = project["optional-dependencies"][EXTRAS[name]] if name in EXTRAS else project["dependencies"]
+        assert distribution in listed(requirements), name
+
+
+def test_labeling_runs_where_no_extra_is_installed(tmp_path, apc_shelf):
+    program = ABSENT.format(names=set(EXTRAS)) + (
         f"sys.argv = ['generate', {str(apc_shelf)!r}, '--confident', '0.6', '--out', {str(tmp_path / 'labels')!r}]\n"
         "runpy.run_module('labeling.generate', run_name='__main__')\n"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "labels" / "instances_modal.json").is_file()
+
+
+@pytest.mark.slow
+def test_the_bare_wheel_labels_a_capture(tmp_path, apc_shelf):
+    """Built, installed with nothing but its dependencies into a fresh environment, and run away from the sources."""
+    source, labels, venv = tmp_path / "source", tmp_path / "labels", tmp_path / "venv"
+    ignored = shutil.ignore_patterns(".*", "out", "build", "*.egg-info", "tests", "__pycache__", "pictures")
+    shutil.copytree(ROOT, source, ignore=ignored)
+    pip = [str(venv / "bin" / "python"), "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    for line in (
+        [sys.executable, "-m", "venv", str(venv)],
+        [*pip, "wheel", "--no-deps", "--wheel-dir", str(tmp_path), str(source)],
+        [*pip, "install", "--constraint", str(ROOT / "constraints.txt")],
+    ):
+        line = [*line, *map(str, tmp_path.glob("*.whl"))] if "install" in line else line
+        done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    python = str(venv / "bin" / "python")
+    capture = [str(apc_shelf), "--confident", "0.6", "--out", str(labels)]
+    done = subprocess.run([python, "-m", "labeling.generate", *capture], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (labels / "instances_modal.json").is_file()
+    for absent in ("torch", "mujoco", "gymnasium", "open3d", "stable_baselines3"):
+        assert subprocess.run([python, "-c", f"import {absent}"], capture_output=True, cwd=tmp_path).returncode == 1
+    packages = next(venv.glob("lib/*/site-packages"))
+    shipped = {path.relative_to(packages) for package in PACKAGES for path in (packages / package).rglob("*.*")}
+    expected = {
+        path.relative_to(ROOT)
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.*")
+        if path.is_file() and path.suffix not in (".pyc", ".nbi", ".nbc") and "results" not in path.parts
+    }
+    assert expected <= shipped

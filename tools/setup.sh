@@ -48,7 +48,8 @@ install_python_packages() {
     }
     [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
     echo "setup: installing Python packages into $venv"
-    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+    # Twice quiet: errors only.
+    "$venv/bin/python" -m pip install --quiet --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 }
 
 install_system_packages

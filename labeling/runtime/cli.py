@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import tyro
 
 from labeling.core.errors import SbmError
+from labeling.runtime.extras import missing_extra
 from labeling.runtime.interrupts import exit_on_sigterm
 
 Config = TypeVar("Config")
@@ -35,8 +36,8 @@ def run_command(
         start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
 
     Returns:
-        The exit code: 0; 2 if something about the input is wrong, after one line on stderr; 130 if interrupted. SIGTERM
-        ends the program with 143, after it has removed temporary files.
+        The exit code: 0; 2 if something about the input is wrong or an extra is not installed, after one line on
+        stderr; 130 if interrupted. SIGTERM ends the program with 143, after it has removed temporary files.
     """
     given: dict[str, Any] = {} if start is None else {"default": start}
     try:
@@ -46,6 +47,12 @@ def run_command(
         sys.stdout.flush()
     except SbmError as error:
         print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        missing = missing_extra(error, prog)
+        if missing is None:
+            raise
+        print(f"error: {missing}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("interrupted; the same command goes on with what is missing", file=sys.stderr)
