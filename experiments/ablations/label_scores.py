@@ -51,7 +51,7 @@ def score_all(
     Raises:
         SbmError: if an episode cannot be read or labelled.
     """
-    common = [code_digest(__name__), experiment_versions()]
+    common = [code_digest(_score), experiment_versions()]
     jobs = [
         (digest(common, content, None if config is None else asdict(config)), (folder, config))
         for folder in folders  # one after the other, so that a process reads few of them

@@ -18,14 +18,6 @@ if TYPE_CHECKING:
     from labeling.detectors3d.base import Detection3d, Detector3d
     from labeling.metrics.box_ap import BoxInstance
 
-TRAIN_CODE = ("labeling.detectors3d.frustum_training", "labeling.detectors3d.frustum_samples")
-TARGET_CODE = ("experiments.cache.box_targets", "labeling.detectors3d.frustum_samples", "labeling.core.boxes3d")
-SCORE_CODE = (
-    "labeling.detectors3d.registry",
-    "labeling.metrics.box_ap",
-    "labeling.io.episodes",
-    "experiments.cache.box_stages",
-)
 MaskSource = Literal["recorded", "told"]
 """Whose masks are lifted: of the detections that were recorded with the episodes, or of ground truth ("told")."""
 EDGES_M = {"rooms": (0.0, 2.0, 3.0, 5.0, 50.0), "streets": (0.0, 10.0, 20.0, 30.0, 50.0)}
@@ -59,7 +51,7 @@ def train_detectors_3d(jobs: Sequence[TrainJob3d], context: RunContext) -> list[
     Returns:
         Names of the detectors, in order: the folders of their runs.
     """
-    code, keyed = code_digest(*TRAIN_CODE), []
+    code, keyed = code_digest(_train), []
     for job in jobs:
         key = digest(
             [_content(job.learn), _content(job.choose), list(job.categories)],
@@ -101,7 +93,7 @@ def _train(task: tuple[TrainJob3d, Path]) -> dict[str, Any]:
 
 def score_box_targets(labels: Sequence[Path], episodes: Sequence[Path], context: RunContext) -> list[dict[str, Any]]:
     """How good the boxes of label sets are, by category: ``experiments.cache.box_targets`` of each."""
-    names, code = [folder.name for folder in episodes], code_digest(*TARGET_CODE)
+    names, code = [folder.name for folder in episodes], code_digest(_score_targets)
     jobs = [(digest(_content(one), names, code), (one, tuple(episodes))) for one in labels]
     return cached("box_targets", _score_targets, jobs, context, "scoring box targets")
 
@@ -127,7 +119,7 @@ class BoxEvaluation:
         """Changes with all that decides the outcome."""
         names = [folder.parent.name + "/" + folder.name for folder in self.episodes]
         weights = load_detector_3d(self.detector).digest
-        return digest(self.world, names, weights, self.masks, list(self.categories), code_digest(*SCORE_CODE))
+        return digest(self.world, names, weights, self.masks, list(self.categories), code_digest(_score))
 
 
 def score_boxes(evaluations: Sequence[BoxEvaluation], context: RunContext) -> list[dict[str, Any]]:

@@ -14,18 +14,6 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.runtime.code_digest import code_digest
 
-LABEL_CODE = ("labeling.generate",)
-TRAIN_CODE = (
-    "labeling.detectors.finetuning.training",
-    "labeling.detectors.networks.mask_rcnn",
-    "labeling.detectors.data.annotated_pictures",
-)
-SCORE_CODE = (
-    "labeling.detectors.scoring",
-    "labeling.detectors.networks.network_detector",
-    "labeling.detectors.data.annotated_pictures",
-)
-
 
 def make_labels(
     episodes: Sequence[Path],
@@ -50,7 +38,7 @@ def make_labels(
     Returns:
         The folder of the label set.
     """
-    from labeling import generate
+    from labeling.generate import GenerateConfig, run
     from labeling.generator.sources import source_fingerprint
 
     config = replace(settings or LabelConfig(), seed=seed)
@@ -58,10 +46,8 @@ def make_labels(
     dataset = episodes[0].parent
     chosen = "growing" if growing else len(episodes)
     inputs = [dataset.name, chosen, asdict(config), source_fingerprint(sources), share_scenes]
-    out = context.cache / "labels" / digest(*inputs, code_digest(*LABEL_CODE))
-    generate.run(
-        generate.GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes)
-    )
+    out = context.cache / "labels" / digest(*inputs, code_digest(run))
+    run(GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes))
     return out
 
 
@@ -109,7 +95,7 @@ def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
     from labeling.detectors.registry import load_named_network
 
     weights = {name: load_named_network(name)[1] for name in {job.detector for job in jobs}}
-    code, keyed = code_digest(*TRAIN_CODE), []
+    code, keyed = code_digest(_train), []
     for job in jobs:
         inputs = [weights[job.detector], _content(job.learn), _content(job.choose), len(job.replay)]
         inputs += [asdict(replace(job.train, seed=job.seed)), asdict(job.augment)]
@@ -163,7 +149,7 @@ def score_detectors(
     """
     from labeling.detectors.registry import load_detector
 
-    code, contents = code_digest(*SCORE_CODE), {name: _content(pictures) for name, pictures in sets.items()}
+    code, contents = code_digest(_score), {name: _content(pictures) for name, pictures in sets.items()}
     digests = {detector: load_detector(detector).digest for detector in detectors}
     jobs = [
         (digest(digests[detector], content, code), (detector, sets[name]))

@@ -11,8 +11,6 @@ from experiments.cache.stages import RunContext, Scale, digest
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
 
-RECORDING_CODE = ("agents.rollouts.recorder", "sbm_gym.env.fixation_env", "sbm_gym.registration")
-
 
 @dataclass(frozen=True)
 class EpisodePool:
@@ -71,7 +69,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     depends_on = [
         {**settings, "policy": policy_key(pool.policy, pool.env)},
         experiment_versions(),
-        code_digest(*RECORDING_CODE),
+        code_digest(collect_episodes),
         detector_digest(pool.detector),
     ]
     name = f"{pool.name}-{digest(*depends_on)}"

@@ -15,15 +15,6 @@ POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
 LABELLED = ("ring", "next_best_view", "ppo")
 """Whose views labels are made of, which takes several times as long as the views do."""
-PLAYING_CODE = (
-    "agents.rollouts.run_episode",
-    "agents.evaluation.label_quality",
-    "agents.rollouts.environments",
-    "agents.policies.registry",
-    "sbm_gym.env.fixation_env",
-    "sbm_gym.registration",
-)
-"""What the result of an episode depends on; how results are summed up and drawn is not among it."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +110,12 @@ def episodes_folder(
     experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, context: RunContext
 ) -> Path:
     """Where results of episodes are kept: another folder whenever something changes that decides them."""
+    from agents.evaluation.run import Evaluator
     from experiments.cache.episode_pool import detector_digest
     from labeling.runtime.provenance import experiment_versions
 
     settings = [env_id, split, detector, picture_px]
-    name = digest(settings, experiment_versions(), code_digest(*PLAYING_CODE), detector_digest(detector))
+    name = digest(settings, experiment_versions(), code_digest(Evaluator), detector_digest(detector))
     return context.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
 
 

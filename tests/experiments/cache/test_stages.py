@@ -6,7 +6,6 @@ import pytest
 
 from experiments.cache.stages import Store, digest, folder_digest, run_tasks
 from labeling.core.errors import SbmError
-from labeling.runtime.code_digest import code_digest, reached_files
 
 WORK = """
 import os
@@ -36,37 +35,6 @@ def test_folder_digest_changes_with_names_and_bytes(tmp_path: Path) -> None:
     changed = folder_digest(tmp_path)
     (tmp_path / "a").rename(tmp_path / "b")
     assert len({before, changed, folder_digest(tmp_path)}) == 3
-
-
-def test_code_reaches_what_is_imported_in_functions_and_through_packages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package = tmp_path / "labeling"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "a.py").write_text("def f():\n    from labeling import b\n    import numpy\n")
-    (package / "b.py").write_text("from labeling.c import x\n")
-    (package / "c.py").write_text("import labeling.a\nx = 1\n")
-    (package / "d.py").write_text("x = 2\n")
-    monkeypatch.setattr("labeling.runtime.code_digest.ROOT", tmp_path)
-    (package / "learnt.json").write_text("{}")
-    names = {path.name for path in reached_files(["labeling.a"])}
-    assert names == {"__init__.py", "a.py", "b.py", "c.py", "learnt.json"}
-    code_digest.cache_clear()
-    before = code_digest("labeling.a")
-    (package / "d.py").write_text("x = 3\n")
-    code_digest.cache_clear()
-    assert code_digest("labeling.a") == before
-    (package / "c.py").write_text("import labeling.a\nx = 2\n")
-    code_digest.cache_clear()
-    assert code_digest("labeling.a") != before
-    code_digest.cache_clear()
-
-
-def test_labels_depend_on_the_code_that_makes_them() -> None:
-    names = {path.stem for path in reached_files(["labeling.generator.propagate"])}
-    assert {"association", "mean_field", "permutohedral_lattice", "per_detection", "published_defects"} <= names
-    assert not names & {"report", "viewer"}
 
 
 def test_store_keeps_and_reports_damage(tmp_path: Path) -> None:
