@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from labeling.runtime.ranges import Count
+from labeling.runtime.ranges import Count, Seed
 
 PaidReward = Literal["both", "discovery", "diversity", "neither"]
 """Which terms of the reward are paid beside those for collisions and steps."""
@@ -24,7 +24,7 @@ class PpoConfig:
     """Gymnasium id of the world."""
     steps: Count | None = None
     """Steps of the environment in all; by default as the hyperparameters say. A finished run goes on with more."""
-    seed: int = 0
+    seed: Seed = 0
     """Decides the first weights, scenes, starting places and all noise."""
     envs: Count | None = None
     """Environments that run side by side, each in a process of its own; by default as the hyperparameters say."""

@@ -49,7 +49,7 @@ def resolve_settings(config: PpoConfig) -> RunSettings:
     Raises:
         SbmError: if a setting makes no sense, or there is no run to go on with.
     """
-    _check(config)
+    check_ranges(config)
     if config.resume is None:
         env_id = config.env.rpartition(":")[2]
         folder = config.out or Path("out/ppo") / env_id.rpartition("/")[2]
@@ -61,12 +61,6 @@ def resolve_settings(config: PpoConfig) -> RunSettings:
     hyperparameters = dataclasses.replace(settings.hyperparameters, **asked)
     _check_batches(hyperparameters)
     return dataclasses.replace(settings, hyperparameters=hyperparameters)
-
-
-def _check(config: PpoConfig) -> None:
-    check_ranges(config)
-    if not 0 <= config.seed < 2**31:
-        raise UsageError(f"--seed must lie from 0 to 2147483647, not {config.seed}")
 
 
 def _check_batches(hyperparameters: Hyperparameters) -> None:

@@ -22,6 +22,7 @@ class Range:
 Positive = Annotated[Number, Range("be above 0", lambda value: 0 < value < math.inf)]
 NonNegative = Annotated[Number, Range("be 0 or more", lambda value: 0 <= value < math.inf)]
 Count = Annotated[int, Range("be at least 1", lambda value: value >= 1)]
+Seed = Annotated[int, Range("lie from 0 to 2147483647", lambda value: 0 <= value < 2**31)]
 PictureHeight = Annotated[int, Range("be at least 32 pixels", lambda value: value >= 32)]
 Share = Annotated[Number, Range("lie in [0, 1]", lambda value: 0 <= value <= 1)]
 PositiveShare = Annotated[Number, Range("lie above 0 and at most at 1", lambda value: 0 < value <= 1)]
