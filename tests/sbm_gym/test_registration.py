@@ -1,8 +1,10 @@
 """A world of one's own, on one screen, and what the package's root gives."""
 
 import doctest
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -62,6 +64,14 @@ def test_the_examples_run(module):
     result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0
+
+
+def test_the_example_of_the_page_runs():
+    page = (Path(__file__).parents[2] / "docs" / "worlds.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict = {}
+    exec(compile(example, "docs/worlds.md", "exec"), names)
+    assert names["info"]["scene"] == "den/2"
 
 
 def test_the_root_lists_what_it_gives_and_stays_light():

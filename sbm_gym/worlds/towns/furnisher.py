@@ -115,5 +115,4 @@ def add_solid(spec: mujoco.MjSpec, builder: SceneBuilder, rect: Rect, height_m: 
     """Makes the agent walk around an upright block."""
     body = spec.worldbody.add_body(name=name)
     builder.touched_box(body, np.array([rect.x0, rect.y0, rect.x1, rect.y1]), (0.0, height_m))
-    width, depth = rect.size_m
-    return Box(0.5 * (rect.x0 + rect.x1), 0.5 * (rect.y0 + rect.y1), width / 2, depth / 2, 0.0)
+    return rect.box

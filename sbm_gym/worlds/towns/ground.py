@@ -53,8 +53,7 @@ def build_ground(meshes: StaticMeshes, plan: TownPlan, rng: np.random.Generator)
 
 def flat(rect: Rect, z_m: float) -> Float[np.ndarray, "1 4 3"]:
     """A level rectangle seen from above."""
-    corners = [(rect.x0, rect.y0), (rect.x1, rect.y0), (rect.x1, rect.y1), (rect.x0, rect.y1)]
-    return np.array([[[x, y, z_m] for x, y in corners]])
+    return np.array([[[x, y, z_m] for x, y in rect.corners]])
 
 
 def rounded(rect: Rect, radius_m: float) -> Float[np.ndarray, "n 2"]:

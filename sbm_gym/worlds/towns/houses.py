@@ -133,8 +133,7 @@ def build_houses(meshes: StaticMeshes, houses: list[House], rng: np.random.Gener
 
 
 def _facade(rect: Rect, side: int) -> tuple[Facade, float]:
-    corners = [(rect.x0, rect.y0), (rect.x1, rect.y0), (rect.x1, rect.y1), (rect.x0, rect.y1)]
-    start, end = np.array(corners[side]), np.array(corners[(side + 1) % 4])
+    start, end = np.array(rect.corners[side]), np.array(rect.corners[(side + 1) % 4])
     length = float(np.linalg.norm(end - start))
     return Facade(start, (end - start) / length, KERB_M), length
 
@@ -158,17 +157,7 @@ def _street_front(meshes: StaticMeshes, house: House, facade: Facade, length: fl
 
 
 def _windowed_wall(
-    meshes: StaticMeshes,
-    house: House,
-    facade: Facade,
-    length: float,
-    low: float,
-    high: float,
-    centres: np.ndarray,
-    window_w: float,
-    sill: float,
-    window_h: float,
-    rng: np.random.Generator,
+    meshes, house: House, facade: Facade, length, low, high, centres, window_w, sill, window_h, rng
 ) -> None:
     """A stretch of wall with a row of windows."""
     left, right, head = centres - window_w / 2, centres + window_w / 2, sill + window_h

@@ -44,10 +44,7 @@ def kerb_lines(plan: TownPlan) -> list[KerbLine]:
     road = plan.carriageway
     ring = [(road.x0, road.y0), (road.x0, road.y1), (road.x1, road.y1), (road.x1, road.y0)]
     outlines: list[tuple[list, Block | None]] = [(ring, None)]
-    for block in plan.blocks:
-        r = block.rect
-        outlines.append(([(r.x0, r.y0), (r.x1, r.y0), (r.x1, r.y1), (r.x0, r.y1)], block))
-    for corners, block in outlines:
+    for corners, block in outlines + [(block.rect.corners, block) for block in plan.blocks]:
         for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
             start, end = np.array(a, float), np.array(b, float)
             length = float(np.linalg.norm(end - start))

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sbm_gym.worlds.geometry.placing import Box
 from sbm_gym.worlds.static_meshes import box_quads
 from sbm_gym.worlds.towns import materials as materials
 from sbm_gym.worlds.towns.furnisher import Furnisher
@@ -13,7 +12,7 @@ from sbm_gym.worlds.towns.plan import CAR_PARK_M, KERB_M, PAVEMENT_M, Block, Rec
 def park(furnisher: Furnisher, block: Block) -> None:
     """Lawns between crossing paths, a fountain, trees, hedges, benches."""
     lawn, rng = block.rect.shrunk(PAVEMENT_M - 0.6), furnisher.rng
-    x, y = 0.5 * (lawn.x0 + lawn.x1), 0.5 * (lawn.y0 + lawn.y1)
+    x, y = lawn.middle_m
     furnisher.meshes.tiled(flat(lawn, KERB_M + 0.01), materials.grass())
     path = 1.3
     for rect in (Rect(lawn.x0, y - path, lawn.x1, y + path), Rect(x - path, lawn.y0, x + path, lawn.y1)):
@@ -39,7 +38,7 @@ def park(furnisher: Furnisher, block: Block) -> None:
 def square(furnisher: Furnisher, block: Block) -> None:
     """A paved square with a fountain, cafe tables under parasols, trees and benches."""
     ground, rng = block.rect.shrunk(PAVEMENT_M - 1.0), furnisher.rng
-    x, y = 0.5 * (ground.x0 + ground.x1), 0.5 * (ground.y0 + ground.y1)
+    x, y = ground.middle_m
     furnisher.meshes.tiled(flat(ground, KERB_M + 0.01), materials.ashlar((170, 166, 158)))
     furnisher.stand(furnisher.pick("fountain"), np.array([x, y]), 0.0)
     for _ in range(4):
@@ -66,11 +65,11 @@ def car_park(furnisher: Furnisher, block: Block) -> None:
     """Asphalt with two rows of bays, a drive to the street, trees at its corners."""
     yard = block.rect.shrunk(PAVEMENT_M - 0.8)
     furnisher.meshes.tiled(flat(yard, CAR_PARK_M), materials.asphalt())
-    y = 0.5 * (yard.y0 + yard.y1)
+    x, y = yard.middle_m
     for x0, x1 in ((block.rect.x0, yard.x0), (yard.x1, block.rect.x1)):
         furnisher.meshes.tiled(flat(Rect(x0, y - 2.8, x1, y + 2.8), CAR_PARK_M - 0.004), materials.asphalt())
     for sx, sy in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
-        point = np.array([0.5 * (yard.x0 + yard.x1), y]) + np.array([sx, sy]) * (0.5 * np.array(yard.size_m) - 1.2)
+        point = np.array([x, y]) + np.array([sx, sy]) * (0.5 * np.array(yard.size_m) - 1.2)
         furnisher.tree(furnisher.pick("street_tree"), point)
     for edge in (yard.y0 + 0.4, yard.y1 - 0.4):
         _hedge(furnisher, Rect(yard.x0 + 2.5, edge - 0.3, yard.x1 - 2.5, edge + 0.3))
@@ -78,9 +77,7 @@ def car_park(furnisher: Furnisher, block: Block) -> None:
 
 def _hedge(furnisher: Furnisher, rect: Rect) -> None:
     """A clipped hedge, a metre high, unless something is in the way."""
-    width, depth = rect.size_m
-    box = Box(0.5 * (rect.x0 + rect.x1), 0.5 * (rect.y0 + rect.y1), width / 2, depth / 2, 0.0)
-    if furnisher.fits(box):
+    if furnisher.fits(rect.box):
         quads = box_quads(np.array([[rect.x0, rect.y0, KERB_M]]), np.array([[rect.x1, rect.y1, KERB_M + 1.0]]))
         furnisher.meshes.tiled(quads, materials.leaves())
-        furnisher.block(box, 1.1)
+        furnisher.block(rect.box, 1.1)

@@ -49,6 +49,21 @@ class Rect:
         """Lengths along x and y."""
         return self.x1 - self.x0, self.y1 - self.y0
 
+    @property
+    def middle_m(self) -> tuple[float, float]:
+        """Its middle."""
+        return 0.5 * (self.x0 + self.x1), 0.5 * (self.y0 + self.y1)
+
+    @property
+    def corners(self) -> list[tuple[float, float]]:
+        """Its corners, counter-clockwise from the least."""
+        return [(self.x0, self.y0), (self.x1, self.y0), (self.x1, self.y1), (self.x0, self.y1)]
+
+    @property
+    def box(self) -> Box:
+        """What stands on it, of any height."""
+        return Box(*self.middle_m, self.size_m[0] / 2, self.size_m[1] / 2, 0.0)
+
     def shrunk(self, by_m: float) -> "Rect":
         """The rectangle without a rim."""
         return Rect(self.x0 + by_m, self.y0 + by_m, self.x1 - by_m, self.y1 - by_m)
