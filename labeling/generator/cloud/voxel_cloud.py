@@ -126,6 +126,7 @@ class _Table:
 
 @njit(cache=True, inline="always")
 def _world(x, y, z, camera, pose):  # pragma: no cover - compiled
+    """World point of pixel (x, y) at z-depth ``z``; ``camera`` is K (3, 3), ``pose`` (4, 4) camera to world."""
     a, b = (x - camera[0, 2]) / camera[0, 0] * z, (y - camera[1, 2]) / camera[1, 1] * z
     return (
         pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * z + pose[0, 3],
@@ -136,7 +137,11 @@ def _world(x, y, z, camera, pose):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _voxel_keys(depth_m, camera, pose, origin, voxel_m, max_range_m):  # pragma: no cover - compiled
-    """The packed voxel of each pixel; -1 without depth, beyond range, or beyond the 2^21 voxels a side can number."""
+    """The packed voxel of each pixel, (h, w) int64; -1 without depth, beyond range, or beyond 2^21 voxels a side.
+
+    ``depth_m`` is (h, w) float32, ``camera`` K (3, 3), ``pose`` (4, 4) camera to world, ``origin`` (3,) the corner of
+    voxel 0, metres.
+    """
     height, width = depth_m.shape
     keys = np.empty((height, width), np.int64)
     for y in range(height):
@@ -156,7 +161,7 @@ def _voxel_keys(depth_m, camera, pose, origin, voxel_m, max_range_m):  # pragma:
 
 @njit(cache=True, inline="always")
 def _slot(table_key, mask, key):  # pragma: no cover - compiled
-    """The slot of a key, or the free slot where it belongs. Fibonacci hashing, high bits folded onto low ones."""
+    """The slot of a key in ``table_key`` (mask + 1,), or the free slot where it belongs. Fibonacci hashing."""
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     slot = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
     while table_key[slot] != -1 and table_key[slot] != key:
@@ -166,6 +171,7 @@ def _slot(table_key, mask, key):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _enter(table_key, table_id, old_key, old_id):  # pragma: no cover - compiled
+    """Enters the keys and ids of an old table, -1 in its free slots, into a larger one, in place."""
     for old in range(len(old_key)):
         if old_key[old] != -1:
             slot = _slot(table_key, len(table_key) - 1, old_key[old])
@@ -176,7 +182,8 @@ def _enter(table_key, table_id, old_key, old_id):  # pragma: no cover - compiled
 def _number(keys, numbers, done, count, table_key, table_id):  # pragma: no cover - compiled
     """Numbers distinct keys in order of appearance, from pixel ``done`` on, until the table is half full.
 
-    One thread does it: the table is the bottleneck. Returns the first pixel left over and the number of voxels.
+    ``keys`` and ``numbers`` are (pixels,), the latter filled in place; ``count`` voxels are known so far. One thread
+    does it: the table is the bottleneck. Returns the first pixel left over and the number of voxels.
     """
     mask = len(table_key) - 1
     last_key, last_number = np.int64(-1), np.int32(-1)
@@ -199,7 +206,10 @@ def _number(keys, numbers, done, count, table_key, table_id):  # pragma: no cove
 
 @njit(cache=True, nogil=True)
 def _accumulate(numbers, rgb, depth_m, camera, pose, sums):  # pragma: no cover - compiled
-    """Adds position, colour and number of the pixels of a view to their voxels."""
+    """Adds position, colour and number of the pixels of a view to ``sums`` (voxels, 7) of their voxels, in place.
+
+    ``numbers`` is (h, w) int32, the voxel of each pixel; ``camera`` K (3, 3), ``pose`` (4, 4) camera to world.
+    """
     height, width = numbers.shape
     for y in range(height):
         for x in range(width):
@@ -215,7 +225,7 @@ def _accumulate(numbers, rgb, depth_m, camera, pose, sums):  # pragma: no cover 
 
 @njit(cache=True, nogil=True)
 def _means(sums):  # pragma: no cover - compiled
-    """Mean position, mean colour in [0, 1], and number of pixels of each voxel."""
+    """Mean position (n, 3), mean colour in [0, 1] (n, 3), and number of pixels (n,) of ``sums`` (n, 7)."""
     count = len(sums)
     points, colours = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
     pixels = np.empty(count, np.int32)
@@ -230,6 +240,7 @@ def _means(sums):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _parents(fine, coarse, num_fine):  # pragma: no cover - compiled
+    """The coarse voxel of each fine one, (num_fine,); ``fine`` and ``coarse`` are those of each pixel, (pixels,)."""
     parents = np.full(num_fine, -1, np.int32)
     for pixel in range(len(fine)):
         if fine[pixel] >= 0:
@@ -239,7 +250,7 @@ def _parents(fine, coarse, num_fine):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _rank(voxels, num_voxels):  # pragma: no cover - compiled
-    """The distinct voxels of a view, rising, and the place of each pixel's voxel among them."""
+    """The distinct voxels (s,) of ``voxels`` (h, w), rising, and the place of each pixel's voxel among them (h, w)."""
     height, width = voxels.shape
     place = np.full(num_voxels, -1, np.int32)
     for y in range(height):

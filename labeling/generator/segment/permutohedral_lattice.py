@@ -112,7 +112,7 @@ def build_lattice(features: Float[np.ndarray, "n d"], block_start: Int[np.ndarra
 
 
 def _number_all(packed, blocks):
-    """Numbers the distinct keys of every block, block after block, in tables that are at most half full."""
+    """Numbers the distinct keys of ``packed`` (n, d + 1), block after block, in tables that are at most half full."""
     corners = packed.shape[1]
     capacity = np.array([1 << max(6, int(size * corners // 2).bit_length()) for size in np.diff(blocks)], np.int64)
     while True:
@@ -140,7 +140,11 @@ def _shares(blocks):
 
 @njit(cache=True, parallel=True)
 def _embed(features):  # pragma: no cover - compiled
-    """Elevates points to the hyperplane and finds the enclosing simplex. Source: Adams et al. 2010, section 3.1."""
+    """Elevates ``features`` (n, d) to the hyperplane and finds the enclosing simplex.
+
+    Returns its remainder-0 corner (n, d) int32, the ranks (n, d + 1) int8 and the barycentric coordinates (n, d + 1) of
+    each point. Source: Adams et al. 2010, section 3.1.
+    """
     n, d = features.shape
     key = np.empty((n, d), np.int32)
     rank = np.empty((n, d + 1), np.int8)
@@ -194,7 +198,10 @@ def _embed(features):  # pragma: no cover - compiled
 
 @njit(cache=True, parallel=True)
 def _pack_vertices(key, rank, lowest, stride):  # pragma: no cover - compiled
-    """One integer for every vertex of every point's simplex."""
+    """One integer for every vertex of every point's simplex, (n, d + 1) int64.
+
+    ``key`` (n, d) and ``rank`` (n, d + 1) are those of ``_embed``; ``lowest`` and ``stride`` (d,) number the cells.
+    """
     n, d = key.shape
     packed = np.empty((n, d + 1), np.int64)
     for i in prange(n):
@@ -216,7 +223,11 @@ def _slot(key, mask):  # pragma: no cover - compiled
 
 @njit(cache=True, parallel=True)
 def _number_keys(packed, blocks, table_start, dealt, share_start):  # pragma: no cover - compiled
-    """Numbers the distinct keys of each block in order of appearance; count -1 where its table got over half full."""
+    """Numbers the distinct keys of each block in order of appearance; count -1 where its table got over half full.
+
+    ``packed`` is (n, d + 1); ``blocks`` and ``table_start`` (b + 1,) say where points and tables of blocks start;
+    ``dealt`` and ``share_start`` which blocks each thread works on.
+    """
     n, corners = packed.shape
     num_blocks = len(blocks) - 1
     table_key = np.full(table_start[-1], -1, np.int64)
@@ -240,6 +251,7 @@ def _number_keys(packed, blocks, table_start, dealt, share_start):  # pragma: no
 
 @njit(cache=True, nogil=True)
 def _number_block(packed, table_key, table_id, vertex, vertex_key):  # pragma: no cover - compiled
+    """The same for one block, into its parts of the arrays; returns the number of keys, or -1."""
     mask, corners = len(table_key) - 1, packed.shape[1]
     count = 0
     for i in range(len(packed)):
@@ -261,7 +273,7 @@ def _number_block(packed, table_key, table_id, vertex, vertex_key):  # pragma: n
 
 @njit(cache=True, parallel=True)
 def _compress(vertex, table_id, vertex_key, blocks, table_start, vertex_start):  # pragma: no cover - compiled
-    """Counts vertices over all blocks, and leaves no gap between the blocks' keys."""
+    """Counts vertices over all blocks, in place, and returns their keys (m,) without gaps between the blocks."""
     corners = vertex.shape[1]
     kept = np.empty(vertex_start[-1], np.int64)
     for block in prange(len(blocks) - 1):
@@ -278,6 +290,10 @@ def _compress(vertex, table_id, vertex_key, blocks, table_start, vertex_start): 
 
 @njit(cache=True, parallel=True)
 def _find_neighbours(vertex_key, vertex_start, stride, table_key, table_id, table_start):  # pragma: no cover - compiled
+    """Both neighbours of each vertex along every direction, (d + 1, m, 2) int32; m where there is none.
+
+    ``vertex_key`` is (m,), ``vertex_start`` and ``table_start`` (b + 1,), ``stride`` (d,).
+    """
     m, d = len(vertex_key), len(stride)
     all_strides = np.int64(0)
     for j in range(d):
@@ -307,7 +323,10 @@ def _find_neighbours(vertex_key, vertex_start, stride, table_key, table_id, tabl
 def _filter(
     values, vertex, weight, neighbours, block_start, vertex_start, dealt, share_start
 ):  # pragma: no cover - compiled
-    """Splats, blurs along every direction, and slices; each block by one thread."""
+    """Splats ``values`` (n,), blurs them along every direction, and slices, (n,); each block by one thread.
+
+    The other arguments are those of ``Lattice``, and the blocks dealt to the threads (``_shares``).
+    """
     m = neighbours.shape[1]
     filtered = np.empty(len(values), np.float32)
     # One entry more for all vertices that do not exist; it stays zero.
@@ -336,6 +355,7 @@ def _filter(
 
 @njit(cache=True, nogil=True)
 def _splat(values, vertex, weight, first, last, vertices):  # pragma: no cover - compiled
+    """Adds ``values`` of the points from ``first`` to ``last`` to their ``vertices`` (m + 1,), in place."""
     for i in range(first, last):
         value = values[i]
         for j in range(vertex.shape[1]):
@@ -344,13 +364,14 @@ def _splat(values, vertex, weight, first, last, vertices):  # pragma: no cover -
 
 @njit(cache=True, nogil=True)
 def _blur(old, new, neighbours, low, high):  # pragma: no cover - compiled
-    """[1 2 1] / 4 along one direction."""
+    """[1 2 1] / 4 along one direction, of the vertices from ``low`` to ``high``; ``neighbours`` is (m, 2)."""
     for v in range(low, high):
         new[v] = np.float32(0.5) * old[v] + np.float32(0.25) * (old[neighbours[v, 0]] + old[neighbours[v, 1]])
 
 
 @njit(cache=True, nogil=True)
 def _slice(vertices, vertex, weight, first, last, filtered):  # pragma: no cover - compiled
+    """Interpolates ``filtered`` (n,) of the points from ``first`` to ``last`` from their vertices, in place."""
     for i in range(first, last):
         total = np.float32(0.0)
         for j in range(vertex.shape[1]):

@@ -58,7 +58,8 @@ def decide(
 def _exp_block(exponent, result, bits, size):  # pragma: no cover - compiled
     """``result = exp(exponent)`` for exponents up to 0, to 3e-7: a polynomial and a power of two put together by bits.
 
-    Written as plain loops over a block, so that the compiler makes vector instructions of them.
+    ``exponent``, ``result`` (float32) and ``bits`` (int32) hold a block of ``size``. Written as plain loops, so that
+    the compiler makes vector instructions of them.
     """
     for i in range(size):
         doublings = max(exponent[i] * _LOG2_E, _LOWEST)
@@ -79,7 +80,7 @@ def _exp_block(exponent, result, bits, size):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _squares(columns, row, square, size):  # pragma: no cover - compiled
-    """Squared distances of a block of points, given by columns, to one point."""
+    """Squared distances, into ``square`` (size,), of the points in ``columns`` (d, size) to the point ``row`` (d,)."""
     for i in range(size):
         square[i] = np.float32(0.0)
     for j in range(len(row)):
@@ -91,6 +92,7 @@ def _squares(columns, row, square, size):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _decide(features, support, coefficient, gamma, intercept):  # pragma: no cover - compiled
+    """Decision values (n,) of ``features`` (n, d) from ``support`` vectors (s, d) and their ``coefficient`` (s,)."""
     n, d = features.shape
     decision = np.empty(n, np.float32)
     columns = np.empty((d, _BLOCK), np.float32)
@@ -117,6 +119,7 @@ def _decide(features, support, coefficient, gamma, intercept):  # pragma: no cov
 
 @njit(cache=True, nogil=True)
 def _kernel_matrix(rows, gamma):  # pragma: no cover - compiled
+    """``exp(-gamma * squared distance)`` between all ``rows`` (n, d), as (n, n) float32."""
     n = len(rows)
     columns = rows.T.copy()
     kernel = np.empty((n, n), np.float32)
@@ -131,7 +134,10 @@ def _kernel_matrix(rows, gamma):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _smo(kernel, sign, c, tolerance):  # pragma: no cover - compiled
-    """Coefficients (all between 0 and ``c``) and offset of the machine with this kernel matrix."""
+    """Coefficients (n,), all between 0 and ``c``, and offset of the machine.
+
+    ``kernel`` is (n, n), ``sign`` (n,) is 1 for positive rows and -1 for negative ones.
+    """
     n = len(sign)
     alpha, gradient = np.zeros(n), np.full(n, -1.0)
     for _ in range(100 * n + 10_000):
