@@ -160,5 +160,6 @@ def test_lines_beyond_what_a_viewer_holds_are_left_out():
     env = outside_env()
     env.reset(seed=0)
     scene = mujoco.MjvScene(env.scene.model, maxgeom=3)
-    draw_lines(scene, env._trace())
+    assert env._simulation is not None
+    draw_lines(scene, env._simulation.trace())
     assert scene.ngeom == 3
