@@ -106,26 +106,6 @@ def detections_of(episode: "Episode", detector_2d: "Detector | None") -> "tuple[
     return episode.detections
 
 
-def read_detections_3d(path: Path, num_views: int) -> "list[Detection3d]":
-    """Reads what ``detect_episode`` has written.
-
-    Raises:
-        EpisodeFormatError: naming file and field, if it is malformed.
-    """
-    from labeling.detectors3d.base import Detection3d
-    from labeling.io.coco import read_valid_box_3d
-
-    found = []
-    for record in read_json(path).list_of("detections"):
-        view, score = record.integer("view"), record.number("score")
-        if not 0 <= view < num_views:
-            raise record.error(f"there is no view {view}; there are {num_views}", "view")
-        if not 0.0 <= score <= 1.0:
-            raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
-        found.append(Detection3d(view, record.text("category"), score, read_valid_box_3d(record.get("box_3d"))))
-    return found
-
-
 def _record(episode: "Episode", one: "Detection3d") -> dict[str, Any]:
     from labeling.io.episodes import box_3d_record
 

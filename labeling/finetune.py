@@ -70,10 +70,12 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
     Raises:
         SbmError: if detector, labels or settings are at fault.
     """
-    from labeling.detectors.finetuning.training import best_of, train
+    from labeling.detectors.finetuning.training import train
     from labeling.detectors.networks.network_detector import NetworkDetector
+    from labeling.detectors.networks.weights import load_network
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.scoring import evaluate
+    from labeling.training.files import WEIGHTS_FILE
 
     check_name(command.detector)
     command.train.check()
@@ -112,7 +114,7 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
         progress_bar,
         tuple(name for name in names if name not in known),
     )
-    after = scores(best_of(command.out))
+    after = scores(load_network(command.out / WEIGHTS_FILE))
     results = {
         "detector": command.detector,
         "labels": command.sources,

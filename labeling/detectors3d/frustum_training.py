@@ -18,7 +18,6 @@ from labeling.detectors3d.frustum_samples import FrustumSample, category_names, 
 from labeling.detectors3d.frustum_weights import save_network
 from labeling.detectors3d.upright_boxes import decode_box
 from labeling.training import loop
-from labeling.training.batches import numbered_batches
 from labeling.training.checkpoint import Progress
 from labeling.training.schedule import learning_rate
 
@@ -77,6 +76,7 @@ class FrustumTask(loop.TrainingTask[FrustumBatch]):
     """Training a frustum PointNet from random weights."""
 
     config: Train3dConfig
+    dataset: FrustumDataset
     network: FrustumNet
     score_name = "mean_iou"
 
@@ -90,7 +90,7 @@ class FrustumTask(loop.TrainingTask[FrustumBatch]):
     ) -> None:
         """Takes what ``train`` was given, and makes the network."""
         self.config, self.dataset, self.validation, self.about = config, dataset, validation, about
-        self.patience = config.patience if validation else 0
+        self.collate, self.workers, self.patience = collate, config.workers, config.patience if validation else 0
         torch.manual_seed(config.seed)  # of weights and dropout
         sizes = median_sizes(dataset.samples, dataset.categories)
         spec = FrustumSpec(dataset.categories, sizes, config.width, config.num_points)
@@ -102,12 +102,6 @@ class FrustumTask(loop.TrainingTask[FrustumBatch]):
             "augment": asdict(dataset.augmentation),
             "objects": [len(dataset.samples), len(validation)],
         }
-
-    def batches(self, progress: Progress) -> Iterable[FrustumBatch]:
-        """Up to the next validation."""
-        count = self.steps_of_epoch(progress)
-        first, config = progress.iteration, self.config
-        return numbered_batches(self.dataset, collate, config.batch_size, first, count, config.workers)
 
     def losses(self, batch: FrustumBatch, step: int) -> dict[str, torch.Tensor]:
         """Terms of the multi-task loss."""

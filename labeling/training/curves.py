@@ -5,45 +5,31 @@ from pathlib import Path
 from typing import Any
 
 
-def open_tensorboard(folder: Path, step: int, say: Callable[[str], None]) -> Any:
-    """A TensorBoard ``SummaryWriter`` from a step on: what lies after it, from before a kill, is dropped.
+def tensorboard_curves(
+    out: Path, iteration: int, say: Callable[[str], None]
+) -> Callable[[str, Mapping[str, Any], int], None]:
+    """Opens ``tensorboard/`` in a run's folder.
 
     Args:
-        folder: to write to.
-        step: where the run goes on.
-        say: told if TensorBoard is missing.
+        out: folder of the run.
+        iteration: steps after it are drawn anew.
+        say: told if TensorBoard is not installed; then nothing is drawn.
 
     Returns:
-        The writer, None where TensorBoard is not installed.
+        Draws those of some figures that are fractional numbers, at a step, as ``group/name``: (group, figures, step).
     """
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
         say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
-        return None
-    return SummaryWriter(str(folder), purge_step=step + 1)
+        return lambda group, figures, step: None
+    writer = SummaryWriter(str(out / "tensorboard"), purge_step=iteration + 1)
 
-
-class Curves:
-    """Draws figures over steps into ``tensorboard/`` of a run's folder; nothing where TensorBoard is not installed."""
-
-    def __init__(self, out: Path, iteration: int, say: Callable[[str], None]) -> None:
-        """Opens the folder.
-
-        Args:
-            out: folder of the run.
-            iteration: steps after it are drawn anew.
-            say: told if TensorBoard is missing.
-        """
-        self._writer = open_tensorboard(out / "tensorboard", iteration, say)
-
-    def draw(self, group: str, figures: Mapping[str, Any], step: int) -> None:
-        """Draws those of the figures that are fractional numbers, as ``group/name``."""
+    def draw(group: str, figures: Mapping[str, Any], step: int) -> None:
         for name, value in figures.items():
-            if self._writer is not None and isinstance(value, float):
-                self._writer.add_scalar(f"{group}/{name}", value, step)
+            if isinstance(value, float):
+                writer.add_scalar(f"{group}/{name}", value, step)
+        if group == "val":
+            writer.flush()
 
-    def close(self) -> None:
-        """Writes what is left."""
-        if self._writer is not None:
-            self._writer.close()
+    return draw

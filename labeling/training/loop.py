@@ -7,18 +7,20 @@ is the stretch between two validations, as in torchvision's references/detection
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
+from torch.utils.data import Dataset
 
 from labeling.core.errors import SbmError
 from labeling.io.formats.atomic import write_json
+from labeling.training.batches import numbered_batches
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import TrainingConfig
-from labeling.training.curves import Curves
+from labeling.training.curves import tensorboard_curves
 from labeling.training.files import CONFIG_FILE, WEIGHTS_FILE
 
 Batch = TypeVar("Batch")
@@ -32,6 +34,12 @@ class TrainingTask(ABC, Generic[Batch]):
     """Trained in place, on its device."""
     optimizer: torch.optim.Optimizer
     """Of the network's parameters; a group with a ``share`` learns at that share of the learning rate."""
+    dataset: Dataset
+    """Maps every number from 0 to a sample."""
+    collate: Callable[[Sequence[Any]], Batch]
+    """Makes a batch of samples."""
+    workers: int = 0
+    """Processes that prepare samples; 0 prepares them in this one."""
     identity: Mapping[str, Any]
     """Data and settings that a run must share to go on from a checkpoint; written into ``train.json``."""
     averaged: nn.Module | None = None
@@ -48,11 +56,13 @@ class TrainingTask(ABC, Generic[Batch]):
     mixed_precision: bool = False
     """Whether forward passes on CUDA use half precision."""
 
-    @abstractmethod
     def batches(self, progress: Progress) -> Iterable[Batch]:
         """The batches of the next epoch. Batch and losses must be functions of the batch's number (and of torch's
         generator, whose state checkpoints keep), so that a run that goes on ends like one that never stopped.
         """
+        first, config = progress.iteration, self.config
+        count = min(config.validate_every, config.iterations - first)
+        return numbered_batches(self.dataset, self.collate, config.batch_size, first, count, self.workers)
 
     @abstractmethod
     def losses(self, batch: Batch, step: int) -> dict[str, Tensor]:
@@ -83,10 +93,6 @@ class TrainingTask(ABC, Generic[Batch]):
         """Whether training is over."""
         flat = progress.is_flat(self.patience, self.config.validate_every)
         return progress.iteration >= self.config.iterations or flat
-
-    def steps_of_epoch(self, progress: Progress) -> int:
-        """Batches up to the next validation, where their number is settled beforehand."""
-        return min(self.config.validate_every, self.config.iterations - progress.iteration)
 
     def position(self, progress: Progress) -> dict[str, float]:
         """How a record of the history begins."""
@@ -131,17 +137,15 @@ def train(
     if progress.iteration:
         say(f"going on from step {progress.iteration}")
     write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(about or {})})
-    curves = Curves(out, progress.iteration, say)
+    draw = tensorboard_curves(out, progress.iteration, say)
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
     while not task.is_finished(progress):
         batches = task.batches(progress)
         if bar is not None:
             batches = bar(batches, desc=f"training from step {progress.iteration}")
-        losses = train_one_epoch(
-            task, batches, progress, scaler, lambda step, values: curves.draw("train", values, step)
-        )
+        losses = train_one_epoch(task, batches, progress, scaler, lambda step, values: draw("train", values, step))
         figures = task.validate(progress)
-        curves.draw("val", figures, progress.iteration)
+        draw("val", figures, progress.iteration)
         record = {**task.position(progress), **losses, **figures}
         progress.history.append(record)
         score = float(progress.iteration)
@@ -152,7 +156,6 @@ def train(
             task.save(out / task.weights_file, progress)
         save_checkpoint(out, identity, progress, _state(task))
         say(task.summary(record, progress))
-    curves.close()
     return progress
 
 

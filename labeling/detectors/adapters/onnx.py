@@ -231,7 +231,11 @@ class OnnxDetector:
         kept = np.flatnonzero(scores >= self.config.min_score)
         kept = kept[np.argsort(-scores[kept], kind="stable")]
         if self.config.nms_iou is not None:
-            kept = _suppressed(boxes, labels, kept, self.config.nms_iou)
+            xywh = np.concatenate([boxes[kept, :2], boxes[kept, 2:] - boxes[kept, :2]], axis=1).tolist()
+            best = cv2.dnn.NMSBoxesBatched(
+                xywh, scores[kept].tolist(), labels[kept].tolist(), -1.0, self.config.nms_iou
+            )
+            kept = kept[np.array(best, int)]
         kept = np.array([i for i in kept if self.config.categories[labels[i]]], int)[:MAX_CANDIDATES]
         masks = None
         if "masks" in found:
@@ -274,22 +278,3 @@ def _without_batch(value: np.ndarray, axes: int, what: str, n: int | None = None
     if value.ndim != axes or (n is not None and len(value) != n):
         raise DetectorError(f"{what} have shape {value.shape}; expected {axes} axes, beside one for a batch of 1")
     return value
-
-
-def _suppressed(boxes: np.ndarray, labels: np.ndarray, ranked: np.ndarray, most_iou: float) -> np.ndarray:
-    """Of candidates of one category that overlap more than this, only the best."""
-    kept: list[int] = []
-    for i in ranked:
-        rivals = [j for j in kept if labels[j] == labels[i]]
-        if not rivals or _iou(boxes[i], boxes[rivals]).max() <= most_iou:
-            kept.append(int(i))
-            if len(kept) == MAX_CANDIDATES:
-                break
-    return np.array(kept, int)
-
-
-def _iou(box: np.ndarray, others: np.ndarray) -> np.ndarray:
-    sides = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
-    shared = sides.clip(min=0).prod(axis=1)
-    area = (others[:, 2:] - others[:, :2]).prod(axis=1) + (box[2:] - box[:2]).prod() - shared
-    return shared / np.maximum(area, 1e-9)

@@ -14,12 +14,10 @@ from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.dataset import Batch, ReplayDataset, collate, to_device
 from labeling.detectors.networks.mask_rcnn import Network, channels_last
 from labeling.detectors.networks.network_detector import NetworkDetector
-from labeling.detectors.networks.weights import load_network, save_network
+from labeling.detectors.networks.weights import save_network
 from labeling.detectors.scoring import evaluate
 from labeling.training import loop
-from labeling.training.batches import numbered_batches
 from labeling.training.checkpoint import Progress
-from labeling.training.files import WEIGHTS_FILE
 from labeling.training.schedule import learning_rate
 
 
@@ -65,11 +63,6 @@ def train(
     return loop.train(task, out, about, say, bar)
 
 
-def best_of(out: Path) -> Network:
-    """The best network of a run."""
-    return load_network(out / WEIGHTS_FILE)
-
-
 class MaskRcnnTask(loop.TrainingTask[Batch]):
     """What fine-tuning and pre-training share: a Mask R-CNN, its losses, and a running average of its weights."""
 
@@ -96,6 +89,7 @@ class FinetuneTask(MaskRcnnTask):
     """Fine-tuning on pseudo-labels or ground truth, with source pictures replayed among them."""
 
     config: FinetuneConfig
+    dataset: ReplayDataset
     mixed_precision = True
     score_name = "mask_ap50"
 
@@ -109,7 +103,8 @@ class FinetuneTask(MaskRcnnTask):
     ) -> None:
         """Takes what ``train`` was given, the network on its device."""
         self.config, self.dataset, self.validation, self.about = config, dataset, validation, about
-        self.clip, self.patience = config.clip, config.patience if validation else 0
+        self.collate, self.workers, self.clip = collate, config.workers, config.clip
+        self.patience = config.patience if validation else 0
         network.frozen_statistics = config.frozen_statistics
         network.freeze(config.frozen_stages)
         super().__init__(network, config.average)
@@ -126,12 +121,6 @@ class FinetuneTask(MaskRcnnTask):
             "pictures": [len(dataset.pictures), len(dataset.replay), len(validation)],
             "objects": sum(len(picture.annotations) for picture in dataset.pictures),
         }
-
-    def batches(self, progress: Progress) -> Iterable[Batch]:
-        """Up to the next validation."""
-        count = self.steps_of_epoch(progress)
-        first, config = progress.iteration, self.config
-        return numbered_batches(self.dataset, collate, config.batch_size, first, count, config.workers)
 
     def learning_rate(self, progress: Progress) -> float:
         """Warm-up, then constant or cosine over all iterations."""

@@ -22,7 +22,6 @@ ANCHORS_PX = (16, 32, 64, 128, 256)
 PROPOSALS = 100
 CANONICAL_PX = 128
 """Boxes of this size are pooled from stride 16; a 7x7 grid then has cells of about one feature."""
-DEEPEST_STRIDE = 64
 
 
 class SeparableConv(nn.Sequential):

@@ -14,7 +14,7 @@ With weights of 1, nothing ignored and nothing unannotated, all losses are torch
 "Modeling the Background for Incremental Learning in Semantic Segmentation", equation 5 (unannotated categories).
 """
 
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch.nn import functional
@@ -41,27 +41,19 @@ def inside_ignored(boxes: Tensor, regions: Tensor) -> Tensor:
     return (shared > INSIDE * area[:, None].clamp(min=1e-6)).any(dim=1)
 
 
-class WeightedProposals(torchvision.models.detection.rpn.RegionProposalNetwork):
+class _FromTorchvision:
+    @classmethod
+    def from_torchvision(cls, module: Any) -> Self:
+        """Takes over parts and settings of torchvision's module, which is not to be used any more."""
+        made = cls.__new__(cls)
+        made.__dict__ = module.__dict__
+        return made
+
+
+class WeightedProposals(_FromTorchvision, torchvision.models.detection.rpn.RegionProposalNetwork):
     """The region proposal network; see the module."""
 
     _weights: list[Tensor]
-
-    @classmethod
-    def from_torchvision(cls, rpn: Any) -> "WeightedProposals":
-        """Takes over the parts and settings of torchvision's."""
-        matcher, sampler = rpn.proposal_matcher, rpn.fg_bg_sampler
-        return cls(
-            rpn.anchor_generator,
-            rpn.head,
-            matcher.high_threshold,
-            matcher.low_threshold,
-            sampler.batch_size_per_image,
-            sampler.positive_fraction,
-            rpn._pre_nms_top_n,
-            rpn._post_nms_top_n,
-            rpn.nms_thresh,
-            rpn.score_thresh,
-        )
 
     def assign_targets_to_anchors(
         self, anchors: list[Tensor], targets: list[Target]
@@ -99,29 +91,8 @@ class WeightedProposals(torchvision.models.detection.rpn.RegionProposalNetwork):
         return (weight[sampled] * objectness_loss).sum() / number, (weight[positive, None] * box_loss).sum() / number
 
 
-class WeightedHeads(torchvision.models.detection.roi_heads.RoIHeads):
+class WeightedHeads(_FromTorchvision, torchvision.models.detection.roi_heads.RoIHeads):
     """The heads for class, box and mask; see the module."""
-
-    @classmethod
-    def from_torchvision(cls, heads: Any) -> "WeightedHeads":
-        """Takes over the parts and settings of torchvision's."""
-        matcher, sampler = heads.proposal_matcher, heads.fg_bg_sampler
-        return cls(
-            heads.box_roi_pool,
-            heads.box_head,
-            heads.box_predictor,
-            matcher.high_threshold,
-            matcher.low_threshold,
-            sampler.batch_size_per_image,
-            sampler.positive_fraction,
-            heads.box_coder.weights,
-            heads.score_thresh,
-            heads.nms_thresh,
-            heads.detections_per_img,
-            heads.mask_roi_pool,
-            heads.mask_head,
-            heads.mask_predictor,
-        )
 
     def forward(
         self,

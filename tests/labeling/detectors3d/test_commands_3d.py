@@ -7,10 +7,12 @@ import pytest
 
 from labeling import detect3d, train3d
 from labeling.core.box_overlap import box_iou_3d
-from labeling.core.errors import SbmError, UsageError
+from labeling.core.errors import UsageError
 from labeling.detectors3d.frustum_samples import read_frustum_samples
 from labeling.generate import main as generate
+from labeling.io.coco import read_valid_box_3d
 from labeling.io.episodes import write_episode
+from labeling.io.formats.checked_json import read_json
 
 from .boxed_rooms import SIDES, boxed_room
 
@@ -92,10 +94,11 @@ def test_objects_that_choose_are_not_learnt_from(recorded):
 def test_detecting_writes_boxes_once(episodes, trained, detector, capsys):
     name = str(trained) if detector == "trained" else detector
     assert detect3d.main([str(episodes), "--detector", name]) == 0
-    found = detect3d.read_detections_3d(episodes / "boxed_1" / "detections_3d.json", 6)
+    found = read_json(episodes / "boxed_1" / "detections_3d.json").list_of("detections")
     assert len(found) > 5
-    assert {one.category for one in found} <= set(SIDES)
-    assert all(np.all(one.box.extent_m > 0) and 0 <= one.confidence <= 1 for one in found)
+    assert {one.text("category") for one in found} <= set(SIDES)
+    assert all(np.all(read_valid_box_3d(one.get("box_3d")).extent_m > 0) for one in found)
+    assert all(0 <= one.number("score") <= 1 and 0 <= one.integer("view") < 6 for one in found)
     capsys.readouterr()
     assert detect3d.main([str(episodes), "--detector", name]) == 0
     assert "0 boxes in 0 episodes; 2 were done already" in capsys.readouterr().out
@@ -186,14 +189,6 @@ def test_malformed_boxes_are_refused_by_name(labels, tmp_path, capsys, change, w
 def test_settings_that_make_no_sense_are_refused(recorded, tmp_path, capsys, flags, why):
     arguments = [str(recorded), "--out", str(tmp_path / "run"), *flags]
     assert why in refused(capsys, train3d.main, *arguments)
-
-
-def test_a_damaged_file_of_boxes_is_refused(tmp_path):
-    path = tmp_path / "detections_3d.json"
-    record = {"view": 9, "category": "crate", "score": 0.5}
-    path.write_text(json.dumps({"detections": [record]}))
-    with pytest.raises(SbmError, match="no view 9"):
-        detect3d.read_detections_3d(path, 6)
 
 
 def test_a_label_set_without_its_recordings_is_refused(labels, recorded, tmp_path):

@@ -13,11 +13,12 @@ from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import read_pictures, with_annotations
 from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
-from labeling.detectors.finetuning.training import best_of, train
+from labeling.detectors.finetuning.training import train
 from labeling.detectors.networks.calibration import calibrated, fit_calibration, outcomes
 from labeling.detectors.networks.mask_rcnn import build_from_imagenet, build_network
 from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.spec import Calibration, NetworkSpec
+from labeling.detectors.networks.weights import load_network
 from labeling.detectors.scoring import calibrate, evaluate
 from labeling.metrics.matching import MaskInstance
 from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
@@ -55,7 +56,7 @@ def test_a_tiny_set_is_learnt_by_heart(tmp_path):
     pictures = read_pictures(write_coco_folder(tmp_path / "photos", 6, side=96))
     config = replace(SHORT, iterations=100, batch_size=4, learning_rate=1e-3, warmup=10, validate_every=50)
     quietly(network(), tmp_path / "run", pictures, pictures, config, AugmentConfig(crop=0.0, short_side_px=(96, 96)))
-    best = best_of(tmp_path / "run")
+    best = load_network(tmp_path / "run" / WEIGHTS_FILE)
     scores = evaluate(NetworkDetector(best, "toy"), pictures)
     assert scores.mask_ap50 is not None
     assert scores.mask_ap50 > 0.95
@@ -111,7 +112,7 @@ def test_training_stops_early_and_keeps_the_best(pictures, tmp_path):
     state = quietly(network(), tmp_path / "run", pictures, pictures[:1], config, PLAIN)
     assert state.best_iteration == 1
     assert state.iteration == 3
-    assert best_of(tmp_path / "run").spec.about["trained"]["iteration"] == 1
+    assert load_network(tmp_path / "run" / WEIGHTS_FILE).spec.about["trained"]["iteration"] == 1
 
 
 def test_pictures_without_labels_teach_background(pictures, tmp_path):
