@@ -9,6 +9,7 @@ from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import run_command
 from labeling.runtime.ranges import Positive, check_ranges
+from labeling.training.command import say
 
 MAX_BYTES = 20_000_000
 
@@ -62,49 +63,35 @@ def run(config: CompactConfig) -> None:
     # Threads that spin at barriers cost seven times the work on a machine that does other things too. Read by torch's
     # OpenMP when torch is imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    from experiments.pretraining.loop import PretrainConfig
+    import torch
 
+    from experiments.pretraining.augmentation import PretrainAugmentConfig
+    from experiments.pretraining.loop import PretrainConfig, pretrain
+    from labeling.detectors.data.annotated_pictures import read_pictures
+    from labeling.detectors.networks.mask_rcnn import build_from_imagenet
+    from labeling.detectors.networks.spec import NetworkSpec
+    from sbm_gym.photographs.album import AlbumSettings, make_album
+    from sbm_gym.photographs.models import CATEGORIES
+
+    check_ranges(config)
     training = PretrainConfig(
-        minutes=config.minutes,
         iterations=config.steps,
+        minutes=config.minutes,
         batch_size=config.batch_size,
         learning_rate=config.learning_rate,
         seed=config.seed,
     )
-    check_ranges(config)
     training.check()
-    train, val = _photographs(config)
-    finished = _trained(config, training, train, val)
-    _finish(config, finished, val)
-
-
-def _photographs(config: CompactConfig) -> tuple[list, list]:
-    from labeling.detectors.data.annotated_pictures import read_pictures
-    from sbm_gym.photographs.album import AlbumSettings, make_album
-
-    pictures = []
+    pictures = {}
     for split, count in (("train", config.count), ("val", config.val_count)):
         folder = config.photographs / split
         make_album(folder, AlbumSettings(split, config.seed, config.size, False), count, config.workers)
-        pictures.append(read_pictures(folder))
-    return pictures[0], pictures[1]
-
-
-def _trained(config: CompactConfig, training: Any, train: list, val: list) -> Any:
-    """The network after pre-training, with averaged weights."""
-    import torch
-
-    from experiments.pretraining.augmentation import PretrainAugmentConfig
-    from experiments.pretraining.loop import pretrain
-    from labeling.detectors.networks.mask_rcnn import build_from_imagenet
-    from labeling.detectors.networks.spec import NetworkSpec
-    from sbm_gym.photographs.models import CATEGORIES
-
+        pictures[split] = read_pictures(folder)
     torch.manual_seed(config.seed)
     network = build_from_imagenet(NetworkSpec("compact", CATEGORIES))
-    return pretrain(
-        network, config.out, train, val, training, PretrainAugmentConfig(), say=lambda text: print(text, flush=True)
-    )
+    augmentation = PretrainAugmentConfig()
+    network = pretrain(network, config.out, pictures["train"], pictures["val"], training, augmentation, say)
+    _finish(config, network, pictures["val"])
 
 
 def _finish(config: CompactConfig, network: Any, val: list) -> None:
@@ -148,7 +135,7 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     shipped = NetworkDetector(load_network(config.weights), "compact")
     content = {
         "bytes": config.weights.stat().st_size,
-        "config": {key: str(value) if isinstance(value, Path) else value for key, value in asdict(config).items()},
+        "config": json.loads(json.dumps(asdict(config), default=str)),
         "calibration": asdict(spec.calibration),
         **about,
         "held_out_photographs": figures(shipped, val),
@@ -158,7 +145,6 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
         },
         "worlds": {name: figures(shipped, pictures) for name, pictures in parts.items()},
     }
-    content["config"]["views"]["folder"] = str(config.views.folder)
     write_json(config.results, content)
     for name, row in {"photographs": content["held_out_photographs"], **content["worlds"]}.items():
         print(f"{name}: AP50 {row['ap50']}, confident precision {row['confident_precision']}")

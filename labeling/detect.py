@@ -74,7 +74,7 @@ def detect_episode(
         SbmError: if the episode is malformed, the detector fails, or there are other detections.
     """
     from labeling.detectors.run_detector import run_detector
-    from labeling.io.episodes import read_episode
+    from labeling.io.episodes import detection_record, read_episode
     from labeling.io.formats.atomic import write_json
     from labeling.io.formats.checked_json import read_json
 
@@ -91,7 +91,15 @@ def detect_episode(
     episode = read_episode(folder, recording)
     found = run_detector(detector, episode)
     ids, categories = _category_ids(folder, about, found, detector)
-    records = _records(found, _image_ids(folder, episode), ids)
+    image_ids = _image_ids(folder, episode)
+    records = [
+        {
+            **detection_record(one, ids),
+            "image_id": image_ids[one.view_index],
+            "score": round(one.confidence, 6),
+        }
+        for one in found
+    ]
     # Of what write_json will write. Were the process killed between the two files, it would not fit, and the detector
     # would run again.
     digest = _digest(json.dumps(records, indent=1, allow_nan=False) + "\n")
@@ -110,39 +118,22 @@ def _digest(content: str | bytes) -> str:
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
-def _records(
-    found: "tuple[Detection, ...]", image_ids: dict[int, int], category_ids: dict[str, int]
-) -> list[dict[str, Any]]:
-    from labeling.core.masks import box_xywh
-    from labeling.core.rle import encode_mask
-
-    return [
-        {
-            "image_id": image_ids[one.view_index],
-            "category_id": category_ids[one.category],
-            "segmentation": encode_mask(one.mask),
-            "bbox": list(box_xywh(one.mask)),
-            "score": round(one.confidence, 6),
-        }
-        for one in found
-    ]
-
-
 def _image_ids(folder: Path, episode: "Episode") -> dict[int, int]:
     """Image id of each view: that of ``ground_truth.json``, or the position of its frame in the recording."""
     from labeling.io.formats.checked_json import read_json
 
-    if (folder / TRUTH_FILE).is_file() and read_json(folder / TRUTH_FILE).has("images"):
-        of_name = {
+    truth = read_json(folder / TRUTH_FILE) if (folder / TRUTH_FILE).is_file() else None
+    if truth is not None and truth.has("images"):
+        ids = {
             Path(image.text("file_name").replace("\\", "/")).as_posix(): image.integer("id")
-            for image in read_json(folder / TRUTH_FILE).list_of("images")
+            for image in truth.list_of("images")
         }
-        missing = [name for name in episode.file_names if name not in of_name]
+        missing = [name for name in episode.file_names if name not in ids]
         if missing:
             raise UsageError(f"{folder / TRUTH_FILE}: images: does not list {missing[0]}, so its detections have no id")
-        return {view: of_name[name] for view, name in enumerate(episode.file_names)}
-    frames = {name: position for position, name in enumerate(episode.frame_names or episode.file_names)}
-    return {view: frames[name] for view, name in enumerate(episode.file_names)}
+    else:
+        ids = {name: position for position, name in enumerate(episode.frame_names or episode.file_names)}
+    return {view: ids[name] for view, name in enumerate(episode.file_names)}
 
 
 def _category_ids(
@@ -158,14 +149,11 @@ def _category_ids(
     ids: dict[str, int] = {}
     for number, name in known.items():
         ids.setdefault(name, number)
-    new = dict.fromkeys([*(detector.categories or ()), *(one.category for one in found)])
-    for name in new:
-        if name not in ids:
-            ids[name] = max([0, *known, *ids.values()]) + 1
-    listed = [*about.get("categories", [])]
+    for name in dict.fromkeys([*(detector.categories or ()), *(one.category for one in found)]):
+        ids.setdefault(name, max([0, *known, *ids.values()]) + 1)
+    listed = about.get("categories", [])
     there = {entry.get("id") for entry in listed}
-    listed += [{"id": number, "name": name} for name, number in ids.items() if number not in there]
-    return ids, listed
+    return ids, [*listed, *({"id": number, "name": name} for name, number in ids.items() if number not in there)]
 
 
 def main(arguments: list[str] | None = None) -> int:

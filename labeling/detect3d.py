@@ -4,7 +4,7 @@ import hashlib
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.detectors.command import DetectionCommand
@@ -16,9 +16,7 @@ from labeling.runtime.cli import run_command
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
-    from labeling.core.episode import Episode
-    from labeling.core.types import Detection
-    from labeling.detectors3d.base import Detection3d, Detector3d
+    from labeling.detectors3d.base import Detector3d
 
 RECORDED = "recorded"
 
@@ -73,49 +71,35 @@ def detect_episode(
     Raises:
         SbmError: if the episode is malformed or has no detections, or a detector fails.
     """
-    from labeling.io.episodes import read_episode
+    from labeling.detectors.run_detector import run_detector
+    from labeling.io.episodes import box_3d_record, read_episode
 
     path = folder / DETECTIONS_3D_FILE
     mark = _mark(folder, detector_3d, detector_2d)
     if _mark_of_file(path) == mark:
         return None
     episode = read_episode(folder, recording, ground_truth=False)
-    boxes = detector_3d.lift(episode, detections_of(episode, detector_2d))
+    detections = episode.detections if detector_2d is None else run_detector(detector_2d, episode)
+    if detections is None:
+        raise UsageError(f"{episode.name}: has no detections.json; give a 2-D detector with --boxes")
+    records = [
+        {
+            "view": one.view_index,
+            "file_name": episode.file_names[one.view_index],
+            "category": one.category,
+            "score": round(one.confidence, 6),
+            "box_3d": box_3d_record(one.box),
+        }
+        for one in detector_3d.lift(episode, detections)
+    ]
     content = {
         "detector": detector_3d.name,
         "boxes": RECORDED if detector_2d is None else detector_2d.name,
         "mark": mark,
-        "detections": [_record(episode, one) for one in boxes],
+        "detections": records,
     }
     write_json(path, content)
-    return len(boxes)
-
-
-def detections_of(episode: "Episode", detector_2d: "Detector | None") -> "tuple[Detection, ...]":
-    """What a 2-D detector finds, or has found.
-
-    Raises:
-        SbmError: if the episode has no detections, or the detector fails.
-    """
-    from labeling.detectors.run_detector import run_detector
-
-    if detector_2d is not None:
-        return run_detector(detector_2d, episode)
-    if episode.detections is None:
-        raise UsageError(f"{episode.name}: has no detections.json; give a 2-D detector with --boxes")
-    return episode.detections
-
-
-def _record(episode: "Episode", one: "Detection3d") -> dict[str, Any]:
-    from labeling.io.episodes import box_3d_record
-
-    return {
-        "view": one.view_index,
-        "file_name": episode.file_names[one.view_index],
-        "category": one.category,
-        "score": round(one.confidence, 6),
-        "box_3d": box_3d_record(one.box),
-    }
+    return len(records)
 
 
 def _mark(folder: Path, detector_3d: "Detector3d", detector_2d: "Detector | None") -> str:

@@ -198,22 +198,15 @@ def print_table(before: "dict[str, Scores]", after: "dict[str, Scores]") -> None
             ap = _change(old.per_class_ap50.get(category), new.per_class_ap50[category])
             table.add_row("", Text(category), ap, "", "", "")
         table.add_section()
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
     if before:
-        console.print(table)
-    if "source pictures" in before:
-        old, new = before["source pictures"].mask_ap50, after["source pictures"].mask_ap50
-        if old is not None and new is not None:
-            print(f"forgetting: AP50 on the source pictures changed by {100 * (new - old):+.1f} points")
+        Console(width=None if sys.stdout.isatty() else 120).print(table)
+    old, new = (getattr(scores.get("source pictures"), "mask_ap50", None) for scores in (before, after))
+    if old is not None and new is not None:
+        print(f"forgetting: AP50 on the source pictures changed by {100 * (new - old):+.1f} points")
 
 
-def _change(old: float | None, new: float | None) -> str:
-    def text(value: float | None) -> str:
-        return "-" if value is None else f"{100 * value:.1f}"
-
-    return f"{text(old)} -> {text(new)}"
+def _change(*values: float | None) -> str:
+    return " -> ".join("-" if value is None else f"{100 * value:.1f}" for value in values)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from labeling.core.episode import Episode
-from labeling.core.masks import box_xywh
+from labeling.core.masks import box_xyxy
 from labeling.core.types import Detection
 from labeling.detectors3d.base import Detection3d
 from labeling.detectors3d.frustum_dataset import resample_points
@@ -44,12 +44,11 @@ class FrustumDetector:
         for one in detections:
             if one.category not in spec.categories or not one.mask.any():
                 continue
-            x, y, width, height = box_xywh(one.mask)
             frustum = make_frustum(
                 episode.depth_m[one.view_index],
                 episode.intrinsics[one.view_index],
                 episode.camera_to_world[one.view_index],
-                (x, y, x + width, y + height),
+                box_xyxy(one.mask),
                 spec.num_points,
                 np.random.default_rng(0),
             )

@@ -29,10 +29,6 @@ class Progress:
     history: list[dict[str, Any]] = field(default_factory=list)
     """A record for each validation."""
 
-    def is_flat(self, patience: int, every: int) -> bool:
-        """Whether ``patience`` validations, one every so many batches, have passed without a better one; 0: never."""
-        return patience > 0 and self.iteration - self.best_iteration >= patience * every
-
 
 def save_checkpoint(out: Path, identity: str, progress: Progress, state: Mapping[str, Any]) -> None:
     """Writes a checkpoint atomically, and the history beside it.

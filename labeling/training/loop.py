@@ -91,8 +91,9 @@ class TrainingTask(ABC, Generic[Batch]):
 
     def is_finished(self, progress: Progress) -> bool:
         """Whether training is over."""
-        flat = progress.is_flat(self.patience, self.config.validate_every)
-        return progress.iteration >= self.config.iterations or flat
+        unimproved = progress.iteration - progress.best_iteration
+        is_flat = 0 < self.patience * self.config.validate_every <= unimproved
+        return is_flat or progress.iteration >= self.config.iterations
 
     def position(self, progress: Progress) -> dict[str, float]:
         """How a record of the history begins."""

@@ -9,7 +9,7 @@ import torch
 from torch.utils.data import Dataset
 
 from labeling.core.errors import UsageError
-from labeling.core.masks import box_xywh
+from labeling.core.masks import box_xyxy
 from labeling.core.rle import decode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, category_names
 from labeling.detectors.data.augment import AugmentConfig, Sample, augment
@@ -37,8 +37,7 @@ def load_sample(picture: AnnotatedPicture, categories: Sequence[str]) -> Sample:
 
 def to_target(sample: Sample) -> Target:
     """The objects of a sample as the network's losses want them."""
-    xywh = np.array([box_xywh(mask) for mask in sample.masks], np.float32).reshape(-1, 4)
-    boxes = torch.from_numpy(np.concatenate([xywh[:, :2], xywh[:, :2] + xywh[:, 2:]], axis=1))
+    boxes = torch.from_numpy(np.array([box_xyxy(mask) for mask in sample.masks], np.float32).reshape(-1, 4))
     learn = torch.from_numpy(~sample.ignore & (sample.labels > 0))
     return {
         "boxes": boxes[learn],

@@ -1,5 +1,6 @@
 """Confidences that mean what they say: fitted on detections of which it is known whether they were right."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -55,14 +56,12 @@ def outcomes(found: Sequence[MaskInstance], truths: Sequence[MaskInstance]) -> t
     Returns:
         Scores, and whether each was right.
     """
-    of_truth: dict[tuple, list[MaskInstance]] = {}
-    of_found: dict[tuple, list[MaskInstance]] = {}
-    for items, groups in ((truths, of_truth), (found, of_found)):
+    groups: dict[tuple, tuple[list[MaskInstance], list[MaskInstance]]] = defaultdict(lambda: ([], []))
+    for side, items in enumerate((found, truths)):
         for item in items:
-            groups.setdefault((item.image, item.category), []).append(item)
+            groups[item.image, item.category][side].append(item)
     scores, right = [], []
-    for key, candidates in of_found.items():
-        there = of_truth.get(key, [])
+    for candidates, there in groups.values():
         ranked = sorted(candidates, key=lambda item: -item.confidence)
         iou = pairwise_iou(ranked, there)
         free = np.ones(len(there), bool)
