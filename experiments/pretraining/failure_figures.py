@@ -16,8 +16,9 @@ from labeling.core.detector import Detector
 from labeling.core.episode import Episode
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
+from labeling.detectors.run_detector import run_detector
 from labeling.io.formats.atomic import atomic_file
-from labeling.metrics.matching import MaskInstance, match
+from labeling.metrics.matching import MaskInstance, instances_of, match
 
 CONDITIONS = ("side", "visible", "distance")
 TITLES = {
@@ -72,12 +73,8 @@ def find_objects(episode: Episode, detector: Detector) -> list[ObjectView]:
         for t in episode.ground_truth or ()
         if not t.ignore and t.box_3d is not None and (not known or t.category in known)
     ]
-    found: list[MaskInstance] = []
-    for view, detections in enumerate(detector.detect(episode.rgb)):
-        for category, score, mask in zip(detections.categories, detections.scores, detections.masks, strict=True):
-            if mask.any():
-                found.append(MaskInstance(view, category, encode_mask(mask), float(score)))
-    wanted = [MaskInstance(t.view_index, t.category, encode_mask(t.modal)) for t in truths]
+    found = instances_of(episode.name, run_detector(detector, episode))
+    wanted = [MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.modal)) for t in truths]
     right = [m.iou >= RIGHT_IOU for m in match(found, wanted)]
     sure = [m.iou >= RIGHT_IOU for m in match([item for item in found if item.confidence >= CONFIDENT], wanted)]
     objects = []

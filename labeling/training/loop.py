@@ -35,7 +35,7 @@ class TrainingTask(ABC, Generic[Batch]):
     optimizer: torch.optim.Optimizer
     """Of the network's parameters; a group with a ``share`` learns at that share of the learning rate."""
     dataset: Dataset
-    """Maps every number from 0 to a sample."""
+    """Maps every number from 0 to a sample. This and the next two serve ``batches``."""
     collate: Callable[[Sequence[Any]], Batch]
     """Makes a batch of samples."""
     workers: int = 0
