@@ -5,31 +5,27 @@ from pathlib import Path
 from typing import Any
 
 
-def tensorboard_curves(
-    out: Path, iteration: int, say: Callable[[str], None]
-) -> Callable[[str, Mapping[str, Any], int], None]:
-    """Opens ``tensorboard/`` in a run's folder.
+def open_tensorboard(folder: Path, step: int, say: Callable[[str], None]) -> Any:
+    """A TensorBoard ``SummaryWriter`` from a step on: what lies after it, from before a kill, is dropped.
 
     Args:
-        out: folder of the run.
-        iteration: steps after it are drawn anew.
-        say: told if TensorBoard is not installed; then nothing is drawn.
+        folder: to write to.
+        step: where the run goes on.
+        say: told if TensorBoard is missing.
 
     Returns:
-        Draws those of some figures that are fractional numbers, at a step, as ``group/name``: (group, figures, step).
+        The writer, None where TensorBoard is not installed.
     """
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
         say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
-        return lambda group, figures, step: None
-    writer = SummaryWriter(str(out / "tensorboard"), purge_step=iteration + 1)
+        return None
+    return SummaryWriter(str(folder), purge_step=step + 1)
 
-    def draw(group: str, figures: Mapping[str, Any], step: int) -> None:
-        for name, value in figures.items():
-            if isinstance(value, float):
-                writer.add_scalar(f"{group}/{name}", value, step)
-        if group == "val":
-            writer.flush()
 
-    return draw
+def draw_figures(writer: Any, group: str, figures: Mapping[str, Any], step: int) -> None:
+    """Draws those of the figures that are fractional numbers, as ``group/name``; nothing if ``writer`` is None."""
+    for name, value in figures.items():
+        if writer is not None and isinstance(value, float):
+            writer.add_scalar(f"{group}/{name}", value, step)

@@ -5,6 +5,7 @@ optimizer steps, running average, validation, the best network, curves, and chec
 is the stretch between two validations, as in torchvision's references/detection.
 """
 
+import functools
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,7 +21,7 @@ from labeling.io.formats.atomic import write_json
 from labeling.training.batches import numbered_batches
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import TrainingConfig
-from labeling.training.curves import tensorboard_curves
+from labeling.training.curves import draw_figures, open_tensorboard
 from labeling.training.files import CONFIG_FILE, WEIGHTS_FILE
 
 Batch = TypeVar("Batch")
@@ -138,13 +139,14 @@ def train(
     if progress.iteration:
         say(f"going on from step {progress.iteration}")
     write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(about or {})})
-    draw = tensorboard_curves(out, progress.iteration, say)
+    writer = open_tensorboard(out / "tensorboard", progress.iteration, say)
+    draw = functools.partial(draw_figures, writer)
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
     while not task.is_finished(progress):
         batches = task.batches(progress)
         if bar is not None:
             batches = bar(batches, desc=f"training from step {progress.iteration}")
-        losses = train_one_epoch(task, batches, progress, scaler, lambda step, values: draw("train", values, step))
+        losses = train_one_epoch(task, batches, progress, scaler, lambda step, losses: draw("train", losses, step))
         figures = task.validate(progress)
         draw("val", figures, progress.iteration)
         record = {**task.position(progress), **losses, **figures}
@@ -157,6 +159,8 @@ def train(
             task.save(out / task.weights_file, progress)
         save_checkpoint(out, identity, progress, _state(task))
         say(task.summary(record, progress))
+    if writer is not None:
+        writer.close()
     return progress
 
 
