@@ -1,14 +1,12 @@
-"""What each half of the reward is worth: a planner that values parts of it, measured by the whole."""
+"""Ablation of the reward: a planner with parts of it, measured by the whole."""
 
-from dataclasses import dataclass
 from typing import Any
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import WORLDS
+from experiments.tables.policy_evaluation import evaluate_config
 
-DETECTOR = "simulated"
-SPLIT = "val"
 POLICIES = (
     "next_best_view",
     "next_best_view:discovery",
@@ -19,15 +17,8 @@ POLICIES = (
 """Differences are to the first, which values both."""
 
 
-@dataclass(frozen=True)
-class Size:
-    """How much of everything a scale has."""
-
-    episodes: int
-    """Of each world, policy and seed."""
-
-
-SIZES: dict[Scale, Size] = {"smoke": Size(1), "quick": Size(20), "full": Size(100)}
+EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 20, "full": 100}
+"""Of each world, policy and seed."""
 
 
 @experiment(
@@ -50,20 +41,8 @@ def run(context: RunContext) -> dict[str, Any]:
 
 
 def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
-    from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import evaluate_policies
-    from experiments.tables.policy_evaluation import episodes_folder
 
-    config = EvaluateConfig(
-        policies=POLICIES,
-        env=env_id,
-        split=SPLIT,
-        episodes=SIZES[context.scale].episodes,
-        seeds=len(context.seeds),
-        detector=DETECTOR,
-        labels=False,
-        workers=context.workers,
-        out=episodes_folder("reward_ablation", env_id, SPLIT, DETECTOR, None, context),
-    )
-    content = evaluate_policies(config)
+    episodes = EPISODES[context.scale]
+    content = evaluate_policies(evaluate_config("reward_ablation", env_id, POLICIES, episodes, "simulated", context))
     return {name: content[name] for name in ("settings", "policies", "protocol")}

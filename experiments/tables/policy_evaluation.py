@@ -1,14 +1,16 @@
 """Policies against each other in both worlds, with a real detector in the loop: what they earn and bring home."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale, digest
 from experiments.cache.worlds import DETECTOR, WORLDS
 from labeling.runtime.code_digest import code_digest
+
+if TYPE_CHECKING:
+    from agents.evaluation.evaluate_config import EvaluateConfig
 
 SPLIT = "val"
 POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
@@ -52,29 +54,14 @@ def run(context: RunContext) -> dict[str, Any]:
 
 
 def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
-    from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import evaluate_policies
 
     size = SIZES[context.scale]
     policies, left_out = available_policies(env_id, POLICIES)
-    config = EvaluateConfig(
-        policies=policies,
-        env=env_id,
-        split=SPLIT,
-        episodes=size.episodes,
-        seeds=len(context.seeds),
-        detector=DETECTOR,
-        labels=False,
-        workers=context.workers,
-        out=episodes_folder("policy_evaluation", env_id, SPLIT, DETECTOR, None, context),
-    )
-    with_labels = replace(
-        config,
-        policies=tuple(policy for policy in policies if policy in LABELLED),
-        episodes=size.labelled,
-        labels=True,
-        size=size.picture_px,
-        out=episodes_folder("policy_evaluation_labelled", env_id, SPLIT, DETECTOR, size.picture_px, context),
+    chosen = tuple(policy for policy in policies if policy in LABELLED)
+    config = evaluate_config("policy_evaluation", env_id, policies, size.episodes, DETECTOR, context)
+    with_labels = evaluate_config(
+        "policy_evaluation_labelled", env_id, chosen, size.labelled, DETECTOR, context, True, size.picture_px
     )
     labelled = evaluate_policies(with_labels)
     content = evaluate_policies(config, reuse=with_labels.out)
@@ -106,17 +93,47 @@ def available_policies(env_id: str, policies: Sequence[str]) -> tuple[tuple[str,
     return tuple(there), left_out
 
 
-def episodes_folder(
-    experiment: str, env_id: str, split: str, detector: str, picture_px: int | None, context: RunContext
-) -> Path:
-    """Where results of episodes are kept: another folder whenever something changes that decides them."""
+def evaluate_config(
+    experiment: str,
+    env_id: str,
+    policies: tuple[str, ...],
+    episodes: int,
+    detector: str,
+    context: RunContext,
+    labels: bool = False,
+    picture_px: int | None = None,
+) -> "EvaluateConfig":
+    """How policies are evaluated, in another folder whenever something changes that decides their results.
+
+    Args:
+        experiment: whose folder in the cache.
+        env_id: Gymnasium id of the world.
+        policies: names; differences are to the first.
+        episodes: of each policy and seed.
+        detector: in the loop.
+        context: seeds, workers and cache.
+        labels: make labels of the views, too.
+        picture_px: height of the pictures that labels are made on; None is the world's own.
+    """
+    from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import Evaluator
     from experiments.cache.episode_pool import detector_digest
     from labeling.runtime.provenance import experiment_versions
 
-    settings = [env_id, split, detector, picture_px]
+    settings = [env_id, SPLIT, detector, picture_px]
     name = digest(settings, experiment_versions(), code_digest(Evaluator), detector_digest(detector))
-    return context.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}"
+    return EvaluateConfig(
+        policies=policies,
+        env=env_id,
+        split=SPLIT,
+        episodes=episodes,
+        seeds=len(context.seeds),
+        detector=detector,
+        labels=labels,
+        size=picture_px,
+        workers=context.workers,
+        out=context.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}",
+    )
 
 
 def training_of(policies: Sequence[str], env_id: str) -> dict[str, dict[str, Any]]:

@@ -97,3 +97,21 @@ def test_every_timed_stage_is_a_function_that_exists():
     for stage, target in label_stages.STAGES.items():
         module, _, name = target.rpartition(".")
         assert callable(getattr(import_module(module), name)), stage
+
+
+def test_every_stage_of_labelling_is_timed_beside_its_floor(tmp_path, monkeypatch):
+    from dataclasses import replace
+
+    from experiments.benchmarks.labels import _label
+    from labeling.io.episodes import write_episode
+
+    from ...labeling.synthetic_room import make_episode
+
+    monkeypatch.setattr(label_stages, "_bandwidth_mb_s", lambda: 1e4)
+    monkeypatch.setattr(label_stages, "_flops_s", lambda: 1e11)
+    room = make_episode(7, 4, (48, 64), num_objects=3, confident_share=2.0)
+    write_episode(tmp_path / "room", replace(room, name="room"))
+    rows = list(label_stages.stage_rows(lambda out: _label(tmp_path / "room", out), tmp_path / "room", 1))
+    assert [row.what.removeprefix("stage: ") for row in rows] == list(label_stages.STAGES)
+    assert all(row.seconds > 0 for row in rows)
+    assert all(row.baseline_seconds is not None and row.baseline_seconds > 0 for row in rows)
