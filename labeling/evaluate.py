@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import progress_bar, run_command
 
 if TYPE_CHECKING:
     from labeling.evaluation.compare import Evaluation
@@ -68,8 +68,6 @@ def run(config: EvaluateConfig) -> "Evaluation":
     Raises:
         SbmError: if label set or dataset are malformed, or there is no ground truth. Nothing is written then.
     """
-    from tqdm import tqdm
-
     from labeling.evaluation.compare import evaluate_label_set
     from labeling.evaluation.report.html import write_report
     from labeling.io.formats.atomic import write_json
@@ -78,8 +76,8 @@ def run(config: EvaluateConfig) -> "Evaluation":
         raise UsageError("--metrics is for a detector alone; the figures of a label set lie in it as metrics.json")
     if min(config.max_strips, config.max_worst) < 0:
         raise UsageError("--max-strips and --max-worst count views; give 0 or more")
-    bar = functools.partial(tqdm, delay=2.0, leave=False, unit="episode", file=sys.stderr)
-    evaluation = evaluate_label_set(config.labels, config.dataset, functools.partial(bar, desc="evaluating"))
+    bar = functools.partial(progress_bar, desc="evaluating", unit="episode")
+    evaluation = evaluate_label_set(config.labels, config.dataset, bar)
     write_report(
         config.labels / REPORT_FILE,
         evaluation,
@@ -99,18 +97,16 @@ def score_alone(config: EvaluateConfig) -> None:
     Raises:
         SbmError: if detector or pictures are at fault, or there is no ground truth.
     """
-    from tqdm import tqdm
-
     from labeling.evaluation.detector_scores import score_detector, score_episodes
     from labeling.io.formats.atomic import write_json
 
-    bar = functools.partial(tqdm, delay=2.0, leave=False, file=sys.stderr, desc="evaluating")
+    bar = functools.partial(progress_bar, desc="evaluating")
     if config.detector is None:
         metrics = score_episodes(config.labels, functools.partial(bar, unit="episode"))
     else:
         from labeling.detectors.registry import load_detector
 
-        metrics = score_detector(config.labels, load_detector(config.detector), functools.partial(bar, unit="batch"))
+        metrics = score_detector(config.labels, load_detector(config.detector), bar)
     if config.metrics is not None:
         write_json(config.metrics, metrics)
     print_table(metrics)

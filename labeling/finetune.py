@@ -12,9 +12,9 @@ from labeling.core.errors import UsageError
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.registry import DEFAULT, check_name
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import progress_bar, run_command
 from labeling.runtime.ranges import Share, check_ranges
-from labeling.training.command import Labels, TrainingCommand, progress_bar, say
+from labeling.training.command import Labels, TrainingCommand, say
 
 if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture

@@ -16,7 +16,7 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import progress_bar, run_command
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,6 @@ def run(config: GenerateConfig) -> None:
         SbmError: if the dataset holds no episode or the output folder cannot be used; and, after all the others have
             been labelled and written, if any episode failed (each has been told on stderr in one line).
     """
-    from tqdm import tqdm
-
     from labeling.generator.label_writer import write_label_set
     from labeling.generator.sources import source_fingerprint
     from labeling.io.episodes import find_episodes
@@ -73,7 +71,7 @@ def run(config: GenerateConfig) -> None:
     _check_out(config.out, config.dataset)
     job = Job(config.dataset, config.out, config.recording, config.sources, config.label, inputs)
     results = []
-    bar = tqdm(total=len(folders), desc="labelling", unit="episode", delay=2.0, leave=False, file=sys.stderr)
+    bar = progress_bar(total=len(folders), desc="labelling", unit="episode")
     with bar, closing(label_all(job, folders, config.workers)) as found:
         for result in found:
             bar.update()
@@ -82,8 +80,7 @@ def run(config: GenerateConfig) -> None:
     if config.share_scenes:
         from labeling.generator.sharing.share_scenes import share_scenes
 
-        progress = partial(tqdm, desc="sharing", unit="episode", delay=2.0, leave=False, file=sys.stderr)
-        results = share_scenes(job, results, progress)
+        results = share_scenes(job, results, partial(progress_bar, desc="sharing", unit="episode"))
     about = {
         **describe(config.label),
         "share_scenes": config.share_scenes,

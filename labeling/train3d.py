@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
-from labeling.runtime.cli import run_command
-from labeling.training.command import Labels, TrainingCommand, progress_bar, say
+from labeling.runtime.cli import progress_bar, run_command
+from labeling.training.command import Labels, TrainingCommand, say
 
 if TYPE_CHECKING:
     from labeling.detectors3d.frustum_samples import FrustumSample

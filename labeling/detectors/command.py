@@ -10,6 +10,7 @@ import tyro
 
 from labeling.core.errors import SbmError
 from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.runtime.cli import progress_bar
 
 Found = TypeVar("Found")
 
@@ -43,7 +44,7 @@ class DetectionCommand:
         folders = find_episodes(self.dataset, self.recording)
         done: list[Found] = []
         failed = passed_over = 0
-        for folder in tqdm(folders, desc="detecting", unit="episode", delay=2.0, leave=False, file=sys.stderr):
+        for folder in progress_bar(folders, "episode", desc="detecting"):
             try:
                 found = detect(folder)
             except SbmError as error:

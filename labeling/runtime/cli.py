@@ -16,6 +16,13 @@ Config = TypeVar("Config")
 BAD_INPUT, INTERRUPTED = 2, 130
 
 
+def progress_bar(items: Any = None, unit: str = "batch", **options: Any) -> Any:
+    """The items, with a bar on stderr from the third second on (``tqdm``, which takes the options)."""
+    from tqdm import tqdm
+
+    return tqdm(items, unit=unit, delay=2.0, leave=False, file=sys.stderr, **options)
+
+
 def run_command(
     config_type: type[Config] | Any,
     run: Callable[[Config], object],

@@ -1,7 +1,5 @@
 """What the commands that train on labels have in common."""
 
-import sys
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -58,10 +56,3 @@ class TrainingCommand:
 def say(line: str) -> None:
     """Prints a line at once."""
     print(line, flush=True)
-
-
-def progress_bar(batches: Iterable[Any], desc: str | None = None, unit: str = "batch") -> Iterable[Any]:
-    """The same batches; a bar shows on stderr how many are done."""
-    from tqdm import tqdm
-
-    return tqdm(batches, desc=desc, unit=unit, delay=2.0, leave=False, file=sys.stderr)
