@@ -24,7 +24,7 @@ STAGES = {
     "CRF: mean field": "labeling.generator.segment.active_points.mean_field",
     "connected components and boxes": "labeling.generator.propagate._describe_objects",
     "masks of all views": "labeling.generator.propagate.draw_labels",
-    "run-length codes": "labeling.io.label_records.episode_record",
+    "run-length codes": "labeling.generator.label_jobs.episode_record",
     "cloud file": "labeling.io.formats.ply.write_ply",
 }
 """Functions that are timed, by stage. Stages on several threads may overlap."""
