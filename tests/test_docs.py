@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import runpy
 import shlex
 import sys
 from unittest.mock import patch
@@ -96,3 +97,22 @@ def test_the_experiment_of_contributing_runs(tmp_path, monkeypatch):
     module = importlib.import_module("squares_of_contributing")
     assert module.run_squares(RunContext("smoke", (0,), 1, tmp_path / "cache")) == {"squares": [0, 1]}
     assert "squares" in registry.experiments()
+
+
+def test_names_in_the_walks_of_the_architecture_exist():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    names = set(re.findall(r"`((?:labeling|sbm_gym|agents|experiments)(?:\.\w+)+)`", text))
+    assert len(names) >= 12
+    for name in names:
+        parts, attributes = name.split("."), []
+        while not (ROOT.joinpath(*parts)).is_dir() and not ROOT.joinpath(*parts).with_suffix(".py").is_file():
+            attributes.insert(0, parts.pop())
+        found = importlib.import_module(".".join(parts))
+        for attribute in attributes:
+            found = getattr(found, attribute)
+
+
+def test_the_list_of_folders_is_that_of_the_code():
+    assert runpy.run_path(str(ROOT / "tools" / "folders.py"))["updated_page"]() == (
+        ROOT / "docs" / "architecture.md"
+    ).read_text(encoding="utf-8"), "run: python tools/folders.py"
