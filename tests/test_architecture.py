@@ -119,15 +119,14 @@ def test_what_the_packages_read_is_installed_with_them():
         path
         for name, patterns in setuptools["package-data"].items()
         for pattern in patterns
-        for path in (ROOT / name.replace(".", "/")).glob(pattern)
+        for folder in (PACKAGES if name == "*" else [name.replace(".", "/")])
+        for path in (ROOT / folder).glob(pattern)
     }
     data = {
         path
         for package in PACKAGES
         for path in (ROOT / package).rglob("*.*")
-        if path.is_file()
-        and path.suffix not in (".py", ".typed", ".pyc", ".nbi", ".nbc")
-        and "results" not in path.parts
+        if path.is_file() and path.suffix not in (".py", ".pyc", ".nbi", ".nbc") and "results" not in path.parts
     }
     assert data
     assert data <= shipped

@@ -1,0 +1,12 @@
+from .evaluation.evaluate_config import EvaluateConfig as EvaluateConfig
+from .evaluation.run import evaluate_policies as evaluate_policies
+from .policies.base import Policy as Policy
+from .policies.base import RobotPolicy as RobotPolicy
+from .policies.registry import make_policy as make_policy
+from .ppo.config import PpoConfig as PpoConfig
+from .ppo.training import train_ppo as train_ppo
+from .rollouts.collect_config import CollectConfig as CollectConfig
+from .rollouts.recorder import collect_episodes as collect_episodes
+from .rollouts.recorder import record_episode as record_episode
+from .rollouts.rollout import Transition as Transition
+from .rollouts.rollout import rollout as rollout

@@ -1,0 +1,15 @@
+from .detection.simulated import SimulatedDetectorConfig as SimulatedDetectorConfig
+from .env.fixation_env import FixationEnv as FixationEnv
+from .env.rewards import RewardWeights as RewardWeights
+from .registration import ENV_IDS as ENV_IDS
+from .registration import register_envs as register_envs
+from .registration import register_world as register_world
+from .robot.body import BodyConfig as BodyConfig
+from .robot.knowledge import RobotKnowledge as RobotKnowledge
+from .robot.object_memory import MemoryConfig as MemoryConfig
+from .scenes.compiled import WorldSource as WorldSource
+from .scenes.profiles import INDOOR as INDOOR
+from .scenes.profiles import OUTDOOR as OUTDOOR
+from .scenes.profiles import WorldProfile as WorldProfile
+from .worlds.rooms.indoor import build_room as build_room
+from .worlds.world import World as World
