@@ -78,13 +78,8 @@ def run(config: EvaluateConfig) -> "Evaluation":
         raise UsageError("--max-strips and --max-worst count views; give 0 or more")
     bar = functools.partial(progress_bar, desc="evaluating", unit="episode")
     evaluation = evaluate_label_set(config.labels, config.dataset, bar)
-    write_report(
-        config.labels / REPORT_FILE,
-        evaluation,
-        config.max_strips,
-        config.max_worst,
-        functools.partial(bar, desc="drawing"),
-    )
+    drawing = functools.partial(bar, desc="drawing")
+    write_report(config.labels / REPORT_FILE, evaluation, config.max_strips, config.max_worst, drawing)
     write_json(config.labels / METRICS_FILE, evaluation.metrics)
     print_table(evaluation.metrics)
     print(f"metrics: {config.labels / METRICS_FILE}\nreport:  {config.labels / REPORT_FILE}")
@@ -122,44 +117,29 @@ def print_table(metrics: dict[str, Any]) -> None:
     from labeling.evaluation.report.html import plural
 
     counts = metrics["counts"]
-    table = Table(
-        title=", ".join(
-            plural(counts[key], noun)
-            for key, noun in (("episodes", "episode"), ("views", "view"), ("ground_truth_instances", "instance"))
-            if key in counts
-        ),
-        title_justify="left",
-        title_style="bold",
-    )
+    nouns = {"episodes": "episode", "views": "view", "ground_truth_instances": "instance"}
+    title = ", ".join(plural(counts[key], noun) for key, noun in nouns.items() if key in counts)
+    table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("", no_wrap=False)
     table.add_column("category", overflow="fold")
-    for title in FIGURES.values():
-        table.add_column(title.replace(" ", "\n"), justify="right", no_wrap=True)
+    for figure in FIGURES.values():
+        table.add_column(figure.replace(" ", "\n"), justify="right", no_wrap=True)
     table.add_column("instances", justify="right", no_wrap=True)
+
+    def add_row(method: str, category: str | Text, record: dict[str, Any], style: str | None = None) -> None:
+        numbers = (_number(record[key]) for key in FIGURES)
+        table.add_row(method, category, *numbers, f"{record['ground_truth_instances']}", style=style)
+
     methods = [name for name in ("detector", "pseudo_labels") if name in metrics]
     for method in methods:
-        record = metrics[method]
-        table.add_row(
-            method,
-            "all",
-            *(_number(record[key]) for key in FIGURES),
-            f"{record['ground_truth_instances']}",
-            style="bold",
-        )
+        add_row(method, "all", metrics[method], "bold")
     shown, absent = categories_by_presence(metrics)
     for name in shown:
         table.add_section()
         for method in methods:
-            record = metrics[method]["per_class"].get(name)
-            if record is None:
-                continue
-            # Text, not a string: brackets in a category name are no markup.
-            table.add_row(
-                method,
-                Text(name),
-                *(_number(record[key]) for key in FIGURES),
-                f"{record['ground_truth_instances']}",
-            )
+            if name in metrics[method]["per_class"]:
+                # Text, not a string: brackets in a category name are no markup.
+                add_row(method, Text(name), metrics[method]["per_class"][name])
     console = Console()
     if not console.is_terminal:
         console = Console(width=120)

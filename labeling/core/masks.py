@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from hotcoco import mask as coco_mask
 from jaxtyping import Bool, Float32
 
 
@@ -11,12 +12,8 @@ def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return (0.0, 0.0, 0.0, 0.0)
-    return (
-        float(columns[0]),
-        float(rows[0]),
-        float(columns[-1] - columns[0] + 1),
-        float(rows[-1] - rows[0] + 1),
-    )
+    left, top, right, bottom = (float(edge) for edge in (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1))
+    return (left, top, right - left, bottom - top)
 
 
 def box_xyxy(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
@@ -48,8 +45,6 @@ def fill_polygons(polygons: Any, size: tuple[int, int]) -> Bool[np.ndarray, "h w
     Raises:
         ValueError: if a polygon has fewer than three corners, or corners far outside the picture.
     """
-    from hotcoco import mask as coco_mask
-
     height_px, width_px = size
     if not isinstance(polygons, list) or not polygons:
         raise ValueError("a polygon mask is a list of lists x1 y1 x2 y2 ...")

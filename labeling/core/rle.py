@@ -7,6 +7,7 @@ zeros, as the COCO API does. Here these are refused, too: they are the sign of a
 from typing import Any
 
 import numpy as np
+from hotcoco import mask as coco_mask
 from jaxtyping import Bool
 
 
@@ -17,23 +18,17 @@ def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
         >>> encode_mask(np.array([[False, True], [False, True]]))
         {'size': [2, 2], 'counts': '22'}
     """
-    from hotcoco import mask as coco_mask
-
     rle = coco_mask.encode(mask)
     return {"size": [int(side) for side in mask.shape], "counts": rle["counts"].decode("ascii")}
 
 
 def rle_area(rle: dict[str, Any]) -> int:
     """Number of pixels of a mask."""
-    from hotcoco import mask as coco_mask
-
     return int(coco_mask.area(rle))
 
 
 def rle_box_xywh(rle: dict[str, Any]) -> list[float]:
     """Tightest box around a mask: left, top, width, height in pixels; zeros for an empty mask."""
-    from hotcoco import mask as coco_mask
-
     return coco_mask.to_bbox(rle).tolist()
 
 
@@ -49,7 +44,6 @@ def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
                [False,  True]])
     """
     import cv2
-    from hotcoco import mask as coco_mask
 
     check_rle(rle)
     height_px, width_px = rle["size"]
@@ -66,8 +60,6 @@ def check_rle(rle: Any) -> None:
     Raises:
         ValueError: if the RLE is malformed or its runs do not fill its size.
     """
-    from hotcoco import mask as coco_mask
-
     if not isinstance(rle, dict) or "size" not in rle or "counts" not in rle:
         raise ValueError("an RLE is an object with 'size' and 'counts'")
     size, counts = rle["size"], rle["counts"]

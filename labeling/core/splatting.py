@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int32
 from numba import njit
 
-from labeling.core.geometry import unproject_depth
 from labeling.core.views import Camera
 
 
@@ -51,25 +50,6 @@ def silhouettes(
     drawn = np.zeros((num_objects, *camera.size), np.bool_)
     _paint_all(drawn, points, object_of_point, *_matrices(camera), point_size_m)
     return drawn
-
-
-def reproject(
-    depth_m: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"], source: Camera, target: Camera
-) -> Bool[np.ndarray, "h w"]:
-    """Moves the pixels of ``mask`` from one view into another, with a z-buffer over the whole view.
-
-    Args:
-        depth_m: z-depth of the source view, metres, 0 = no return.
-        mask: in the source view.
-        source: camera of the view that the mask is of.
-        target: camera of the view to move it to.
-    """
-    points, flat = unproject_depth(depth_m, source.intrinsics, source.camera_to_world)
-    index = splat(points, target)
-    moved = np.zeros(target.size, bool)
-    drawn = index >= 0
-    moved[drawn] = mask.ravel()[flat[index[drawn]]]
-    return moved
 
 
 def _matrices(camera: Camera) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hotcoco import mask as coco_mask
 
 from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_unknown_categories
 from labeling.io.label_set import LabelSet, View, read_label_set
@@ -99,31 +100,37 @@ def evaluate_label_set(
     detections = [item for episode in episodes for item in episode.detections]
     pseudo_labels = [item for item in labels.modal if item.image in kept]
     detector_matches, label_matches = match(detections, truths), match(pseudo_labels, truths)
+    areas = coco_mask.area([item.rle for item in truths]) if truths else []
+    cases = [
+        Case(item.image, item.category, number, int(area), detector.iou, label.iou)
+        for item, number, area, detector, label in zip(
+            truths, instance_ids, areas, detector_matches, label_matches, strict=True
+        )
+        if not item.ignore
+    ]
     looked = any(episode.has_detections for episode in episodes)
     metrics = {
         "schema_version": SCHEMA_VERSION,
         "detector": figures(detections, truths, detector_matches) if looked else _undefined(truths),
-        "pseudo_labels": {
-            **figures(pseudo_labels, truths, label_matches),
-            **_amodal_figures(episodes, labels),
-        },
+        "pseudo_labels": {**figures(pseudo_labels, truths, label_matches), **_amodal_figures(episodes, labels)},
         "counts": {
             "episodes": len(episodes),
             "views": len(kept),
-            "ground_truth_instances": sum(not item.ignore for item in truths),
-            "ignored_instances": sum(item.ignore for item in truths),
+            "ground_truth_instances": len(cases),
+            "ignored_instances": len(truths) - len(cases),
             "detections": len(detections),
             "pseudo_labels": len(pseudo_labels),
         },
-        "views": _view_figures(episodes, truths, detector_matches, label_matches),
+        "views": _view_figures(episodes, cases),
         "protocol": PROTOCOL,
         "notes": notes,
         "dataset": str(dataset),
         "versions": {"python": platform.python_version(), **package_versions(LIBRARIES)},
         "label_set": {key: value for key, value in labels.provenance.items() if key != "episodes"},
     }
-    cases = _cases(truths, instance_ids, detector_matches, label_matches)
-    return Evaluation(metrics, episodes, labels, cases)
+    # The worst pseudo-label first; of equally bad ones the larger object first.
+    cases.sort(key=lambda case: (case.pseudo_label_iou, -case.area_px, case.view, case.instance_id))
+    return Evaluation(metrics, episodes, labels, tuple(cases))
 
 
 def figures(
@@ -133,9 +140,8 @@ def figures(
     ap = _ap_figures(predictions, truths)
     overall = mean_iou(truths, matches)
     category = np.array([item.category for item in truths], dtype=object)
-    names = sorted({item.category for item in [*predictions, *truths]})
     per_class = {}
-    for name in names:
+    for name in sorted({item.category for item in [*predictions, *truths]}):
         iou = mean_iou(truths, matches, category == name)
         per_class[name] = {
             **{key: per_name[name] for key, (_, per_name) in ap.items()},
@@ -202,50 +208,21 @@ def _amodal_figures(episodes: Sequence[EpisodeRecords], labels: LabelSet) -> dic
     }
 
 
-# Figures per view and per instance -----------------------------------------------------------------------------------
-
-
-def _view_figures(
-    episodes: Sequence[EpisodeRecords],
-    truths: Sequence[MaskInstance],
-    detector_matches: Sequence[Match],
-    label_matches: Sequence[Match],
-) -> list[dict[str, Any]]:
+def _view_figures(episodes: Sequence[EpisodeRecords], cases: Sequence[Case]) -> list[dict[str, Any]]:
     """For every view evaluated how many instances there are and how well they were found."""
-    found: dict[View, list[int]] = {view: [] for episode in episodes for view in episode.views}
-    for index, item in enumerate(truths):
-        if not item.ignore:
-            found[item.image].append(index)
+    found: dict[View, list[Case]] = {view: [] for episode in episodes for view in episode.views}
+    for case in cases:
+        found[case.view].append(case)
     return [
         {
             "episode": episode,
             "view": view,
-            "ground_truth_instances": len(indices),
-            "detector_mean_iou": mean_of([detector_matches[i].iou for i in indices]),
-            "pseudo_label_mean_iou": mean_of([label_matches[i].iou for i in indices]),
+            "ground_truth_instances": len(there),
+            "detector_mean_iou": mean_of([case.detector_iou for case in there]),
+            "pseudo_label_mean_iou": mean_of([case.pseudo_label_iou for case in there]),
         }
-        for (episode, view), indices in found.items()
+        for (episode, view), there in found.items()
     ]
-
-
-def _cases(
-    truths: Sequence[MaskInstance],
-    instance_ids: Sequence[int],
-    detector_matches: Sequence[Match],
-    label_matches: Sequence[Match],
-) -> tuple[Case, ...]:
-    """Counted instances, the worst pseudo-label first; of equally bad ones the larger object first."""
-    from hotcoco import mask as coco_mask
-
-    areas = coco_mask.area([item.rle for item in truths]) if truths else []
-    cases = [
-        Case(item.image, item.category, number, int(area), detector.iou, label.iou)
-        for item, number, area, detector, label in zip(
-            truths, instance_ids, areas, detector_matches, label_matches, strict=True
-        )
-        if not item.ignore
-    ]
-    return tuple(sorted(cases, key=lambda case: (case.pseudo_label_iou, -case.area_px, case.view, case.instance_id)))
 
 
 def categories_by_presence(metrics: dict[str, Any]) -> tuple[list[str], list[str]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 
 from labeling.core.episode import Episode
@@ -45,16 +46,16 @@ def read_records(
     found = False
     without_truth, unlabelled = [], []
     unseen = set(labelled)
-    folders = find_episodes(dataset, recording_config(labels.provenance))
+    config = recording_config(labels.provenance)
+    folders = find_episodes(dataset, config)
     for folder in progress(folders):
-        if folder.resolve().name not in labelled:
-            unlabelled.append(folder.resolve().name)
+        name = folder.resolve().name
+        if name not in labelled:
+            unlabelled.append(name)
             continue
-        unseen.discard(folder.resolve().name)
+        unseen.discard(name)
         try:
-            episode = with_source_detections(
-                read_episode(folder, recording_config(labels.provenance)), labels.folder, labels.provenance
-            )
+            episode = with_source_detections(read_episode(folder, config), labels.folder, labels.provenance)
         except EpisodeFormatError as error:
             notes.append(f"left out, malformed: {error}")
             continue
@@ -140,19 +141,13 @@ def without_unknown_categories(
     unknown = sorted({item.category for episode in episodes for item in episode.truths} - known)
     if unknown:
         notes.append(f"left out, categories that the detector has no name for: {_listing(unknown)}")
-    return tuple(
-        replace(
-            episode,
-            truths=tuple(item for item in episode.truths if item.category in known),
-            instance_ids=tuple(
-                number
-                for number, item in zip(episode.instance_ids, episode.truths, strict=True)
-                if item.category in known
-            ),
-            amodal_truths=tuple(item for item in episode.amodal_truths if item.category in known),
-        )
-        for episode in episodes
-    )
+    kept = []
+    for episode in episodes:
+        named = [item.category in known for item in episode.truths]
+        truths, instance_ids = (tuple(compress(values, named)) for values in (episode.truths, episode.instance_ids))
+        amodal_truths = tuple(item for item in episode.amodal_truths if item.category in known)
+        kept.append(replace(episode, truths=truths, instance_ids=instance_ids, amodal_truths=amodal_truths))
+    return tuple(kept)
 
 
 def note_missing(episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: list[str]) -> None:

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
+from labeling.core.rle import rle_area
 from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
 from labeling.io.file_names import AMODAL_FILE, MODAL_FILE, SUMMARY_FILE
 from labeling.io.formats.checked_json import Json, read_json
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.metrics.matching import MaskInstance, is_empty
+from labeling.metrics.matching import MaskInstance
 
 View = tuple[str, int]
 """Name of an episode, and index of a view in it."""
@@ -128,7 +129,7 @@ def _read_instances(path: Path) -> tuple[dict[View, tuple[int, int]], list[MaskI
         view_of_image[image.integer("id")] = view
         sizes[view] = read_size(image)
     instances = [_instance(record, table, view_of_image, sizes) for record in file.list_of("annotations")]
-    return sizes, [item for item in instances if not is_empty(item.rle)]
+    return sizes, [item for item in instances if rle_area(item.rle)]
 
 
 def _instance(

@@ -86,21 +86,18 @@ def average_precision_by_range(
     Returns:
         By the nearest and the farthest distance of each bin.
     """
+    least = min(iou_thresholds) - _ROUNDING
+
+    def finds_something(one: BoxInstance) -> bool:
+        rivals = [t for t in ground_truth if (t.image, t.category) == (one.image, one.category)]
+        return any(box_iou_3d(one.box, truth.box) >= least for truth in rivals)
+
     found = {}
     for low, high in pairwise(edges_m):
         truths = [item if low <= item.range_m < high else replace(item, ignore=True) for item in ground_truth]
-        least = min(iou_thresholds)
-        kept = [item for item in predictions if low <= item.range_m < high or _finds(item, ground_truth, least)]
+        kept = [item for item in predictions if low <= item.range_m < high or finds_something(item)]
         found[low, high] = average_precision_3d(kept, truths, iou_thresholds)
     return found
-
-
-def _finds(prediction: BoxInstance, truths: Sequence[BoxInstance], least: float) -> bool:
-    return any(
-        (truth.image, truth.category) == (prediction.image, prediction.category)
-        and box_iou_3d(prediction.box, truth.box) >= least - _ROUNDING
-        for truth in truths
-    )
 
 
 def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Kind) -> list[list[tuple[int, float]]]:
@@ -110,22 +107,14 @@ def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind:
     of_view: dict[Hashable, list[int]] = defaultdict(list)
     for number, truth in enumerate(truths):
         of_view[truth.image].append(number)
-    overlap = box_iou_3d if kind == "3d" else box_iou_bev
-    return [
-        [
-            (
-                number,
-                _share(one.box, truths[number].box) if truths[number].ignore else overlap(one.box, truths[number].box),
-            )
-            for number in of_view[one.image]
-        ]
-        for one in found
-    ]
 
+    def overlap(box: Box3d, truth: BoxInstance) -> float:
+        if not truth.ignore:
+            return box_iou_3d(box, truth.box) if kind == "3d" else box_iou_bev(box, truth.box)
+        volume = float(np.prod(box.extent_m))
+        return intersection_volume(box, truth.box) / volume if volume > 0 else 0.0
 
-def _share(prediction: Box3d, truth: Box3d) -> float:
-    volume = float(np.prod(prediction.extent_m))
-    return intersection_volume(prediction, truth) / volume if volume > 0 else 0.0
+    return [[(number, overlap(one.box, truths[number])) for number in of_view[one.image]] for one in found]
 
 
 def _one_ap(

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+from hotcoco import COCO, COCOeval
+from hotcoco import mask as coco_mask
 from jaxtyping import Float
 
 from labeling.metrics.average_precision import AveragePrecision, all_point_area, check_ranking, summarise
@@ -82,15 +84,11 @@ def _coco_evaluate(
 
     Categories are numbered from 1 in the order given, pictures from 1 in sorted order.
     """
-    from hotcoco import COCO, COCOeval
-
-    images = {image: number for number, image in enumerate(_sorted_images(predictions, ground_truth), start=1)}
+    sizes = _picture_sizes([*predictions, *ground_truth])
+    images = {image: number for number, image in enumerate(sorted(sizes), start=1)}
     ids = {name: number for number, name in enumerate(categories, start=1)}
     header = {
-        "images": [
-            {"id": number, "width": int(size[1]), "height": int(size[0])}
-            for number, size in zip(images.values(), _sizes(images, predictions, ground_truth), strict=True)
-        ],
+        "images": [{"id": images[image], "width": sizes[image][1], "height": sizes[image][0]} for image in images],
         "categories": [{"id": number, "name": name} for name, number in ids.items()],
     }
     truth = COCO({**header, "annotations": _records(ground_truth, images, ids)})
@@ -105,30 +103,24 @@ def _coco_evaluate(
     return evaluation
 
 
-def _sorted_images(predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance]) -> list[Any]:
-    return sorted({item.image for item in [*predictions, *ground_truth]})
-
-
-def _sizes(images: dict, predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance]) -> list[list[int]]:
+def _picture_sizes(items: Sequence[MaskInstance]) -> dict[Any, list[int]]:
     """Height and width of each picture, from any of its masks.
 
     Raises:
         ValueError: if two masks of one picture differ in size.
     """
     sizes: dict[Any, list[int]] = {}
-    for item in [*predictions, *ground_truth]:
+    for item in items:
         size = list(item.rle["size"])
         if sizes.setdefault(item.image, size) != size:
             raise ValueError(f"masks of picture {item.image!r} differ in size: {sizes[item.image]} and {size}")
-    return [sizes[image] for image in images]
+    return sizes
 
 
 def _records(
     items: Sequence[MaskInstance], images: dict[Any, int], ids: dict[str, int], scored: bool = False
 ) -> list[dict]:
     """Instances as COCO annotations."""
-    from hotcoco import mask as coco_mask
-
     if not items:
         return []
     rles = [item.rle for item in items]

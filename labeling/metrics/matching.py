@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from hotcoco import mask as coco_mask
+from hotcoco.primitives import lsap
 from jaxtyping import Bool, Float
 
-from labeling.core.rle import encode_mask, rle_area
+from labeling.core.rle import encode_mask
 from labeling.core.types import Detection, GroundTruth, PseudoLabel
+from labeling.metrics.average_precision import mean_of
 
 Kind = Literal["mask", "box"]
 
@@ -82,11 +85,6 @@ def instances_of(
     return instances
 
 
-def is_empty(rle: dict) -> bool:
-    """Whether a mask has no pixel."""
-    return rle_area(rle) == 0
-
-
 def pairwise_iou(
     predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance], kind: Kind = "mask"
 ) -> Float[np.ndarray, "p g"]:
@@ -97,8 +95,6 @@ def pairwise_iou(
         ground_truth: g instances of the same picture; ``ignore`` is not looked at: this is plain IoU.
         kind: compare masks, or the tightest boxes around them.
     """
-    from hotcoco import mask as coco_mask
-
     if not predictions or not ground_truth:
         return np.zeros((len(predictions), len(ground_truth)))
     p, g = [item.rle for item in predictions], [item.rle for item in ground_truth]
@@ -117,8 +113,6 @@ def assign(iou: Float[np.ndarray, "p g"]) -> list[tuple[int, int]]:
     """
     if iou.size == 0:
         return []
-    from hotcoco.primitives import lsap
-
     rows, columns = lsap(np.ascontiguousarray(iou, float), maximize=True)
     return [(int(p), int(g)) for p, g in zip(rows, columns, strict=True) if iou[int(p), int(g)] > 0]
 
@@ -166,13 +160,7 @@ def mean_iou(
         matches: what ``match`` returned.
         selected: restricts the average to these instances, such as those of one category.
     """
-    ious = [
-        m.iou for m in matches if not ground_truth[m.truth].ignore and (selected is None or bool(selected[m.truth]))
-    ]
+    counted = [m for m in matches if not ground_truth[m.truth].ignore and (selected is None or selected[m.truth])]
+    ious = [m.iou for m in counted]
     matched = [iou for iou in ious if iou > 0]
-    return MeanIou(
-        mean_iou=float(np.mean(ious)) if ious else None,
-        mean_iou_matched=float(np.mean(matched)) if matched else None,
-        num_truths=len(ious),
-        num_matched=len(matched),
-    )
+    return MeanIou(mean_of(ious), mean_of(matched), len(ious), len(matched))

@@ -67,19 +67,10 @@ def _episode_rows(view_figures: Sequence[dict[str, Any]], names: Sequence[str]) 
     for name in names:
         records = [record for record in view_figures if record["episode"] == name]
         count = sum(record["ground_truth_instances"] for record in records)
-        detector, pseudo_labels = (
-            sum((record[key] or 0.0) * record["ground_truth_instances"] for record in records) / count
-            if count
-            else None
-            for key in ("detector_mean_iou", "pseudo_label_mean_iou")
-        )
-        found[name] = {
-            "name": name,
-            "views": len(records),
-            "instances": count,
-            "detector": detector,
-            "pseudo_labels": pseudo_labels,
-        }
+        found[name] = {"name": name, "views": len(records), "instances": count}
+        for method in ("detector", "pseudo_label"):
+            total = sum((record[f"{method}_mean_iou"] or 0.0) * record["ground_truth_instances"] for record in records)
+            found[name][method] = total / count if count else None
     return found
 
 

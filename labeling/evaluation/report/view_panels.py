@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
 from labeling.metrics.matching import MaskInstance, instances_of, match
 
-if TYPE_CHECKING:
-    from markupsafe import Markup
-
 MAX_DRAWN = 16
 """Predictions drawn in one panel; a detector at every confidence may have a hundred."""
 
@@ -25,40 +22,11 @@ MAX_VIEWS_AN_EPISODE = 6
 
 
 @dataclass(frozen=True)
-class Panel:
-    """One picture of a view with masks over it."""
-
-    title: str
-    drawn: int
-    """How many masks it shows."""
-    total: int
-    """How many there are."""
-    svg: "Markup"
-
-
-@dataclass(frozen=True)
-class ObjectIou:
-    """How well one ground-truth instance was found."""
-
-    colour: str
-    category: str
-    detector_iou: float
-    pseudo_label_iou: float
-
-
-@dataclass(frozen=True)
-class ViewComparison:
-    """One view: panels of detector, pseudo-labels and ground truth, and the IoU of every object."""
-
-    panels: tuple[Panel, ...]
-    objects: tuple[ObjectIou, ...]
-
-
-@dataclass(frozen=True)
 class ShownViews:
     """What the report shows of the views."""
 
-    views: dict[View, ViewComparison]
+    views: dict[View, dict[str, Any]]
+    """View -> ``panels`` of detector, pseudo-labels and ground truth, and the IoU of its ``objects``."""
     thumbnails: tuple[Thumbnail, ...]
     worst: tuple[Case, ...]
     """One case a view, the worst first."""
@@ -110,7 +78,7 @@ def draw_views(
     worst = choose_worst(evaluation.cases, min(max_worst, max_views))
     of_episode = choose_views(evaluation.episodes, max_views - len(worst))
     wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
-    compared: dict[View, ViewComparison] = {}
+    compared: dict[View, dict[str, Any]] = {}
     thumbnails: list[Thumbnail] = []
     for number, records in enumerate(progress(evaluation.episodes)):
         views = [view for view in records.views if view in wanted]
@@ -127,7 +95,7 @@ def draw_views(
 
 def _compare(
     episode: Episode, records: EpisodeRecords, view: View, labels: Sequence[MaskInstance], image_id: str
-) -> ViewComparison:
+) -> dict[str, Any]:
     """Three panels and the objects' IoUs, of one view."""
     counted = {item.category for item in records.truths}
     truth = [
@@ -139,33 +107,33 @@ def _compare(
     order = sorted({t.instance_id for t in episode.ground_truth or ()})
     colours = [PALETTE[order.index(t.instance_id) % len(PALETTE)] for t in truth]
     detections = instances_of(view[0], (d for d in episode.detections or () if d.view_index == view[1]))
-    found = _predictions(detections, truths, colours)
-    made = _predictions(labels, truths, colours)
+    detected, detector_ious = _predictions(detections, truths, colours)
+    labelled, label_ious = _predictions(labels, truths, colours)
     true = [
         Overlay(t.modal, UNMATCHED, f"{t.category} (ignored)", f"{t.category}, ignored in evaluation", dashed=True)
         if t.ignore
         else Overlay(t.modal, colour, t.category, f"{t.category}, object {t.instance_id}")
         for t, colour in zip(truth, colours, strict=True)
     ]
-    panels = tuple(
-        Panel(
-            title,
-            len(overlays),
-            total,
-            panel(image_id, episode.size, overlays, f"{title}, {view[0]}, view {view[1]}"),
-        )
+    panels = [
+        {
+            "title": title,
+            "drawn": len(overlays),
+            "total": total,
+            "svg": panel(image_id, episode.size, overlays, f"{title}, {view[0]}, view {view[1]}"),
+        }
         for title, overlays, total in (
-            ("Detector" if episode.detections is not None else "Detector (none ran here)", found[0], len(detections)),
-            ("Pseudo-labels", made[0], len(labels)),
+            ("Detector" if episode.detections is not None else "Detector (none ran here)", detected, len(detections)),
+            ("Pseudo-labels", labelled, len(labels)),
             ("Ground truth", true, len(true)),
         )
-    )
-    objects = tuple(
-        ObjectIou(colour, t.category, found[1][index], made[1][index])
-        for index, (t, colour) in enumerate(zip(truth, colours, strict=True))
+    ]
+    objects = [
+        {"colour": colour, "category": t.category, "detector_iou": detector_iou, "pseudo_label_iou": label_iou}
+        for t, colour, detector_iou, label_iou in zip(truth, colours, detector_ious, label_ious, strict=True)
         if not t.ignore
-    )
-    return ViewComparison(panels, objects)
+    ]
+    return {"panels": panels, "objects": objects}
 
 
 def _predictions(
@@ -180,13 +148,12 @@ def _predictions(
     for index in ranked:
         item = items[index]
         tag = f"{item.category} {item.confidence:.2f}"
-        if index in partner and not truths[partner[index].truth].ignore:
-            iou = partner[index].iou
-            overlay = Overlay(
-                decode_mask(item.rle), colours[partner[index].truth], tag, f"{tag}, IoU {iou:.2f} with ground truth"
-            )
+        mask = decode_mask(item.rle)
+        found = partner.get(index)
+        if found is None:
+            overlays.append(Overlay(mask, UNMATCHED, tag, f"{tag}, stands for no object of this category", dashed=True))
+        elif truths[found.truth].ignore:
+            overlays.append(Overlay(mask, UNMATCHED, tag, f"{tag}, falls on an ignored object", dashed=True))
         else:
-            why = "falls on an ignored object" if index in partner else "stands for no object of this category"
-            overlay = Overlay(decode_mask(item.rle), UNMATCHED, tag, f"{tag}, {why}", dashed=True)
-        overlays.append(overlay)
+            overlays.append(Overlay(mask, colours[found.truth], tag, f"{tag}, IoU {found.iou:.2f} with ground truth"))
     return overlays, [m.iou for m in matches]

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from labeling.core.geometry import intrinsics_from_fov, look_at, project
-from labeling.core.splatting import reproject, silhouettes, splat
+from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproject_depth
+from labeling.core.splatting import silhouettes, splat
 from labeling.core.views import Camera
 
 INTRINSICS = intrinsics_from_fov(40, 30, 1.2)
@@ -91,6 +91,13 @@ def test_squares_over_the_border_are_cut_there() -> None:
         big = splat(points, Camera(INTRINSICS, POSE, size), 1.5)
         assert big.shape == size
         assert big.max() < 50
+
+
+def reproject(depth_m, mask, source, target):
+    """The pixels of a mask of one view in another one, with a z-buffer over the whole view."""
+    points, flat = unproject_depth(depth_m, source.intrinsics, source.camera_to_world)
+    index = splat(points, target)
+    return (index >= 0) & mask.ravel()[flat[index]]
 
 
 @settings(deadline=None)

@@ -15,7 +15,7 @@ from labeling.core.rle import decode_mask, encode_mask
 from labeling.io.episodes import read_episode
 from labeling.metrics.average_precision import all_point_area
 from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
-from labeling.metrics.matching import MaskInstance, assign, is_empty, match, mean_iou, pairwise_iou
+from labeling.metrics.matching import MaskInstance, assign, match, mean_iou, pairwise_iou
 
 SIZE = (8, 10)
 THRESHOLDS = (0.3, 0.5, 0.75)
@@ -310,11 +310,6 @@ def test_the_best_assignment_is_not_greedy():
     ]
     matches = match(predictions, truths)
     assert [m.prediction for m in matches] == [1, 0]
-
-
-def test_is_empty():
-    assert is_empty(encode_mask(np.zeros(SIZE, bool)))
-    assert not is_empty(rectangle(0, 0, 1, 1))
 
 
 # Real data -----------------------------------------------------------------------------------------------------------
