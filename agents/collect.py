@@ -3,12 +3,7 @@
 import sys
 
 from agents.rollouts.collect_config import CollectConfig
-from labeling.runtime.cli import run_command
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(CollectConfig, _collect, "python -m agents.collect", arguments)
+from labeling.runtime.cli import make_main
 
 
 def _collect(config: CollectConfig) -> None:
@@ -16,6 +11,8 @@ def _collect(config: CollectConfig) -> None:
 
     collect_episodes(config)
 
+
+main = make_main("agents.collect", CollectConfig, _collect)
 
 if __name__ == "__main__":
     sys.exit(main())

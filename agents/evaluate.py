@@ -3,12 +3,7 @@
 import sys
 
 from agents.evaluation.evaluate_config import EvaluateConfig
-from labeling.runtime.cli import run_command
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(EvaluateConfig, _evaluate, "python -m agents.evaluate", arguments)
+from labeling.runtime.cli import make_main
 
 
 def _evaluate(config: EvaluateConfig) -> None:
@@ -16,6 +11,8 @@ def _evaluate(config: EvaluateConfig) -> None:
 
     evaluate_policies(config)
 
+
+main = make_main("agents.evaluate", EvaluateConfig, _evaluate)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,7 +4,7 @@ import functools
 import sys
 
 from agents.ppo.config import PpoConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 def run(config: PpoConfig) -> None:
@@ -21,10 +21,7 @@ def run(config: PpoConfig) -> None:
     train_ppo(config, tqdm.write, functools.partial(tqdm, unit="step", file=sys.stderr, dynamic_ncols=True))
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PpoConfig, run, "python -m agents.train", arguments)
-
+main = make_main("agents.train", PpoConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

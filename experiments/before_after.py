@@ -15,7 +15,7 @@ import numpy as np
 from experiments.cache.stages import Scale
 from experiments.figures.before_after import CONFIDENT, NAME, ViewChange, draw, most_changed, net_true_positives
 from labeling.core.errors import SbmError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -96,10 +96,7 @@ def compare_views(episodes: Sequence[Path], before: "Detector", after: "Detector
     return found
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PictureConfig, run, "python -m experiments.before_after", arguments)
-
+main = make_main("experiments.before_after", PictureConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

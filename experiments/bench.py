@@ -9,7 +9,7 @@ import tyro
 
 from experiments.benchmarks.rows import as_json, machine, table
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 BENCHES = {
     "render": "experiments.benchmarks.render",
@@ -73,10 +73,7 @@ def _log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(BenchConfig, run, "python -m experiments.bench", arguments)
-
+main = make_main("experiments.bench", BenchConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,7 +7,7 @@ from typing import Literal
 
 from experiments.cache.stages import Scale
 from experiments.figures.boxes_on_views import MIN_CONFIDENCE, RECORD, busiest_view, draw, true_boxes
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,7 @@ def run(config: PictureConfig) -> None:
     print(f"{picture}\n{record}")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PictureConfig, run, "python -m experiments.box_pictures", arguments)
-
+main = make_main("experiments.box_pictures", PictureConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

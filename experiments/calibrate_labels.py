@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
     from labeling.generator.quality.label_quality import LabelQualityModel
@@ -129,10 +129,7 @@ def _draw(figures: dict[str, Any], path: Path) -> None:
     plt.close(figure)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(CalibrateConfig, run, "python -m experiments.calibrate_labels", arguments)
-
+main = make_main("experiments.calibrate_labels", CalibrateConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

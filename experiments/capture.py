@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 FIGURES = ("mask_ap50", "mask_ap30", "mean_iou")
 
@@ -88,10 +88,7 @@ def summary(rows: list[dict[str, float]]) -> dict[str, Any]:
     }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(CaptureConfig, run, "python -m experiments.capture", arguments)
-
+main = make_main("experiments.capture", CaptureConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,7 @@ def _say(heading: str) -> None:
     print(f"\n== {heading}", flush=True)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(DemoConfig, run, "python -m experiments.demo", arguments)
-
+main = make_main("experiments.demo", DemoConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

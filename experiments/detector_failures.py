@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,7 @@ def run(config: FailuresConfig) -> None:
     print(config.results)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(FailuresConfig, run, "python -m experiments.detector_failures", arguments)
-
+main = make_main("experiments.detector_failures", FailuresConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

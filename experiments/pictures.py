@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,7 @@ def run(config: PicturesConfig) -> None:
     preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PicturesConfig, run, "python -m experiments.pictures", arguments)
-
+main = make_main("experiments.pictures", PicturesConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from labeling.core.errors import SbmError, UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -185,10 +185,7 @@ def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> No
         raise SbmError(f"{path}: would have {megabytes:.1f} MB, more than {MAX_FILM_MB}; film a shorter episode")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PolicyPicturesConfig, run, "python -m experiments.policy_pictures", arguments)
-
+main = make_main("experiments.policy_pictures", PolicyPicturesConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 from labeling.runtime.ranges import Positive, check_ranges
 from labeling.training.command import say
 
@@ -152,10 +152,7 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     print(config.results)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(CompactConfig, run, "python -m experiments.pretrain_compact", arguments)
-
+main = make_main("experiments.pretrain_compact", CompactConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

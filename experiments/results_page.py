@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 
 from experiments.pages.markdown import PageConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,7 @@ def run(config: PageConfig) -> None:
     print(*write_page(config.results, config.docs), sep="\n")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(ResultsPageConfig, run, "python -m experiments.results_page", arguments)
-
+main = make_main("experiments.results_page", ResultsPageConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,7 +11,7 @@ import tyro
 from experiments.cache.registry import Experiment, experiments
 from experiments.cache.stages import RunContext, Scale
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,7 @@ def _run_one(experiment: Experiment, config: RunConfig) -> None:
     print(path)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(RunConfig, run, "python -m experiments.run", arguments)
-
+main = make_main("experiments.run", RunConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

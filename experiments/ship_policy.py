@@ -13,7 +13,7 @@ import tyro
 
 from agents.ppo.network.files import BEST, POLICY_FILE, STATE_FILE
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 MAX_MB = 20
 MAX_POINTS = 400
@@ -169,10 +169,7 @@ def _env_name(origin: dict[str, Any], best: Path) -> str:
     return name
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(ShipConfig, run, "python -m experiments.ship_policy", arguments)
-
+main = make_main("experiments.ship_policy", ShipConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

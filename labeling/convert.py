@@ -9,7 +9,7 @@ import tyro
 
 from labeling.core.errors import UsageError
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,7 @@ def run(config: ConvertConfig) -> None:
     print(f"{episode.num_views} views of {width_px}x{height_px} pixels: {config.out}")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(ConvertConfig, run, "python -m labeling.convert", arguments)
-
+main = make_main("labeling.convert", ConvertConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())

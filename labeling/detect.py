@@ -12,7 +12,7 @@ from labeling.detectors.command import DetectionCommand
 from labeling.detectors.registry import DEFAULT
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -156,10 +156,7 @@ def _category_ids(
     return ids, [*listed, *({"id": number, "name": name} for name, number in ids.items() if number not in there)]
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(DetectCommand, run, "python -m labeling.detect", arguments)
-
+main = make_main("labeling.detect", DetectCommand, run)
 
 if __name__ == "__main__":
     sys.exit(main())

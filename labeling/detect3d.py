@@ -12,7 +12,7 @@ from labeling.io.file_names import DETECTIONS_3D_FILE, DETECTIONS_FILE
 from labeling.io.formats.atomic import write_json
 from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -118,10 +118,7 @@ def _mark_of_file(path: Path) -> object:
         return None
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(Detect3dCommand, run, "python -m labeling.detect3d", arguments)
-
+main = make_main("labeling.detect3d", Detect3dCommand, run)
 
 if __name__ == "__main__":
     sys.exit(main())

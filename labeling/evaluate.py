@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import progress_bar, run_command
+from labeling.runtime.cli import make_main, progress_bar
 
 if TYPE_CHECKING:
     from labeling.evaluation.compare import Evaluation
@@ -160,10 +160,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(EvaluateConfig, run_either, "python -m labeling.evaluate", arguments)
-
+main = make_main("labeling.evaluate", EvaluateConfig, run_either)
 
 if __name__ == "__main__":
     sys.exit(main())

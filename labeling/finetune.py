@@ -12,7 +12,7 @@ from labeling.core.errors import UsageError
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.registry import DEFAULT, check_name
-from labeling.runtime.cli import progress_bar, run_command
+from labeling.runtime.cli import make_main, progress_bar
 from labeling.runtime.ranges import Share, check_ranges
 from labeling.training.command import Labels, TrainingCommand, say
 
@@ -209,10 +209,7 @@ def _change(*values: float | None) -> str:
     return " -> ".join("-" if value is None else f"{100 * value:.1f}" for value in values)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(FinetuneCommand, run, "python -m labeling.finetune", arguments)
-
+main = make_main("labeling.finetune", FinetuneCommand, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
-from labeling.runtime.cli import progress_bar, run_command
+from labeling.runtime.cli import make_main, progress_bar
 from labeling.training.command import Labels, TrainingCommand, say
 
 if TYPE_CHECKING:
@@ -102,10 +102,7 @@ def train_val_split_by_object(
     return sides
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(Train3dCommand, run, "python -m labeling.train3d", arguments)
-
+main = make_main("labeling.train3d", Train3dCommand, run)
 
 if __name__ == "__main__":
     sys.exit(main())

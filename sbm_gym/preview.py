@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
     import numpy as np
@@ -200,15 +200,12 @@ def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UI
     return RaysRenderer(model).render(data, intrinsics, camera, size, size).rgb
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PreviewConfig, _run_and_list, "python -m sbm_gym.preview", arguments)
-
-
 def _run_and_list(config: PreviewConfig) -> None:
     for path in run(config):
         print(path)
 
+
+main = make_main("sbm_gym.preview", PreviewConfig, _run_and_list)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,5 +1,6 @@
 """What all command lines of the project have in common: options from a dataclass, errors in one line, exit codes."""
 
+import functools
 import os
 import sys
 from collections.abc import Callable
@@ -21,6 +22,11 @@ def progress_bar(items: Any = None, unit: str = "batch", **options: Any) -> Any:
     from tqdm import tqdm
 
     return tqdm(items, unit=unit, delay=2.0, leave=False, file=sys.stderr, **options)
+
+
+def make_main(name: str, config_type: type[Config], run: Callable[[Config], object]) -> Callable[..., int]:
+    """The ``main`` of ``python -m name``; takes a command line, by default ``sys.argv``, and returns the exit code."""
+    return functools.partial(run_command, config_type, run, f"python -m {name}")
 
 
 def run_command(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,7 @@ def _run(config: PhotographsConfig) -> None:
         print(config.sheet)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line; returns its exit code."""
-    return run_command(PhotographsConfig, _run, "python -m sbm_gym.photographs", arguments)
-
+main = make_main("sbm_gym.photographs", PhotographsConfig, _run)
 
 if __name__ == "__main__":
     sys.exit(main())
