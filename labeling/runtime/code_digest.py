@@ -35,7 +35,7 @@ def code_digest(*targets: str | Callable[..., Any]) -> str:
 def reached_files(modules: Iterable[str]) -> set[Path]:
     """Source files of these modules and of all that they import, within the project; imports in functions count.
 
-    So do JSON files beside them: what a module has learnt decides its outcome as its code does.
+    So do JSON and TOML files beside them: what a module has learnt or reads decides its outcome as its code does.
     """
     found: set[Path] = set()
     waiting = list(modules)
@@ -44,7 +44,7 @@ def reached_files(modules: Iterable[str]) -> set[Path]:
         if path is None or path in found:
             continue
         found.add(path)
-        found.update(path.parent.glob("*.json"))
+        found.update(file for file in path.parent.iterdir() if file.suffix in (".json", ".toml"))
         waiting.extend(_imports(ast.parse(path.read_text(encoding="utf-8"))))
     return found
 

@@ -3,11 +3,14 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from labeling.runtime.cli import run_command
+
+if TYPE_CHECKING:
+    from sbm_gym.assets.catalog.library import Home3dLibrary
 
 
 @dataclass(frozen=True)
@@ -47,87 +50,80 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(command: ListModels | Install | Credits) -> None:
     if isinstance(command, ListModels):
-        _list(command.category, command.builtin)
+        _list(command)
     elif isinstance(command, Install):
         _install()
     else:
         _credits(command.out)
 
 
-def _list(category: str | None, builtin: bool) -> None:
+def _list(command: ListModels) -> None:
     from rich.console import Console
     from rich.table import Table
 
     from labeling.core.errors import UsageError
-    from sbm_gym.assets.models.classes import categories
-
-    if category is not None and category not in categories():
-        raise UsageError(f"there is no class {category!r}; classes are {', '.join(categories())}")
-    if builtin:
-        _list_builtin(category)
-        return
-    from sbm_gym.assets.catalog.library import Home3dLibrary
-
-    table = Table("class", "use", "model", "name", "width x depth x height (m)", "creator")
-    cards = Home3dLibrary().cards()
-    order = [*categories(), None]
-    for card in sorted(cards, key=lambda card: order.index(card.category)):
-        if category in (None, card.category):
-            size = " x ".join(f"{side:.2f}" for side in card.size_m)
-            table.add_row(card.category or "-", card.use, card.model_id, card.name, size, card.creator)
-    console = Console()
-    console.print(table)
-    counts = {name: sum(card.category == name for card in cards) for name in categories()}
-    console.print(", ".join(f"{name} {count}" for name, count in counts.items()))
-
-
-def _list_builtin(category: str | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     from sbm_gym.assets.models.classes import USES, categories
-    from sbm_gym.assets.parametric.builtin import RECIPES
 
-    table = Table("class", "use", "name", "width (m)", "depth (m)", "height (m)")
+    if command.category is not None and command.category not in categories():
+        raise UsageError(f"there is no class {command.category!r}; classes are {', '.join(categories())}")
+    if command.builtin:
+        from sbm_gym.assets.parametric.builtin import RECIPES
+
+        columns = ("name", "width (m)", "depth (m)", "height (m)")
+        rows = [
+            (USES[use].category, use, recipe.name, *(f"{low:.2f} .. {high:.2f}" for low, high in recipe.size_m))
+            for use, recipe in RECIPES.items()
+        ]
+        summary = "every whole number from 0 on is the seed of another model"
+    else:
+        from sbm_gym.assets.catalog.library import Home3dLibrary
+
+        columns = ("model", "name", "width x depth x height (m)", "creator")
+        cards = Home3dLibrary().cards()
+        sizes = [" x ".join(f"{side:.2f}" for side in card.size_m) for card in cards]
+        rows = [(c.category, c.use, c.model_id, c.name, size, c.creator) for c, size in zip(cards, sizes, strict=True)]
+        summary = ", ".join(f"{name} {sum(card.category == name for card in cards)}" for name in categories())
+    table = Table("class", "use", *columns)
     order = [*categories(), None]
-    for use, recipe in sorted(RECIPES.items(), key=lambda item: order.index(USES[item[0]].category)):
-        if category in (None, USES[use].category):
-            ranges = [f"{low:.2f} .. {high:.2f}" for low, high in recipe.size_m]
-            table.add_row(USES[use].category or "-", use, recipe.name, *ranges)
+    for category, *row in sorted(rows, key=lambda row: order.index(row[0])):
+        if command.category in (None, category):
+            table.add_row(category or "-", *row)
     console = Console()
     console.print(table)
-    console.print("every whole number from 0 on is the seed of another model")
+    console.print(summary)
 
 
 def _install() -> None:
     from tqdm import tqdm
 
-    from labeling.io.formats.atomic import atomic_file
     from sbm_gym.assets.catalog.home3d import cache_folder
     from sbm_gym.assets.catalog.library import Home3dLibrary
-    from sbm_gym.assets.credits import credits_text
 
     library = Home3dLibrary()
     with tqdm(total=len(library.cards()), unit="model", desc="converting") as bar:
         library.install(lambda card: bar.set_postfix_str(card.name, refresh=bool(bar.update())))
     path = cache_folder() / "CREDITS.md"
-    with atomic_file(path) as temporary:
-        temporary.write_text(credits_text(library), encoding="utf-8")
+    _write_credits(library, path)
     print(f"{len(library.cards())} models in {cache_folder()}; credits in {path}")
 
 
 def _credits(out: Path | None) -> None:
-    from labeling.io.formats.atomic import atomic_file
     from sbm_gym.assets.catalog.library import Home3dLibrary
     from sbm_gym.assets.credits import credits_text
 
-    text = credits_text(Home3dLibrary())
     if out is None:
-        print(text, end="")
-        return
-    with atomic_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    print(f"wrote {out}")
+        print(credits_text(Home3dLibrary()), end="")
+    else:
+        _write_credits(Home3dLibrary(), out)
+        print(f"wrote {out}")
+
+
+def _write_credits(library: "Home3dLibrary", path: Path) -> None:
+    from labeling.io.formats.atomic import atomic_file
+    from sbm_gym.assets.credits import credits_text
+
+    with atomic_file(path) as temporary:
+        temporary.write_text(credits_text(library), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -4,33 +4,10 @@ import functools
 from collections.abc import Mapping
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
+from sbm_gym.assets.models.classes import FROM_SEEDS, FROM_SEEDS_IN_STREETS
 from sbm_gym.assets.models.model import FurnitureModel
 from sbm_gym.assets.parametric.builtin import BUILTIN, BuiltinLibrary
 from sbm_gym.assets.reserved import worlds_library
-
-FROM_SEEDS = {
-    "cushion": 16,
-    "leaning_cushion": 24,
-    "beanbag": 7,
-    "nightstand": 6,
-    "rug": 12,
-    "bathtub": 6,
-    "washbasin": 6,
-    "shower": 8,
-    "mirror": 12,
-    "towel_rail": 8,
-    "cooker": 8,
-    "cooker_hood": 5,
-    "washing_machine": 3,
-    "worktop_thing": 8,
-    "coat_rack": 8,
-    "whiteboard": 8,
-    "wall_clock": 8,
-}
-"""How many builtin models join the catalogues' for these uses, of which catalogues have none or two at most."""
-
-IN_STREETS = {"litter_bin": 6, "cafe_table": 4, "cafe_chair": 4, "fountain": 4}
-"""How many builtin models stand in for the catalogues' in towns: those have one for each use, heavier than a car."""
 
 
 class MixedLibrary:
@@ -85,4 +62,4 @@ def town_library() -> MixedLibrary:
     Raises:
         MissingAssetsError: if no catalogue is installed.
     """
-    return MixedLibrary(worlds_library(), added={}, instead=IN_STREETS)
+    return MixedLibrary(worlds_library(), added={}, instead=FROM_SEEDS_IN_STREETS)

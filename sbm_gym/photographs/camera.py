@@ -62,11 +62,7 @@ def draw_camera(
     fov = float(rng.uniform(*photo_set.fov_rad))
     # Largest of the two sides, in picture widths at one metre's distance.
     side = max(wide, subject.extent_m[2] * width_px / height_px)
-
-    def distance_for(field: float) -> float:
-        return side / (2.0 * np.tan(field / 2) * share) + deep / 2
-
-    wanted = max(distance_for(fov), deep / 2 + MIN_RANGE_M)
+    wanted = max(side / (2.0 * np.tan(fov / 2) * share) + deep / 2, deep / 2 + MIN_RANGE_M)
     free = _reach(photo_set, subject.centre_m[:2], way, wanted)
     if free < max(deep / 2 + MIN_RANGE_M, 0.45 * wanted):
         return None

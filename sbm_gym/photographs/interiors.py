@@ -1,5 +1,7 @@
 """Sets indoors: one or a few pieces of furniture in part of a room."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 
@@ -16,7 +18,7 @@ from sbm_gym.worlds.rooms.furnishing.kitchen import put_kitchen
 from sbm_gym.worlds.rooms.furnishing.living_room import lounging, put_television, sitting
 from sbm_gym.worlds.rooms.furnishing.tables import dining, working
 from sbm_gym.worlds.rooms.shell import Finish, build_shell
-from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns import materials
 
 MAX_TRIANGLES = 120_000
 """Of all pieces together, so that a set takes a fraction of a second to build."""
@@ -24,91 +26,44 @@ _FLOORS = (surfaces.wood_planks, surfaces.parquet, surfaces.carpet, surfaces.til
 _WALLS = (surfaces.plaster, surfaces.plaster, surfaces.wallpaper)
 
 
-def _couch(a: Arranger) -> None:
-    sitting(a, lounge=0.5, television=a.chance(0.35))
-    if a.chance(0.4):
-        greening(a)
-
-
-def _bed(a: Arranger) -> None:
-    sleeping(a, "double_bed" if a.chance(0.6) else "single_bed")
-    if a.chance(0.3):
-        greening(a)
-    if a.chance(0.3):
-        lounging(a, "dining_chair")
-
-
-def _desk(a: Arranger) -> None:
-    working(a)
-    if a.chance(0.3):
-        greening(a)
-
-
-def _dining(a: Arranger) -> None:
-    dining(a, (1, 4))
-    if a.chance(0.3):
-        greening(a)
-
-
 def _table(a: Arranger) -> None:
-    use = str(a.rng.choice(["dining_table", "coffee_table", "desk"]))
-    card = a.pick(use)
+    card = a.pick(str(a.rng.choice(["dining_table", "coffee_table", "desk"])))
     if card is not None and a.layout.in_the_open(card, around_m=0.4):
         a.decorate(a.layout.placements[-1], ("table_thing", "small_plant", "desk_lamp"), 0.5)
-    if a.chance(0.4):
-        lounging(a, "dining_chair")
 
 
-def _kitchen(a: Arranger) -> None:
-    put_kitchen(a, int(a.rng.integers(0, 4)))
-    if a.chance(0.25):
-        dining(a, (1, 2))
-
-
-def _bath(a: Arranger) -> None:
-    bathing(a, "bathtub" if a.chance(0.3) else None)
-    if a.chance(0.4):
-        a.small("bin")
-
-
-def _television(a: Arranger) -> None:
-    put_television(a, supports=("tv_stand", "dresser"))
-    if a.chance(0.4):
-        greening(a)
-    if a.chance(0.2):
-        lounging(a)
-
-
-def _plants(a: Arranger) -> None:
-    if a.chance(0.7):
-        greening(a)
+def _plants_on_a_support(a: Arranger) -> None:
     support = a.along_wall(str(a.rng.choice(["dresser", "coffee_table", "desk", "tv_stand"])))
     if support is not None:
         a.decorate(support, ("small_plant", "small_plant", "table_thing"), 0.8)
-    if a.chance(0.4):
-        greening(a)
 
 
 def _chairs(a: Arranger) -> None:
     for _ in range(int(a.rng.integers(1, 4))):
         lounging(a, str(a.rng.choice(["dining_chair", "office_chair", "lounge_chair"], p=[0.5, 0.2, 0.3])))
-    if a.chance(0.3):
-        standing_lamp(a)
 
 
-THEMES = {
-    "chair": _chairs,
-    "couch": _couch,
-    "plant": _plants,
-    "tv": _television,
-    "fridge": _kitchen,
-    "bed": _bed,
-    "table": _table,
-    "toilet": _bath,
-    "dining": _dining,
-    "desk": _desk,
+def _dining_chair(a: Arranger) -> None:
+    lounging(a, "dining_chair")
+
+
+THEMES: dict[str, tuple[tuple[float, Callable[[Arranger], object]], ...]] = {
+    "chair": ((1.0, _chairs), (0.3, standing_lamp)),
+    "couch": ((1.0, lambda a: sitting(a, lounge=0.5, television=a.chance(0.35))), (0.4, greening)),
+    "plant": ((0.7, greening), (1.0, _plants_on_a_support), (0.4, greening)),
+    "tv": ((1.0, lambda a: put_television(a, supports=("tv_stand", "dresser"))), (0.4, greening), (0.2, lounging)),
+    "fridge": ((1.0, lambda a: put_kitchen(a, int(a.rng.integers(0, 4)))), (0.25, lambda a: dining(a, (1, 2)))),
+    "bed": (
+        (1.0, lambda a: sleeping(a, "double_bed" if a.chance(0.6) else "single_bed")),
+        (0.3, greening),
+        (0.3, _dining_chair),
+    ),
+    "table": ((1.0, _table), (0.4, _dining_chair)),
+    "toilet": ((1.0, lambda a: bathing(a, "bathtub" if a.chance(0.3) else None)), (0.4, lambda a: a.small("bin"))),
+    "dining": ((1.0, lambda a: dining(a, (1, 4))), (0.3, greening)),
+    "desk": ((1.0, working), (0.3, greening)),
 }
-"""What furnishes a set, by what it is mostly about."""
+"""What furnishes a set, by what it is mostly about: steps and their probabilities."""
 _DISTRACTORS = ("shelf", "dresser", "cupboard", "bin", "floor_lamp", "nightstand", "beanbag", "office_cabinet")
 
 
@@ -123,7 +78,9 @@ def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) ->
     room = _room(theme, rng)
     layout = Layout(room, rng)
     arranger = Arranger(layout, library, MAX_TRIANGLES, max_objects=8)
-    THEMES[theme](arranger)
+    for probability, furnish in THEMES[theme]:
+        if probability == 1.0 or arranger.chance(probability):
+            furnish(arranger)
     for _ in range(int(rng.integers(0, 3))):
         card = arranger.pick(str(rng.choice(_DISTRACTORS)))
         if card is not None:
@@ -141,16 +98,13 @@ def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) ->
     for piece in layout.placements:
         builder.stand(piece)
     margin = 0.15
-    return PhotoSet(
-        name=theme,
-        spec=spec,
-        objects=tuple(builder.objects),
-        subjects=tuple(builder.subjects),
-        solids=tuple(builder.solids),
-        floor_m=(room.low_m[0] + margin, room.low_m[1] + margin, room.high_m[0] - margin, room.high_m[1] - margin),
+    (x0, y0), (x1, y1) = room.low_m, room.high_m
+    return builder.photo_set(
+        theme,
+        floor_m=(x0 + margin, y0 + margin, x1 - margin, y1 - margin),
         ceiling_m=room.height_m - 0.3,
         eye_m=(0.7, 1.65),
-        fov_rad=(np.deg2rad(42.0), np.deg2rad(74.0)),
+        fov_deg=(42.0, 74.0),
     )
 
 
@@ -175,9 +129,9 @@ def _room(theme: str, rng: np.random.Generator) -> Room:
 
 
 def _finish(theme: str, rng: np.random.Generator) -> Finish:
-    floors, walls = (
-        (_FLOORS, _WALLS) if theme != "toilet" else ((surfaces.tiles,), (surfaces.wall_tiles, surfaces.plaster))
-    )
+    floors, walls = _FLOORS, _WALLS
+    if theme == "toilet":
+        floors, walls = (surfaces.tiles,), (surfaces.wall_tiles, surfaces.plaster)
     wall = walls[rng.integers(len(walls))](rng)
     if theme != "toilet" and rng.random() < 0.15:
         bare = materials.wall_materials("brick" if rng.random() < 0.6 else "modern")

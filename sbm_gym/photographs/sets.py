@@ -1,14 +1,14 @@
 """A set: a few objects before a backdrop, of which several photographs are taken."""
 
-from dataclasses import dataclass
+import colorsys
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from jaxtyping import UInt8
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.models.classes import VEHICLE_PAINT
-from sbm_gym.assets.models.surfaces import Material
+from sbm_gym.assets.models.surfaces import Material, as_picture
 from sbm_gym.photographs.models import CATEGORIES
 from sbm_gym.worlds.geometry.placing import Box, Placement
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
@@ -63,14 +63,33 @@ class SetBuilder:
             if subject:
                 self.subjects.append(instance)
 
+    def photo_set(
+        self,
+        name: str,
+        floor_m: tuple[float, float, float, float],
+        ceiling_m: float,
+        eye_m: tuple[float, float],
+        fov_deg: tuple[float, float],
+    ) -> PhotoSet:
+        """The set with all that stands in it; arguments as the fields of ``PhotoSet``."""
+        return PhotoSet(
+            name=name,
+            spec=self.scene.spec,
+            objects=tuple(self.objects),
+            subjects=tuple(self.subjects),
+            solids=tuple(self.solids),
+            floor_m=floor_m,
+            ceiling_m=ceiling_m,
+            eye_m=eye_m,
+            fov_rad=(np.deg2rad(fov_deg[0]), np.deg2rad(fov_deg[1])),
+        )
+
 
 def draw_paint(rng: np.random.Generator) -> tuple[float, float, float]:
     """Colour of a vehicle: mostly white, grey or black, else any."""
     if rng.random() < 0.5:
         grey = float(rng.choice([0.05, 0.1, 0.35, 0.55, 0.7, 0.85]))
         return grey, grey, grey
-    import colorsys
-
     return colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.4, 0.95), rng.uniform(0.2, 0.9))
 
 
@@ -84,5 +103,4 @@ def retinted(material: Material, rng: np.random.Generator, strength: float = 0.5
     """
     tint = 1.0 - strength * rng.random() * rng.random(3)
     tint *= rng.uniform(0.6, 1.15)
-    texture: UInt8[np.ndarray, "h w 3"] = np.clip(np.rint(material.texture * tint), 0, 255).astype(np.uint8)
-    return Material(texture, material.size_m, material.specular, material.shininess)
+    return replace(material, texture=as_picture(material.texture * tint))

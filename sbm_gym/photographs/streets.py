@@ -4,11 +4,10 @@ import mujoco
 import numpy as np
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
 from sbm_gym.worlds.geometry.placing import Box, Placement, overlap
 from sbm_gym.worlds.static_meshes import StaticMeshes, box_quads
-from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns import materials
 from sbm_gym.worlds.towns.furnisher import Furnisher
 from sbm_gym.worlds.towns.ground import PAINT, PAINT_M, flat
 from sbm_gym.worlds.towns.houses import STYLES, House, build_houses
@@ -40,8 +39,9 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     meshes = StaticMeshes(builder.scene, spec.worldbody.add_body(name="ground"))
     vehicles = _vehicles(category, library, rng)
     back_m = max(vehicle.box().corners()[:, 1].max() for vehicle in vehicles)
-    wide = Rect(-_AROUND_M, -_AROUND_M, _AROUND_M, _AROUND_M)
-    meshes.tiled(flat(wide, 0.0), _ground(rng))
+    kinds = (materials.asphalt, materials.paving, materials.concrete, materials.grass, materials.gravel)
+    ground = retinted(kinds[rng.choice(5, p=[0.5, 0.15, 0.12, 0.12, 0.11])](), rng, 0.4)
+    meshes.tiled(flat(Rect(-_AROUND_M, -_AROUND_M, _AROUND_M, _AROUND_M), 0.0), ground)
     edge_m = float(back_m + rng.uniform(0.3, 2.0))
     is_street = rng.random() < 0.6
     if is_street:
@@ -49,21 +49,12 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     behind_m = edge_m + float(rng.uniform(3.0, 6.0))
     _backdrop(meshes, behind_m, is_street, rng)
     _around(meshes, rng)
-    _things(builder, meshes, [vehicle.box() for vehicle in vehicles], edge_m, behind_m, library, rng)
+    _things(builder, meshes, [vehicle.box() for vehicle in vehicles], edge_m, behind_m)
     meshes.build()
     for number, vehicle in enumerate(vehicles):
         builder.stand(vehicle, subject=number == 0 or rng.random() < 0.7)
-    return PhotoSet(
-        name=category,
-        spec=spec,
-        objects=tuple(builder.objects),
-        subjects=tuple(builder.subjects),
-        solids=tuple(builder.solids),
-        floor_m=(-26.0, -26.0, 26.0, behind_m - 0.5),
-        ceiling_m=5.0,
-        eye_m=(1.1, 1.75),
-        fov_rad=(np.deg2rad(36.0), np.deg2rad(70.0)),
-    )
+    floor_m = (-26.0, -26.0, 26.0, behind_m - 0.5)
+    return builder.photo_set(category, floor_m, ceiling_m=5.0, eye_m=(1.1, 1.75), fov_deg=(36.0, 70.0))
 
 
 def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator) -> list[Placement]:
@@ -99,11 +90,6 @@ def _pick(library: FurnitureLibrary, use: str, rng: np.random.Generator) -> Mode
     return cards[int(rng.integers(len(cards)))] if cards else None
 
 
-def _ground(rng: np.random.Generator) -> Material:
-    kinds = (materials.asphalt, materials.paving, materials.concrete, materials.grass, materials.gravel)
-    return retinted(kinds[rng.choice(5, p=[0.5, 0.15, 0.12, 0.12, 0.11])](), rng, 0.4)
-
-
 def _pavement(meshes: StaticMeshes, edge_m: float, rng: np.random.Generator) -> None:
     """A raised pavement from a kerb on, and perhaps markings on the road."""
     low, high = np.array([[-_AROUND_M, edge_m, 0.0]]), np.array([[_AROUND_M, _AROUND_M, KERB_M]])
@@ -117,19 +103,21 @@ def _pavement(meshes: StaticMeshes, edge_m: float, rng: np.random.Generator) -> 
 
 def _backdrop(meshes: StaticMeshes, behind_m: float, is_street: bool, rng: np.random.Generator) -> None:
     """Houses, a wall, a hedge or the open behind the vehicles."""
+
+    def slab(deep_m: float, high_m: float) -> np.ndarray:
+        low, high = (-_AROUND_M, behind_m, 0.0), (_AROUND_M, behind_m + deep_m, high_m)
+        return box_quads(np.array([low]), np.array([high]))
+
     shares = [0.8, 0.1, 0.05, 0.05] if is_street else [0.4, 0.25, 0.2, 0.15]
     kind = str(rng.choice(["houses", "wall", "hedge", "open"], p=shares))
     if kind == "houses":
         build_houses(meshes, _row(behind_m, 0, rng), rng)
     elif kind == "wall":
         stone = materials.wall_materials(STYLES[rng.integers(3)])
-        high = float(rng.uniform(1.6, 6.0))
-        quads = box_quads(np.array([[-_AROUND_M, behind_m, 0.0]]), np.array([[_AROUND_M, behind_m + 0.4, high]]))
+        quads = slab(0.4, rng.uniform(1.6, 6.0))
         meshes.tiled(quads, retinted(stone[rng.integers(len(stone))], rng, 0.5))
     elif kind == "hedge":
-        high = float(rng.uniform(0.9, 2.6))
-        quads = box_quads(np.array([[-_AROUND_M, behind_m, 0.0]]), np.array([[_AROUND_M, behind_m + 1.0, high]]))
-        meshes.tiled(quads, retinted(materials.leaves(), rng, 0.3))
+        meshes.tiled(slab(1.0, rng.uniform(0.9, 2.6)), retinted(materials.leaves(), rng, 0.3))
 
 
 def _around(meshes: StaticMeshes, rng: np.random.Generator) -> None:
@@ -180,17 +168,10 @@ def _house(rect: Rect, side: int, rng: np.random.Generator) -> House:
     )
 
 
-def _things(
-    builder: SetBuilder,
-    meshes: StaticMeshes,
-    reserved: list[Box],
-    edge_m: float,
-    behind_m: float,
-    library: FurnitureLibrary,
-    rng: np.random.Generator,
-) -> None:
+def _things(builder: SetBuilder, meshes: StaticMeshes, reserved: list[Box], edge_m: float, behind_m: float) -> None:
     """Trees, lamps, bins, benches and cones about the vehicles."""
-    furnisher = Furnisher(builder.scene, meshes, library, rng, reserved)
+    rng = builder.rng
+    furnisher = Furnisher(builder.scene, meshes, builder.library, rng, reserved)
     for _ in range(int(rng.choice([0, 1, 2], p=[0.4, 0.4, 0.2]))):
         place = np.array([rng.uniform(-18.0, 18.0), rng.uniform(edge_m + 0.6, max(behind_m - 0.5, edge_m + 0.7))])
         furnisher.tree(furnisher.pick(str(rng.choice(["street_tree", "park_tree"]))), place)
@@ -199,6 +180,5 @@ def _things(
             place = np.array([rng.uniform(-10.0, 10.0), rng.uniform(edge_m + 0.4, behind_m)])
             if use == "traffic_cone":
                 place[1] = rng.uniform(-4.0, edge_m)
-            furnisher.stand(
-                furnisher.pick(use), place, float(rng.choice([0.0, np.pi])), KERB_M if place[1] > edge_m else 0.0
-            )
+            ground_m = KERB_M if place[1] > edge_m else 0.0
+            furnisher.stand(furnisher.pick(use), place, float(rng.choice([0.0, np.pi])), ground_m)

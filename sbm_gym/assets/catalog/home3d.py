@@ -2,6 +2,7 @@
 
 import os
 import posixpath
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -43,85 +44,61 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "seeing-by-moving"
 
 
-def cached_model(
-    entry: CatalogEntry,
-    library_hash: str,
-    quarter_turns: int = 0,
-    folder: Path | None = None,
-    version: int = CONVERTER_VERSION,
-    thin_to: int | None = None,
-) -> FurnitureModel:
-    """The model of a catalogue entry: from the cache, or converted and put there.
+@dataclass(frozen=True)
+class CachedModel:
+    """A catalogue entry's model in the cache of converted furniture.
 
-    Args:
-        entry: which model.
-        library_hash: identifies the content of its library.
-        quarter_turns: how often to turn the model by 90 degrees (counter-clockwise from above) so that it faces -Y.
-        folder: the cache; by default the user's.
-        version: of the converter.
-        thin_to: for trees: about how many triangles they may have.
-
-    Raises:
-        ArchiveError, ModelFormatError: if the library or the model is damaged.
+    Both methods raise ``ArchiveError`` or ``ModelFormatError`` if the library or the model is damaged.
     """
-    where = model_folder(entry, library_hash, quarter_turns, folder, version, thin_to)
-    if where.is_dir():
+
+    entry: CatalogEntry
+    library_hash: str
+    """Identifies the content of the entry's library."""
+    cache: Path | None = None
+    """Folder of converted models; by default the user's."""
+    thin_to: int | None = None
+    """For trees: about how many triangles they may have."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the cache keeps the model."""
+        safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in self.entry.model_id)[:80]
+        thinned = "" if self.thin_to is None else f"-thin{self.thin_to}"
+        version = f"v{CONVERTER_VERSION}"
+        return (self.cache or cache_folder()) / "furniture" / version / self.library_hash / (safe + thinned)
+
+    def load(self) -> FurnitureModel:
+        """The model: from the cache, or converted and put there."""
+        if self.folder.is_dir():
+            try:
+                return load_model(self.folder)
+            except (OSError, ValueError, KeyError, TypeError):
+                pass  # damaged: made again below
+        model = convert(self.entry)
+        if self.thin_to is not None:
+            model = thin_foliage(model, self.thin_to, CLEAR_M)
         try:
-            return load_model(where)
+            with atomic_folder(self.folder) as temporary:
+                save_model(temporary, model)
+        except OSError:
+            if not self.folder.is_dir():
+                raise
+            # Another process put the same model there in the meantime.
+        return model
+
+    def num_triangles(self) -> int:
+        """How many triangles it has; reads no mesh that the cache holds."""
+        try:
+            return saved_triangles(self.folder)
         except (OSError, ValueError, KeyError, TypeError):
-            pass  # damaged: made again below
-    model = convert(entry, quarter_turns)
-    if thin_to is not None:
-        model = thin_foliage(model, thin_to, CLEAR_M)
-    try:
-        with atomic_folder(where) as temporary:
-            save_model(temporary, model)
-    except OSError:
-        if not where.is_dir():
-            raise
-        # Another process put the same model there in the meantime.
-    return model
+            return self.load().num_triangles
 
 
-def cached_triangles(
-    entry: CatalogEntry,
-    library_hash: str,
-    quarter_turns: int = 0,
-    folder: Path | None = None,
-    thin_to: int | None = None,
-) -> int:
-    """How many triangles ``cached_model`` with the same arguments has; reads no mesh that the cache holds.
-
-    Raises:
-        ArchiveError, ModelFormatError: if the library or the model is damaged.
-    """
-    try:
-        return saved_triangles(model_folder(entry, library_hash, quarter_turns, folder, thin_to=thin_to))
-    except (OSError, ValueError, KeyError, TypeError):
-        return cached_model(entry, library_hash, quarter_turns, folder, thin_to=thin_to).num_triangles
-
-
-def model_folder(
-    entry: CatalogEntry,
-    library_hash: str,
-    quarter_turns: int = 0,
-    folder: Path | None = None,
-    version: int = CONVERTER_VERSION,
-    thin_to: int | None = None,
-) -> Path:
-    """Where the cache keeps a model."""
-    safe = "".join(character if character.isalnum() or character in "-_" else "_" for character in entry.model_id)
-    turned = f"-{quarter_turns % 4}" if quarter_turns % 4 else ""
-    thinned = "" if thin_to is None else f"-thin{thin_to}"
-    return (folder or cache_folder()) / "furniture" / f"v{version}" / library_hash / (safe[:80] + turned + thinned)
-
-
-def convert(entry: CatalogEntry, quarter_turns: int = 0) -> FurnitureModel:
+def convert(entry: CatalogEntry) -> FurnitureModel:
     """Reads a model from its library and brings it to size, axes and origin.
 
     Args:
         entry: which model.
-        quarter_turns: turns of 90 degrees, counter-clockwise from above, after which the model faces -Y.
 
     Raises:
         ArchiveError, ModelFormatError: if the library or the model is damaged.
@@ -141,7 +118,7 @@ def convert(entry: CatalogEntry, quarter_turns: int = 0) -> FurnitureModel:
                 path = _find_picture(material.texture, archive, folder)
                 if path is not None:
                     textures[material.texture] = _picture(archive.read(path), f"{archive.name}: {path}")
-    corners, normals, size_m = _to_world(mesh, entry, quarter_turns)
+    corners, normals = _to_world(mesh, entry)
     surfaces = []
     for look, indices in _group_by_look(mesh, materials, textures).items():
         picked = np.flatnonzero(np.isin(mesh.material, indices))
@@ -150,7 +127,8 @@ def convert(entry: CatalogEntry, quarter_turns: int = 0) -> FurnitureModel:
             surfaces.append(surface)
     if not surfaces:
         raise ModelFormatError(f"{entry.archive.name}: the model {entry.model_id!r} has no triangle with an area")
-    return FurnitureModel(entry.model_id, size_m, tuple(surfaces), footprint_rectangles(_samples(corners), size_m))
+    footprint_m = footprint_rectangles(_samples(corners), entry.size_m)
+    return FurnitureModel(entry.model_id, entry.size_m, tuple(surfaces), footprint_m)
 
 
 def _open_model(archive: FurnitureArchive, entry: CatalogEntry) -> tuple[FurnitureArchive, str]:
@@ -176,28 +154,18 @@ def _find_picture(texture: str, archive: FurnitureArchive, folder: str) -> str |
     return None
 
 
-def _to_world(
-    mesh: ObjMesh, entry: CatalogEntry, quarter_turns: int
-) -> tuple[Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"], tuple[float, float, float]]:
+def _to_world(mesh: ObjMesh, entry: CatalogEntry) -> tuple[Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"]]:
     """Corners and normals in world axes, stretched to the catalogue's size along each axis."""
     rotation = HOME3D_TO_WORLD @ np.array(entry.model_rotation).reshape(3, 3)
     corners = mesh.corners @ rotation.T
-    normals = mesh.normals @ rotation.T
-    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     extent = high - low
-    target = np.array(entry.size_m)
-    scale = np.where(extent > 1e-9, target / np.maximum(extent, 1e-9), 1.0)
+    scale = np.where(extent > 1e-9, np.array(entry.size_m) / np.maximum(extent, 1e-9), 1.0)
     corners = (corners - np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])) * scale
-    normals = normals / scale
-    width, depth, height = entry.size_m
-    for _ in range(quarter_turns % 4):
-        turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-        corners, normals = corners @ turn.T, normals @ turn.T
-        width, depth = depth, width
+    normals = mesh.normals @ rotation.T / scale
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     # Made from slivers of triangles, normals can be of any length; only where there is none at all, up will do.
-    normals = np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
-    return corners, normals, (width, depth, height)
+    return corners, np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
 
 
 _Look = tuple[tuple[float, float, float, float], float, float, str | None]

@@ -8,8 +8,8 @@ from typing import Protocol
 
 from labeling.core.errors import MissingAssetsError
 from sbm_gym.assets.catalog.catalog import CatalogEntry, Library, find_libraries, read_library
-from sbm_gym.assets.catalog.home3d import cached_model, cached_triangles
-from sbm_gym.assets.models.classes import QUARTER_TURNS, THINNED, USES
+from sbm_gym.assets.catalog.home3d import CachedModel
+from sbm_gym.assets.models.classes import THINNED, USES
 from sbm_gym.assets.models.model import FurnitureModel
 
 
@@ -78,12 +78,15 @@ class Home3dLibrary:
             MissingAssetsError: if there is no library, or none of them has a model of the class map.
             ArchiveError: if a library is damaged.
         """
-        self._cache = cache
         self.libraries: tuple[Library, ...] = tuple(read_library(path) for path in find_libraries(locations))
-        entries = {e.model_id: (e, library.content_hash) for library in self.libraries for e in library.entries}
-        self._entries: dict[str, tuple[CatalogEntry, str]] = entries
+        thin_to = {model_id: count for use, count in THINNED.items() for model_id in USES[use].models}
+        self._models = {
+            entry.model_id: CachedModel(entry, library.content_hash, cache, thin_to.get(entry.model_id))
+            for library in self.libraries
+            for entry in library.entries
+        }
         self._cards = {
-            use: tuple(_card(entries[model_id][0], use) for model_id in described.models if model_id in entries)
+            use: tuple(_card(self._models[model].entry, use) for model in described.models if model in self._models)
             for use, described in USES.items()
         }
         if not any(self._cards.values()):
@@ -92,9 +95,8 @@ class Home3dLibrary:
                 f"the furniture libraries found ({found}) hold none of the models rooms are made of: "
                 "run `sudo apt-get install sweethome3d-furniture`"
             )
-        self._thin_to = {model_id: count for use, count in THINNED.items() for model_id in USES[use].models}
-        self._load = functools.lru_cache(maxsize=512)(self._load_uncached)
-        self._triangles: dict[str, int] = {}
+        self._load = functools.lru_cache(maxsize=512)(lambda model_id: self._models[model_id].load())
+        self._triangles = functools.cache(lambda model_id: self._models[model_id].num_triangles())
 
     def models(self, use: str) -> tuple[ModelCard, ...]:
         """Models for a use, in the class map's order; empty if there are none."""
@@ -110,35 +112,21 @@ class Home3dLibrary:
 
     def triangles(self, card: ModelCard) -> int:
         """How many triangles the model of a card has, from the cache's notes."""
-        if card.model_id not in self._triangles:
-            thin_to = self._thin_to.get(card.model_id)
-            self._triangles[card.model_id] = cached_triangles(*self._place(card.model_id), thin_to=thin_to)
-        return self._triangles[card.model_id]
+        return self._triangles(card.model_id)
 
     def install(self, report: Callable[[ModelCard], None]) -> None:
         """Makes sure the cache holds every mapped model; calls ``report`` after each."""
         for card in self.cards():
-            self._load_uncached(card.model_id)
+            self._models[card.model_id].load()
             report(card)
-
-    def _load_uncached(self, model_id: str) -> FurnitureModel:
-        return cached_model(*self._place(model_id), thin_to=self._thin_to.get(model_id))
-
-    def _place(self, model_id: str) -> tuple[CatalogEntry, str, int, Path | None]:
-        """What says where the cache keeps a model."""
-        entry, content_hash = self._entries[model_id]
-        return entry, content_hash, QUARTER_TURNS.get(model_id, 0), self._cache
 
 
 def _card(entry: CatalogEntry, use: str) -> ModelCard:
-    width, depth, height = entry.size_m
-    if QUARTER_TURNS.get(entry.model_id, 0) % 2:
-        width, depth = depth, width
     return ModelCard(
         model_id=entry.model_id,
         use=use,
         category=USES[use].category,
-        size_m=(width, depth, height),
+        size_m=entry.size_m,
         top_m=entry.top_m,
         name=entry.name,
         creator=entry.creator,

@@ -3,7 +3,7 @@
 import posixpath
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -45,13 +45,6 @@ class ObjMesh:
     """The ``mtllib`` files named, relative to the OBJ file."""
 
 
-@dataclass
-class _Faces:
-    """Faces of one material, smoothing group and corner layout, as runs of numbers waiting to become an array."""
-
-    numbers: list[int] = field(default_factory=list)
-
-
 def parse_obj(content: bytes, name: str) -> ObjMesh:
     """Reads an OBJ file: polygons of any size, negative indices, normals and texture coordinates where present.
 
@@ -69,7 +62,8 @@ def parse_obj(content: bytes, name: str) -> ObjMesh:
     """
     values: dict[str, list[str]] = {"v": [], "vt": [], "vn": []}
     counts = {"v": 0, "vt": 0, "vn": 0}
-    faces: dict[tuple[int, int, int, int], _Faces] = defaultdict(_Faces)
+    # Numbers of the faces of one material, smoothing group, number of corners and corner layout.
+    faces: dict[tuple[int, int, int, int], list[int]] = defaultdict(list)
     materials: dict[str, int] = {}
     files: list[str] = []
     material, smoothing = 0, 0
@@ -88,7 +82,7 @@ def parse_obj(content: bytes, name: str) -> ObjMesh:
                 if not materials:
                     materials[""] = 0
                 layout, numbers = _corner_numbers(parts[1:], counts)
-                faces[(material, smoothing, len(parts) - 1, layout)].numbers += numbers
+                faces[(material, smoothing, len(parts) - 1, layout)] += numbers
             elif keyword == "usemtl":
                 material = materials.setdefault(line.strip().partition(" ")[2].strip(), len(materials))
             elif keyword == "mtllib":
@@ -102,7 +96,7 @@ def parse_obj(content: bytes, name: str) -> ObjMesh:
         raise ModelFormatError(f"{name}: the OBJ file has no faces")
     if not all(np.all(np.isfinite(array)) for array in arrays.values()):
         raise ModelFormatError(f"{name}: the OBJ file has numbers that are not finite")
-    pieces = [_triangles(key, run.numbers, arrays, name) for key, run in faces.items()]
+    pieces = [_triangles(key, numbers, arrays, name) for key, numbers in faces.items()]
     corners, normals, texcoords, material_index = (np.concatenate(column) for column in zip(*pieces, strict=True))
     return ObjMesh(corners, normals, texcoords, material_index, tuple(materials), tuple(files))
 

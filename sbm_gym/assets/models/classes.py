@@ -17,8 +17,6 @@ MAX_TRIANGLES = 46_000
 Trees have more: they are thinned leaf by leaf (sbm_gym.assets.catalog.foliage)."""
 THINNED = {"street_tree": 8_000, "park_tree": 8_000}
 """Uses whose models are thinned when they are converted, and to how many triangles."""
-QUARTER_TURNS: dict[str, int] = {}
-"""Models that do not face the front in their library: turns of 90 degrees, counter-clockwise from above."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +42,10 @@ VEHICLE_PAINT = {model: (red, green, blue) for model, (red, green, blue) in _LIS
 """Display colour of a vehicle model's paint, where it has a plain one: such parts are painted anew for each vehicle."""
 EXCLUDED = {model: entry["reason"] for entry in _LISTS["left_out"] for model in _ids(entry)}
 """Models that would fit a use but are left out, with the reason."""
+FROM_SEEDS: dict[str, int] = _LISTS["from_seeds"]
+"""How many builtin models join the catalogues' in rooms, by use."""
+FROM_SEEDS_IN_STREETS: dict[str, int] = _LISTS["from_seeds_in_streets"]
+"""How many builtin models stand in for the catalogues' in towns, by use."""
 
 
 def categories() -> tuple[str, ...]:

@@ -11,15 +11,11 @@ from labeling.core.errors import UsageError
 from sbm_gym.assets.catalog.library import ModelCard
 from sbm_gym.assets.models.classes import USES
 from sbm_gym.assets.models.model import FurnitureModel
-from sbm_gym.assets.parametric.household_recipes import HOUSEHOLD
-from sbm_gym.assets.parametric.parts.recipe import Recipe
 from sbm_gym.assets.parametric.parts.shapes import Kit, Size
-from sbm_gym.assets.parametric.town_recipes import TOWN
+from sbm_gym.assets.parametric.recipes import RECIPES, Recipe
 
 BUILTIN = "builtin"
 """Name of the library, and first part of its models' ids."""
-RECIPES: dict[str, Recipe] = HOUSEHOLD | TOWN
-"""Every use that the library can serve."""
 FAMILIES = 64
 """How many families there are of models that go together, such as kitchens; a seed's remainder says which it is of."""
 OFFERED_FAMILIES = 3

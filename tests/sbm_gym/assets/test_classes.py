@@ -5,7 +5,7 @@ import pytest
 
 from sbm_gym.assets.catalog.library import Home3dLibrary, default_library
 from sbm_gym.assets.credits import credits_text
-from sbm_gym.assets.models.classes import COCO_CATEGORIES, EXCLUDED, MAX_TRIANGLES, QUARTER_TURNS, THINNED, USES
+from sbm_gym.assets.models.classes import COCO_CATEGORIES, EXCLUDED, MAX_TRIANGLES, THINNED, USES
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,6 @@ def test_no_model_has_two_uses_or_is_both_mapped_and_excluded():
     mapped = [model for described in USES.values() for model in described.models]
     assert len(mapped) == len(set(mapped))
     assert not set(mapped) & set(EXCLUDED)
-    assert set(QUARTER_TURNS) <= set(mapped)
     assert all(reason for reason in EXCLUDED.values())
 
 

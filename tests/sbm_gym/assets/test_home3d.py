@@ -5,9 +5,10 @@ import pytest
 
 from labeling.core.errors import MissingAssetsError
 from sbm_gym.assets.catalog import archive as archive_module
+from sbm_gym.assets.catalog import home3d
 from sbm_gym.assets.catalog.archive import ArchiveError, FurnitureArchive, resolve
 from sbm_gym.assets.catalog.catalog import FURNITURE_VARIABLE, find_libraries, read_library
-from sbm_gym.assets.catalog.home3d import cached_model, cached_triangles, convert, model_folder
+from sbm_gym.assets.catalog.home3d import CachedModel, convert
 from sbm_gym.assets.catalog.wavefront import ModelFormatError, parse_obj
 from sbm_gym.assets.models.model import footprint_rectangles, load_model
 
@@ -63,17 +64,6 @@ def test_pictures_stand_upright(library):
         assert front.texture[row, column].tolist() == expected
 
 
-@pytest.mark.parametrize("turns", [0, 1, 2, 3])
-def test_quarter_turns_turn_the_front(library, turns):
-    model = convert(library.entries[0], turns)
-    front = next(surface for surface in model.surfaces if surface.texture is not None)
-    angle = turns * np.pi / 2
-    np.testing.assert_allclose(front.normals[0], [np.sin(angle), -np.cos(angle), 0], atol=1e-6)
-    size = (0.6, 0.4, 0.9) if turns % 2 == 0 else (0.4, 0.6, 0.9)
-    assert model.size_m == pytest.approx(size)
-    np.testing.assert_allclose(np.ptp(all_vertices(model), axis=0), size, atol=1e-6)
-
-
 def test_model_rotation_comes_before_scaling(tmp_path):
     """A catalogue rotation that lays the model's y axis along its z axis still ends in the catalogue's size."""
     line = "modelRotation#1=1 0 0 0 0 -1 0 1 0\n"
@@ -89,27 +79,27 @@ def test_zipped_models_give_the_same(library, tmp_path):
     np.testing.assert_array_equal(all_vertices(convert(zipped.entries[0])), all_vertices(convert(library.entries[0])))
 
 
-def test_the_cache_is_used_and_rebuilt_for_another_version_or_content(library, tmp_path):
+def test_the_cache_is_used_and_rebuilt_for_another_version_or_content(library, tmp_path, monkeypatch):
     entry, cache = library.entries[0], tmp_path / "cache"
-    first = cached_model(entry, library.content_hash, folder=cache)
+    model = CachedModel(entry, library.content_hash, cache)
+    first = model.load()
     entry.archive.unlink()  # from here on only the cache can answer
-    again = cached_model(entry, library.content_hash, folder=cache)
-    for a, b in zip(first.surfaces, again.surfaces, strict=True):
+    for a, b in zip(first.surfaces, model.load().surfaces, strict=True):
         np.testing.assert_array_equal(a.vertices_m, b.vertices_m)
         np.testing.assert_array_equal(a.faces, b.faces)
     with pytest.raises(ArchiveError):
-        cached_model(entry, library.content_hash, folder=cache, version=10**6)
+        CachedModel(entry, "another content", cache).load()
+    monkeypatch.setattr(home3d, "CONVERTER_VERSION", 10**6)
     with pytest.raises(ArchiveError):
-        cached_model(entry, "another content", folder=cache)
+        model.load()
 
 
 def test_a_damaged_cache_is_made_again(library, tmp_path):
-    entry, cache = library.entries[0], tmp_path / "cache"
-    cached_model(entry, library.content_hash, folder=cache)
-    folder = model_folder(entry, library.content_hash, folder=cache)
-    (folder / "model.npz").write_bytes(b"not an archive")
-    assert cached_model(entry, library.content_hash, folder=cache).num_triangles == 12
-    assert load_model(folder).num_triangles == 12
+    model = CachedModel(library.entries[0], library.content_hash, tmp_path / "cache")
+    model.load()
+    (model.folder / "model.npz").write_bytes(b"not an archive")
+    assert model.load().num_triangles == 12
+    assert load_model(model.folder).num_triangles == 12
 
 
 def test_content_hash_follows_the_content(tmp_path):
@@ -191,11 +181,10 @@ def test_a_full_footprint_stays_one_box():
 
 
 def test_triangles_are_counted_without_reading_the_mesh(library, tmp_path):
-    cache, entry = tmp_path / "cache", library.entries[0]
-    assert cached_triangles(entry, library.content_hash, folder=cache) == 12  # converted for it
-    folder = model_folder(entry, library.content_hash, folder=cache)
-    (folder / "model.npz").unlink()
-    assert cached_triangles(entry, library.content_hash, folder=cache) == 12
-    (folder / "model.json").write_text("{}", encoding="utf-8")
-    assert cached_triangles(entry, library.content_hash, folder=cache) == 12  # damaged: converted again
-    assert load_model(folder).num_triangles == 12
+    model = CachedModel(library.entries[0], library.content_hash, tmp_path / "cache")
+    assert model.num_triangles() == 12  # converted for it
+    (model.folder / "model.npz").unlink()
+    assert model.num_triangles() == 12
+    (model.folder / "model.json").write_text("{}", encoding="utf-8")
+    assert model.num_triangles() == 12  # damaged: converted again
+    assert load_model(model.folder).num_triangles == 12
