@@ -11,6 +11,7 @@ An episode is a folder any RGB-D tool can open (docs/data-formats.md)::
     episode.json         optional: where it came from (world, seed, policy, versions, actions, reward terms, categories)
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +31,7 @@ from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 
 if TYPE_CHECKING:
-    from labeling.io.recordings.frames import LoadedViews
+    from labeling.io.recordings.pictures import Undistortion
 
 DEPTH_UNIT_M = 0.001
 OPTIONAL_FILES = (ABOUT_FILE, TRUTH_FILE, DETECTIONS_FILE)
@@ -100,16 +101,16 @@ def read_episode(
     from labeling.io.recordings.layouts import frames_of
 
     found = frames_of(folder, config or RecordingConfig())
-    loaded = load(found.frames, undistort)
+    views, undistortions, notes = load(found.frames, undistort)
     names = tuple(frame.name for frame in found.frames)
     episode = Episode(
-        **vars(loaded.views),
+        **vars(views),
         name=folder.resolve().name,
         file_names=names,
         frame_names=() if names == found.names else found.names,
-        notes=(*found.notes, *loaded.notes),
+        notes=(*found.notes, *notes),
     )
-    return _undistorted_masks(_with_annotations(folder, episode, ground_truth), loaded)
+    return _undistorted_masks(_with_annotations(folder, episode, ground_truth), undistortions)
 
 
 def write_episode(folder: Path, episode: Episode) -> None:
@@ -175,29 +176,21 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Epi
     return replace(episode, categories=table.names)
 
 
-def _undistorted_masks(episode: Episode, loaded: "LoadedViews") -> Episode:
+def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion | None]") -> Episode:
     """Moves masks that were drawn on distorted pictures onto the undistorted ones."""
-    undistortions = loaded.undistortions
     if not any(undistortions):
         return episode
 
-    def moved(view_index: int, mask: np.ndarray) -> np.ndarray:
+    def moved(view_index: int, mask: Any) -> Any:
         undistortion = undistortions[view_index]
-        return mask if undistortion is None else undistortion.mask(mask)
+        return mask if undistortion is None or mask is None else undistortion.mask(mask)
 
     detections, truths = episode.detections, episode.ground_truth
     return replace(
         episode,
         detections=detections and tuple(replace(d, mask=moved(d.view_index, d.mask)) for d in detections),
         ground_truth=truths
-        and tuple(
-            replace(
-                t,
-                modal=moved(t.view_index, t.modal),
-                amodal=None if t.amodal is None else moved(t.view_index, t.amodal),
-            )
-            for t in truths
-        ),
+        and tuple(replace(t, modal=moved(t.view_index, t.modal), amodal=moved(t.view_index, t.amodal)) for t in truths),
         notes=(*episode.notes, f"lens distortion was removed from {sum(map(bool, undistortions))} views"),
     )
 
@@ -212,8 +205,7 @@ def _depth_to_units(depth_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
 
 def _transforms(episode: Episode, frames: list[dict]) -> dict:
     height_px, width_px = episode.size
-    shared = np.all(episode.intrinsics == episode.intrinsics[0])
-    if not shared:
+    if np.any(episode.intrinsics != episode.intrinsics[0]):
         for frame, intrinsics in zip(frames, episode.intrinsics, strict=True):
             frame.update(_intrinsics_record(intrinsics))
     return {

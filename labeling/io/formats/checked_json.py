@@ -1,6 +1,7 @@
 """Reading JSON that others have written: every access checks, and every error names file and field."""
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,8 @@ class Json:
         if default is not _REQUIRED and not self.has(name):
             return float(default)
         value = self.get(name).value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+        # Compared, not converted: a whole number may be too large for a float.
+        if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
             raise self.error(f"must be a finite number, not {_kind(value)}", name)
         if above is not None and not value > above:
             raise self.error(f"must be above {above:g}, not {value:g}", name)
@@ -80,7 +82,7 @@ class Json:
     def integer(self, name: str) -> int:
         """A whole number."""
         value = self.get(name).value
-        if isinstance(value, bool) or not isinstance(value, int):
+        if type(value) is not int:
             raise self.error(f"must be a whole number, not {_kind(value)}", name)
         return value
 
@@ -124,13 +126,6 @@ def read_json(path: Path) -> Json:
         raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise EpisodeFormatError(f"{path}: not valid JSON ({error})") from None
-
-
-def _is_finite(value: int | float) -> bool:
-    try:
-        return bool(np.isfinite(float(value)))
-    except OverflowError:
-        return False
 
 
 def _kind(value: Any) -> str:

@@ -7,18 +7,8 @@ from jaxtyping import Float, Int
 
 from labeling.io.formats.atomic import atomic_file
 
-_VERTEX = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("red", "u1"),
-        ("green", "u1"),
-        ("blue", "u1"),
-        ("label", "<i4"),
-        ("probability", "<f4"),
-    ]
-)
+_POSITION, _COLOUR = [(axis, "<f4") for axis in "xyz"], [(channel, "u1") for channel in ("red", "green", "blue")]
+_VERTEX = np.dtype([*_POSITION, *_COLOUR, ("label", "<i4"), ("probability", "<f4")])
 
 
 def write_ply(
@@ -44,8 +34,7 @@ def write_ply(
     vertices = np.empty(len(points), _VERTEX)
     vertices["x"], vertices["y"], vertices["z"] = np.asarray(points, np.float32).T
     shown = np.where((labels > 0)[:, None], (1 - tint) * colours + tint * hues(labels), colours)
-    red, green, blue = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8).T
-    vertices["red"], vertices["green"], vertices["blue"] = red, green, blue
+    vertices["red"], vertices["green"], vertices["blue"] = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8).T
     vertices["label"], vertices["probability"] = labels, probability
     with atomic_file(path) as temporary:
         PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(temporary))

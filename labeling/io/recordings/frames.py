@@ -1,7 +1,7 @@
 """The frames of a recording, whatever its layout: choosing among them, and reading their pictures."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -22,7 +22,14 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.threads import in_threads
 
 MAX_DEPTH_UNIT_M = 1000.0
-_UP = {"z": (0, 0, 1), "y": (0, 1, 0), "x": (1, 0, 0), "-z": (0, 0, -1), "-y": (0, -1, 0), "-x": (-1, 0, 0)}
+_TURN_UP = {
+    "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+}
+"""The rotation that brings an up axis to +Z, by the shortest way."""
 
 
 @dataclass(frozen=True)
@@ -52,38 +59,25 @@ class FrameList:
     """Colour files of all frames, in order, also of those that cannot be used."""
     frames: list[Frame]
     """Those that can be used."""
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
     """What was left out, and why."""
 
 
-class FrameCollector:
-    """Gathers the frames of a recording in order, and which of them cannot be used for what reason."""
+def frame_list(found: Sequence[tuple[str, Frame | str]], reasons: Sequence[str]) -> FrameList:
+    """The frames of a recording, with one note for each reason why some were left out.
 
-    def __init__(self, *reasons: str):
-        """``reasons``: why frames may be left out, such as "without depth", in the order of the notes."""
-        self.names: list[str] = []
-        self.frames: list[Frame] = []
-        self.left_out: dict[str, list[str]] = {reason: [] for reason in reasons}
-
-    def add(self, frame: Frame) -> None:
-        """A frame that can be used."""
-        self.names.append(frame.name)
-        self.frames.append(frame)
-
-    def leave_out(self, name: str, reason: str) -> None:
-        """A frame that cannot be used."""
-        self.names.append(name)
-        self.left_out[reason].append(name)
-
-    def frame_list(self) -> FrameList:
-        """All that was gathered, with one note for each reason."""
-        notes = []
-        for reason, names in self.left_out.items():
-            if names:
-                more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-                plural = "s" if len(names) > 1 else ""
-                notes.append(f"left out {len(names)} frame{plural} {reason}: {', '.join(names[:3])}{more}")
-        return FrameList(tuple(self.names), self.frames, notes)
+    Args:
+        found: colour file, and its frame or the reason why it cannot be used, such as "without depth".
+        reasons: in the order of the notes.
+    """
+    notes = []
+    for reason in reasons:
+        names = [name for name, frame in found if frame == reason]
+        if names:
+            more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+            plural = "s" if len(names) > 1 else ""
+            notes.append(f"left out {len(names)} frame{plural} {reason}: {', '.join(names[:3])}{more}")
+    return FrameList(tuple(name for name, _ in found), [frame for _, frame in found if isinstance(frame, Frame)], notes)
 
 
 def file_inside(folder: Path, relative: str, extensions: Sequence[str] = ()) -> Path:
@@ -113,16 +107,6 @@ def file_inside(folder: Path, relative: str, extensions: Sequence[str] = ()) -> 
     return path
 
 
-@dataclass(frozen=True)
-class LoadedViews:
-    """The views of the frames chosen."""
-
-    views: RgbdViews
-    undistortions: tuple[Undistortion | None, ...]
-    """For each view what its lens distortion was removed with; None if it had none."""
-    notes: list[str]
-
-
 def choose(found: FrameList, config: RecordingConfig) -> FrameList:
     """The frames that ``--every`` and ``--max-views`` leave, turned so that +Z is up."""
     frames, notes = found.frames[:: config.every], list(found.notes)
@@ -130,8 +114,9 @@ def choose(found: FrameList, config: RecordingConfig) -> FrameList:
         kept = np.rint(np.linspace(0, len(frames) - 1, config.max_views)).astype(int)
         notes.append(f"took {config.max_views} of {len(frames)} frames, spread evenly (--max-views, --every)")
         frames = [frames[index] for index in kept]
-    turn = _turn_up(config)
     if config.up != "z":
+        turn = np.eye(4)
+        turn[:3, :3] = _TURN_UP[config.up]
         frames = [replace(frame, camera_to_world=turn @ frame.camera_to_world) for frame in frames]
     hint = _other_up(frames)
     if hint and config.up == "z":
@@ -139,12 +124,17 @@ def choose(found: FrameList, config: RecordingConfig) -> FrameList:
     return FrameList(found.names, frames, notes)
 
 
-def load(frames: Sequence[Frame], undistort: bool) -> LoadedViews:
+def load(
+    frames: Sequence[Frame], undistort: bool
+) -> tuple[RgbdViews, tuple[Undistortion | None, ...], tuple[str, ...]]:
     """Reads the pictures.
 
     Args:
         frames: at least one.
         undistort: remove lens distortion; without it distorted pictures are refused.
+
+    Returns:
+        The views; for each what its lens distortion was removed with, None if it had none; and what there is to note.
 
     Raises:
         EpisodeFormatError: naming the file.
@@ -162,9 +152,8 @@ def load(frames: Sequence[Frame], undistort: bool) -> LoadedViews:
         camera = frame.camera((colour.shape[0], colour.shape[1]))
         if isinstance(depth_or_error, EpisodeFormatError):
             raise depth_or_error
-        depth_m = depth_or_error
-        aligned = _align(frame, depth_m, camera, colour.shape[:2])
-        resized += aligned is not depth_m
+        aligned = _align(frame, depth_or_error, camera, colour.shape[:2])
+        resized += aligned is not depth_or_error
         undistortion = None
         if any(frame.distortion):
             if not undistort:
@@ -179,10 +168,10 @@ def load(frames: Sequence[Frame], undistort: bool) -> LoadedViews:
         depth.append(aligned)
         intrinsics.append(camera)
         undistortions.append(undistortion)
-    notes = [f"depth of {resized} views was brought to the size of their colour pictures"] if resized else []
+    notes = (f"depth of {resized} views was brought to the size of their colour pictures",) if resized else ()
     poses = np.stack([frame.camera_to_world for frame in frames])
     views = RgbdViews(np.stack(rgb), np.stack(depth), np.stack(intrinsics), poses)
-    return LoadedViews(views, tuple(undistortions), notes)
+    return views, tuple(undistortions), notes
 
 
 def _read_depth(frame: Frame) -> np.ndarray | EpisodeFormatError:
@@ -194,30 +183,17 @@ def _read_depth(frame: Frame) -> np.ndarray | EpisodeFormatError:
 
 
 def _align(frame: Frame, depth_m, camera, size: tuple[int, int]) -> np.ndarray:
-    if frame.depth_intrinsics is not None and not (
-        depth_m.shape == size and np.array_equal(frame.depth_intrinsics, camera)
-    ):
-        return register_depth(depth_m, frame.depth_intrinsics, camera, size)
-    if depth_m.shape == size:
+    same_camera = frame.depth_intrinsics is None or np.array_equal(frame.depth_intrinsics, camera)
+    if depth_m.shape == size and same_camera:
         return depth_m
+    if frame.depth_intrinsics is not None:
+        return register_depth(depth_m, frame.depth_intrinsics, camera, size)
     if not same_view((depth_m.shape[0], depth_m.shape[1]), size):
         raise EpisodeFormatError(
             f"{frame.depth_file}: depth is {size_text(depth_m)} pixels but its colour picture is {size[1]}x{size[0]}, "
             "which is no enlargement of it; align depth to colour first"
         )
     return enlarge_depth(depth_m, size)
-
-
-def _turn_up(config: RecordingConfig) -> Float[np.ndarray, "4 4"]:
-    """The rotation that brings the recording's up axis to +Z, by the shortest way."""
-    up, turn = np.array(_UP[config.up], float), np.eye(4)
-    if config.up == "-z":
-        turn[:3, :3] = np.diag([1.0, -1.0, -1.0])
-        return turn
-    axis = np.cross(up, [0.0, 0.0, 1.0])
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    turn[:3, :3] = np.eye(3) + cross + cross @ cross / (1 + up[2])
-    return turn
 
 
 def _other_up(frames: Sequence[Frame]) -> str | None:

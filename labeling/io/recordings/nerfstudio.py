@@ -14,7 +14,7 @@ from jaxtyping import Float
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import flip_camera_axes, intrinsics_matrix, is_rigid
 from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameCollector, FrameList, file_inside
+from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, file_inside, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 
 FILES = ("transforms.json",)
@@ -40,32 +40,32 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
         problem = f"is metres per unit of depth; {depth_unit_m:g} is more than the {MAX_DEPTH_UNIT_M:g} accepted"
         raise transforms.error(problem, "depth_unit_scale_factor")
     scale = _applied_scale(transforms)
-    collected = FrameCollector(NO_DEPTH)
+    found: list[tuple[str, Frame | str]] = []
     for record in records:
         colour_file = _inside(folder, record, "file_path", EXTENSIONS)
         name = colour_file.relative_to(folder).as_posix()
         if not record.has("depth_file_path"):
-            collected.leave_out(name, NO_DEPTH)
+            found.append((name, NO_DEPTH))
             continue
         pose = _camera_to_world(record)
         pose[:3, 3] /= scale
-        collected.add(
-            Frame(
-                name=name,
-                colour_file=colour_file,
-                depth_file=_inside(folder, record, "depth_file_path", (*EXTENSIONS, ".npy")),
-                depth_unit_m=depth_unit_m,
-                camera_to_world=pose,
-                camera=functools.partial(_intrinsics, transforms, record, name),
-                distortion=_distortion(transforms, record),
-            )
+        frame = Frame(
+            name=name,
+            colour_file=colour_file,
+            depth_file=_inside(folder, record, "depth_file_path", (*EXTENSIONS, ".npy")),
+            depth_unit_m=depth_unit_m,
+            camera_to_world=pose,
+            camera=functools.partial(_intrinsics, transforms, record, name),
+            distortion=_distortion(transforms, record),
         )
-    if not collected.frames:
+        found.append((name, frame))
+    listed = frame_list(found, [NO_DEPTH])
+    if not listed.frames:
         raise records[0].error(
             "is missing, as in every frame; labels need depth, so export the recording with its depth pictures",
             "depth_file_path",
         )
-    return collected.frame_list()
+    return listed
 
 
 def _inside(folder: Path, record: Json, name: str, extensions: tuple[str, ...]) -> Path:
@@ -79,11 +79,8 @@ def _inside(folder: Path, record: Json, name: str, extensions: tuple[str, ...]) 
 
 
 def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-    """K of a frame: the frame's own values where it has them, those of the whole recording elsewhere."""
-
-    def holder(name: str) -> Json:
-        return record if record.has(name) else transforms
-
+    """K of a frame."""
+    holder = functools.partial(_holder, transforms, record)
     height_px, width_px = size
     for name, side in (("w", width_px), ("h", height_px)):
         if holder(name).has(name) and (stated := holder(name).number(name)) != side:
@@ -99,19 +96,20 @@ def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]
     return intrinsics_matrix(fl_x, fl_y, cx, cy)
 
 
+def _holder(transforms: Json, record: Json, name: str) -> Json:
+    """Where a value stands: in the frame's own record if it has it, else in that of the whole recording."""
+    return record if record.has(name) else transforms
+
+
 def _distortion(transforms: Json, record: Json) -> tuple[float, ...]:
-    model_holder = record if record.has("camera_model") else transforms
-    if model_holder.has("camera_model"):
-        model = model_holder.text("camera_model")
-        if model not in CAMERA_MODELS:
-            raise model_holder.error(
-                f"{model!r} is not supported; undistort the pictures to one of {', '.join(CAMERA_MODELS)}",
-                "camera_model",
-            )
-    k4 = (record if record.has("k4") else transforms).number("k4", 0.0)
-    if k4:
-        raise (record if record.has("k4") else transforms).error("fisheye cameras are not supported", "k4")
-    values = tuple((record if record.has(name) else transforms).number(name, 0.0) for name in _DISTORTION)
+    holder = functools.partial(_holder, transforms, record)
+    stated = holder("camera_model")
+    if stated.has("camera_model") and (model := stated.text("camera_model")) not in CAMERA_MODELS:
+        problem = f"{model!r} is not supported; undistort the pictures to one of {', '.join(CAMERA_MODELS)}"
+        raise stated.error(problem, "camera_model")
+    if holder("k4").number("k4", 0.0):
+        raise holder("k4").error("fisheye cameras are not supported", "k4")
+    values = tuple(holder(name).number(name, 0.0) for name in _DISTORTION)
     return values if any(values) else ()
 
 

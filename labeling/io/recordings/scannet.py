@@ -4,6 +4,7 @@ Source: ScanNet, SensReader: ``pose/N.txt`` is camera to world (4x4, OpenCV axes
 is in millimetres and in the pixels of the depth camera, which ``intrinsic_depth.txt`` describes.
 """
 
+import functools
 import re
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from jaxtyping import Float
 
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import intrinsics_matrix, is_rigid
-from labeling.io.recordings.frames import Frame, FrameCollector, FrameList
+from labeling.io.recordings.frames import Frame, FrameList, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.io.recordings.text_tables import read_matrix
 
@@ -27,60 +28,52 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     Raises:
         EpisodeFormatError: naming the file, if anything is missing or malformed.
     """
-    camera = _intrinsics(folder / "intrinsic" / "intrinsic_color.txt")
+    camera_file = folder / "intrinsic" / "intrinsic_color.txt"
+    camera = _intrinsics(camera_file)
     depth_file = folder / "intrinsic" / "intrinsic_depth.txt"
     depth_camera = _intrinsics(depth_file) if depth_file.is_file() else None
     _check_same_place(folder / "intrinsic")
-    colour, depth, poses = (
-        _numbered(folder / "color", _PICTURES[:3]),
-        _numbered(folder / "depth", _PICTURES),
-        _numbered(folder / "pose", (".txt",)),
-    )
+    colour, depth = _numbered(folder / "color", _PICTURES[:3]), _numbered(folder / "depth", _PICTURES)
+    poses = _numbered(folder / "pose", (".txt",))
     if not colour:
         raise EpisodeFormatError(f"{folder / 'color'}: holds no PNG or JPEG picture")
     no_depth, no_pose = "without depth", "without a pose (tracking lost)"
-    collected = FrameCollector(no_depth, no_pose)
+    found: list[tuple[str, Frame | str]] = []
     for stem, file in colour.items():
         name = file.relative_to(folder).as_posix()
         pose = _pose(poses[stem]) if stem in poses else None
         if stem not in depth or pose is None:
-            collected.leave_out(name, no_pose if stem in depth else no_depth)
+            found.append((name, no_pose if stem in depth else no_depth))
             continue
-        collected.add(
-            Frame(
-                name=name,
-                colour_file=file,
-                depth_file=depth[stem],
-                depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-                camera_to_world=pose,
-                camera=_Camera(camera, folder / "intrinsic" / "intrinsic_color.txt"),
-                depth_intrinsics=depth_camera,
-            )
+        frame = Frame(
+            name=name,
+            colour_file=file,
+            depth_file=depth[stem],
+            depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
+            camera_to_world=pose,
+            camera=functools.partial(_checked_size, camera, camera_file),
+            depth_intrinsics=depth_camera,
         )
-    if not collected.frames:
-        left_out = collected.left_out
+        found.append((name, frame))
+    listed = frame_list(found, [no_depth, no_pose])
+    if not listed.frames:
+        without_depth = sum(frame == no_depth for _, frame in found)
         raise EpisodeFormatError(
             f"{folder}: none of the {len(colour)} pictures in color/ has both depth and a pose of the same number "
-            f"({len(left_out[no_depth])} without depth, {len(left_out[no_pose])} without a pose or with tracking lost)"
+            f"({without_depth} without depth, {len(found) - without_depth} without a pose or with tracking lost)"
         )
-    return collected.frame_list()
+    return listed
 
 
-class _Camera:
-    """K of the colour pictures, as long as it can be theirs."""
-
-    def __init__(self, intrinsics: Float[np.ndarray, "3 3"], file: Path):
-        self.intrinsics, self.file = intrinsics, file
-
-    def __call__(self, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-        """K; refuses pictures that were resized after calibration, as many copies of ScanNet are."""
-        centre, middle = self.intrinsics[:2, 2], 0.5 * (np.array(size[::-1]) - 1)
-        if np.any(np.abs(centre - middle) > 0.25 * np.array(size[::-1])):
-            raise EpisodeFormatError(
-                f"{self.file}: its principal point {np.round(centre, 1).tolist()} is far from the middle of the "
-                f"{size[1]}x{size[0]} pictures; they were resized, so scale the matrix by the same factor"
-            )
-        return self.intrinsics
+def _checked_size(intrinsics: Float[np.ndarray, "3 3"], file: Path, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+    """K; refuses pictures that were resized after calibration, as many copies of ScanNet are."""
+    centre, middle = intrinsics[:2, 2], 0.5 * (np.array(size[::-1]) - 1)
+    if np.any(np.abs(centre - middle) > 0.25 * np.array(size[::-1])):
+        raise EpisodeFormatError(
+            f"{file}: its principal point {np.round(centre, 1).tolist()} is far from the middle of the "
+            f"{size[1]}x{size[0]} pictures; they were resized, so scale the matrix by the same factor"
+        )
+    return intrinsics
 
 
 def _intrinsics(path: Path) -> Float[np.ndarray, "3 3"]:

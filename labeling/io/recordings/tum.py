@@ -11,7 +11,7 @@ from jaxtyping import Float, Float64
 
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import intrinsics_matrix
-from labeling.io.recordings.frames import Frame, FrameCollector, FrameList, file_inside
+from labeling.io.recordings.frames import Frame, FrameList, file_inside, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.io.recordings.text_tables import read_matrix, read_rows, real_numbers
 
@@ -32,30 +32,30 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     trajectory_s, trajectory = _trajectory(folder / "groundtruth.txt")
     partner = associate(colour_s, depth_s, config.max_gap_s)
     no_depth, no_pose = (f"without {what} within {config.max_gap_s:g} s" for what in ("depth", "a pose"))
-    collected = FrameCollector(no_depth, no_pose)
+    found: list[tuple[str, Frame | str]] = []
     for index, name in enumerate(colour):
         pose = pose_at(colour_s[index], trajectory_s, trajectory, config.max_gap_s)
         if partner[index] < 0 or pose is None:
-            collected.leave_out(name, no_depth if partner[index] < 0 else no_pose)
+            found.append((name, no_depth if partner[index] < 0 else no_pose))
             continue
-        collected.add(
-            Frame(
-                name=name,
-                colour_file=folder / name,
-                depth_file=folder / depth[partner[index]],
-                depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-                camera_to_world=pose,
-                camera=lambda size: camera,
-            )
+        frame = Frame(
+            name=name,
+            colour_file=folder / name,
+            depth_file=folder / depth[partner[index]],
+            depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
+            camera_to_world=pose,
+            camera=lambda size: camera,
         )
-    if not collected.frames:
-        left_out = collected.left_out
+        found.append((name, frame))
+    listed = frame_list(found, [no_depth, no_pose])
+    if not listed.frames:
+        without_depth = sum(frame == no_depth for _, frame in found)
         raise EpisodeFormatError(
             f"{folder / 'rgb.txt'}: none of its {len(colour)} pictures has depth and a pose within "
-            f"{config.max_gap_s:g} s ({len(left_out[no_depth])} without depth, {len(left_out[no_pose])} without pose); "
+            f"{config.max_gap_s:g} s ({without_depth} without depth, {len(found) - without_depth} without pose); "
             "compare the time stamps, or raise --max-gap-s"
         )
-    return collected.frame_list()
+    return listed
 
 
 def associate(first_s: Float64[np.ndarray, "n"], second_s: Float64[np.ndarray, "m"], max_gap_s: float) -> np.ndarray:
