@@ -27,7 +27,9 @@ slow: $(INSTALLED)
 
 # The pictures of README and docs.
 pictures: $(INSTALLED)
+	$(BIN)/python -m experiments.demo --policy ring --out out/pictures
 	$(BIN)/python -m experiments.pictures --out docs/pictures
+	$(BIN)/python tools/architecture.py
 
 # Set up again only when what is to be installed has changed.
 $(INSTALLED): pyproject.toml constraints.txt apt-packages.txt tools/setup.sh

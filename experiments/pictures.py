@@ -4,12 +4,16 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
 
 @dataclass(frozen=True)
 class PicturesConfig:
-    """Draws the pictures that README and docs show, of the demo with the thesis' policy; runs it first, if need be."""
+    """Draws the pictures that README and docs show, of the demo with the thesis' policy.
+
+    Run that first: ``python -m experiments.demo --policy ring --out out/pictures``.
+    """
 
     demo: Path = Path("out/pictures")
     """Folder of that demo's results."""
@@ -21,15 +25,16 @@ def run(config: PicturesConfig) -> None:
     """Draws all pictures.
 
     Raises:
-        SbmError: if the demo cannot run.
+        SbmError: if the demo has not been run.
     """
-    from experiments import demo
     from experiments.figures.episodes import draw_episode, draw_label_steps, draw_labels
     from labeling.io.episodes import find_episodes, read_episode
     from labeling.io.formats.atomic import atomic_file
     from sbm_gym import preview
 
-    demo.run(demo.DemoConfig(out=config.demo, policy="ring"))
+    if not (config.demo / "episodes").is_dir():
+        command = f"python -m experiments.demo --policy ring --out {config.demo}"
+        raise UsageError(f"{config.demo} holds no demo yet; {command} makes one")
     episodes = [read_episode(folder) for folder in find_episodes(config.demo / "episodes")]
     pictures = {"episode": draw_episode, "label_steps": draw_label_steps, "labels": draw_labels}
     for name, draw in pictures.items():

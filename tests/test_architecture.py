@@ -68,7 +68,6 @@ def test_commands_stand_at_the_top_of_a_package():
     assert not [command for command in COMMANDS if command.count(".") != 1]
 
 
-@pytest.mark.xfail(reason="three commands are still imported")
 def test_commands_are_imported_by_nobody_in_their_package():
     wrong = {
         name: other
