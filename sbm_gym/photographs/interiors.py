@@ -111,7 +111,7 @@ def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) ->
 def _room(theme: str, rng: np.random.Generator) -> Room:
     """A room with a window or two, a door in most."""
     low = 2.2 if theme == "toilet" else 3.6
-    width, depth = rng.uniform(low, low + 2.6, 2)
+    width, depth = rng.uniform(low, low + 2.6, 2).tolist()
     height = float(rng.uniform(2.4, 3.1))
     lengths = (width, depth, width, depth)
     openings: list[Opening] = []

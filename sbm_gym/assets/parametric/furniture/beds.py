@@ -10,6 +10,7 @@ from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_x
 def bed(kit: Kit, rng: np.random.Generator, size: Size, pillows: int = 2) -> None:
     """A bed: frame, mattress, a blanket that hangs over its sides, pillows, a headboard at the back."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     frame = paints.wood_or_board(rng, 0.7)
     padded = rng.random() < 0.35
     if padded:
@@ -21,47 +22,39 @@ def bed(kit: Kit, rng: np.random.Generator, size: Size, pillows: int = 2) -> Non
     leg = float(rng.choice([0.0, 0.1, 0.16]))
     head = 0.08 if padded else 0.05
     style = int(rng.integers(3))
-    kit.box(frame, (-w / 2, -d / 2, leg), (w / 2, d / 2 - head, rail), bevel=0.02 if padded else 0.006)
+    kit.box(frame, (-hw, -hd, leg), (hw, hd - head, rail), bevel=0.02 if padded else 0.006)
     if leg > 0:
         legs = paints.wood(rng) if rng.random() < 0.6 else paints.metal(rng)
         four_legs(kit, legs, w - 0.06, d - 0.06, leg + 0.01, 0.06, 0)
     if padded or style == 0:
-        kit.box(
-            frame,
-            (-w / 2, d / 2 - head, 0),
-            (w / 2, d / 2, h),
-            bevel=0.03 if padded else 0.008,
-            puff=0.01 if padded else 0,
-        )
+        kit.box(frame, (-hw, hd - head, 0), (hw, hd, h), bevel=0.03 if padded else 0.008, puff=0.01 if padded else 0)
     else:
         rod = frame if style == 1 else paints.metal(rng)
         for sx in (-1, 1):
-            kit.box(
-                rod, (sx * (w / 2 - 0.03) - 0.03, d / 2 - head, 0), (sx * (w / 2 - 0.03) + 0.03, d / 2, h), bevel=0.008
-            )
+            kit.box(rod, (sx * (hw - 0.03) - 0.03, hd - head, 0), (sx * (hw - 0.03) + 0.03, hd, h), bevel=0.008)
         for z in (h - 0.1, top):
-            kit.box(rod, (-w / 2 + 0.03, d / 2 - head + 0.01, z), (w / 2 - 0.03, d / 2 - 0.01, z + 0.06), bevel=0.006)
-        for x in np.linspace(-w / 2 + 0.12, w / 2 - 0.12, max(5, round(w / 0.14))):
-            kit.tube(rod, [(x, d / 2 - head / 2, top), (x, d / 2 - head / 2, h - 0.08)], 0.014, sides=7)
+            kit.box(rod, (-hw + 0.03, hd - head + 0.01, z), (hw - 0.03, hd - 0.01, z + 0.06), bevel=0.006)
+        for x in np.linspace(-hw + 0.12, hw - 0.12, max(5, round(w / 0.14))):
+            kit.tube(rod, [(x, hd - head / 2, top), (x, hd - head / 2, h - 0.08)], 0.014, sides=7)
     inset = 0.03
-    end = d / 2 - head
-    kit.box(sheet, (-w / 2 + inset, -d / 2 + 0.04, rail - 0.05), (w / 2 - inset, end, top), bevel=0.06, puff=0.01)
+    end = hd - head
+    kit.box(sheet, (-hw + inset, -hd + 0.04, rail - 0.05), (hw - inset, end, top), bevel=0.06, puff=0.01)
     cover_to = end - float(rng.uniform(0.5, 0.75))
     drop = float(rng.uniform(0.1, 0.28))
     over = 0.022
-    kit.box(blanket, (-w / 2, -d / 2 + 0.01, top - drop), (w / 2, cover_to, top + over), bevel=0.055, puff=0.012)
+    kit.box(blanket, (-hw, -hd + 0.01, top - drop), (hw, cover_to, top + over), bevel=0.055, puff=0.012)
     if rng.random() < 0.6:
         kit.box(
             sheet,
-            (-w / 2 + 0.004, cover_to - 0.22, top - drop + 0.02),
-            (w / 2 - 0.004, cover_to + 0.02, top + over + 0.014),
+            (-hw + 0.004, cover_to - 0.22, top - drop + 0.02),
+            (hw - 0.004, cover_to + 0.02, top + over + 0.014),
             bevel=0.05,
             puff=0.01,
         )
     if rng.random() < 0.35:
         throw = paints.fabric(rng, 0.5)
-        a = -d / 2 + float(rng.uniform(0.1, 0.3))
-        kit.box(throw, (-w / 2 - 0.004, a, top - drop - 0.03), (w / 2 + 0.004, a + 0.45, top + over + 0.01), bevel=0.05)
+        a = -hd + float(rng.uniform(0.1, 0.3))
+        kit.box(throw, (-hw - 0.004, a, top - drop - 0.03), (hw + 0.004, a + 0.45, top + over + 0.01), bevel=0.05)
     case = sheet if rng.random() < 0.5 else paints.darker(blanket, 1.05)
     wide = min(0.72, (w - 2 * inset) / pillows - 0.04)
     for i in range(pillows):

@@ -7,7 +7,7 @@ import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
 from sbm_gym.assets.parametric.parts.paints import Paint
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_x
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, turn_x
 
 CHAISE_DEPTH_M = 1.2
 """Couches deeper than this are L-shaped: one seat goes on to the front."""
@@ -59,6 +59,7 @@ class _Frame:
 
 def _upholstered(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     w, d, h = size
+    hw, hd = w / 2, d / 2
     single = w < 1.2
     cover = paints.upholstery(rng)
     low = float(rng.choice([0.03, 0.09, 0.14, 0.17]))
@@ -69,10 +70,10 @@ def _upholstered(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     chaise = d > CHAISE_DEPTH_M
     deep = d - 0.62 if chaise else d
     frame = _Frame(
-        front=d / 2 - deep,
-        behind=d / 2,
-        left=-w / 2 + arm,
-        right=w / 2 - arm,
+        front=hd - deep,
+        behind=hd,
+        left=-hw + arm,
+        right=hw - arm,
         low=low,
         seat=seat,
         arm_top=float(rng.uniform(seat + 0.1, min(h - 0.07, seat + 0.26))),
@@ -90,24 +91,24 @@ def _upholstered(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         edges = edges if side > 0 else -edges[::-1]
     # Which seat goes on to the front; none of a straight couch.
     lying = (len(edges) - 2 if side > 0 else 0) if chaise else -1
-    kit.box(cover, (-w / 2 + 0.02, frame.front + 0.03, low), (w / 2 - 0.02, d / 2 - 0.02, seat - 0.12), bevel=0.02)
+    kit.box(cover, (-hw + 0.02, frame.front + 0.03, low), (hw - 0.02, hd - 0.02, seat - 0.12), bevel=0.02)
     for sx in (-1, 1):
         _arm(kit, cover, frame, arms, sx, arm, w, 0.0 if lying < 0 or sx != side else 0.35 * deep)
     kit.box(
         cover,
-        (-w / 2 + 0.02, d / 2 - frame.back, low),
-        (w / 2 - 0.02, d / 2, h - float(rng.uniform(0.0, 0.05))),
+        (-hw + 0.02, hd - frame.back, low),
+        (hw - 0.02, hd, h - float(rng.uniform(0.0, 0.05))),
         bevel=0.05,
         puff=0.006,
     )
     _seats(kit, rng, cover, frame, edges, lying)
     _backrest(kit, rng, cover, frame, edges)
-    feet = [(sx * (w / 2 - 0.09), y) for sx in (-1, 1) for y in (frame.front + 0.08, d / 2 - 0.08)]
+    feet = [(sx * (hw - 0.09), y) for sx in (-1, 1) for y in (frame.front + 0.08, hd - 0.08)]
     if chaise:
         x0, x1 = edges[lying], edges[lying + 1]
-        kit.box(cover, (x0 + 0.01, -d / 2 + 0.02, low), (x1 - 0.01, frame.front + 0.1, seat - 0.12), bevel=0.02)
-        feet += [(x, -d / 2 + 0.09) for x in (x0 + 0.08, x1 - 0.08)]
-        kit.footprint = [(-w / 2, frame.front, w / 2, d / 2), (float(x0), -d / 2, float(x1), frame.front)]
+        kit.box(cover, (x0 + 0.01, -hd + 0.02, low), (x1 - 0.01, frame.front + 0.1, seat - 0.12), bevel=0.02)
+        feet += [(x, -hd + 0.09) for x in (x0 + 0.08, x1 - 0.08)]
+        kit.footprint = [(-hw, frame.front, hw, hd), (float(x0), -hd, float(x1), frame.front)]
     _feet(kit, rng, feet, low)
 
 
@@ -158,9 +159,7 @@ def _backrest(kit: Kit, rng: np.random.Generator, cover: Paint, f: _Frame, edges
             for row, z in enumerate((0.36 * top, 0.66 * top)):
                 for i in range(columns - row):
                     x = x0 + (x1 - x0) * (i + 0.5 + 0.5 * row) / columns
-                    turn = np.arange(8) * np.pi / 4
-                    disc = [(z + 0.016 * np.cos(a), x + 0.016 * np.sin(a)) for a in turn]
-                    kit.prism(button, disc, 1, -0.115, -0.1)
+                    kit.prism(button, circle((z, x), 0.016, 8), 1, -0.115, -0.1)
             return
         gap = float(rng.uniform(0.004, 0.02))
         for a, b in itertools.pairwise(edges):
@@ -182,26 +181,27 @@ def _feet(kit: Kit, rng: np.random.Generator, places: list[tuple[float, float]],
 def _framed(kit: Kit, rng: np.random.Generator, size: Size, seats: int) -> None:
     """Cushions in a wooden frame."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     frame, cover = paints.wood(rng), paints.fabric(rng, 0.25)
     seat, post = 0.42, 0.045
     arm_top = float(rng.uniform(0.54, 0.62))
     for sx in (-1, 1):
-        x = sx * (w / 2 - post / 2)
-        for y in (-d / 2 + 0.04, d / 2 - 0.16):
+        x = sx * (hw - post / 2)
+        for y in (-hd + 0.04, hd - 0.16):
             kit.box(frame, (x - post / 2, y - post / 2, 0), (x + post / 2, y + post / 2, arm_top), bevel=0.006)
-        kit.box(frame, (x - 0.035, -d / 2, arm_top - 0.005), (x + 0.035, d / 2 - 0.08, arm_top + 0.025), bevel=0.01)
-        kit.box(frame, (x - 0.015, -d / 2 + 0.04, 0.24), (x + 0.015, d / 2 - 0.16, 0.3))
-    for y in (-d / 2 + 0.05, d / 2 - 0.2):
-        kit.box(frame, (-w / 2 + post, y - 0.015, 0.24), (w / 2 - post, y + 0.015, 0.31))
-    half = w / 2 - post - 0.01
+        kit.box(frame, (x - 0.035, -hd, arm_top - 0.005), (x + 0.035, hd - 0.08, arm_top + 0.025), bevel=0.01)
+        kit.box(frame, (x - 0.015, -hd + 0.04, 0.24), (x + 0.015, hd - 0.16, 0.3))
+    for y in (-hd + 0.05, hd - 0.2):
+        kit.box(frame, (-hw + post, y - 0.015, 0.24), (hw - post, y + 0.015, 0.31))
+    half = hw - post - 0.01
     edges = np.linspace(-half, half, seats + 1)
     lean = 0.3
     for x0, x1 in itertools.pairwise(edges):
         with kit.placed((0, 0, 0.30), turn_x(-0.06)):
-            kit.box(cover, (x0 + 0.002, -d / 2 + 0.02, 0), (x1 - 0.002, d / 2 - 0.16, 0.13), bevel=0.035, puff=0.015)
-        with kit.placed((0, d / 2 - 0.24, seat - 0.05), turn_x(-lean)):
+            kit.box(cover, (x0 + 0.002, -hd + 0.02, 0), (x1 - 0.002, hd - 0.16, 0.13), bevel=0.035, puff=0.015)
+        with kit.placed((0, hd - 0.24, seat - 0.05), turn_x(-lean)):
             top = (h - seat + 0.03) / np.cos(lean)
             kit.box(cover, (x0 + 0.002, -0.09, 0), (x1 - 0.002, 0.03, top), bevel=0.035, puff=0.015)
-    with kit.placed((0, d / 2 - 0.24, seat - 0.05), turn_x(-lean)):
+    with kit.placed((0, hd - 0.24, seat - 0.05), turn_x(-lean)):
         for x in np.linspace(-half + 0.05, half - 0.05, 4 * seats + 1):
             kit.box(frame, (x - 0.02, 0.03, -0.08), (x + 0.02, 0.045, (h - seat) / np.cos(lean)))

@@ -15,9 +15,7 @@ def cushion(kit: Kit, rng: np.random.Generator, size: Size, lean_rad: float = 0.
     cover = paints.fabric(rng, 0.6)
     piping = None
     if rng.random() < 0.7:
-        piping = (
-            paints.darker(cover, 0.75) if rng.random() < 0.5 else paints.plain(tuple(rng.uniform(0.15, 0.9, 3)), 0.0)
-        )
+        piping = paints.darker(cover, 0.75) if rng.random() < 0.5 else paints.plain(rng.uniform(0.15, 0.9, 3), 0.0)
         if piping.texture is not None:
             mean = piping.texture.reshape(-1, 3).mean(axis=0) / 255.0
             piping = paints.plain((float(mean[0]), float(mean[1]), float(mean[2])), 0.0)

@@ -57,38 +57,18 @@ def plant(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         for trunk in range(int(rng.integers(1, 3))):
             x, y = (0.0, 0.0) if trunk == 0 else rng.uniform(-0.3, 0.3, 2) * pot_r
             crown = base + (h - base) * (rng.uniform(0.3, 0.55) if trunk == 0 else rng.uniform(0.1, 0.3))
-            kit.tube(
-                bark,
-                [(x, y, base - 0.01), (x * 1.3, y * 1.3, 0.5 * (base + crown)), (x, y, crown + 0.02)],
-                [0.03, 0.024, 0.02],
-                sides=7,
-            )
+            path = [(x, y, base - 0.01), (x * 1.3, y * 1.3, 0.5 * (base + crown)), (x, y, crown + 0.02)]
+            kit.tube(bark, path, [0.03, 0.024, 0.02], sides=7)
             for i in range(int(rng.integers(20, 30))):
-                rise = rng.uniform(0.1, 1.45)
-                kit.leaf(
-                    green(),
-                    (x, y, crown),
-                    i * 2.4 + rng.normal(0, 0.2),
-                    rng.uniform(0.75, 1.0) * max(h - crown, 0.8 * reach),
-                    0.045 + 0.03 * reach,
-                    rise,
-                    rng.uniform(0.3, 1.5),
-                    4,
-                )
+                rise, paint, a = rng.uniform(0.1, 1.45), green(), i * 2.4 + rng.normal(0, 0.2)
+                length = rng.uniform(0.75, 1.0) * max(h - crown, 0.8 * reach)
+                kit.leaf(paint, (x, y, crown), a, length, 0.045 + 0.03 * reach, rise, rng.uniform(0.3, 1.5), 4)
     elif kind == 2:  # upright blades
         for i in range(int(rng.integers(12, 22))):
             r = 0.6 * pot_r * np.sqrt(rng.random())
-            a = i * 2.4
-            kit.leaf(
-                green(),
-                (r * np.cos(a), r * np.sin(a), base - 0.01),
-                a,
-                (h - base) * rng.uniform(0.6, 1.0),
-                0.05 + 0.08 * reach,
-                rng.uniform(1.2, 1.5),
-                rng.uniform(-0.1, 0.25),
-                4,
-            )
+            paint, a, length = green(), i * 2.4, (h - base) * rng.uniform(0.6, 1.0)
+            root, rise = (r * np.cos(a), r * np.sin(a), base - 0.01), rng.uniform(1.2, 1.5)
+            kit.leaf(paint, root, a, length, 0.05 + 0.08 * reach, rise, rng.uniform(-0.1, 0.25), 4)
     else:  # a bush or little tree of small leaves
         bare = 0.05 if kind == 3 else rng.uniform(0.25, 0.45)
         crown_low = base + bare * (h - base)
@@ -100,21 +80,9 @@ def plant(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             t = (z - crown_low) / max(h - crown_low, 1e-3)
             out = reach * (0.25 + 0.65 * np.sin(np.pi * (0.15 + 0.75 * t))) * rng.uniform(0.15, 0.95)
             a = i * 2.4 + rng.normal(0, 0.4)
-            kit.leaf(
-                green(),
-                (out * np.cos(a), out * np.sin(a), z),
-                a + rng.normal(0, 0.7),
-                0.06 + 0.16 * reach,
-                0.04 + 0.1 * reach,
-                rng.uniform(-0.2, 0.7),
-                0.9,
-                2,
-            )
+            paint, root, turn = green(), (out * np.cos(a), out * np.sin(a), z), a + rng.normal(0, 0.7)
+            kit.leaf(paint, root, turn, 0.06 + 0.16 * reach, 0.04 + 0.1 * reach, rng.uniform(-0.2, 0.7), 0.9, 2)
         for i in range(8):
             a, z = i * 2.4, crown_low + (0.85 * h - crown_low) * i / 8
-            kit.tube(
-                bark,
-                [(0, 0, z), (0.5 * reach * np.cos(a), 0.5 * reach * np.sin(a), z + 0.12 * (h - base))],
-                [0.008, 0.003],
-                sides=4,
-            )
+            tip = (0.5 * reach * np.cos(a), 0.5 * reach * np.sin(a), z + 0.12 * (h - base))
+            kit.tube(bark, [(0, 0, z), tip], [0.008, 0.003], sides=4)

@@ -4,7 +4,7 @@ import numpy as np
 
 from sbm_gym.assets.models import surfaces
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle
 
 ON_SHARE = 0.3
 """How many televisions show a picture; the others are dark, with the sheen of a window on them."""
@@ -54,9 +54,7 @@ def tv(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             )
     else:
         kit.box(paints.BLACK, (-0.04, -0.012, 0.01), (0.04, 0.02, low + 0.05))
-        kit.prism(
-            paints.BLACK, [(0.26 * w * np.cos(a), 0.5 * d * np.sin(a)) for a in np.arange(20) * np.pi / 10], 2, 0, 0.014
-        )
+        kit.prism(paints.BLACK, circle((0.0, 0.0), (0.26 * w, 0.5 * d), 20), 2, 0, 0.014)
 
 
 def wall_tv(kit: Kit, rng: np.random.Generator, size: Size) -> None:

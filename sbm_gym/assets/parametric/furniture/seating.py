@@ -4,12 +4,13 @@ import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
 from sbm_gym.assets.parametric.parts.legs import four_legs
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, grid_triangles, turn_x, turn_z
+from sbm_gym.assets.parametric.parts.shapes import CORNERS, Kit, Size, circle, grid_triangles, turn_x, turn_z
 
 
 def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A chair for a table: wooden with slats or a panel, a plastic shell, or a padded one on metal."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     seat = float(np.clip(0.45 + rng.uniform(-0.02, 0.03), 0.4, 0.55 * h + 0.03))
     kind = int(rng.integers(4))
     frame = paints.wood_or_board(rng, 0.75) if kind < 2 else paints.metal(rng)
@@ -22,17 +23,17 @@ def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     four_legs(kit, frame, w, d, seat - 0.02, post, 0 if kind != 1 else int(rng.integers(3)))
     padded = kind == 3 or rng.random() < 0.4
     pad = cover if padded else frame
-    kit.box(frame, (-w / 2, -d / 2, seat - 0.05), (w / 2, d / 2, seat - 0.012), bevel=0.008)
+    kit.box(frame, (-hw, -hd, seat - 0.05), (hw, hd, seat - 0.012), bevel=0.008)
     kit.box(
         pad,
-        (-w / 2 + 0.005, -d / 2, seat - 0.015),
-        (w / 2 - 0.005, d / 2 - post, seat + 0.03 * padded + 0.004),
+        (-hw + 0.005, -hd, seat - 0.015),
+        (hw - 0.005, hd - post, seat + 0.03 * padded + 0.004),
         bevel=0.018 if padded else 0.006,
         puff=0.008 * padded,
     )
-    back = d / 2 - post / 2
+    back = hd - post / 2
     for sx in (-1, 1):
-        x = sx * (w / 2 - post / 2)
+        x = sx * (hw - post / 2)
         kit.tube(
             frame,
             [(x, back - lean, seat - 0.04), (x, back - 0.3 * lean, 0.5 * (seat + h)), (x, back, h)],
@@ -52,27 +53,25 @@ def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             half = 0.5 * (h - low)
             kit.box(
                 cover if kind == 3 else frame,
-                (-w / 2 + 0.01, -thick, -half),
-                (w / 2 - 0.01, thick * 0.6, half),
+                (-hw + 0.01, -thick, -half),
+                (hw - 0.01, thick * 0.6, half),
                 bevel=0.014 if kind == 3 else 0.004,
                 puff=0.008 if kind == 3 else 0,
             )
     elif style == 1:  # ladder back
         count = int(rng.integers(2, 5))
         for z in np.linspace(low, h - 0.05, count):
-            kit.box(
-                frame, (-w / 2 + 0.01, at(z) - 0.01, z - 0.022), (w / 2 - 0.01, at(z) + 0.006, z + 0.03), bevel=0.004
-            )
+            kit.box(frame, (-hw + 0.01, at(z) - 0.01, z - 0.022), (hw - 0.01, at(z) + 0.006, z + 0.03), bevel=0.004)
     else:  # upright slats between two rails
         for z in (low, h - 0.035):
-            kit.box(frame, (-w / 2, at(z) - 0.012, z - 0.02), (w / 2, at(z) + 0.01, z + 0.03), bevel=0.004)
-        for x in np.linspace(-w / 2 + 0.07, w / 2 - 0.07, int(rng.integers(3, 7))):
+            kit.box(frame, (-hw, at(z) - 0.012, z - 0.02), (hw, at(z) + 0.01, z + 0.03), bevel=0.004)
+        for x in np.linspace(-hw + 0.07, hw - 0.07, int(rng.integers(3, 7))):
             kit.tube(frame, [(x, at(low), low), (x, at(h), h - 0.03)], 0.009 if style == 2 else 0.014, sides=6)
     if rng.random() < 0.4 and kind != 3:
         z = seat * 0.4
         for sx in (-1, 1):
-            x = sx * (w / 2 - post / 2)
-            kit.box(frame, (x - 0.01, -d / 2 + post, z), (x + 0.01, d / 2 - post, z + 0.025))
+            x = sx * (hw - post / 2)
+            kit.box(frame, (x - 0.01, -hd + post, z), (x + 0.01, hd - post, z + 0.025))
 
 
 def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, frame) -> None:
@@ -113,19 +112,15 @@ def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, fr
         )
     else:
         legs = paints.wood(rng) if rng.random() < 0.6 else frame
-        for sx in (-1, 1):
-            for sy in (-1, 1):
-                kit.tube(
-                    legs,
-                    [(sx * 0.46 * w, sy * 0.46 * d, 0), (sx * 0.25 * w, sy * 0.2 * d, seat - 0.045)],
-                    [0.011, 0.016],
-                    sides=8,
-                )
+        for sx, sy in CORNERS:
+            ends = [(sx * 0.46 * w, sy * 0.46 * d, 0), (sx * 0.25 * w, sy * 0.2 * d, seat - 0.045)]
+            kit.tube(legs, ends, [0.011, 0.016], sides=8)
 
 
 def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A swivel chair on a star of five castors."""
     w, d, h = size
+    hd = d / 2
     cover = paints.fabric(rng, 0.0) if rng.random() < 0.6 else paints.leather(rng)
     black = paints.plain((0.06, 0.06, 0.065), 0.3)
     star = black if rng.random() < 0.6 else paints.plain((0.7, 0.71, 0.73), 0.8, 0.7)
@@ -136,21 +131,17 @@ def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         x, y = reach * np.cos(angle), reach * np.sin(angle)
         kit.tube(star, [(0, 0, 0.12), (x, y, 0.07)], [0.028, 0.016], sides=7)
         with kit.placed((x, y, 0.03), turn_z(angle)):
-            kit.prism(black, [(0.028 * np.cos(a), 0.03 * np.sin(a)) for a in np.arange(10) * np.pi / 5], 1, -0.02, 0.02)
+            kit.prism(black, circle((0.0, 0.0), (0.028, 0.03), 10), 1, -0.02, 0.02)
     kit.lathe(
         black, [0.032, 0.032, 0.02, 0.02, 0.1, 0], [0.08, 0.28, 0.28, seat - 0.07, seat - 0.06, seat - 0.06], sides=10
     )
     wide, deep = 0.82 * w, 0.78 * d
     kit.box(
-        cover,
-        (-wide / 2, -d / 2 + 0.03, seat - 0.06),
-        (wide / 2, -d / 2 + 0.03 + deep, seat + 0.03),
-        bevel=0.035,
-        puff=0.012,
+        cover, (-wide / 2, -hd + 0.03, seat - 0.06), (wide / 2, -hd + 0.03 + deep, seat + 0.03), bevel=0.035, puff=0.012
     )
     low = seat + float(rng.uniform(0.1, 0.2))
     back_w = wide * float(rng.uniform(0.75, 1.0))
-    y = d / 2 - 0.07
+    y = hd - 0.07
     kit.tube(black, [(0, 0.05, seat - 0.06), (0, y + 0.02, seat - 0.02), (0, y + 0.045, low + 0.15)], 0.02, sides=6)
     with kit.placed((0, y, low), turn_x(-0.08)):
         kit.box(cover, (-back_w / 2, -0.04, 0), (back_w / 2, 0.035, h - low), bevel=0.03, puff=0.012)

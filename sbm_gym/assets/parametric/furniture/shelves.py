@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size
+from sbm_gym.assets.parametric.parts.shapes import CORNERS, Kit, Size
 
 
 def book_row(kit: Kit, rng, x0: float, x1: float, y0: float, y1: float, z: float, high: float) -> None:
@@ -30,6 +30,7 @@ def book_row(kit: Kit, rng, x0: float, x1: float, y0: float, y1: float, z: float
 def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """Open shelves with books and boxes: a bookcase, a frame of metal, or cubes."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     kind = int(rng.integers(3))
     paint = paints.wood_or_board(rng, 0.6)
     thick = 0.022
@@ -41,50 +42,36 @@ def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     posts = paints.metal(rng) if kind == 1 else paint
     foot = 0.0 if kind == 2 else float(rng.choice([0.02, 0.07]))
     if kind == 1:
-        for sx in (-1, 1):
-            for sy in (-1, 1):
-                x, y = sx * (w / 2 - 0.014), sy * (d / 2 - 0.014)
-                kit.box(posts, (x - 0.014, y - 0.014, 0), (x + 0.014, y + 0.014, h))
+        for sx, sy in CORNERS:
+            x, y = sx * (hw - 0.014), sy * (hd - 0.014)
+            kit.box(posts, (x - 0.014, y - 0.014, 0), (x + 0.014, y + 0.014, h))
     else:
-        for x in np.linspace(-w / 2 + thick / 2, w / 2 - thick / 2, columns + 1):
-            kit.box(
-                paint,
-                (x - thick / 2, -d / 2, 0),
-                (x + thick / 2, d / 2, h - thick if 0 < abs(x) < w / 2 - thick else h),
-            )
+        for x in np.linspace(-hw + thick / 2, hw - thick / 2, columns + 1):
+            kit.box(paint, (x - thick / 2, -hd, 0), (x + thick / 2, hd, h - thick if 0 < abs(x) < hw - thick else h))
     levels = np.linspace(foot, h - thick, rows + 1)
     for z in levels:
-        kit.box(paint, (-w / 2 + 0.004, -d / 2 + 0.004, z), (w / 2 - 0.004, d / 2 - 0.004, z + thick))
+        kit.box(paint, (-hw + 0.004, -hd + 0.004, z), (hw - 0.004, hd - 0.004, z + thick))
     if kind != 1 and rng.random() < 0.6:
-        kit.box(
-            paints.darker(paint, 0.85), (-w / 2 + thick, d / 2 - 0.012, foot), (w / 2 - thick, d / 2 - 0.002, h - thick)
-        )
+        kit.box(paints.darker(paint, 0.85), (-hw + thick, hd - 0.012, foot), (hw - thick, hd - 0.002, h - thick))
     cells = columns if kind != 1 else max(1, round(w / 0.6))
     for z, above in itertools.pairwise(levels):
         room = above - z - thick
         for i in range(cells):
-            x0, x1 = -w / 2 + w * i / cells + 0.025, -w / 2 + w * (i + 1) / cells - 0.025
+            x0, x1 = -hw + w * i / cells + 0.025, -hw + w * (i + 1) / cells - 0.025
             what = rng.random()
             base = float(z) + thick
             if what < 0.55:
                 share = float(rng.uniform(0.4, 1.0))
                 a = x0 if rng.random() < 0.5 else x1 - share * (x1 - x0)
                 book_row(
-                    kit,
-                    rng,
-                    a,
-                    a + share * (x1 - x0),
-                    -d / 2 + 0.04,
-                    d / 2 - 0.05,
-                    base,
-                    float(rng.uniform(0.6, 0.9)) * room,
+                    kit, rng, a, a + share * (x1 - x0), -hd + 0.04, hd - 0.05, base, float(rng.uniform(0.6, 0.9)) * room
                 )
             elif what < 0.72:
                 box = paints.fabric(rng, 0.2) if rng.random() < 0.5 else paints.board(rng)
                 kit.box(
                     box,
-                    (x0 + 0.01, -d / 2 + 0.02, base),
-                    (x1 - 0.01, d / 2 - 0.04, base + float(rng.uniform(0.5, 0.85)) * room),
+                    (x0 + 0.01, -hd + 0.02, base),
+                    (x1 - 0.01, hd - 0.04, base + float(rng.uniform(0.5, 0.85)) * room),
                     bevel=0.006,
                 )
             elif what < 0.88:

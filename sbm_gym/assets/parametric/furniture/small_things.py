@@ -10,30 +10,28 @@ from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_z
 def rug(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A rug."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     picture = surfaces.rug(rng)
     paint = paints.Paint(texture=picture, tile_m=None)
     tone = picture[0, 0] / 255.0
-    kit.card(paint, [(-w / 2, -d / 2, h), (w / 2, -d / 2, h), (w / 2, d / 2, h), (-w / 2, d / 2, h)])
-    kit.box(
-        paints.plain((float(tone[0]), float(tone[1]), float(tone[2])), 0.0),
-        (-w / 2, -d / 2, 0),
-        (w / 2, d / 2, 0.8 * h),
-    )
+    kit.card(paint, [(-hw, -hd, h), (hw, -hd, h), (hw, hd, h), (-hw, hd, h)])
+    kit.box(paints.plain((float(tone[0]), float(tone[1]), float(tone[2])), 0.0), (-hw, -hd, 0), (hw, hd, 0.8 * h))
 
 
 def radiator(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A radiator: a ribbed panel or a row of columns."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     white = paints.plain((0.92, 0.92, 0.9), 0.25)
     if rng.random() < 0.5:
-        kit.box(white, (-w / 2, -d / 2, 0.08), (w / 2, d / 2 - 0.02, h), bevel=0.006)
-        for x in np.arange(-w / 2 + 0.04, w / 2 - 0.02, 0.05):
-            kit.box(white, (x - 0.012, -d / 2 - 0.006, 0.13), (x + 0.012, -d / 2 + 0.004, h - 0.04), bevel=0.004)
+        kit.box(white, (-hw, -hd, 0.08), (hw, hd - 0.02, h), bevel=0.006)
+        for x in np.arange(-hw + 0.04, hw - 0.02, 0.05):
+            kit.box(white, (x - 0.012, -hd - 0.006, 0.13), (x + 0.012, -hd + 0.004, h - 0.04), bevel=0.004)
     else:
-        for x in np.linspace(-w / 2 + 0.03, w / 2 - 0.03, max(4, round(w / 0.065))):
-            kit.box(white, (x - 0.024, -d / 2, 0.09), (x + 0.024, d / 2 - 0.02, h), bevel=0.02)
+        for x in np.linspace(-hw + 0.03, hw - 0.03, max(4, round(w / 0.065))):
+            kit.box(white, (x - 0.024, -hd, 0.09), (x + 0.024, hd - 0.02, h), bevel=0.02)
     for sx in (-1, 1):
-        kit.box(white, (sx * 0.4 * w - 0.015, -0.2 * d, 0), (sx * 0.4 * w + 0.015, d / 2, 0.14))
+        kit.box(white, (sx * 0.4 * w - 0.015, -0.2 * d, 0), (sx * 0.4 * w + 0.015, hd, 0.14))
 
 
 def waste_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -51,54 +49,42 @@ def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A vase, a bowl with fruit, a bottle or a cup."""
     w, _, h = size
     r = w / 2
-    paint = paints.plain(tuple(rng.uniform(0.15, 0.9, 3)), 0.5, 0.6)
+    paint = paints.plain(rng.uniform(0.15, 0.9, 3), 0.5, 0.6)
     kind = 0 if h > 0.2 else 1
     if kind == 0 and rng.random() < 0.5:
-        kit.lathe(
-            paint,
-            [0, 0.6, 1, 0.8, 0.4, 0.5, 0.42, 0.3, 0],
-            [0, 0, 0.35, 0.65, 0.85, 1, 1, 0.85, 0.8],
-            sides=18,
-            scale=(r, h),
-        )
+        radii, heights = [0, 0.6, 1, 0.8, 0.4, 0.5, 0.42, 0.3, 0], [0, 0, 0.35, 0.65, 0.85, 1, 1, 0.85, 0.8]
+        kit.lathe(paint, radii, heights, sides=18, scale=(r, h))
     elif kind == 0:
-        kit.lathe(
-            paint, [0, 1, 1, 0.35, 0.33, 0.38, 0.38, 0], [0, 0, 0.6, 0.74, 0.97, 0.975, 1, 1], sides=16, scale=(r, h)
-        )
+        radii, heights = [0, 1, 1, 0.35, 0.33, 0.38, 0.38, 0], [0, 0, 0.6, 0.74, 0.97, 0.975, 1, 1]
+        kit.lathe(paint, radii, heights, sides=16, scale=(r, h))
     else:
         kit.lathe(paint, [0, 0.4, 0.75, 1, 0.96, 0.7, 0], [0, 0, 0.35, 0.75, 0.75, 0.36, 0.15], sides=18, scale=(r, h))
+        tones = ((0.75, 0.15, 0.1), (0.9, 0.55, 0.1), (0.5, 0.65, 0.15), (0.92, 0.8, 0.2))
         for i in range(4):
-            fruit = paints.plain(
-                ((0.75, 0.15, 0.1), (0.9, 0.55, 0.1), (0.5, 0.65, 0.15), (0.92, 0.8, 0.2))[rng.integers(4)], 0.2
-            )
+            fruit = paints.plain(tones[rng.integers(4)], 0.2)
             a, f = i * 1.6, 0.33 * r
-            kit.lathe(
-                fruit,
-                [f * np.sin(t) for t in np.linspace(0, np.pi, 7)],
-                [h - f - f * np.cos(t) for t in np.linspace(0, np.pi, 7)],
-                (0.42 * r * np.cos(a), 0.42 * r * np.sin(a)),
-                10,
-            )
+            kit.ball(fruit, (0.42 * r * np.cos(a), 0.42 * r * np.sin(a), h - f), f, f)
 
 
 def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A pile of books or papers, or a cup of pens."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     if rng.random() < 0.6:
         z, count = 0.0, int(rng.integers(2, 5))
         for i in range(count):
             top = h * (i + 1) / count
-            paint = paints.plain(tuple(rng.uniform(0.1, 0.85, 3)), 0.1)
+            paint = paints.plain(rng.uniform(0.1, 0.85, 3), 0.1)
             with kit.placed(rotation=turn_z(0.0 if i == 0 else float(rng.normal(0, 0.12)))):
                 s = 1.0 if i == 0 else 0.82
-                kit.box(paint, (-s * w / 2, -s * d / 2, z), (s * w / 2, s * d / 2, z + 0.003))
-                kit.box(paint, (-s * w / 2, -s * d / 2, top - 0.003), (s * w / 2, s * d / 2, top))
+                kit.box(paint, (-s * hw, -s * hd, z), (s * hw, s * hd, z + 0.003))
+                kit.box(paint, (-s * hw, -s * hd, top - 0.003), (s * hw, s * hd, top))
                 kit.box(
                     paints.plain((0.9, 0.88, 0.82), 0.0),
-                    (-s * w / 2 + 0.004, -s * d / 2 + 0.003, z + 0.003),
-                    (s * w / 2 - 0.004, s * d / 2 - 0.003, top - 0.003),
+                    (-s * hw + 0.004, -s * hd + 0.003, z + 0.003),
+                    (s * hw - 0.004, s * hd - 0.003, top - 0.003),
                 )
-                kit.box(paint, (-s * w / 2, s * d / 2 - 0.004, z), (s * w / 2, s * d / 2, top))
+                kit.box(paint, (-s * hw, s * hd - 0.004, z), (s * hw, s * hd, top))
             z = top
         return
     r = 0.3 * min(w, d)
@@ -106,11 +92,8 @@ def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     for i in range(5):
         a = i * 1.26
         kit.tube(
-            paints.plain(tuple(rng.uniform(0.05, 0.9, 3)), 0.2),
-            [
-                (0.2 * r * np.cos(a), 0.2 * r * np.sin(a), 0.1 * h),
-                (0.95 * w / 2 * np.cos(a), 0.95 * d / 2 * np.sin(a), h),
-            ],
+            paints.plain(rng.uniform(0.05, 0.9, 3), 0.2),
+            [(0.2 * r * np.cos(a), 0.2 * r * np.sin(a), 0.1 * h), (0.95 * hw * np.cos(a), 0.95 * hd * np.sin(a), h)],
             0.004,
             sides=5,
         )

@@ -5,25 +5,21 @@ import numpy as np
 from sbm_gym.assets.parametric.furniture.cabinets import drawers
 from sbm_gym.assets.parametric.parts import paints
 from sbm_gym.assets.parametric.parts.legs import four_legs
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size
-
-
-def _oval(w: float, d: float, sides: int = 28) -> list[tuple[float, float]]:
-    angle = np.arange(sides) * 2 * np.pi / sides
-    return [(0.5 * w * float(np.cos(a)), 0.5 * d * float(np.sin(a))) for a in angle]
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle
 
 
 def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A table: rectangular or round, on legs, a pedestal or two frames."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     top = paints.wood_or_board(rng, 0.7)
     legs = top if rng.random() < 0.5 else (paints.metal(rng) if rng.random() < 0.5 else paints.board(rng))
     thick = float(rng.uniform(0.02, 0.045))
     round_top = abs(w - d) < 0.02 and rng.random() < 0.75
     if round_top:
-        kit.prism(top, _oval(w, d), 2, h - thick, h)
+        kit.prism(top, circle((0.0, 0.0), (hw, hd), 28), 2, h - thick, h)
     else:
-        kit.box(top, (-w / 2, -d / 2, h - thick), (w / 2, d / 2, h), bevel=0.006)
+        kit.box(top, (-hw, -hd, h - thick), (hw, hd, h), bevel=0.006)
     kind = int(rng.integers(4))
     if round_top and kind < 3:
         r = 0.28 * w
@@ -46,65 +42,57 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         four_legs(kit, legs, reach * w, reach * d, h - thick, post, int(rng.integers(3)), inset=0.01)
         if kind != 1 and not round_top:
             for sy in (-1, 1):
-                kit.box(
-                    legs,
-                    (-w / 2 + post, sy * (d / 2 - post / 2 - 0.02) - 0.01, h - thick - 0.09),
-                    (w / 2 - post, sy * (d / 2 - post / 2 - 0.02) + 0.01, h - thick),
-                )
+                y = sy * (hd - post / 2 - 0.02)
+                kit.box(legs, (-hw + post, y - 0.01, h - thick - 0.09), (hw - post, y + 0.01, h - thick))
             for sx in (-1, 1):
-                kit.box(
-                    legs,
-                    (sx * (w / 2 - post / 2 - 0.02) - 0.01, -d / 2 + post, h - thick - 0.09),
-                    (sx * (w / 2 - post / 2 - 0.02) + 0.01, d / 2 - post, h - thick),
-                )
+                x = sx * (hw - post / 2 - 0.02)
+                kit.box(legs, (x - 0.01, -hd + post, h - thick - 0.09), (x + 0.01, hd - post, h - thick))
 
 
 def coffee_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A low table, often with a board below."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     top = paints.wood_or_board(rng, 0.65)
     legs = top if rng.random() < 0.5 else paints.metal(rng)
     thick = float(rng.uniform(0.02, 0.05))
     if abs(w - d) < 0.02:
-        kit.prism(top, _oval(w, d), 2, h - thick, h)
+        kit.prism(top, circle((0.0, 0.0), (hw, hd), 28), 2, h - thick, h)
         if rng.random() < 0.3:
             kit.lathe(top, [0, 0.35 * w, 0.35 * w, 0], [0, 0, h - thick, h - thick], sides=20)
         else:
             four_legs(kit, legs, 0.75 * w, 0.75 * d, h - thick, 0.04, int(rng.integers(1, 3)))
         return
-    kit.box(top, (-w / 2, -d / 2, h - thick), (w / 2, d / 2, h), bevel=0.006)
+    kit.box(top, (-hw, -hd, h - thick), (hw, hd, h), bevel=0.006)
     if rng.random() < 0.25:
         for sx in (-1, 1):
-            kit.box(
-                top,
-                (sx * (w / 2 - 0.04) - 0.025, -d / 2 + 0.02, 0),
-                (sx * (w / 2 - 0.04) + 0.025, d / 2 - 0.02, h - thick),
-            )
+            kit.box(top, (sx * (hw - 0.04) - 0.025, -hd + 0.02, 0), (sx * (hw - 0.04) + 0.025, hd - 0.02, h - thick))
     else:
         four_legs(kit, legs, w, d, h - thick, float(rng.uniform(0.035, 0.07)), int(rng.integers(3)), inset=0.015)
     if rng.random() < 0.6:
-        kit.box(top, (-w / 2 + 0.06, -d / 2 + 0.06, 0.12), (w / 2 - 0.06, d / 2 - 0.06, 0.14))
+        kit.box(top, (-hw + 0.06, -hd + 0.06, 0.12), (hw - 0.06, hd - 0.06, 0.14))
 
 
 def desk(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A desk: a top on legs or trestles, with or without a chest of drawers at one side; one sits before its front."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     top = paints.wood_or_board(rng, 0.55)
     body = top if rng.random() < 0.6 else paints.board(rng)
     legs = paints.metal(rng) if rng.random() < 0.5 else body
-    kit.box(top, (-w / 2, -d / 2, h - 0.028), (w / 2, d / 2, h), bevel=0.004)
+    kit.box(top, (-hw, -hd, h - 0.028), (hw, hd, h), bevel=0.004)
     kind = int(rng.integers(3))
     if kind == 0:
         four_legs(kit, legs, w, d, h - 0.028, 0.05, int(rng.integers(2)), inset=0.02)
-        kit.box(body, (-w / 2 + 0.07, d / 2 - 0.05, h - 0.3), (w / 2 - 0.07, d / 2 - 0.03, h - 0.028))
+        kit.box(body, (-hw + 0.07, hd - 0.05, h - 0.3), (hw - 0.07, hd - 0.03, h - 0.028))
         return
     sides = (-1, 1) if kind == 2 and w > 1.3 else (int(rng.choice([-1, 1])),)
     for sx in (-1, 1):
         if sx in sides:
-            x0, x1 = sorted((sx * (w / 2 - 0.02), sx * (w / 2 - 0.02 - min(0.4, 0.32 * w))))
-            kit.box(body, (x0, -d / 2 + 0.035, 0), (x1, d / 2 - 0.02, h - 0.028))
-            drawers(kit, rng, body, (x0, x1), (0.05, h - 0.04), -d / 2 + 0.035, 1, int(rng.integers(2, 5)))
+            x0, x1 = sorted((sx * (hw - 0.02), sx * (hw - 0.02 - min(0.4, 0.32 * w))))
+            kit.box(body, (x0, -hd + 0.035, 0), (x1, hd - 0.02, h - 0.028))
+            drawers(kit, rng, body, (x0, x1), (0.05, h - 0.04), -hd + 0.035, 1, int(rng.integers(2, 5)))
         else:
-            x = sx * (w / 2 - 0.035)
-            kit.box(body, (x - 0.014, -d / 2 + 0.03, 0), (x + 0.014, d / 2 - 0.02, h - 0.028))
-    kit.box(body, (-w / 2 + 0.05, d / 2 - 0.06, 0.3), (w / 2 - 0.05, d / 2 - 0.04, h - 0.028))
+            x = sx * (hw - 0.035)
+            kit.box(body, (x - 0.014, -hd + 0.03, 0), (x + 0.014, hd - 0.02, h - 0.028))
+    kit.box(body, (-hw + 0.05, hd - 0.06, 0.3), (hw - 0.05, hd - 0.04, h - 0.028))

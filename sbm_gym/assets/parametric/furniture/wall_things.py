@@ -3,23 +3,24 @@
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, grid_triangles
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, grid_triangles
 
 
 def coat_rack(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A board with hooks, coats and bags hanging from some of them."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     board = paints.wood_or_board(rng, 0.7)
     hook = paints.metal(rng)
-    kit.box(board, (-w / 2, d / 2 - 0.02, h - 0.12), (w / 2, d / 2, h), bevel=0.004)
+    kit.box(board, (-hw, hd - 0.02, h - 0.12), (hw, hd, h), bevel=0.004)
     count = max(round(w / 0.17), 3)
-    places = np.linspace(-w / 2 + 0.09, w / 2 - 0.09, count)
-    z, y = h - 0.09, d / 2 - 0.02
+    places = np.linspace(-hw + 0.09, hw - 0.09, count)
+    z, y = h - 0.09, hd - 0.02
     for x in places:
         kit.tube(hook, [(x, y, z), (x, y - 0.05, z - 0.01), (x, y - 0.07, z + 0.03)], 0.007, sides=6)
     hung = rng.permutation(count)[: max(count // 2, 1)]
     for number, index in enumerate(sorted(hung.tolist())):
-        x = float(np.clip(places[index], -w / 2 + 0.17, w / 2 - 0.17))
+        x = float(np.clip(places[index], -hw + 0.17, hw - 0.17))
         cloth = paints.fabric(rng, 0.15) if rng.random() < 0.7 else paints.leather(rng)
         bottom = 0.0 if number == 0 else float(rng.uniform(0.0, 0.35)) * h
         deep = y - 0.012 * number
@@ -50,7 +51,8 @@ def coat_rack(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 def whiteboard(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A whiteboard for a wall, with what is left of a meeting."""
     w, d, h = size
-    kit.box(paints.STEEL, (-w / 2, -d / 2 + 0.06, 0), (w / 2, d / 2, h), bevel=0.003)
+    hw, hd = w / 2, d / 2
+    kit.box(paints.STEEL, (-hw, -hd + 0.06, 0), (hw, hd, h), bevel=0.003)
     rows, columns = 96, 160
     board = np.full((rows, columns, 3), 0.94)
     inks = ((0.1, 0.2, 0.6), (0.7, 0.1, 0.1), (0.1, 0.45, 0.2), (0.1, 0.1, 0.12))
@@ -69,14 +71,14 @@ def whiteboard(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             board[[top, top + high], left : left + wide] = ink
             board[top : top + high, [left, left + wide]] = ink
     face = paints.Paint(texture=paints.picture(board), tile_m=None, specular=0.5, shininess=0.8)
-    y, edge = -d / 2 + 0.058, 0.02
-    a, b = -w / 2 + edge, w / 2 - edge
+    y, edge = -hd + 0.058, 0.02
+    a, b = -hw + edge, hw - edge
     kit.card(face, [(a, y, edge), (b, y, edge), (b, y, h - edge), (a, y, h - edge)])
-    kit.box(paints.STEEL, (-0.3 * w, -d / 2, 0), (0.3 * w, -d / 2 + 0.062, 0.016))
+    kit.box(paints.STEEL, (-0.3 * w, -hd, 0), (0.3 * w, -hd + 0.062, 0.016))
     for i in range(3):
         x = (-0.2 + 0.08 * i) * w
         pen = paints.plain(inks[i], 0.2)
-        kit.tube(pen, [(x, -d / 2 + 0.03, 0.024), (x + 0.11, -d / 2 + 0.03, 0.024)], 0.008, sides=6)
+        kit.tube(pen, [(x, -hd + 0.03, 0.024), (x + 0.11, -hd + 0.03, 0.024)], 0.008, sides=6)
 
 
 def clock_size(size: Size) -> Size:
@@ -90,11 +92,9 @@ def wall_clock(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     rim = paints.metal(rng) if rng.random() < 0.7 else paints.wood(rng)
     face = paints.plain((0.95, 0.94, 0.9) if rng.random() < 0.8 else (0.12, 0.12, 0.13), 0.2)
     ink = paints.BLACK if face.rgb[0] > 0.5 else paints.plain((0.9, 0.9, 0.88))
-    turn = np.arange(28) * 2 * np.pi / 28
     middle, front = h / 2, -d / 2
     for paint, scale, y in ((rim, 1.0, front), (face, 0.9, front - 0.002)):
-        ring = [(middle + 0.5 * scale * h * np.cos(a), 0.5 * scale * w * np.sin(a)) for a in turn]
-        kit.prism(paint, ring, 1, y, d / 2)
+        kit.prism(paint, circle((middle, 0.0), (0.5 * scale * h, 0.5 * scale * w), 28), 1, y, d / 2)
     for hour in range(12):
         a = hour * np.pi / 6
         x, z = 0.38 * w * np.sin(a), middle + 0.38 * h * np.cos(a)

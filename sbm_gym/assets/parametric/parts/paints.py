@@ -40,11 +40,7 @@ def _tone(rng: np.random.Generator, hue, saturation, value) -> Float[np.ndarray,
     )
 
 
-def _triple(colour: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    return float(colour[0]), float(colour[1]), float(colour[2])
-
-
-def plain(rgb: Sequence[float], specular: float = 0.1, shininess: float = 0.3) -> Paint:
+def plain(rgb: Sequence[float] | Float[np.ndarray, "3"], specular: float = 0.1, shininess: float = 0.3) -> Paint:
     """One colour: red, green and blue, each in [0, 1]."""
     return Paint((float(rgb[0]), float(rgb[1]), float(rgb[2])), specular=specular, shininess=shininess)
 
@@ -76,7 +72,7 @@ def board(rng: np.random.Generator) -> Paint:
         colour = np.full(3, rng.choice([0.12, 0.2, 0.45, 0.6]))
     else:
         colour = _tone(rng, (0.0, 1.0), (0.25, 0.6), (0.4, 0.8))
-    return plain(_triple(colour), 0.2, 0.5)
+    return plain(colour, 0.2, 0.5)
 
 
 def wood_or_board(rng: np.random.Generator, wooden: float = 0.6) -> Paint:
@@ -155,7 +151,7 @@ def darker(paint: Paint, factor: float) -> Paint:
 
 def leaf(rng: np.random.Generator) -> Paint:
     """A green."""
-    return plain(_triple(_tone(rng, (0.22, 0.36), (0.45, 0.8), (0.22, 0.5))), 0.12, 0.3)
+    return plain(_tone(rng, (0.22, 0.36), (0.45, 0.8), (0.22, 0.5)), 0.12, 0.3)
 
 
 def books(rng: np.random.Generator) -> Paint:

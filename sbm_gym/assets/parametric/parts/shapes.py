@@ -15,6 +15,10 @@ CREASE_RAD = np.deg2rad(42.0)
 
 Size = tuple[float, float, float]
 """Width, depth and height, metres."""
+Rectangle = tuple[tuple[float, float], tuple[float, float]]
+"""Its corner with the least coordinates, and that with the greatest."""
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+"""Signs of x and y of the four corners of a footprint."""
 Triangles = Float[np.ndarray, "t 3 3"]
 Warp = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]
 
@@ -67,6 +71,18 @@ def grid_triangles(points: Float[np.ndarray, "a b 3"]) -> Triangles:
     p, q, r, s = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
     both = np.stack([np.stack([p, q, r], axis=-2), np.stack([p, r, s], axis=-2)], axis=2)
     return both.reshape(-1, 3, 3)
+
+
+def circle(middle: tuple[float, float], radius: float | tuple[float, float], sides: int) -> list[tuple[float, float]]:
+    """Corners of a round outline for ``Kit.prism``; with two radii it is an ellipse."""
+    (a, b), (r, s) = middle, radius if isinstance(radius, tuple) else (radius, radius)
+    return [(a + r * np.cos(turn), b + s * np.sin(turn)) for turn in np.arange(sides) * 2 * np.pi / sides]
+
+
+def frame(outer: Rectangle, inner: Rectangle) -> list[Rectangle]:
+    """What of a rectangle lies around another one within it, as four rectangles: front, back, left, right."""
+    ((x0, y0), (x1, y1)), ((a0, b0), (a1, b1)) = outer, inner
+    return [((x0, y0), (x1, b0)), ((x0, b1), (x1, y1)), ((x0, b0), (a0, b1)), ((a1, b0), (x1, b1))]
 
 
 @dataclass(frozen=True)
@@ -173,8 +189,8 @@ class Kit:
     def lathe(
         self,
         paint: Paint,
-        radii: Sequence[float],
-        heights: Sequence[float],
+        radii: Sequence[float] | Float[np.ndarray, "n"],
+        heights: Sequence[float] | Float[np.ndarray, "n"],
         centre: Sequence[float] = (0.0, 0.0),
         sides: int = 16,
         warp: Warp | None = None,
@@ -205,6 +221,13 @@ class Kit:
         points = points + np.array([centre[0], centre[1], 0.0])
         uv3 = np.concatenate([uv, np.zeros((*uv.shape[:2], 1))], axis=-1)
         self.add(paint, grid_triangles(points), grid_triangles(uv3)[..., :2] / (paint.tile_m or 1.0))
+
+    def ball(
+        self, paint: Paint, centre: Sequence[float], radius: float, half_height: float, rings: int = 7, sides: int = 10
+    ) -> None:
+        """A ball, or an egg whose height is not its width."""
+        turn = np.linspace(0, np.pi, rings)
+        self.lathe(paint, radius * np.sin(turn), centre[2] - half_height * np.cos(turn), centre[:2], sides)
 
     def tube(
         self,

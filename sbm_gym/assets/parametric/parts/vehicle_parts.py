@@ -5,7 +5,7 @@ import colorsys
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, grid_triangles
+from sbm_gym.assets.parametric.parts.shapes import Kit, circle, grid_triangles
 
 GLASS = paints.plain((0.06, 0.08, 0.09), 0.9, 0.9)
 TYRE = paints.plain((0.035, 0.035, 0.037), 0.05)
@@ -49,11 +49,10 @@ def loft(kit: Kit, paint: paints.Paint, stations: list[tuple[float, float, float
 def wheel(kit: Kit, x: float, y: float, r: float, wide: float) -> None:
     """A wheel whose outer face is at x, away from the middle."""
     side = np.sign(x)
-    angle = np.arange(18) * 2 * np.pi / 18
 
     def disc(paint: paints.Paint, radius: float, a: float, b: float) -> None:
         low, high = sorted((a, b))
-        kit.prism(paint, [(y + radius * np.cos(t), r + radius * np.sin(t)) for t in angle], 0, low, high)
+        kit.prism(paint, circle((y, r), radius, 18), 0, low, high)
 
     disc(TYRE, r, x, x - side * wide)
     disc(RIM, 0.62 * r, x + side * 0.006, x - side * 0.02)

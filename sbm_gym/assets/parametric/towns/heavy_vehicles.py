@@ -10,6 +10,7 @@ from sbm_gym.assets.parametric.parts.vehicle_parts import DARK, GLASS, LAMP, TAI
 def truck(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A lorry: a cab, and a box or an open bed behind it."""
     w, d, h = size
+    hw = w / 2
     cab = lacquer(rng)
     half, front, back, r = 0.48 * w, -d / 2, d / 2, 0.48
     cab_h, cab_end = min(h, 2.75) - 0.05, front + 1.9
@@ -47,7 +48,7 @@ def truck(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             min(x, x - sx * 0.03),
             max(x, x - sx * 0.03),
         )
-        kit.box(DARK, (sx * half, front + 0.2, 1.6), (sx * w / 2, front + 0.3, 2.1), bevel=0.02)
+        kit.box(DARK, (sx * half, front + 0.2, 1.6), (sx * hw, front + 0.3, 2.1), bevel=0.02)
         kit.box(LAMP, (sx * 0.6 * half, front - 0.002, 0.66), (sx * 0.9 * half, front + 0.1, 0.82))
         wheels = [front + 0.95, back - 0.22 * d] + ([back - 0.22 * d + 1.15] if d > 7.5 else [])
         for y in wheels:
@@ -55,15 +56,15 @@ def truck(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         kit.box(TAIL, (sx * 0.7 * half, back - 0.06, 0.75), (sx * 0.95 * half, back, 0.92))
     load = lacquer(rng) if rng.random() < 0.5 else paints.plain((0.86, 0.86, 0.84), 0.2)
     if rng.random() < 0.65:
-        kit.box(load, (-w / 2 + 0.02, cab_end + 0.12, floor), (w / 2 - 0.02, back, h), bevel=0.03)
+        kit.box(load, (-hw + 0.02, cab_end + 0.12, floor), (hw - 0.02, back, h), bevel=0.03)
         kit.box(DARK, (-0.004, back - 0.01, floor + 0.1), (0.004, back + 0.003, h - 0.1))
     else:
-        kit.box(load, (-w / 2 + 0.02, cab_end + 0.12, floor), (w / 2 - 0.02, back, floor + 0.12))
+        kit.box(load, (-hw + 0.02, cab_end + 0.12, floor), (hw - 0.02, back, floor + 0.12))
         side = floor + 0.7
-        kit.box(load, (-w / 2 + 0.02, cab_end + 0.12, floor), (w / 2 - 0.02, cab_end + 0.2, h))
-        kit.box(load, (-w / 2 + 0.02, back - 0.08, floor), (w / 2 - 0.02, back, side))
+        kit.box(load, (-hw + 0.02, cab_end + 0.12, floor), (hw - 0.02, cab_end + 0.2, h))
+        kit.box(load, (-hw + 0.02, back - 0.08, floor), (hw - 0.02, back, side))
         for sx in (-1, 1):
-            kit.box(load, (sx * (w / 2 - 0.02), cab_end + 0.12, floor), (sx * (w / 2 - 0.1), back, side))
+            kit.box(load, (sx * (hw - 0.02), cab_end + 0.12, floor), (sx * (hw - 0.1), back, side))
 
 
 def bus(kit: Kit, rng: np.random.Generator, size: Size) -> None:

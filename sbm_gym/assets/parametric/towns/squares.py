@@ -10,17 +10,18 @@ from sbm_gym.assets.parametric.parts.vehicle_parts import DARK, lacquer
 def cafe_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A light chair of metal and slats."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     metal, slat = paints.metal(rng), paints.wood(rng) if rng.random() < 0.6 else lacquer(rng)
     seat = 0.45
     for sx in (-1, 1):
-        x = sx * (w / 2 - 0.015)
-        kit.tube(metal, [(x, -d / 2 + 0.02, 0), (x, -d / 2 + 0.05, seat)], 0.012, sides=6)
-        kit.tube(metal, [(x, d / 2 - 0.02, 0), (x, d / 2 - 0.09, seat), (x, d / 2 - 0.015, h)], 0.012, sides=6)
-    for y in np.linspace(-d / 2 + 0.05, d / 2 - 0.12, 5):
-        kit.box(slat, (-w / 2, y - 0.03, seat - 0.01), (w / 2, y + 0.03, seat + 0.012))
+        x = sx * (hw - 0.015)
+        kit.tube(metal, [(x, -hd + 0.02, 0), (x, -hd + 0.05, seat)], 0.012, sides=6)
+        kit.tube(metal, [(x, hd - 0.02, 0), (x, hd - 0.09, seat), (x, hd - 0.015, h)], 0.012, sides=6)
+    for y in np.linspace(-hd + 0.05, hd - 0.12, 5):
+        kit.box(slat, (-hw, y - 0.03, seat - 0.01), (hw, y + 0.03, seat + 0.012))
     for z in np.linspace(seat + 0.18, h - 0.04, 3):
-        y = d / 2 - 0.09 + 0.075 * (z - seat) / (h - seat)
-        kit.box(slat, (-w / 2, y - 0.02, z - 0.03), (w / 2, y + 0.004, z + 0.03))
+        y = hd - 0.09 + 0.075 * (z - seat) / (h - seat)
+        kit.box(slat, (-hw, y - 0.02, z - 0.03), (hw, y + 0.004, z + 0.03))
 
 
 def cafe_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:

@@ -12,19 +12,17 @@ from sbm_gym.assets.parametric.parts.vehicle_parts import DARK, lacquer
 def street_light(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A street lamp: a mast with an arm, or a lantern on a post."""
     w, d, h = size
+    hd = d / 2
     post = paints.plain(((0.1, 0.11, 0.1), (0.5, 0.51, 0.52), (0.12, 0.2, 0.16))[rng.integers(3)], 0.4)
     glow = paints.plain((1.0, 0.96, 0.85), 0.2)
     if h > 4.5:
-        y = d / 2 - 0.12
+        y = hd - 0.12
         kit.lathe(post, [0, 0.12, 0.12, 0.07, 0.045, 0], [0, 0, 0.25, 0.35, h - 0.5, h - 0.5], (0, y), 10)
         kit.tube(
-            post,
-            [(0, y, h - 0.55), (0, y - 0.1, h - 0.15), (0, 0, h - 0.05), (0, -d / 2 + 0.4, h - 0.05)],
-            0.035,
-            sides=7,
+            post, [(0, y, h - 0.55), (0, y - 0.1, h - 0.15), (0, 0, h - 0.05), (0, -hd + 0.4, h - 0.05)], 0.035, sides=7
         )
-        kit.box(post, (-0.12, -d / 2, h - 0.09), (0.12, -d / 2 + 0.5, h), bevel=0.03)
-        kit.box(glow, (-0.09, -d / 2 + 0.05, h - 0.105), (0.09, -d / 2 + 0.45, h - 0.08))
+        kit.box(post, (-0.12, -hd, h - 0.09), (0.12, -hd + 0.5, h), bevel=0.03)
+        kit.box(glow, (-0.09, -hd + 0.05, h - 0.105), (0.09, -hd + 0.45, h - 0.08))
         return
     r = 0.5 * min(w, d)
     kit.lathe(
@@ -40,33 +38,24 @@ def street_light(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 def bench(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A park bench with slats."""
     w, d, h = size
+    hw, hd = w / 2, d / 2
     slat = paints.wood(rng) if rng.random() < 0.75 else lacquer(rng)
     iron = paints.plain((0.09, 0.1, 0.1), 0.3)
     seat = 0.44
     for x in (-0.42 * w, 0.42 * w):
         kit.tube(
             iron,
-            [
-                (x, -d / 2 + 0.04, 0),
-                (x, -d / 2 + 0.08, seat - 0.02),
-                (x, d / 2 - 0.18, seat - 0.05),
-                (x, d / 2 - 0.03, h - 0.02),
-            ],
+            [(x, -hd + 0.04, 0), (x, -hd + 0.08, seat - 0.02), (x, hd - 0.18, seat - 0.05), (x, hd - 0.03, h - 0.02)],
             0.022,
             sides=6,
         )
-        kit.tube(iron, [(x, d / 2 - 0.05, 0), (x, d / 2 - 0.18, seat - 0.05)], 0.022, sides=6)
-        kit.tube(
-            iron,
-            [(x, -d / 2 + 0.06, 0.2), (x, -d / 2 + 0.05, seat + 0.2), (x, d / 2 - 0.1, seat + 0.2)],
-            0.018,
-            sides=6,
-        )
-    for y in np.linspace(-d / 2 + 0.07, d / 2 - 0.2, 4):
-        kit.box(slat, (-w / 2, y - 0.045, seat - 0.02), (w / 2, y + 0.045, seat + 0.012), bevel=0.006)
+        kit.tube(iron, [(x, hd - 0.05, 0), (x, hd - 0.18, seat - 0.05)], 0.022, sides=6)
+        kit.tube(iron, [(x, -hd + 0.06, 0.2), (x, -hd + 0.05, seat + 0.2), (x, hd - 0.1, seat + 0.2)], 0.018, sides=6)
+    for y in np.linspace(-hd + 0.07, hd - 0.2, 4):
+        kit.box(slat, (-hw, y - 0.045, seat - 0.02), (hw, y + 0.045, seat + 0.012), bevel=0.006)
     for t in np.linspace(0.3, 1.0, 3):
-        y, z = d / 2 - 0.2 + 0.15 * t, seat + t * (h - seat) - 0.05
-        kit.box(slat, (-w / 2, y - 0.02, z - 0.045), (w / 2, y + 0.012, z + 0.045), bevel=0.006)
+        y, z = hd - 0.2 + 0.15 * t, seat + t * (h - seat) - 0.05
+        kit.box(slat, (-hw, y - 0.02, z - 0.045), (hw, y + 0.012, z + 0.045), bevel=0.006)
 
 
 def litter_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -84,9 +73,10 @@ def litter_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 def traffic_cone(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A traffic cone."""
     w, _, h = size
+    hw = w / 2
     orange = paints.plain((0.92, 0.3 + 0.08 * float(rng.random()), 0.05), 0.2)
     white = paints.plain((0.93, 0.93, 0.92), 0.2)
-    kit.box(orange if rng.random() < 0.6 else DARK, (-w / 2, -w / 2, 0), (w / 2, w / 2, 0.035), bevel=0.008)
+    kit.box(orange if rng.random() < 0.6 else DARK, (-hw, -hw, 0), (hw, hw, 0.035), bevel=0.008)
     foot, tip = 0.38 * w, 0.08 * w
     levels = [0.035, 0.35 * h, 0.52 * h, 0.68 * h, 0.82 * h, h]
     for number, (a, b) in enumerate(itertools.pairwise(levels)):

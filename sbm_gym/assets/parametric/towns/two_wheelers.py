@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle
 from sbm_gym.assets.parametric.parts.vehicle_parts import (
     DARK,
     LAMP,
@@ -46,13 +46,7 @@ def bicycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     kit.tube(frame, [head, (0, yf + 0.16, 0.95 * h)], 0.015, sides=6)
     kit.tube(RIM, [seat, (0, 0.15 * d, 0.88 * h)], 0.013, sides=6)
     kit.box(DARK, (-0.07, 0.09 * d, 0.88 * h), (0.07, 0.09 * d + 0.26, 0.92 * h), bevel=0.018)
-    kit.prism(
-        DARK,
-        [(crank[1] + 0.09 * np.cos(a), 0.29 + 0.09 * np.sin(a)) for a in np.arange(12) * np.pi / 6],
-        0,
-        0.025,
-        0.035,
-    )
+    kit.prism(DARK, circle((crank[1], 0.29), 0.09, 12), 0, 0.025, 0.035)
     for sx, way in ((-1, 1), (1, -1)):
         kit.tube(
             RIM, [(sx * 0.05, crank[1], 0.29), (sx * 0.06, crank[1] + way * 0.05, 0.29 - way * 0.16)], 0.01, sides=5
@@ -69,10 +63,11 @@ def bicycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 def motorcycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A motorcycle or scooter."""
     w, d, h = size
+    hd = d / 2
     paint = lacquer(rng)
     scooter = rng.random() < 0.4
     r = 0.22 if scooter else 0.31
-    yf, yb = -d / 2 + r, d / 2 - r - 0.03
+    yf, yb = -hd + r, hd - r - 0.03
     for y in (yf, yb):
         for sx in (-1, 1):
             wheel(kit, sx * 0.06, y, r, 0.06)
@@ -96,12 +91,12 @@ def motorcycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         loft(
             kit,
             paint,
-            [(0.02 * d, 0.14, 0.28, seat - 0.06), (0.2 * d, 0.18, 0.3, seat), (d / 2 - 0.06, 0.1, 0.42, seat + 0.02)],
+            [(0.02 * d, 0.14, 0.28, seat - 0.06), (0.2 * d, 0.18, 0.3, seat), (hd - 0.06, 0.1, 0.42, seat + 0.02)],
             0.05,
         )
-        kit.box(DARK, (-0.14, 0.02 * d, seat - 0.03), (0.14, d / 2 - 0.1, seat + 0.06), bevel=0.035)
+        kit.box(DARK, (-0.14, 0.02 * d, seat - 0.03), (0.14, hd - 0.1, seat + 0.06), bevel=0.035)
         if rng.random() < 0.4:
-            kit.box(DARK, (-0.18, d / 2 - 0.3, seat + 0.06), (0.18, d / 2, seat + 0.36), bevel=0.05)
+            kit.box(DARK, (-0.18, hd - 0.3, seat + 0.06), (0.18, hd, seat + 0.36), bevel=0.05)
     else:
         kit.box(DARK, (-0.17, -0.13 * d, 0.26), (0.17, 0.1 * d, 0.5), bevel=0.05)
         for z in np.linspace(0.3, 0.48, 4):
@@ -122,19 +117,16 @@ def motorcycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             [
                 (0.06 * d, 0.1, 0.52 * h, 0.66 * h),
                 (0.3 * d, 0.12, 0.56 * h, 0.7 * h),
-                (d / 2 - 0.04, 0.06, 0.66 * h, 0.74 * h),
+                (hd - 0.04, 0.06, 0.66 * h, 0.74 * h),
             ],
             0.04,
         )
         kit.box(DARK, (-0.12, 0.04 * d, 0.66 * h), (0.12, 0.36 * d, 0.74 * h), bevel=0.035)
         kit.tube(
-            RIM, [(0.18, -0.05 * d, 0.28), (0.2, 0.1 * d, 0.24), (0.2, d / 2 - 0.1, 0.34)], [0.025, 0.03, 0.05], sides=8
+            RIM, [(0.18, -0.05 * d, 0.28), (0.2, 0.1 * d, 0.24), (0.2, hd - 0.1, 0.34)], [0.025, 0.03, 0.05], sides=8
         )
         kit.tube(DARK, [(0.08, 0.02 * d, 0.36), (0.08, yb, r)], 0.03, sides=6)
         kit.box(TYRE, (-0.07, yf - 0.12, 2 * r), (0.07, yf + 0.22, 2 * r + 0.03), bevel=0.012)
-    kit.box(TAIL, (-0.06, d / 2 - 0.05, 0.66 * h), (0.06, d / 2, 0.72 * h))
+    kit.box(TAIL, (-0.06, hd - 0.05, 0.66 * h), (0.06, hd, 0.72 * h))
     kit.box(DARK, (-0.05, -0.05, 0.0), (0.05, 0.0, 0.2))
-    kit.card(
-        PLATE,
-        [(0.1, d / 2 - 0.02, 0.5), (-0.1, d / 2 - 0.02, 0.5), (-0.1, d / 2 - 0.02, 0.6), (0.1, d / 2 - 0.02, 0.6)],
-    )
+    kit.card(PLATE, [(0.1, hd - 0.02, 0.5), (-0.1, hd - 0.02, 0.5), (-0.1, hd - 0.02, 0.6), (0.1, hd - 0.02, 0.6)])
