@@ -66,10 +66,11 @@ def run(config: CompactConfig) -> None:
     import torch
 
     from experiments.pretraining.augmentation import PretrainAugmentConfig
-    from experiments.pretraining.loop import PretrainConfig, pretrain
+    from experiments.pretraining.loop import PretrainConfig, PretrainTask
     from labeling.detectors.data.annotated_pictures import read_pictures
     from labeling.detectors.networks.mask_rcnn import build_from_imagenet
     from labeling.detectors.networks.spec import NetworkSpec
+    from labeling.training.loop import train
     from sbm_gym.photographs.album import AlbumSettings, make_album
     from sbm_gym.photographs.models import CATEGORIES
 
@@ -89,9 +90,9 @@ def run(config: CompactConfig) -> None:
         pictures[split] = read_pictures(folder)
     torch.manual_seed(config.seed)
     network = build_from_imagenet(NetworkSpec("compact", CATEGORIES))
-    augmentation = PretrainAugmentConfig()
-    network = pretrain(network, config.out, pictures["train"], pictures["val"], training, augmentation, say)
-    _finish(config, network, pictures["val"])
+    task = PretrainTask(network, pictures["train"], pictures["val"], training, PretrainAugmentConfig())
+    train(task, config.out, say)
+    _finish(config, task.candidate, pictures["val"])
 
 
 def _finish(config: CompactConfig, network: Any, val: list) -> None:

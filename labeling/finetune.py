@@ -47,20 +47,6 @@ class FinetuneCommand(TrainingCommand):
     augment: tyro.conf.OmitArgPrefixes[AugmentConfig] = field(default_factory=AugmentConfig)
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """What a fine-tuning reads."""
-
-    learn: "list[AnnotatedPicture]"
-    """To learn from."""
-    validation: "list[AnnotatedPicture]"
-    """To choose the best network by."""
-    replay: "list[AnnotatedPicture]"
-    """Source pictures to mix in."""
-    source: "list[AnnotatedPicture]"
-    """Source pictures to measure forgetting on."""
-
-
 def run(command: FinetuneCommand) -> dict[str, Any]:
     """Trains and prints the final table.
 
@@ -70,26 +56,28 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
     Raises:
         SbmError: if detector, labels or settings are at fault.
     """
-    from labeling.detectors.finetuning.training import train
+    from labeling.detectors.finetuning.training import FinetuneTask
     from labeling.detectors.networks.network_detector import NetworkDetector
     from labeling.detectors.networks.weights import load_network
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.scoring import evaluate
-    from labeling.training.files import WEIGHTS_FILE
+    from labeling.io.formats.atomic import write_json
+    from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
+    from labeling.training.loop import train
 
     check_name(command.detector)
     command.train.check()
     command.augment.check()
     device = choose_device(command.device)
     network, digest = load_named_network(command.detector)
-    pictures = read(command)
+    learn, validation, replay, source = read(command)
     known = network.spec.categories
-    names = _categories(command, known, pictures)
+    names = _categories(command, known, learn, validation)
     if names != known:
         from labeling.detectors.networks.mask_rcnn import with_categories
 
         network = with_categories(network, names)
-    sets = {"validation": pictures.validation, "source pictures": pictures.source}
+    sets = {"validation": validation, "source pictures": source}
 
     def scores(which: Any) -> dict[str, "Scores"]:
         detector = NetworkDetector(which, "scored", device=device)
@@ -100,20 +88,18 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
         }
 
     before = scores(network)
-    progress = train(
+    task = FinetuneTask(
         network,
-        command.out,
-        pictures.learn,
-        pictures.validation,
+        learn,
+        validation,
         command.train,
         command.augment,
-        pictures.replay,
+        replay,
         device,
         {"started_from": command.detector, "started_from_digest": digest, "labels": command.sources},
-        say,
-        progress_bar,
         tuple(name for name in names if name not in known),
     )
+    progress = train(task, command.out, say, progress_bar)
     after = scores(load_network(command.out / WEIGHTS_FILE))
     results = {
         "detector": command.detector,
@@ -124,14 +110,18 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
         "after": {name: asdict(one) for name, one in after.items()},
         "seed": command.train.seed,
     }
-    command.write_results(results)
+    write_json(command.out / RESULTS_FILE, results)
     print_table(before, after)
     print(f"detector: {command.out}")
     return results
 
 
-def read(command: FinetuneCommand) -> Pictures:
+def read(command: FinetuneCommand) -> "tuple[list[AnnotatedPicture], ...]":
     """Reads all pictures that the command names.
+
+    Returns:
+        Those to learn from, those to choose the best network by, and source pictures to mix in and to measure
+        forgetting on.
 
     Raises:
         SbmError: if there is nothing to learn from, or something is malformed.
@@ -148,13 +138,18 @@ def read(command: FinetuneCommand) -> Pictures:
         raise UsageError(f"{command.sources}: no label that could be learnt from, in {len(learn)} pictures")
     validation = read_pictures(command.val, "val") if command.val is not None else []
     if command.replay is None:
-        return Pictures(learn, validation, [], [])
+        return learn, validation, [], []
     if is_split(command.replay):
-        return Pictures(learn, validation, read_pictures(command.replay, "train"), read_pictures(command.replay, "val"))
-    return Pictures(learn, validation, *train_val_split(read_pictures(command.replay)))
+        return learn, validation, read_pictures(command.replay, "train"), read_pictures(command.replay, "val")
+    return learn, validation, *train_val_split(read_pictures(command.replay))
 
 
-def _categories(command: FinetuneCommand, known: tuple[str, ...], pictures: Pictures) -> tuple[str, ...]:
+def _categories(
+    command: FinetuneCommand,
+    known: tuple[str, ...],
+    learn: "list[AnnotatedPicture]",
+    validation: "list[AnnotatedPicture]",
+) -> tuple[str, ...]:
     """The categories that the trained detector is to have.
 
     Raises:
@@ -162,7 +157,7 @@ def _categories(command: FinetuneCommand, known: tuple[str, ...], pictures: Pict
     """
     from labeling.detectors.data.annotated_pictures import category_names
 
-    annotated = category_names(pictures.learn)
+    annotated = category_names(learn)
     new = tuple(name for name in annotated if name not in known)
     if new and command.new_categories:
         known = (*known, *new)
@@ -173,7 +168,7 @@ def _categories(command: FinetuneCommand, known: tuple[str, ...], pictures: Pict
         )
     elif new:
         print(f"note: {command.detector} has no name for {', '.join(new)}: background; --new-categories teaches them")
-    if pictures.validation and not set(category_names(pictures.validation)) & set(known):
+    if validation and not set(category_names(validation)) & set(known):
         raise UsageError(f"{command.val}: none of its categories is one that the detector knows")
     return known
 

@@ -47,9 +47,11 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     """
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
-    from labeling.detectors3d.frustum_training import evaluate, train
+    from labeling.detectors3d.frustum_training import FrustumTask, evaluate
     from labeling.detectors3d.frustum_weights import load_network
-    from labeling.training.files import WEIGHTS_FILE
+    from labeling.io.formats.atomic import write_json
+    from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
+    from labeling.training.loop import train
 
     command.train.check()
     command.augment.check()
@@ -62,10 +64,10 @@ def run(command: Train3dCommand) -> dict[str, Any]:
         samples, validation = train_val_split_by_object(samples)
     names = category_names(samples)
     print(f"{len(samples)} objects in views to learn from: {', '.join(names)}; {len(validation)} to choose by")
-    about = {"labels": command.sources}
-    progress = train(samples, validation, command.out, command.train, command.augment, device, about, say, progress_bar)
-    known = [one for one in validation if one.category in names]
-    best = evaluate(load_network(command.out / WEIGHTS_FILE).to(device), known, device) if known else None
+    task = FrustumTask(samples, validation, command.train, command.augment, device, {"labels": command.sources})
+    progress = train(task, command.out, say, progress_bar)
+    network = load_network(command.out / WEIGHTS_FILE).to(device)
+    best = evaluate(network, task.validation, device) if task.validation else None
     results = {
         "labels": command.sources,
         "categories": list(names),
@@ -74,7 +76,7 @@ def run(command: Train3dCommand) -> dict[str, Any]:
         "seed": seed,
         "validation": None if best is None else asdict(best),
     }
-    command.write_results(results)
+    write_json(command.out / RESULTS_FILE, results)
     if best is not None:
         print(
             f"boxes on validation: mean IoU {best.mean_iou:.3f}; {100 * best.right_at_25:.1f} % right at .25, "

@@ -70,7 +70,8 @@ def _content(folder: Path) -> list[str]:
 def _train(task: tuple[TrainJob3d, Path]) -> dict[str, Any]:
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_samples import read_frustum_samples
-    from labeling.detectors3d.frustum_training import train
+    from labeling.detectors3d.frustum_training import FrustumTask
+    from labeling.training.loop import train
 
     job, out = task
     title = f"{job.title}, seed {job.seed}"
@@ -78,16 +79,9 @@ def _train(task: tuple[TrainJob3d, Path]) -> dict[str, Any]:
         [one for one in read_frustum_samples(path, job.seed) if one.category in job.categories]
         for path in (job.learn, job.choose)
     )
-    state = train(
-        learn,
-        choose,
-        out,
-        replace(job.train, seed=job.seed),
-        job.augment,
-        choose_device(),
-        {"labels": job.title},
-        lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True),
-    )
+    config = replace(job.train, seed=job.seed)
+    frustums = FrustumTask(learn, choose, config, job.augment, choose_device(), {"labels": job.title})
+    state = train(frustums, out, lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True))
     return {"title": title, "folder": str(out), "objects": [len(learn), len(choose)], "history": state.history}
 
 

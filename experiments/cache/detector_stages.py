@@ -108,9 +108,10 @@ def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
 def _train(task: tuple[TrainJob, Path]) -> dict[str, Any]:
     import torch
 
-    from labeling.detectors.finetuning.training import train
+    from labeling.detectors.finetuning.training import FinetuneTask
     from labeling.detectors.networks.mask_rcnn import with_categories
     from labeling.detectors.registry import choose_device, load_named_network
+    from labeling.training.loop import train
 
     job, out = task
     network, weights = load_named_network(job.detector)
@@ -118,9 +119,8 @@ def _train(task: tuple[TrainJob, Path]) -> dict[str, Any]:
         torch.manual_seed(job.seed)
         network = with_categories(network, (*network.spec.categories, *job.new_categories))
     title = f"{job.title}, seed {job.seed}"
-    train(
+    finetuning = FinetuneTask(
         network,
-        out,
         job.learn,
         job.choose,
         replace(job.train, seed=job.seed),
@@ -128,9 +128,9 @@ def _train(task: tuple[TrainJob, Path]) -> dict[str, Any]:
         job.replay,
         choose_device(),
         {"started_from": job.detector, "started_from_digest": weights, "labels": job.title},
-        lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True),
-        new_categories=job.new_categories,
+        job.new_categories,
     )
+    train(finetuning, out, lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True))
     return {"title": title, "folder": str(out)}
 
 

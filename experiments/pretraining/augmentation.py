@@ -1,5 +1,6 @@
 """What a detector in pre-training sees of photographs: views cut, turned and recoloured, alone or four at once."""
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -56,13 +57,10 @@ def stream(
         first: number of the first batch.
         side_px: side of the square views of a batch.
     """
-    step = first
-    while True:
+    for step in itertools.count(first):
         rng = np.random.default_rng((seed, 3, step))
         side = side_px(step)
-        samples = [random_view(pictures, categories, config, side, rng) for _ in range(batch_size)]
-        yield collate(samples)
-        step += 1
+        yield collate([random_view(pictures, categories, config, side, rng) for _ in range(batch_size)])
 
 
 def random_view(

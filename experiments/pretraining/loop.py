@@ -1,7 +1,7 @@
 """Pre-trains ``compact``: cosine over a number of steps or a span of time, small views first."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.weights import save_network
 from labeling.detectors.scoring import evaluate
 from labeling.runtime.ranges import Positive, Share, ShareBelowOne
-from labeling.training import loop, schedule
+from labeling.training import schedule
 from labeling.training.checkpoint import Progress
 from labeling.training.config import TrainingConfig
 
@@ -71,40 +71,6 @@ class PretrainConfig(TrainingConfig):
             raise UsageError(f"--sides must be {MIN_SIDE_PX} pixels or more, not {self.sides}")
 
 
-def pretrain(
-    network: Network,
-    out: Path,
-    photographs: Sequence[AnnotatedPicture],
-    held_out: Sequence[AnnotatedPicture],
-    config: PretrainConfig,
-    views: PretrainAugmentConfig,
-    say: Callable[[str], None] = print,
-) -> Network:
-    """Pre-trains a network; goes on where a killed run stopped.
-
-    Args:
-        network: trunk with ImageNet weights, the rest random; changed.
-        out: folder for checkpoint, history and the averaged weights, which are usable at any time.
-        photographs: to learn from.
-        held_out: scored at times; nothing is chosen by them.
-        config: settings of training.
-        views: settings of augmentation.
-        say: where progress is told.
-
-    Returns:
-        The network with averaged weights.
-
-    Raises:
-        SbmError: if settings make no sense, the folder holds another run, or training breaks down.
-    """
-    config.check()
-    if not photographs:
-        raise UsageError("there is no photograph to train on")
-    task = PretrainTask(network, photographs, held_out, config, views)
-    loop.train(task, out, say=say)
-    return task.candidate
-
-
 class PretrainTask(MaskRcnnTask):
     """Pre-training on rendered photographs. An epoch ends when a checkpoint is due, or normalisation is to settle."""
 
@@ -119,7 +85,21 @@ class PretrainTask(MaskRcnnTask):
         config: PretrainConfig,
         views: PretrainAugmentConfig,
     ) -> None:
-        """Takes what ``pretrain`` was given."""
+        """Sets a pre-training up.
+
+        Args:
+            network: trunk with ImageNet weights, the rest random; changed.
+            photographs: to learn from.
+            held_out: scored at times; nothing is chosen by them.
+            config: settings of training.
+            views: settings of augmentation.
+
+        Raises:
+            UsageError: if settings make no sense, or there is no photograph.
+        """
+        config.check()
+        if not photographs:
+            raise UsageError("there is no photograph to train on")
         super().__init__(network, config.average)
         self.config, self.photographs, self.views = config, photographs, views
         self.validation = list(held_out[:: max(len(held_out) // _VALIDATION_PICTURES, 1)])

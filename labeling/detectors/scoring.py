@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +11,6 @@ from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.metrics.mask_ap import average_precision
 from labeling.metrics.matching import MaskInstance
-
-if TYPE_CHECKING:
-    from labeling.detectors.networks.mask_rcnn import Network
-    from labeling.detectors.networks.spec import Calibration
 
 
 @dataclass(frozen=True)
@@ -87,25 +83,6 @@ def detect_all(
                 if category in shared and mask.any()
             )
     return truths, found
-
-
-def calibrate(network: "Network", pictures: Sequence[AnnotatedPicture], device: str = "cpu") -> "Calibration":
-    """The calibration that makes a network's confidences the share of its detections that are right.
-
-    Its own calibration is disregarded. Save with ``network.spec.with_calibration(...)``.
-
-    Args:
-        network: a Mask R-CNN.
-        pictures: that it was not trained on.
-        device: where to run.
-    """
-    from labeling.detectors.networks.calibration import fit_calibration, outcomes
-    from labeling.detectors.networks.network_detector import NetworkDetector
-    from labeling.detectors.networks.spec import Calibration
-
-    raw = NetworkDetector(network, "calibration", device=device, calibration=Calibration())
-    truths, found = detect_all(raw, pictures)
-    return fit_calibration(*outcomes(found, truths))
 
 
 def _groups(pictures: Sequence[AnnotatedPicture], size: int) -> Iterable[list[int]]:

@@ -16,23 +16,16 @@ from labeling.detectors3d.upright_boxes import decode_box
 
 MIN_POINTS = 8
 """A frustum of fewer points gets no box."""
+BATCH_SIZE = 32
+"""Frustums at a time."""
 
 
 class FrustumDetector:
     """Estimates a box for every detection of a category that the network knows."""
 
-    def __init__(self, network: FrustumNet, name: str, digest: str = "", device: str = "cpu", batch_size: int = 32):
-        """Takes a network.
-
-        Args:
-            network: trained.
-            name: for people.
-            digest: of its weights.
-            device: where to run.
-            batch_size: frustums at a time.
-        """
+    def __init__(self, network: FrustumNet, name: str, digest: str = "", device: str = "cpu") -> None:
         self.name, self.digest, self.categories = name, digest, network.spec.categories
-        self._network, self._device, self._batch_size = network.to(device).eval(), device, batch_size
+        self._network, self._device = network.to(device).eval(), device
 
     def lift(self, episode: Episode, detections: Sequence[Detection]) -> list[Detection3d]:
         """See ``labeling.detectors3d.base.Detector3d``.
@@ -56,8 +49,8 @@ class FrustumDetector:
                 frustums.append(frustum)
                 kept.append(one)
         found: list[Detection3d] = []
-        for start in range(0, len(kept), self._batch_size):
-            some = range(start, min(start + self._batch_size, len(kept)))
+        for start in range(0, len(kept), BATCH_SIZE):
+            some = range(start, min(start + BATCH_SIZE, len(kept)))
             chosen = [resample_points(len(frustums[i].points), spec.num_points, np.random.default_rng(0)) for i in some]
             points = np.stack([frustums[i].points[order] for i, order in zip(some, chosen, strict=True)])
             numbers = torch.tensor([spec.categories.index(kept[i].category) for i in some])

@@ -1,6 +1,6 @@
 """Trains a frustum PointNet on objects with 3-D boxes."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import UsageError
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 from labeling.detectors3d.frustum_dataset import FrustumDataset, collate, unaugmented
+from labeling.detectors3d.frustum_detector import BATCH_SIZE
 from labeling.detectors3d.frustum_losses import FrustumBatch, frustum_losses
 from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
 from labeling.detectors3d.frustum_samples import FrustumSample, category_names, median_sizes
@@ -35,43 +36,6 @@ class BoxScores:
     """Of the object's points among the frustum's."""
 
 
-def train(
-    samples: Sequence[FrustumSample],
-    validation: Sequence[FrustumSample],
-    out: Path,
-    config: Train3dConfig,
-    augmentation: Augment3dConfig,
-    device: str = "cpu",
-    about: Mapping[str, Any] | None = None,
-    say: Callable[[str], None] = print,
-    bar: Callable[..., Iterable[Any]] | None = None,
-) -> Progress:
-    """Trains a network and keeps the best of it in ``out/detector.safetensors``; goes on where a killed run stopped.
-
-    Args:
-        samples: to learn from; their categories and median sizes are those of the network.
-        validation: to choose the best by, by mean IoU; if empty, the last is kept and training does not stop early.
-        out: folder of the run.
-        config: settings of training.
-        augmentation: settings of augmentation.
-        device: where to train.
-        about: written into the weights: where they come from.
-        say: where progress is told.
-        bar: makes a progress bar (``tqdm``), if there is to be one.
-
-    Raises:
-        SbmError: if settings make no sense, the folder holds another run, or training breaks down.
-    """
-    config.check()
-    augmentation.check()
-    names = category_names(samples)
-    known = [one for one in validation if one.category in names]
-    if validation and not known:
-        raise UsageError(f"validation: none of its objects is a {' or a '.join(names)}, nothing to choose a network by")
-    dataset = FrustumDataset(samples, names, config.num_points, augmentation, config.seed, config.trust_scores)
-    return loop.train(FrustumTask(dataset, known, config, device, about or {}), out, about, say, bar)
-
-
 class FrustumTask(loop.TrainingTask[FrustumBatch]):
     """Training a frustum PointNet from random weights."""
 
@@ -82,25 +46,46 @@ class FrustumTask(loop.TrainingTask[FrustumBatch]):
 
     def __init__(
         self,
-        dataset: FrustumDataset,
+        samples: Sequence[FrustumSample],
         validation: Sequence[FrustumSample],
         config: Train3dConfig,
-        device: str,
-        about: Mapping[str, Any],
+        augmentation: Augment3dConfig,
+        device: str = "cpu",
+        about: Mapping[str, Any] | None = None,
     ) -> None:
-        """Takes what ``train`` was given, and makes the network."""
-        self.config, self.dataset, self.validation, self.about = config, dataset, validation, about
-        self.collate, self.workers, self.patience = collate, config.workers, config.patience if validation else 0
+        """Makes the network, and sets its training up.
+
+        Args:
+            samples: to learn from; their categories and median sizes are those of the network.
+            validation: to choose the best by, by mean IoU; if empty, the last is kept and training does not stop early.
+            config: settings of training.
+            augmentation: settings of augmentation.
+            device: where to train.
+            about: written into the weights: where they come from.
+
+        Raises:
+            UsageError: if settings make no sense, or no object of the validation is of a category that is learnt.
+        """
+        config.check()
+        augmentation.check()
+        names = category_names(samples)
+        known = [one for one in validation if one.category in names]
+        if validation and not known:
+            raise UsageError(
+                f"validation: none of its objects is a {' or a '.join(names)}, nothing to choose a network by"
+            )
+        self.dataset = FrustumDataset(samples, names, config.num_points, augmentation, config.seed, config.trust_scores)
+        self.config, self.validation, self.about = config, known, about or {}
+        self.collate, self.workers, self.patience = collate, config.workers, config.patience if known else 0
         torch.manual_seed(config.seed)  # of weights and dropout
-        sizes = median_sizes(dataset.samples, dataset.categories)
-        spec = FrustumSpec(dataset.categories, sizes, config.width, config.num_points)
+        spec = FrustumSpec(names, median_sizes(samples, names), config.width, config.num_points)
         self.network = FrustumNet(spec).to(device)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
         self.identity = {
             "network": asdict(spec),
             "train": {name: value for name, value in asdict(config).items() if name not in ("patience", "workers")},
-            "augment": asdict(dataset.augmentation),
-            "objects": [len(dataset.samples), len(validation)],
+            "augment": asdict(augmentation),
+            "objects": [len(samples), len(known)],
         }
 
     def losses(self, batch: FrustumBatch, step: int) -> dict[str, torch.Tensor]:
@@ -133,22 +118,19 @@ class FrustumTask(loop.TrainingTask[FrustumBatch]):
         return line
 
 
-def evaluate(
-    network: FrustumNet, samples: Sequence[FrustumSample], device: str | torch.device = "cpu", batch_size: int = 32
-) -> BoxScores:
+def evaluate(network: FrustumNet, samples: Sequence[FrustumSample], device: str | torch.device = "cpu") -> BoxScores:
     """How good the boxes are that a network finds, given the 2-D box of every object.
 
     Args:
         network: whose categories contain those of the samples.
         samples: at least one.
         device: where to run.
-        batch_size: samples at a time.
     """
     was_training = network.training
     network.eval()
     overlaps, points = [], []
-    for start in range(0, len(samples), batch_size):
-        some = samples[start : start + batch_size]
+    for start in range(0, len(samples), BATCH_SIZE):
+        some = samples[start : start + BATCH_SIZE]
         batch = collate([unaugmented(one, network.spec.categories, network.spec.num_points) for one in some])
         with torch.inference_mode():
             output = network(batch.points.to(device), batch.category.to(device))

@@ -23,7 +23,13 @@ def encode_box(box: Box3d) -> Float[np.ndarray, "7"]:
     Raises:
         UsageError: if the box is not upright, or is none.
     """
-    check_box_3d(box)
+    values = np.concatenate([np.ravel(box.centre_m), np.ravel(box.extent_m), np.ravel(box.rotation)])
+    if not np.all(np.isfinite(values)):
+        raise UsageError("a 3-D box must have finite centre, extent and rotation")
+    if not np.all(np.asarray(box.extent_m) > 0):
+        raise UsageError(f"the extent of a 3-D box must be above 0, not {np.asarray(box.extent_m).tolist()}")
+    if not is_rotation(box.rotation):
+        raise UsageError("the rotation of a 3-D box must be a rotation: orthonormal columns, determinant 1")
     vertical = np.argmax(np.abs(box.rotation[2]))
     if abs(box.rotation[2, vertical]) < 1 - MAX_TILT**2 / 2:
         raise UsageError("boxes must stand upright (one axis along world Z) to be learnt from; this one is tilted")
@@ -41,18 +47,3 @@ def decode_box(numbers: Float[np.ndarray, "7"]) -> Box3d:
     """The other way round."""
     numbers = np.asarray(numbers, float)
     return Box3d(numbers[:3], numbers[3:6], rotation_about_z(numbers[6]))
-
-
-def check_box_3d(box: Box3d) -> None:
-    """Refuses what is no box.
-
-    Raises:
-        UsageError: saying what is wrong with it.
-    """
-    values = np.concatenate([np.ravel(box.centre_m), np.ravel(box.extent_m), np.ravel(box.rotation)])
-    if not np.all(np.isfinite(values)):
-        raise UsageError("a 3-D box must have finite centre, extent and rotation")
-    if not np.all(np.asarray(box.extent_m) > 0):
-        raise UsageError(f"the extent of a 3-D box must be above 0, not {np.asarray(box.extent_m).tolist()}")
-    if not is_rotation(box.rotation):
-        raise UsageError("the rotation of a 3-D box must be a rotation: orthonormal columns, determinant 1")

@@ -3,33 +3,19 @@
 import contextlib
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from typing import TypeVar
-
-Item = TypeVar("Item")
 
 TERMINATED = 128 + signal.SIGTERM
 """Exit code of a process that was told to end."""
 
 
+@dataclass
 class StopRequest:
     """Whether someone has asked to stop."""
 
-    def __init__(self) -> None:
-        """Nobody has yet."""
-        self.stop = False
-
-    def until_stopped(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The items, while nobody has asked to stop.
-
-        Raises:
-            KeyboardInterrupt: once someone has.
-        """
-        for item in items:
-            if self.stop:
-                raise KeyboardInterrupt
-            yield item
+    stop: bool = False
 
 
 @contextlib.contextmanager

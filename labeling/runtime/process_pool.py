@@ -37,12 +37,6 @@ _PATIENCE_S = 10.0
 class WorkerDiedError(SbmError):
     """A worker process ended in the middle of a job."""
 
-    def __init__(self, exit_code: int | None) -> None:
-        """Says how it ended; negative exit codes are numbers of signals."""
-        super().__init__(
-            f"a worker process ended with exit code {exit_code}; memory may have run out (try fewer --workers)"
-        )
-
 
 @dataclass(frozen=True)
 class PerProcess(Generic[Job, Result]):
@@ -112,14 +106,7 @@ def run_jobs(
 def map_jobs(
     work: Work[Job, Result], jobs: Iterable[Job], workers: int, *, threads: int | None = 1, ordered: bool = False
 ) -> Generator[Result, None, None]:
-    """Results of jobs that are all needed: the first error ends the work.
-
-    Args:
-        work: as of ``run_jobs``, like all other arguments.
-        jobs: see there.
-        workers: see there.
-        threads: see there.
-        ordered: see there.
+    """Results of jobs that are all needed: the first error ends the work. Arguments are those of ``run_jobs``.
 
     Yields:
         What the jobs return.
@@ -128,7 +115,7 @@ def map_jobs(
         Exception: the first that a job raises, or ``WorkerDiedError``, once the jobs that were begun are finished.
     """
     errors: list[Exception] = []
-    if isinstance(jobs, Sized):
+    if isinstance(jobs, Sized):  # what ``begun`` is not
         workers = min(workers, len(jobs))
     begun = itertools.takewhile(lambda _: not errors, jobs)
     with contextlib.closing(run_jobs(work, begun, workers, threads=threads, ordered=ordered)) as outcomes:
@@ -215,7 +202,9 @@ class _Workers:
             try:
                 value, error = pipe.recv()
             except (EOFError, ConnectionError):
-                value, error = None, WorkerDiedError(self._remove(pipe))
+                code = self._remove(pipe)  # negative: number of a signal
+                words = f"a worker process ended with exit code {code}; memory may have run out (try fewer --workers)"
+                value, error = None, WorkerDiedError(words)
             outcomes.append(Outcome(*self.busy.pop(pipe), value, error))
         return outcomes
 

@@ -1,14 +1,13 @@
 """What the commands that train on labels have in common."""
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from labeling.core.errors import UsageError
-from labeling.io.formats.atomic import write_json
-from labeling.training.files import RESULTS_FILE
 
 Labels = tyro.conf.Positional[
     Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
@@ -48,11 +47,6 @@ class TrainingCommand:
                 f"--dataset says where the pictures of one label set lie, but {len(self.labels)} were given"
             )
 
-    def write_results(self, results: dict[str, Any]) -> None:
-        """Writes ``results.json`` of the run."""
-        write_json(self.out / RESULTS_FILE, results)
 
-
-def say(line: str) -> None:
-    """Prints a line at once."""
-    print(line, flush=True)
+say = functools.partial(print, flush=True)
+"""Prints a line at once."""

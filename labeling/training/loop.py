@@ -10,15 +10,15 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
-from torch.utils.data import Dataset
+from torch.utils.data import DataLoader, Dataset
 
 from labeling.core.errors import SbmError
 from labeling.io.formats.atomic import write_json
-from labeling.training.batches import numbered_batches
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import TrainingConfig
 from labeling.training.curves import draw_figures, open_tensorboard
@@ -36,13 +36,15 @@ class TrainingTask(ABC, Generic[Batch]):
     optimizer: torch.optim.Optimizer
     """Of the network's parameters; a group with a ``share`` learns at that share of the learning rate."""
     dataset: Dataset
-    """Maps every number from 0 to a sample. This and the next two serve ``batches``."""
+    """Maps every number from 0 to a sample: batch i holds samples ``size * i`` and following."""
     collate: Callable[[Sequence[Any]], Batch]
     """Makes a batch of samples."""
     workers: int = 0
     """Processes that prepare samples; 0 prepares them in this one."""
     identity: Mapping[str, Any]
     """Data and settings that a run must share to go on from a checkpoint; written into ``train.json``."""
+    about: Mapping[str, Any] = MappingProxyType({})
+    """Where the network comes from; written into ``train.json``."""
     averaged: nn.Module | None = None
     """Running average of the network's weights, which is validated and kept in its place; None: the network itself."""
     average: float = 0.0
@@ -61,9 +63,16 @@ class TrainingTask(ABC, Generic[Batch]):
         """The batches of the next epoch. Batch and losses must be functions of the batch's number (and of torch's
         generator, whose state checkpoints keep), so that a run that goes on ends like one that never stopped.
         """
-        first, config = progress.iteration, self.config
-        count = min(config.validate_every, config.iterations - first)
-        return numbered_batches(self.dataset, self.collate, config.batch_size, first, count, self.workers)
+        first, size = progress.iteration, self.config.batch_size
+        last = min(first + self.config.validate_every, self.config.iterations)
+        return DataLoader(
+            self.dataset,
+            batch_sampler=[list(range(size * batch, size * (batch + 1))) for batch in range(first, last)],
+            collate_fn=self.collate,
+            num_workers=self.workers,
+            multiprocessing_context="spawn" if self.workers else None,
+            pin_memory=self.workers > 0 and torch.cuda.is_available(),
+        )
 
     @abstractmethod
     def losses(self, batch: Batch, step: int) -> dict[str, Tensor]:
@@ -114,7 +123,6 @@ class TrainingTask(ABC, Generic[Batch]):
 def train(
     task: TrainingTask,
     out: Path,
-    about: Mapping[str, Any] | None = None,
     say: Callable[[str], None] = print,
     bar: Callable[..., Iterable[Any]] | None = None,
 ) -> Progress:
@@ -123,7 +131,6 @@ def train(
     Args:
         task: what to train, and how.
         out: folder of the run.
-        about: where the network comes from; written into ``train.json``.
         say: told a line after each validation.
         bar: makes a progress bar around the batches of an epoch (``tqdm``), if there is to be one.
 
@@ -138,7 +145,7 @@ def train(
     progress = load_checkpoint(out, identity, task.device, lambda state: _restore(task, state))
     if progress.iteration:
         say(f"going on from step {progress.iteration}")
-    write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(about or {})})
+    write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(task.about)})
     writer = open_tensorboard(out / "tensorboard", progress.iteration, say)
     draw = functools.partial(draw_figures, writer)
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")

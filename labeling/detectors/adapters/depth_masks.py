@@ -34,18 +34,13 @@ def mask_in_box(
         The mask, inside the box; where nothing can be told apart, all of the box. Empty if the box is.
     """
     height, width = rgb.shape[:2]
-    left, top = (
-        int(np.clip(round(float(v)), 0, limit)) for v, limit in zip(box_xyxy[:2], (width, height), strict=True)
-    )
-    right, bottom = (
-        int(np.clip(round(float(v)), 0, limit)) for v, limit in zip(box_xyxy[2:], (width, height), strict=True)
-    )
+    left, top, right, bottom = np.clip(np.rint(box_xyxy), 0, [width, height] * 2).astype(int).tolist()
     mask = np.zeros((height, width), bool)
     if right - left < 1 or bottom - top < 1:
         return mask
     seeds = np.full((height, width), cv2.GC_BGD, np.uint8)
     inside = (slice(top, bottom), slice(left, right))
-    near = _near(depth_m, (left, top, right, bottom), max(height, width)) if depth_m is not None else None
+    near = None if depth_m is None else _near(depth_m[inside], max(height, width))
     seeds[inside] = cv2.GC_PR_FGD if near is None else np.where(near, cv2.GC_PR_FGD, cv2.GC_PR_BGD)
     reach_x, reach_y = (max(2, round(MARGIN * side)) for side in (right - left, bottom - top))
     window = (
@@ -55,27 +50,22 @@ def mask_in_box(
     found = _grab_cut(rgb[window], seeds[window])
     if found is not None:
         mask[window] = found
-        mask[: inside[0].start] = mask[inside[0].stop :] = False
-        mask[:, : inside[1].start] = mask[:, inside[1].stop :] = False
+        mask[seeds == cv2.GC_BGD] = False
     area = (right - left) * (bottom - top)
     if mask.sum() < MIN_SHARE * area:
         mask[inside] = True if near is None or near.sum() < MIN_SHARE * area else near
     return mask
 
 
-def _near(
-    depth_m: Float32[np.ndarray, "h w"], box: tuple[int, int, int, int], longer_px: int
-) -> Bool[np.ndarray, "bh bw"] | None:
+def _near(depth_m: Float32[np.ndarray, "h w"], longer_px: int) -> Bool[np.ndarray, "h w"] | None:
     """Which pixels of a box are not too far to be of the object; None if the box has no depth."""
-    left, top, right, bottom = box
-    part = depth_m[top:bottom, left:right]
-    there = part[part > 0]
+    there = depth_m[depth_m > 0]
     if len(there) == 0:
         return None
     front = float(np.quantile(there, NEAR))
-    size_m = front * max(right - left, bottom - top) / (FOCAL_SHARE * longer_px)
+    size_m = front * max(depth_m.shape) / (FOCAL_SHARE * longer_px)
     # Pixels without a return are 0: left to colour, from the object's side.
-    return part <= front + size_m
+    return depth_m <= front + size_m
 
 
 def _grab_cut(rgb: UInt8[np.ndarray, "h w 3"], seeds: UInt8[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"] | None:

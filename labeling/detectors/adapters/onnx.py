@@ -33,6 +33,7 @@ from jaxtyping import Bool, Float32, UInt8
 from labeling.core.detector import DetectorError, PictureDetections
 from labeling.core.errors import EpisodeFormatError
 from labeling.detectors.adapters.depth_masks import mask_in_box
+from labeling.detectors.adapters.function import first_line
 from labeling.detectors.data.augment import resize_picture
 from labeling.io.formats.checked_json import Json, read_json
 
@@ -82,14 +83,12 @@ def read_config(path: Path) -> OnnxConfig:
         DetectorError: naming file and field.
     """
     try:
-        file = read_json(path)
-        return _config(file)
+        return _config(read_json(path))
     except EpisodeFormatError as error:
         raise DetectorError(str(error)) from None
 
 
 def _config(file: Json) -> OnnxConfig:
-    values: dict[str, Any] = {}
     known = set(OnnxConfig.__dataclass_fields__)
     unknown = sorted(set(file.mapping()) - known)
     if unknown:
@@ -97,7 +96,7 @@ def _config(file: Json) -> OnnxConfig:
     names = [item.value for item in file.list_of("categories")]
     if not names or not all(isinstance(name, str) for name in names):
         raise file.error("must be a list of names", "categories")
-    values["categories"] = tuple(names)
+    values: dict[str, Any] = {"categories": tuple(names)}
     for name, choices in _CHOICES.items():
         if file.has(name):
             values[name] = file.text(name)
@@ -133,8 +132,7 @@ class OnnxDetector:
         self._session = _session(path, name)
         self._outputs = dict(self.config.outputs)
         there = [one.name for one in self._session.get_outputs()]
-        wanted = ["boxes", "scores"]
-        missing = [self._outputs[one] for one in wanted if self._outputs[one] not in there]
+        missing = [self._outputs[one] for one in ("boxes", "scores") if self._outputs[one] not in there]
         if missing:
             raise DetectorError(
                 f"{name}: has no output {missing[0]!r}, only {', '.join(there)}; name them as outputs in {beside.name}"
@@ -158,8 +156,6 @@ class OnnxDetector:
         try:
             values = self._session.run(list(self._present.values()), {entry: x})
         except Exception as error:  # its exceptions have no common root
-            from labeling.detectors.adapters.function import first_line
-
             raise DetectorError(f"ONNX Runtime: {first_line(error)}") from error
         found = {name: np.asarray(value) for name, value in zip(self._present, values, strict=True)}
         boxes, scores, labels, masks = self._candidates(found, (x.shape[2], x.shape[3]))
@@ -194,7 +190,7 @@ class OnnxDetector:
         room[: inner[0], : inner[1]] = small
         if self.config.colour == "bgr":
             room = room[:, :, ::-1]
-        mean, std = (np.array(values, np.float32) for values in (self.config.mean, self.config.std))
+        mean, std = np.array([self.config.mean, self.config.std], np.float32)
         x = (room.astype(np.float32) / self.config.divide_by - mean) / std
         scale = np.array([inner[1] / width, inner[0] / height], np.float32)
         return np.ascontiguousarray(x.transpose(2, 0, 1)[None].astype(np.float32)), scale
@@ -237,9 +233,8 @@ class OnnxDetector:
             )
             kept = kept[np.array(best, int)]
         kept = np.array([i for i in kept if self.config.categories[labels[i]]], int)[:MAX_CANDIDATES]
-        masks = None
-        if "masks" in found:
-            masks = _without_batch(found["masks"], 3, "masks", n)[kept].astype(np.float32)
+        has_masks = "masks" in found
+        masks = _without_batch(found["masks"], 3, "masks", n)[kept].astype(np.float32) if has_masks else None
         return boxes[kept], scores[kept], labels[kept], masks
 
     def _mask(
@@ -264,8 +259,6 @@ def _session(path: Path, name: str) -> Any:
     try:
         return onnxruntime.InferenceSession(str(path), providers=chosen)
     except Exception as error:  # its exceptions have no common root
-        from labeling.detectors.adapters.function import first_line
-
         raise DetectorError(f"{name}: cannot be loaded ({first_line(error)})") from None
 
 

@@ -1,7 +1,7 @@
 """Fine-tunes a Mask R-CNN on annotated pictures."""
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,48 +19,6 @@ from labeling.detectors.scoring import evaluate
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
 from labeling.training.schedule import learning_rate
-
-
-def train(
-    network: Network,
-    out: Path,
-    pictures: Sequence[AnnotatedPicture],
-    validation: Sequence[AnnotatedPicture],
-    config: FinetuneConfig,
-    augmentation: AugmentConfig,
-    replay: Sequence[AnnotatedPicture] = (),
-    device: str | torch.device = "cpu",
-    about: Mapping[str, Any] | None = None,
-    say: Callable[[str], None] = print,
-    bar: Callable[..., Iterable[Any]] | None = None,
-    new_categories: Sequence[str] = (),
-) -> Progress:
-    """Trains a network and keeps the best of it in ``out/detector.safetensors``; goes on where a killed run stopped.
-
-    Args:
-        network: where to start; changed.
-        out: folder of the run.
-        pictures: to learn from. What is not annotated is background.
-        validation: to choose the best by; if empty, the last is kept and training does not stop early.
-        config: settings of training.
-        augmentation: settings of augmentation.
-        replay: source pictures to mix in, against forgetting.
-        device: where to train.
-        about: written into the weights: where they come from.
-        say: where progress is told.
-        bar: makes a progress bar (``tqdm``), if there is to be one.
-        new_categories: those of the network's that it had no name for when the source pictures taught it. Where these
-            never name one, what is not annotated there is background or one of them.
-
-    Raises:
-        SbmError: if settings make no sense, the folder holds another run, or training breaks down.
-    """
-    config.check()
-    augmentation.check()
-    names, new = network.spec.categories, tuple(new_categories)
-    dataset = ReplayDataset(pictures, names, augmentation, config.seed, replay, config.replay_share, new)
-    task = FinetuneTask(network.to(torch.device(device)), dataset, validation, config, about or {})
-    return loop.train(task, out, about, say, bar)
 
 
 class MaskRcnnTask(loop.TrainingTask[Batch]):
@@ -96,30 +54,55 @@ class FinetuneTask(MaskRcnnTask):
     def __init__(
         self,
         network: Network,
-        dataset: ReplayDataset,
+        pictures: Sequence[AnnotatedPicture],
         validation: Sequence[AnnotatedPicture],
         config: FinetuneConfig,
-        about: Mapping[str, Any],
+        augmentation: AugmentConfig,
+        replay: Sequence[AnnotatedPicture] = (),
+        device: str = "cpu",
+        about: Mapping[str, Any] | None = None,
+        new_categories: tuple[str, ...] = (),
     ) -> None:
-        """Takes what ``train`` was given, the network on its device."""
-        self.config, self.dataset, self.validation, self.about = config, dataset, validation, about
+        """Sets a training up.
+
+        Args:
+            network: where to start; changed.
+            pictures: to learn from. What is not annotated is background.
+            validation: to choose the best by; if empty, the last is kept and training does not stop early.
+            config: settings of training.
+            augmentation: settings of augmentation.
+            replay: source pictures to mix in, against forgetting.
+            device: where to train.
+            about: written into the weights: where they come from.
+            new_categories: those of the network's that it had no name for when the source pictures taught it. Where
+                these never name one, what is not annotated there is background or one of them.
+
+        Raises:
+            UsageError: if settings make no sense, or there is no picture.
+        """
+        config.check()
+        augmentation.check()
+        names, share = network.spec.categories, config.replay_share
+        self.dataset = ReplayDataset(pictures, names, augmentation, config.seed, replay, share, new_categories)
+        self.config, self.validation, self.about = config, validation, about or {}
+        network = network.to(torch.device(device))
         self.collate, self.workers, self.clip = collate, config.workers, config.clip
         self.patience = config.patience if validation else 0
         network.frozen_statistics = config.frozen_statistics
         network.freeze(config.frozen_stages)
         super().__init__(network, config.average)
-        self.optimizer = make_optimizer(network, config, bool(dataset.new_categories))
+        self.optimizer = make_optimizer(network, config, bool(new_categories))
         # More iterations, patience or workers do not make it another run.
         fixed = {k: v for k, v in asdict(config).items() if k not in ("iterations", "patience", "workers")}
         if config.schedule == "cosine":
             fixed["iterations"] = config.iterations
         self.identity = {
             "architecture": network.spec.architecture,
-            "categories": list(network.spec.categories),
+            "categories": list(names),
             "train": fixed,
-            "augment": asdict(dataset.config),
-            "pictures": [len(dataset.pictures), len(dataset.replay), len(validation)],
-            "objects": sum(len(picture.annotations) for picture in dataset.pictures),
+            "augment": asdict(augmentation),
+            "pictures": [len(pictures), len(replay), len(validation)],
+            "objects": sum(len(picture.annotations) for picture in pictures),
         }
 
     def learning_rate(self, progress: Progress) -> float:

@@ -9,7 +9,6 @@ from labeling.detectors.data.augment import resize_picture
 from labeling.detectors.networks.calibration import calibrated
 from labeling.detectors.networks.mask_pasting import paste_mask
 from labeling.detectors.networks.mask_rcnn import STRIDE, Network, fused
-from labeling.detectors.networks.spec import Calibration
 
 
 class NetworkDetector:
@@ -22,11 +21,9 @@ class NetworkDetector:
         digest: str = "",
         device: str | torch.device = "cpu",
         batch_size: int = 8,
-        calibration: Calibration | None = None,
     ) -> None:
         self.name, self.digest, self.batch_size = name, digest, batch_size
-        self.spec = network.spec if calibration is None else network.spec.with_calibration(calibration)
-        self.categories = network.spec.names
+        self.spec, self.categories = network.spec, network.spec.names
         self._device = torch.device(device)
         self.network = fused(network).to(self._device)
 

@@ -16,7 +16,7 @@ from experiments.pretraining.augmentation import (
     stream,
     warp_sample,
 )
-from experiments.pretraining.loop import PretrainConfig, pretrain, share_of_training
+from experiments.pretraining.loop import PretrainConfig, PretrainTask, share_of_training
 from experiments.pretraining.world_views import summary
 from labeling.core.errors import UsageError
 from labeling.core.rle import encode_mask
@@ -27,6 +27,7 @@ from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import load_network
 from labeling.metrics.matching import MaskInstance
 from labeling.training.checkpoint import Progress
+from labeling.training.loop import train
 
 NAMES = ("chair", "table")
 PLAIN = PretrainAugmentConfig(mosaic=0.0, jpeg=0.0, grey=0.0, recolour=AugmentConfig(colour=0.0, blur=0.0, noise=0.0))
@@ -169,18 +170,23 @@ def test_a_killed_run_ends_like_one_that_was_not(photographs, tmp_path):
         if text.startswith("step 2"):
             raise KilledError
 
-    whole = pretrain(network(), tmp_path / "whole", photographs, [], config, PretrainAugmentConfig(), silent)
+    def pretrain(out, pictures, say):
+        task = PretrainTask(network(), pictures, [], config, PretrainAugmentConfig())
+        train(task, out, say)
+        return task.candidate
+
+    whole = pretrain(tmp_path / "whole", photographs, silent)
     with pytest.raises(KilledError):
-        pretrain(network(), tmp_path / "killed", photographs, [], config, PretrainAugmentConfig(), dies)
+        pretrain(tmp_path / "killed", photographs, dies)
     # What there is at that moment can be used.
     assert load_network(tmp_path / "killed" / "pretrained.safetensors").spec.categories == NAMES
-    resumed = pretrain(network(), tmp_path / "killed", photographs, [], config, PretrainAugmentConfig(), silent)
+    resumed = pretrain(tmp_path / "killed", photographs, silent)
     for name, value in whole.state_dict().items():
         np.testing.assert_allclose(resumed.state_dict()[name], value, atol=1e-6, err_msg=name)
     history = json.loads((tmp_path / "killed" / "history.json").read_text())
     assert [record["step"] for record in history] == [1, 2, 3, 4]
     with pytest.raises(UsageError, match="other data or settings"):
-        pretrain(network(), tmp_path / "killed", photographs[:3], [], config, PretrainAugmentConfig(), silent)
+        pretrain(tmp_path / "killed", photographs[:3], silent)
 
 
 @pytest.mark.parametrize("change", [{"minutes": 0.0}, {"iterations": 0}, {"batch_size": 0}, {"sides": ((32,),)}])

@@ -224,7 +224,7 @@ def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, cap
     assert json.loads((tmp_path / "run" / RESULTS_FILE).read_text())["labels"] == f"{scene.labels}, {photographs}"
     from labeling.finetune import FinetuneCommand, read
 
-    pictures = read(FinetuneCommand((scene.labels, photographs), Path("run"))).learn
+    pictures, *_ = read(FinetuneCommand((scene.labels, photographs), Path("run")))
     assert pictures == [*read_pictures(scene.labels), *read_pictures(photographs)]
     capsys.readouterr()
     assert finetune([str(scene.labels), str(photographs), "--dataset", str(scene.dataset), *command]) == 2
@@ -279,6 +279,6 @@ def test_regions_below_the_least_confidence_are_ignored_not_background(scene):
     scene.write_labels(lambda truth: (truth.category, 0.3 if truth.category == "chair" else 0.8, truth.modal))
     from labeling.finetune import FinetuneCommand, read
 
-    pictures = read(FinetuneCommand((scene.labels,), Path("run"), least_confidence=0.5)).learn
+    pictures, *_ = read(FinetuneCommand((scene.labels,), Path("run"), least_confidence=0.5))
     assert {one.category: one.ignore for one in pictures[0].annotations} == {"chair": True, "plant": False}
     assert not any(one.ignore for picture in read_pictures(scene.labels) for one in picture.annotations)

@@ -24,10 +24,11 @@ from labeling.detectors3d.frustum_pointnet import (
     object_points,
 )
 from labeling.detectors3d.frustum_samples import median_sizes
-from labeling.detectors3d.frustum_training import evaluate, train
+from labeling.detectors3d.frustum_training import FrustumTask, evaluate
 from labeling.detectors3d.frustum_weights import load_network, save_network
 from labeling.detectors3d.frustums import rotation_about_z
 from labeling.detectors3d.upright_boxes import decode_box
+from labeling.training.loop import train
 
 from .boxed_rooms import SIDES, boxed_room, found_in, frustum_samples_of
 
@@ -155,7 +156,7 @@ def test_it_learns_a_few_objects_by_heart(tmp_path):
     config = Train3dConfig(
         iterations=160, batch_size=len(some), learning_rate=5e-3, num_points=128, width=0.25, validate_every=160
     )
-    train(some, [], tmp_path / "run", config, NO_AUGMENTATION_3D, say=lambda line: None)
+    train(FrustumTask(some, [], config, NO_AUGMENTATION_3D), tmp_path / "run", say=lambda line: None)
     found = evaluate(load_network(tmp_path / "run" / "detector.safetensors"), some)
     assert found.right_at_50 > 0.85
     assert found.mean_iou > 0.65
@@ -192,21 +193,21 @@ def test_detections_that_cannot_be_lifted_are_passed_over():
 def test_a_killed_run_goes_on_and_ends_the_same(tmp_path):
     some = frustum_samples_of(1, 2)
     config = Train3dConfig(iterations=6, batch_size=4, num_points=64, width=0.25, validate_every=2)
-    train(some, some, tmp_path / "whole", config, NO_AUGMENTATION_3D, say=lambda line: None)
+    train(FrustumTask(some, some, config, NO_AUGMENTATION_3D), tmp_path / "whole", say=lambda line: None)
 
     def killed(line: str) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(some, some, tmp_path / "cut", config, NO_AUGMENTATION_3D, say=killed)
+        train(FrustumTask(some, some, config, NO_AUGMENTATION_3D), tmp_path / "cut", say=killed)
     said: list[str] = []
-    train(some, some, tmp_path / "cut", config, NO_AUGMENTATION_3D, say=said.append)
+    train(FrustumTask(some, some, config, NO_AUGMENTATION_3D), tmp_path / "cut", say=said.append)
     assert said[0] == "going on from step 2"
     whole, cut = (load_network(tmp_path / name / "detector.safetensors").state_dict() for name in ("whole", "cut"))
     for name, value in whole.items():
         torch.testing.assert_close(cut[name], value, rtol=0, atol=0)
     with pytest.raises(SbmError, match="other data or settings"):
-        train(some, some, tmp_path / "cut", replace(config, seed=1), NO_AUGMENTATION_3D, say=said.append)
+        train(FrustumTask(some, some, replace(config, seed=1), NO_AUGMENTATION_3D), tmp_path / "cut", say=said.append)
 
 
 def test_weights_come_back_and_damaged_ones_are_refused(tmp_path):

@@ -20,15 +20,6 @@ def test_the_first_interrupt_is_a_request_and_the_second_interrupts() -> None:
     assert signal.getsignal(signal.SIGINT) == before
 
 
-def test_items_end_once_a_stop_is_requested() -> None:
-    with graceful_interrupt() as request:
-        items = request.until_stopped(range(5))
-        assert [next(items), next(items)] == [0, 1]
-        request.stop = True
-        with pytest.raises(KeyboardInterrupt):
-            next(items)
-
-
 def test_sigterm_unwinds_and_the_handler_of_before_is_put_back() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with exit_on_sigterm(), pytest.raises(SystemExit) as caught:

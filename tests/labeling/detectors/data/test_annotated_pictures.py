@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +24,10 @@ from labeling.detectors.data.annotated_pictures import (
 )
 from labeling.detectors.data.augment import Sample, augment
 from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
+from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, to_target
-from labeling.training.batches import numbered_batches
+from labeling.training.checkpoint import Progress
+from labeling.training.loop import TrainingTask
 
 from ..toy_pictures import CATEGORIES, draw, write_coco_folder
 
@@ -268,7 +272,9 @@ def test_replay_has_its_share_and_every_picture_its_turn(own, replayed, share, s
 
 def test_batches_do_not_depend_on_where_the_stream_is_taken_up(tmp_path):
     dataset = ReplayDataset(read_pictures(write_coco_folder(tmp_path / "photos", 3)), CATEGORIES, AugmentConfig(), 4)
-    whole, rest = (list(numbered_batches(dataset, collate, 2, first, count)) for first, count in ((0, 4), (2, 2)))
+    config = FinetuneConfig(batch_size=2, iterations=4)
+    task: Any = SimpleNamespace(dataset=dataset, collate=collate, config=config, workers=0)
+    whole, rest = (list(TrainingTask.batches(task, Progress(iteration=first))) for first in (0, 2))
     for (a, sizes_a, targets_a), (b, sizes_b, targets_b) in zip(whole[2:], rest, strict=True):
         assert torch.equal(a, b)
         assert sizes_a == sizes_b
