@@ -122,12 +122,7 @@ def _read_picture(path: Path) -> np.ndarray:
     except OSError as error:
         raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
     if content[:8] == b"\x89PNG\r\n\x1a\n":
-        if b"IEND" not in content[-16:]:
-            raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
-        # Checked before anything is decoded, so that a forged size cannot claim memory.
-        width_px, height_px = struct.unpack(">II", content[16:24])
-        if width_px * height_px > MAX_FRAME_PX:
-            raise EpisodeFormatError(f"{path}: {width_px}x{height_px} pixels are more than the {MAX_FRAME_PX} accepted")
+        _check_png(path, content)
     if content[:3] == b"\xff\xd8\xff" and b"\xff\xd9" not in content[-1024:]:
         raise EpisodeFormatError(f"{path}: the JPEG is truncated ({len(content)} bytes); copy or export it again")
     try:
@@ -139,6 +134,25 @@ def _read_picture(path: Path) -> np.ndarray:
     if image.shape[0] * image.shape[1] > MAX_FRAME_PX:
         raise EpisodeFormatError(f"{path}: {size_text(image)} pixels are more than the {MAX_FRAME_PX} accepted")
     return image
+
+
+def _check_png(path: Path, content: bytes) -> None:
+    """Refuses, before anything is decoded, a PNG that lacks its end, or whose forged sizes would claim memory.
+
+    OpenCV takes as many bytes as a chunk says that it has, up to 4 GB, before it looks whether they are there.
+    """
+    if len(content) < 33 or b"IEND" not in content[-16:]:  # shorter than the signature and the chunk of the size
+        raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
+    width_px, height_px = struct.unpack(">II", content[16:24])
+    if width_px * height_px > MAX_FRAME_PX:
+        raise EpisodeFormatError(f"{path}: {width_px}x{height_px} pixels are more than the {MAX_FRAME_PX} accepted")
+    start = 8
+    while start + 12 <= len(content):
+        length, kind = struct.unpack(">I4s", content[start : start + 8])
+        start += 12 + length
+        if kind == b"IEND":
+            return
+    raise EpisodeFormatError(f"{path}: the PNG's parts reach beyond its {len(content)} bytes; copy or export it again")
 
 
 def _read_array(path: Path) -> np.ndarray:

@@ -345,6 +345,25 @@ def test_a_png_that_claims_a_huge_size_is_refused_before_it_takes_memory(folder)
         read_episode(folder)
 
 
+@pytest.mark.parametrize("name", ["rgb/001.png", "depth/001.png"])
+def test_a_png_part_that_claims_to_be_huge_is_refused_before_it_takes_memory(folder, name, monkeypatch):
+    png = bytearray((folder / name).read_bytes())
+    pixels = png.index(b"IDAT") - 4
+    png[pixels : pixels + 4] = (0xFFFFFFF0).to_bytes(4, "big")
+    (folder / name).write_bytes(bytes(png))
+    decode, decoded = cv2.imdecode, []
+    monkeypatch.setattr(cv2, "imdecode", lambda content, how: (decoded.append(bytes(content)), decode(content, how))[1])
+    with pytest.raises(EpisodeFormatError, match=f"{name}: the PNG's parts reach beyond its {len(png)} bytes"):
+        read_episode(folder)
+    assert bytes(png) not in decoded
+
+
+def test_the_shortest_files_that_look_like_a_png_are_named(folder):
+    (folder / "rgb/001.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(4) + b"IEND")
+    with pytest.raises(EpisodeFormatError, match="truncated"):
+        read_episode(folder)
+
+
 def test_a_link_out_of_the_episode_is_refused(folder):
     (folder.parent / "outside.png").write_bytes((folder / "rgb/001.png").read_bytes())
     (folder / "rgb/001.png").unlink()
