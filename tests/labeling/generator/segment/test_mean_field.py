@@ -2,6 +2,7 @@ import importlib
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from labeling.generator.segment.mean_field import Kernel
 from labeling.generator.segment.permutohedral_lattice import build_lattice
@@ -13,8 +14,7 @@ class ExactFilter:
     """All pairwise sums."""
 
     def __init__(self, features: np.ndarray) -> None:
-        square = np.sum((features[:, None] - features[None]) ** 2, axis=-1)
-        self.kernel = np.exp(-0.5 * square)
+        self.kernel = np.exp(-0.5 * cdist(features, features, "sqeuclidean"))
 
     def filter(self, values: np.ndarray) -> np.ndarray:
         return (self.kernel @ values).astype(np.float32)
