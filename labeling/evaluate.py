@@ -78,8 +78,7 @@ def run(config: EvaluateConfig) -> "Evaluation":
         raise UsageError("--max-strips and --max-worst count views; give 0 or more")
     bar = functools.partial(progress_bar, desc="evaluating", unit="episode")
     evaluation = evaluate_label_set(config.labels, config.dataset, bar)
-    drawing = functools.partial(bar, desc="drawing")
-    write_report(config.labels / REPORT_FILE, evaluation, config.max_strips, config.max_worst, drawing)
+    write_report(config.labels / REPORT_FILE, evaluation, config.max_strips, config.max_worst)
     write_json(config.labels / METRICS_FILE, evaluation.metrics)
     print_table(evaluation.metrics)
     print(f"metrics: {config.labels / METRICS_FILE}\nreport:  {config.labels / REPORT_FILE}")
@@ -95,13 +94,12 @@ def score_alone(config: EvaluateConfig) -> None:
     from labeling.evaluation.detector_scores import score_detector, score_episodes
     from labeling.io.formats.atomic import write_json
 
-    bar = functools.partial(progress_bar, desc="evaluating")
     if config.detector is None:
-        metrics = score_episodes(config.labels, functools.partial(bar, unit="episode"))
+        metrics = score_episodes(config.labels)
     else:
         from labeling.detectors.registry import load_detector
 
-        metrics = score_detector(config.labels, load_detector(config.detector), bar)
+        metrics = score_detector(config.labels, load_detector(config.detector))
     if config.metrics is not None:
         write_json(config.metrics, metrics)
     print_table(metrics)

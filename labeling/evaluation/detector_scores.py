@@ -1,11 +1,12 @@
 """Scores the detections of any detector on episodes, or other annotated pictures, that have ground truth."""
 
-from collections.abc import Callable, Iterable
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
 from labeling.metrics.matching import MaskInstance, instances_of, match
+from labeling.runtime.cli import progress_bar
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -13,15 +14,12 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 
 
-def score_detector(
-    path: Path, detector: "Detector", progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
-) -> dict[str, Any]:
+def score_detector(path: Path, detector: "Detector") -> dict[str, Any]:
     """Runs a detector and compares what it finds with ground truth.
 
     Args:
         path: episodes with ground truth, a COCO folder, or a label set to be taken as true.
         detector: any.
-        progress: wraps the sequence of batches.
 
     Returns:
         ``counts``, ``notes``, and under ``detector`` the figures of ``labeling.evaluation.compare``.
@@ -30,18 +28,17 @@ def score_detector(
     from labeling.detectors.scoring import detect_all
 
     pictures = read_pictures(path, "val")
-    truths, found = detect_all(detector, pictures, progress)
+    truths, found = detect_all(detector, pictures, functools.partial(progress_bar, desc="evaluating"))
     stated = {one.category for picture in pictures for one in picture.annotations}
     known = stated if detector.categories is None else stated & set(detector.categories)
     return _metrics(truths, found, len(pictures), sorted(stated - known), path, detector.name)
 
 
-def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]] = iter) -> dict[str, Any]:
+def score_episodes(path: Path) -> dict[str, Any]:
     """Compares the detections that lie beside the frames of episodes with ground truth.
 
     Args:
         path: an episode, or a folder of episodes.
-        progress: wraps the sequence of episodes.
 
     Raises:
         SbmError: if no episode has both.
@@ -53,7 +50,7 @@ def score_episodes(path: Path, progress: Callable[[Iterable[Any]], Iterable[Any]
     known: set[str] | None = set()
     names: set[Any] = set()
     views = 0
-    for folder in progress(find_episodes(path)):
+    for folder in progress_bar(find_episodes(path), "episode", desc="evaluating"):
         episode = read_episode(folder)
         if episode.ground_truth is None:
             raise UsageError(f"{folder}: has no ground_truth.json to compare with")

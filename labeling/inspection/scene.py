@@ -51,42 +51,30 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
         summary = read_json(folder / SUMMARY_FILE)
         names_of = {one.integer("id"): one.text("name") for one in read_json(folder / MODAL_FILE).list_of("categories")}
         boxes = read_json(folder / BOXES_FILE).list_of("boxes")
-        labelled = [e for e in summary.list_of("episodes") if e.text("status") == "labelled"]
-        return [
-            _scene(
-                folder,
-                episode.text("name"),
-                [
-                    (names_of.get(box.integer("category_id"), "?"), box.number("score"), read_box_3d(box))
-                    for box in boxes
-                    if box.text("episode") == episode.text("name")
-                ],
-                _cameras(folder, summary, episode.text("name")),
-            )
-            for episode in labelled
-        ]
+        labelled = [e.text("name") for e in summary.list_of("episodes") if e.text("status") == "labelled"]
+        scenes = []
+        for name in labelled:
+            found = [box for box in boxes if box.text("episode") == name]
+            tints = hues(np.arange(1, len(found) + 1)).tolist()
+            objects = []
+            for number, (box, tint) in enumerate(zip(found, tints, strict=True), start=1):
+                title = f"{number} {names_of.get(box.integer('category_id'), '?')} {box.number('score'):.2f}"
+                objects.append(SceneObject(number, title, read_box_3d(box), tuple(tint)))
+            scenes.append(_scene(folder, name, tuple(objects), _cameras(folder, summary, name)))
+        return scenes
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
 
 
-def _scene(folder: Path, name: str, boxes: list[tuple[str, float, Box3d]], cameras) -> LabelledScene:
+def _scene(folder: Path, name: str, objects: tuple[SceneObject, ...], cameras: tuple[Camera, ...]) -> LabelledScene:
     file = cloud_file(folder, name)
     try:
         cloud = read_ply(file)
     except (OSError, ValueError) as error:
         raise LabelFormatError(f"{file}: cannot be read ({error})") from None
-    tints = hues(np.arange(1, len(boxes) + 1))
-    return LabelledScene(
-        name=name,
-        points=np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float).reshape(-1, 3),
-        colours=np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1).reshape(-1, 3),
-        labels=np.asarray(cloud["label"], np.int32),
-        objects=tuple(
-            SceneObject(number, f"{number} {category} {score:.2f}", box, tuple(tints[number - 1].tolist()))
-            for number, (category, score, box) in enumerate(boxes, start=1)
-        ),
-        cameras=cameras,
-    )
+    points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float)
+    colours = np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1)
+    return LabelledScene(name, points, colours, np.asarray(cloud["label"], np.int32), objects, cameras)
 
 
 def _cameras(folder: Path, summary: Json, name: str) -> tuple[Camera, ...]:

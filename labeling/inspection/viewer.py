@@ -4,6 +4,7 @@ import time
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from labeling.core.errors import UsageError
 from labeling.core.types import BOX_EDGES
@@ -77,14 +78,6 @@ def _add(server: Any, scene: LabelledScene, point_scale: float, boxes: bool, cam
             fov=2 * float(np.arctan(0.5 * height_px / camera.intrinsics[1, 1])),
             aspect=width_px / height_px,
             scale=0.03 * max(1e-3, float(np.linalg.norm(camera.camera_to_world[:3, 3] - centre))),
-            wxyz=rotation_to_wxyz(camera.camera_to_world[:3, :3]),
+            wxyz=Rotation.from_matrix(camera.camera_to_world[:3, :3]).as_quat(scalar_first=True),
             position=tuple(camera.camera_to_world[:3, 3]),
         )
-
-
-def rotation_to_wxyz(rotation: np.ndarray) -> tuple[float, float, float, float]:
-    """The unit quaternion of a rotation, real part first and not negative."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
-    return float(w), float(x), float(y), float(z)

@@ -128,13 +128,9 @@ def _read_instances(path: Path) -> tuple[dict[View, tuple[int, int]], list[MaskI
             raise image.error(f"view {view[1]} of episode {view[0]!r} is listed twice", "view")
         view_of_image[image.integer("id")] = view
         sizes[view] = read_size(image)
-    instances = [_instance(record, table, view_of_image, sizes) for record in file.list_of("annotations")]
+    instances = []
+    for record in file.list_of("annotations"):
+        view = image_of(record, view_of_image)
+        score, rle = read_score(record), read_rle(record, "segmentation", sizes[view])
+        instances.append(MaskInstance(view, table.name(record), rle, score, is_ignored(record)))
     return sizes, [item for item in instances if rle_area(item.rle)]
-
-
-def _instance(
-    record: Json, table: CategoryTable, view_of_image: dict[int, View], sizes: dict[View, tuple[int, int]]
-) -> MaskInstance:
-    view = image_of(record, view_of_image)
-    score, rle = read_score(record), read_rle(record, "segmentation", sizes[view])
-    return MaskInstance(view, table.name(record), rle, score, is_ignored(record))

@@ -22,7 +22,6 @@ from labeling.inspect import main
 from labeling.inspection.checks import inspect_label_set
 from labeling.inspection.pictures import SIZE
 from labeling.inspection.scene import read_scenes
-from labeling.inspection.viewer import rotation_to_wxyz
 from labeling.io.episodes import write_episode
 
 from .synthetic_room import make_episode
@@ -278,9 +277,3 @@ def test_the_viewer_says_what_it_needs(labels, capsys, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without_viser)
     assert main([str(labels), "--view"]) == 2
     assert "pip install 'seeing-by-moving[viewer]'" in capsys.readouterr().err
-
-
-def test_quaternions_for_the_viewer_have_their_real_part_first():
-    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    np.testing.assert_allclose(rotation_to_wxyz(turn), [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
-    assert rotation_to_wxyz(np.eye(3)) == (1, 0, 0, 0)

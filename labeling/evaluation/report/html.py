@@ -1,27 +1,20 @@
 """The report of an evaluation: one HTML file that needs nothing but a browser."""
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from labeling.evaluation.compare import FIGURES, Evaluation, categories_by_presence
-from labeling.evaluation.records import EpisodeRecords
 from labeling.evaluation.report.templates import template
-from labeling.evaluation.report.view_panels import ShownViews, draw_views
+from labeling.evaluation.report.view_panels import draw_views
 from labeling.io.formats.atomic import atomic_file
 
 MAX_EPISODE_ROWS = 300
 MAX_PROVENANCE_LETTERS = 20_000
 
 
-def write_report(
-    path: Path,
-    evaluation: Evaluation,
-    max_views: int = 40,
-    max_worst: int = 12,
-    progress: Callable[[Iterable[EpisodeRecords]], Iterable[EpisodeRecords]] = iter,
-) -> None:
+def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_worst: int = 12) -> None:
     """Writes the report, atomically.
 
     Args:
@@ -29,18 +22,9 @@ def write_report(
         evaluation: what to report.
         max_views: views shown at most.
         max_worst: of those, how many for the worst cases.
-        progress: wraps the sequence of episodes, to draw a progress bar.
     """
-    page = render_report(evaluation, draw_views(evaluation, max_views, max_worst, progress))
-    with atomic_file(path) as temporary:
-        # JSON can hold halves of characters that are no Unicode; they are shown as their codes.
-        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
-
-
-def render_report(evaluation: Evaluation, shown: ShownViews) -> str:
-    """The page as text."""
-    metrics = evaluation.metrics
-    return template("report.html.jinja").render(
+    metrics, shown = evaluation.metrics, draw_views(evaluation, max_views, max_worst)
+    page = template("report.html.jinja").render(
         name=Path(metrics["dataset"]).resolve().name,
         metrics=metrics,
         figures=FIGURES,
@@ -54,6 +38,9 @@ def render_report(evaluation: Evaluation, shown: ShownViews) -> str:
         provenance=_provenance(metrics),
         plural=plural,
     )
+    with atomic_file(path) as temporary:
+        # JSON can hold halves of characters that are no Unicode; they are shown as their codes.
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def plural(count: int, noun: str) -> str:

@@ -1,6 +1,6 @@
 """The views of a report: which to show, and detections, pseudo-labels and ground truth of each side by side."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, Thu
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
 from labeling.metrics.matching import MaskInstance, instances_of, match
+from labeling.runtime.cli import progress_bar
 
 MAX_DRAWN = 16
 """Predictions drawn in one panel; a detector at every confidence may have a hundred."""
@@ -61,26 +62,20 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
 
 
-def draw_views(
-    evaluation: Evaluation,
-    max_views: int,
-    max_worst: int,
-    progress: Callable[[Iterable[EpisodeRecords]], Iterable[EpisodeRecords]] = iter,
-) -> ShownViews:
+def draw_views(evaluation: Evaluation, max_views: int, max_worst: int) -> ShownViews:
     """Reads the pictures of the views to be shown and draws them.
 
     Args:
         evaluation: what to show.
         max_views: views drawn at most, in all.
         max_worst: of those, how many for the worst cases.
-        progress: wraps the sequence of episodes, to draw a progress bar.
     """
     worst = choose_worst(evaluation.cases, min(max_worst, max_views))
     of_episode = choose_views(evaluation.episodes, max_views - len(worst))
     wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
     compared: dict[View, dict[str, Any]] = {}
     thumbnails: list[Thumbnail] = []
-    for number, records in enumerate(progress(evaluation.episodes)):
+    for number, records in enumerate(progress_bar(evaluation.episodes, "episode", desc="drawing")):
         views = [view for view in records.views if view in wanted]
         if not views:
             continue

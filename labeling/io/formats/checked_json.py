@@ -112,18 +112,29 @@ class Json:
         return array
 
 
+def read_text(path: Path) -> str:
+    """Reads a text file.
+
+    Raises:
+        EpisodeFormatError: if the file is missing or is not text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise EpisodeFormatError(f"{path}: file is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
+
+
 def read_json(path: Path) -> Json:
     """Reads a JSON file.
 
     Raises:
         EpisodeFormatError: if the file is missing or is not JSON.
     """
+    text = read_text(path)
     try:
-        return Json(json.loads(path.read_text(encoding="utf-8")), path)
-    except FileNotFoundError:
-        raise EpisodeFormatError(f"{path}: file is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
+        return Json(json.loads(text), path)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise EpisodeFormatError(f"{path}: not valid JSON ({error})") from None
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from labeling.core.errors import EpisodeFormatError
+from labeling.io.formats.checked_json import read_text
 
 MAX_BYTES = 64_000_000
 
@@ -16,15 +17,9 @@ def read_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     Raises:
         EpisodeFormatError: if the file is missing or is not text.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise EpisodeFormatError(f"{path}: {path.stat().st_size} bytes are more than the {MAX_BYTES} accepted")
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise EpisodeFormatError(f"{path}: file is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
-    for number, line in enumerate(text.splitlines(), start=1):
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
+        raise EpisodeFormatError(f"{path}: {path.stat().st_size} bytes are more than the {MAX_BYTES} accepted")
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = line.split("#", 1)[0].replace(",", " ").split()
         if words:
             yield number, words
