@@ -31,9 +31,22 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+GROWTH_BYTES = 100 * 2**20
+"""By how much a worker may grow before memory is collected."""
+resident_before = 0
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Iterator[None]:
+    """Collects what a test left behind where that is much: environments and networks lie in circles of references."""
+    yield
+    if resident_bytes() > resident_before + GROWTH_BYTES:
+        give_memory_back()
+
+
 @pytest.fixture(scope="module", autouse=True)
-def memory_is_given_back(request: pytest.FixtureRequest) -> Iterator[None]:
-    """After the last test of a module: its own caches are emptied, and what C's allocator keeps of them is returned.
+def caches_are_emptied(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Empties a test module's own caches after its last test.
 
     Set up before the other fixtures of a module, and so taken down after them.
     """
@@ -41,9 +54,22 @@ def memory_is_given_back(request: pytest.FixtureRequest) -> Iterator[None]:
     for value in vars(request.module).values():
         if isinstance(value, functools._lru_cache_wrapper) and value.__module__ == request.module.__name__:
             value.cache_clear()
+    give_memory_back()
+
+
+def give_memory_back() -> None:
+    """Collects garbage, and returns what C's allocator keeps of it."""
+    global resident_before
     gc.collect()
     if sys.platform == "linux":
         ctypes.CDLL(None).malloc_trim(0)
+    resident_before = resident_bytes()
+
+
+def resident_bytes() -> int:
+    """Memory of this process; 0 where the system does not tell it."""
+    sizes = Path("/proc/self/statm")
+    return int(sizes.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if sizes.exists() else 0
 
 
 @pytest.fixture(scope="session")
