@@ -112,12 +112,8 @@ def save_model(folder: Path, model: FurnitureModel) -> None:
             {"rgba": surface.rgba, "specular": surface.specular, "shininess": surface.shininess, "texture": picture}
         )
     np.savez(folder / "model.npz", allow_pickle=False, **arrays)
-    record = {
-        "model_id": model.model_id,
-        "size_m": model.size_m,
-        "triangles": model.num_triangles,
-        "surfaces": surfaces,
-    }
+    known = {"model_id": model.model_id, "size_m": model.size_m, "triangles": model.num_triangles}
+    record = {**known, "surfaces": surfaces}
     (folder / "model.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 

@@ -4,7 +4,9 @@ All pictures of materials tile without a seam. Each comes with the length of wal
 """
 
 import functools
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -79,37 +81,20 @@ def as_picture(colour: Float[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3
     return np.clip(whole, 0, 255, out=whole).astype(np.uint8)
 
 
-def _pick(rng: np.random.Generator, palette: list[tuple[int, int, int]]) -> Float[np.ndarray, "3"]:
+_PALETTES = tomllib.loads(Path(__file__).with_name("palettes.toml").read_text(encoding="utf-8"))
+
+
+def _pick(rng: np.random.Generator, name: str) -> Float[np.ndarray, "3"]:
+    """A tone near one of a palette."""
+    palette = _PALETTES[name]
     return np.array(palette[rng.integers(len(palette))], float) + rng.normal(0, 4, 3)
-
-
-_WOODS = [(122, 84, 54), (156, 112, 72), (184, 146, 104), (98, 66, 44), (168, 134, 98), (140, 118, 96), (196, 168, 130)]
-_CARPETS = [
-    (150, 140, 126),
-    (104, 110, 120),
-    (128, 104, 92),
-    (92, 104, 92),
-    (170, 160, 146),
-    (84, 88, 112),
-    (136, 128, 122),
-]
-_TILES = [(206, 200, 190), (180, 172, 160), (150, 150, 150), (222, 218, 210), (160, 132, 110), (112, 116, 120)]
-_WALLS = [
-    (226, 220, 208),
-    (214, 214, 210),
-    (222, 210, 188),
-    (200, 208, 212),
-    (206, 214, 198),
-    (228, 224, 220),
-    (210, 196, 184),
-]
 
 
 def wood_planks(rng: np.random.Generator) -> Material:
     """A floor of planks, ten rows of 12 cm, each row with two joints."""
     rows, side = 10, 500
     row_px = side // rows
-    base = _pick(rng, _WOODS)
+    base = _pick(rng, "wood")
     tone = np.zeros((side, side))
     seam = np.zeros((side, side), bool)
     for row in range(rows):
@@ -136,7 +121,7 @@ def parquet(rng: np.random.Generator) -> Material:
     squares, staves, stave_px = 4, 5, 25
     square_px = staves * stave_px
     side = squares * square_px
-    base = _pick(rng, _WOODS)
+    base = _pick(rng, "wood")
     shade = np.ones((side, side))
     along = periodic_noise(rng, (side, side), (1.2, 25.0)) * 0.05
     for i in range(squares):
@@ -155,14 +140,14 @@ def carpet(rng: np.random.Generator) -> Material:
     """Wall-to-wall carpet: fine pile with slow changes of tone."""
     side = 384
     pile = layered_noise(rng, (side, side), (0.7, 0.7, 0.06), (12, 12, 0.025))
-    return Material(as_picture(_pick(rng, _CARPETS) * (1 + pile)[..., None]), (1.0, 1.0))
+    return Material(as_picture(_pick(rng, "carpet") * (1 + pile)[..., None]), (1.0, 1.0))
 
 
 def tiles(rng: np.random.Generator) -> Material:
     """Square floor tiles with grout."""
     count, tile_px = 4, 110
     side = count * tile_px
-    base = _pick(rng, _TILES)
+    base = _pick(rng, "floor_tile")
     shade = np.repeat(np.repeat(1 + rng.normal(0, 0.035, (count, count)), tile_px, axis=0), tile_px, axis=1)
     shade = shade + layered_noise(rng, (side, side), (10, 10, 0.02), (2, 2, 0.012))
     colour = base * shade[..., None]
@@ -177,13 +162,13 @@ def plaster(rng: np.random.Generator) -> Material:
     """Painted plaster."""
     side = 384
     rough = layered_noise(rng, (side, side), (1.5, 1.5, 0.010), (20, 20, 0.010))
-    return Material(as_picture(_pick(rng, _WALLS) * (1 + rough)[..., None]), (1.5, 1.5))
+    return Material(as_picture(_pick(rng, "wall") * (1 + rough)[..., None]), (1.5, 1.5))
 
 
 def wallpaper(rng: np.random.Generator) -> Material:
     """Wallpaper with stripes, dots or leaves in a tone near its ground."""
     side = 400
-    ground = _pick(rng, _WALLS)
+    ground = _pick(rng, "wall")
     y, x = np.mgrid[0:side, 0:side] / side
     kind = int(rng.integers(3))
     if kind == 0:
@@ -208,7 +193,7 @@ def wall_tiles(rng: np.random.Generator) -> Material:
     """Glazed wall tiles, white or a light tone, with grout."""
     count, tile_px = 4, 80
     side = count * tile_px
-    base = _pick(rng, [(232, 232, 230), (226, 230, 232), (214, 224, 226), (228, 222, 210), (206, 216, 206)])
+    base = _pick(rng, "wall_tile")
     shade = np.repeat(np.repeat(1 + rng.normal(0, 0.012, (count, count)), tile_px, axis=0), tile_px, axis=1)
     colour = base * (shade + periodic_noise(rng, (side, side), (8, 8)) * 0.006)[..., None]
     inside = np.minimum(np.arange(side) % tile_px, (tile_px - 1) - np.arange(side) % tile_px)
@@ -221,8 +206,7 @@ def wall_tiles(rng: np.random.Generator) -> Material:
 def curtain(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
     """Curtain cloth: one tone with a fine weave, sometimes with stripes."""
     side = 128
-    tones = [(206, 198, 184), (176, 186, 196), (150, 120, 100), (120, 136, 120), (222, 218, 210), (96, 104, 130)]
-    colour = np.broadcast_to(_pick(rng, tones), (side, side, 3)).copy()
+    colour = np.broadcast_to(_pick(rng, "curtain"), (side, side, 3)).copy()
     if rng.random() < 0.35:
         colour[:, (np.arange(side) // int(rng.integers(8, 24))) % 2 == 0] *= rng.uniform(0.82, 0.94)
     return as_picture(colour * (1 + periodic_noise(rng, (side, side), (0.7, 0.7)) * 0.03)[..., None])
@@ -238,10 +222,7 @@ def ceiling(rng: np.random.Generator) -> Material:
 def rug(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
     """A woven rug: borders around a field of lozenges, stripes or plain pile. Does not tile."""
     height, width = 256, 384
-    palette = [
-        _pick(rng, [(120, 40, 44), (44, 62, 96), (176, 150, 110), (70, 92, 84), (196, 188, 172), (90, 78, 72)])
-        for _ in range(3)
-    ]
+    palette = [_pick(rng, "rug") for _ in range(3)]
     y, x = np.mgrid[0:height, 0:width]
     edge = np.minimum(np.minimum(y, height - 1 - y), np.minimum(x, width - 1 - x))
     colour = np.broadcast_to(palette[0], (height, width, 3)).copy()

@@ -25,12 +25,11 @@ def _lamp(kit: Kit, rng, w: float, h: float, foot: float, shade_h: float) -> Non
     low = h - shade_h
     if h < 0.8 and rng.random() < 0.5:
         b = 0.3 * w
-        kit.lathe(
-            stand,
+        radii, heights = (
             [0, 0.7 * b, b, 0.8 * b, 0.2 * b, 0.1 * b, 0],
             [0, 0, 0.3 * low, 0.65 * low, 0.95 * low, low + 0.02, low + 0.02],
-            sides=16,
         )
+        kit.lathe(stand, radii, heights, sides=16)
     else:
         kit.lathe(stand, [0, foot, foot, 0.012, 0.011, 0], [0, 0, 0.012, 0.03, low + 0.02, low + 0.02], sides=16)
     top = float(rng.uniform(0.55, 1.0)) * w / 2

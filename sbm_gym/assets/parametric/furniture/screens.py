@@ -29,12 +29,8 @@ def _screen(kit: Kit, rng: np.random.Generator, w: float, low: float, h: float, 
     x0, x1, z0, z1 = -w / 2 + edge, w / 2 - edge, low + 1.6 * edge, h - edge
     front = y - thick / 2 - 0.002
     kit.card(_picture(rng), [(x0, front, z0), (x1, front, z0), (x1, front, z1), (x0, front, z1)])
-    kit.box(
-        paints.BLACK,
-        (-0.36 * w, y, low + 0.08 * (h - low)),
-        (0.36 * w, y + thick / 2 + 0.02, low + 0.6 * (h - low)),
-        bevel=0.012,
-    )
+    z0, z1 = low + 0.08 * (h - low), low + 0.6 * (h - low)
+    kit.box(paints.BLACK, (-0.36 * w, y, z0), (0.36 * w, y + thick / 2 + 0.02, z1), bevel=0.012)
 
 
 def tv(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -45,13 +41,8 @@ def tv(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     if rng.random() < 0.5:
         for sx in (-1, 1):
             x = sx * 0.36 * w
-            kit.prism(
-                paints.BLACK,
-                [(-d / 2, 0), (d / 2, 0), (0.02, low + 0.02), (-0.02, low + 0.02)],
-                0,
-                x - 0.012,
-                x + 0.012,
-            )
+            foot = [(-d / 2, 0), (d / 2, 0), (0.02, low + 0.02), (-0.02, low + 0.02)]
+            kit.prism(paints.BLACK, foot, 0, x - 0.012, x + 0.012)
     else:
         kit.box(paints.BLACK, (-0.04, -0.012, 0.01), (0.04, 0.02, low + 0.05))
         kit.prism(paints.BLACK, circle((0.0, 0.0), (0.26 * w, 0.5 * d), 20), 2, 0, 0.014)

@@ -34,12 +34,8 @@ def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     back = hd - post / 2
     for sx in (-1, 1):
         x = sx * (hw - post / 2)
-        kit.tube(
-            frame,
-            [(x, back - lean, seat - 0.04), (x, back - 0.3 * lean, 0.5 * (seat + h)), (x, back, h)],
-            0.5 * post,
-            sides=6,
-        )
+        path = [(x, back - lean, seat - 0.04), (x, back - 0.3 * lean, 0.5 * (seat + h)), (x, back, h)]
+        kit.tube(frame, path, 0.5 * post, sides=6)
     style = int(rng.integers(4))
     low = seat + float(rng.uniform(0.1, 0.2))
 
@@ -81,7 +77,6 @@ def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, fr
     t = np.linspace(0, 1, 15)
     bend = np.clip((t - 0.42) / 0.22, 0, 1)
     bend = bend * bend * (3 - 2 * bend)
-    y = np.where(t < 0.5, -d / 2 + t * 1.55 * d, 0)
     y = -d / 2 + d * np.minimum(1.0, 1.7 * t) * (0.86 + 0.14 * t)
     z = seat - 0.03 * np.sin(np.pi * np.clip(t / 0.5, 0, 1)) + (h - seat) * np.clip((t - 0.42) / 0.58, 0, 1) ** 1.15
     u = np.linspace(-1, 1, 11)
@@ -97,19 +92,11 @@ def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, fr
 
     rim_a = np.concatenate([front[0], front[1:, -1], front[-1, -2::-1], front[-2::-1, 0]])
     rim_b = np.concatenate([behind[0], behind[1:, -1], behind[-1, -2::-1], behind[-2::-1, 0]])
-    kit.add(
-        shell,
-        np.concatenate(
-            [grid_triangles(front), grid_triangles(behind.swapaxes(0, 1)), grid_triangles(np.stack([rim_a, rim_b]))]
-        ),
-        crease_rad=np.deg2rad(60),
-    )
+    skins = [grid_triangles(front), grid_triangles(behind.swapaxes(0, 1)), grid_triangles(np.stack([rim_a, rim_b]))]
+    kit.add(shell, np.concatenate(skins), crease_rad=np.deg2rad(60))
     if rng.random() < 0.25:
-        kit.lathe(
-            frame,
-            [0, 0.22, 0.21, 0.04, 0.025, 0.025, 0.09, 0],
-            [0, 0, 0.015, 0.03, 0.06, seat - 0.09, seat - 0.07, seat - 0.065],
-        )
+        radii = [0, 0.22, 0.21, 0.04, 0.025, 0.025, 0.09, 0]
+        kit.lathe(frame, radii, [0, 0, 0.015, 0.03, 0.06, seat - 0.09, seat - 0.07, seat - 0.065])
     else:
         legs = paints.wood(rng) if rng.random() < 0.6 else frame
         for sx, sy in CORNERS:
@@ -148,12 +135,8 @@ def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     if rng.random() < 0.6:
         for sx in (-1, 1):
             x = sx * (w / 2 - 0.03)
-            kit.tube(
-                black,
-                [(sx * wide * 0.4, 0.02, seat - 0.05), (x, 0.02, seat - 0.03), (x, 0.02, seat + 0.2)],
-                0.014,
-                sides=6,
-            )
+            post = [(sx * wide * 0.4, 0.02, seat - 0.05), (x, 0.02, seat - 0.03), (x, 0.02, seat + 0.2)]
+            kit.tube(black, post, 0.014, sides=6)
             kit.box(black, (x - 0.03, -0.13, seat + 0.2), (x + 0.03, 0.12, seat + 0.235), bevel=0.012)
 
 
@@ -171,10 +154,7 @@ def beanbag(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         t, [0, 0.12, 0.3, 0.5, 0.7, 0.88, 1], [0, 0.86, 1.0, 0.88, 0.56 if tall else 0.7, 0.26 if tall else 0.36, 0.05]
     )
     z = np.interp(t, [0, 0.12, 0.3, 0.5, 0.7, 0.88, 1], [0, 0.0, 0.2, 0.46, 0.74, 0.92, 1.0])
-    r, z = (
-        np.convolve(np.pad(r, 1, "edge"), [0.2, 0.6, 0.2], "valid"),
-        np.convolve(np.pad(z, 1, "edge"), [0.2, 0.6, 0.2], "valid"),
-    )
+    r, z = (np.convolve(np.pad(profile, 1, "edge"), [0.2, 0.6, 0.2], "valid") for profile in (r, z))
     r[0] = 0.0
     z -= z[0]
     seam = np.abs(np.sin(0.5 * panels * angle)) ** 0.7
@@ -191,9 +171,5 @@ def beanbag(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     kit.add(cover, grid_triangles(points), crease_rad=np.deg2rad(70))
     if rng.random() < 0.5:
         tip = points[:, -1].mean(axis=0)
-        kit.tube(
-            paints.darker(cover, 0.8),
-            tip + np.array([[0, -0.02, -0.02], [0, 0.01, 0.02], [0, 0.05, 0.0]]),
-            0.015,
-            sides=6,
-        )
+        path = tip + np.array([[0, -0.02, -0.02], [0, 0.01, 0.02], [0, 0.05, 0.0]])
+        kit.tube(paints.darker(cover, 0.8), path, 0.015, sides=6)

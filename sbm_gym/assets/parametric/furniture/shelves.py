@@ -15,16 +15,11 @@ def book_row(kit: Kit, rng, x0: float, x1: float, y0: float, y1: float, z: float
     paper = paints.plain((0.85, 0.82, 0.74), 0.0)
     kit.card(row, [(x0, y0, z), (x1, y0, z), (x1, y0, top), (x0, y0, top)])
     kit.card(paper, [(x0, y0, top - 0.02), (x1, y0, top - 0.02), (x1, y1, top - 0.02), (x0, y1, top - 0.02)])
-    kit.card(
-        row,
-        [(x1, y0, z), (x1, y1, z), (x1, y1, top - 0.02), (x1, y0, top - 0.02)],
-        [[0.97, 1], [1, 1], [1, 0.2], [0.97, 0.2]],
-    )
-    kit.card(
-        row,
-        [(x0, y1, z), (x0, y0, z), (x0, y0, top - 0.02), (x0, y1, top - 0.02)],
-        [[0, 1], [0.03, 1], [0.03, 0.2], [0, 0.2]],
-    )
+    top -= 0.02
+    right = [(x1, y0, z), (x1, y1, z), (x1, y1, top), (x1, y0, top)]
+    left = [(x0, y1, z), (x0, y0, z), (x0, y0, top), (x0, y1, top)]
+    kit.card(row, right, [[0.97, 1], [1, 1], [1, 0.2], [0.97, 0.2]])
+    kit.card(row, left, [[0, 1], [0.03, 1], [0.03, 0.2], [0, 0.2]])
 
 
 def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -63,25 +58,15 @@ def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             if what < 0.55:
                 share = float(rng.uniform(0.4, 1.0))
                 a = x0 if rng.random() < 0.5 else x1 - share * (x1 - x0)
-                book_row(
-                    kit, rng, a, a + share * (x1 - x0), -hd + 0.04, hd - 0.05, base, float(rng.uniform(0.6, 0.9)) * room
-                )
+                b, high = a + share * (x1 - x0), float(rng.uniform(0.6, 0.9)) * room
+                book_row(kit, rng, a, b, -hd + 0.04, hd - 0.05, base, high)
             elif what < 0.72:
                 box = paints.fabric(rng, 0.2) if rng.random() < 0.5 else paints.board(rng)
-                kit.box(
-                    box,
-                    (x0 + 0.01, -hd + 0.02, base),
-                    (x1 - 0.01, hd - 0.04, base + float(rng.uniform(0.5, 0.85)) * room),
-                    bevel=0.006,
-                )
+                top = base + float(rng.uniform(0.5, 0.85)) * room
+                kit.box(box, (x0 + 0.01, -hd + 0.02, base), (x1 - 0.01, hd - 0.04, top), bevel=0.006)
             elif what < 0.88:
                 r = min(0.07, 0.3 * (x1 - x0), 0.3 * d)
                 high = float(rng.uniform(0.5, 0.85)) * room
                 x = float(rng.uniform(x0 + r, x1 - r))
-                kit.lathe(
-                    paints.board(rng),
-                    [0, 0.6 * r, r, 0.45 * r, 0.55 * r, 0],
-                    [base, base, base + 0.45 * high, base + 0.8 * high, base + high, base + high - 0.01],
-                    (x, 0),
-                    sides=12,
-                )
+                heights = [base, base, base + 0.45 * high, base + 0.8 * high, base + high, base + high - 0.01]
+                kit.lathe(paints.board(rng), [0, 0.6 * r, r, 0.45 * r, 0.55 * r, 0], heights, (x, 0), sides=12)

@@ -91,9 +91,5 @@ def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     kit.lathe(paints.board(rng), [0, 1, 1, 0.9, 0.9, 0], [0, 0, 0.65, 0.65, 0.1, 0.1], sides=14, scale=(r, h))
     for i in range(5):
         a = i * 1.26
-        kit.tube(
-            paints.plain(rng.uniform(0.05, 0.9, 3), 0.2),
-            [(0.2 * r * np.cos(a), 0.2 * r * np.sin(a), 0.1 * h), (0.95 * hw * np.cos(a), 0.95 * hd * np.sin(a), h)],
-            0.004,
-            sides=5,
-        )
+        pen, tip = paints.plain(rng.uniform(0.05, 0.9, 3), 0.2), (0.95 * hw * np.cos(a), 0.95 * hd * np.sin(a), h)
+        kit.tube(pen, [(0.2 * r * np.cos(a), 0.2 * r * np.sin(a), 0.1 * h), tip], 0.004, sides=5)

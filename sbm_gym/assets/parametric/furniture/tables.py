@@ -23,12 +23,8 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     kind = int(rng.integers(4))
     if round_top and kind < 3:
         r = 0.28 * w
-        kit.lathe(
-            legs,
-            [0, r, r, 0.06, 0.04, 0.035, 0.1, 0],
-            [0, 0, 0.02, 0.06, 0.12, h - 0.2, h - thick, h - thick],
-            sides=18,
-        )
+        heights = [0, 0, 0.02, 0.06, 0.12, h - 0.2, h - thick, h - thick]
+        kit.lathe(legs, [0, r, r, 0.06, 0.04, 0.035, 0.1, 0], heights, sides=18)
     elif kind == 3 and not round_top:
         for sx in (-1, 1):
             x = sx * (0.5 * w - 0.12)

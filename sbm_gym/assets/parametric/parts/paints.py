@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from sbm_gym.assets.models.surfaces import periodic_noise
+from sbm_gym.assets.models.surfaces import as_picture, periodic_noise
 
 SIDE_PX = 128
 """Pictures are small: a tile covers half a metre, and models are looked at from a metre away."""
@@ -30,7 +30,7 @@ class Paint:
 
 def picture(colour: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
     """A picture of colours in [0, 1]."""
-    return np.ascontiguousarray(np.clip(np.rint(255.0 * colour), 0, 255).astype(np.uint8))
+    return as_picture(255.0 * colour)
 
 
 def _tone(rng: np.random.Generator, hue, saturation, value) -> Float[np.ndarray, "3"]:
@@ -129,11 +129,8 @@ def leather(rng: np.random.Generator) -> Paint:
     """Leather: a dark tone with soft blotches and a slight shine."""
     tones = ((0.24, 0.13, 0.08), (0.1, 0.1, 0.1), (0.45, 0.26, 0.14), (0.78, 0.74, 0.68), (0.35, 0.08, 0.07))
     base = np.array(tones[rng.integers(len(tones))]) * rng.uniform(0.85, 1.2)
-    shade = (
-        1
-        + 0.035 * periodic_noise(rng, (SIDE_PX, SIDE_PX), (7, 7))
-        + 0.04 * periodic_noise(rng, (SIDE_PX, SIDE_PX), (0.8, 0.8))
-    )
+    blotches = periodic_noise(rng, (SIDE_PX, SIDE_PX), (7, 7))
+    shade = 1 + 0.035 * blotches + 0.04 * periodic_noise(rng, (SIDE_PX, SIDE_PX), (0.8, 0.8))
     return Paint(texture=picture(base * shade[..., None]), tile_m=0.5, specular=0.25, shininess=0.4)
 
 

@@ -72,9 +72,5 @@ def spoked_wheel(kit: Kit, y: float, r: float, tyre: float, spokes: int) -> None
     angle = np.linspace(0, 2 * np.pi, 25)
     kit.tube(TYRE, [(0, y + (r - tyre) * np.cos(a), r + (r - tyre) * np.sin(a)) for a in angle], tyre, sides=6)
     for a in np.arange(spokes) * 2 * np.pi / spokes:
-        kit.tube(
-            RIM,
-            [(0, y, r), (0, y + (r - tyre) * np.cos(a), r + (r - tyre) * np.sin(a))],
-            0.004 if spokes > 6 else 0.015,
-            sides=4,
-        )
+        end = (0, y + (r - tyre) * np.cos(a), r + (r - tyre) * np.sin(a))
+        kit.tube(RIM, [(0, y, r), end], 0.004 if spokes > 6 else 0.015, sides=4)

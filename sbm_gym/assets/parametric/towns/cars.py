@@ -32,12 +32,8 @@ def car(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     rake_f, rake_b = float(rng.uniform(0.13, 0.17)) * d, {0: 0.13, 1: 0.05, 2: 0.1}[kind] * d
     roof0, roof1 = bonnet + rake_f, tail - rake_b
     inner, top = 0.93 * half, 0.76 * half
-    base = [
-        (-inner, bonnet - 0.04 * d),
-        (inner, bonnet - 0.04 * d),
-        (inner, tail + 0.01 * d),
-        (-inner, tail + 0.01 * d),
-    ]
+    y0, y1 = bonnet - 0.04 * d, tail + 0.01 * d
+    base = [(-inner, y0), (inner, y0), (inner, y1), (-inner, y1)]
     roof = [(-top, roof0), (top, roof0), (top, roof1), (-top, roof1)]
     low, high = belt - 0.02, h - 0.035
     ring_low = np.array([(x, y, low) for x, y in [*base, base[0]]])
@@ -53,16 +49,9 @@ def car(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         kit.box(
             paint, (sx * half, bonnet + 0.05 * d, belt + 0.01), (sx * w / 2, bonnet + 0.1 * d, belt + 0.12), bevel=0.02
         )
-        kit.box(
-            DARK,
-            (sx * (half + 0.002) - 0.004, middle - 0.005, clear + 0.08),
-            (sx * (half + 0.002) + 0.004, middle + 0.005, belt - 0.03),
-        )
-        kit.box(
-            DARK,
-            (sx * (half + 0.004) - 0.008, middle + 0.05, belt - 0.12),
-            (sx * (half + 0.004) + 0.008, middle + 0.2, belt - 0.095),
-        )
+        seam, handle = sx * (half + 0.002), sx * (half + 0.004)
+        kit.box(DARK, (seam - 0.004, middle - 0.005, clear + 0.08), (seam + 0.004, middle + 0.005, belt - 0.03))
+        kit.box(DARK, (handle - 0.008, middle + 0.05, belt - 0.12), (handle + 0.008, middle + 0.2, belt - 0.095))
         for y in (front + 0.19 * d, back - 0.2 * d):
             arch(kit, sx * half, y, r)
             wheel(kit, sx * (half + 0.01), y, r, 0.2)
@@ -106,29 +95,13 @@ def van(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         return bonnet + (screen - bonnet) * (z - belt) / (h - 0.06 - belt) - 0.035
 
     low, high = belt + 0.07, h - 0.2
-    kit.card(
-        GLASS,
-        [
-            (-glass, slope(low), low),
-            (glass, slope(low), low),
-            (0.94 * glass, slope(high), high),
-            (-0.94 * glass, slope(high), high),
-        ],
-    )
+    a, b = glass, 0.94 * glass
+    kit.card(GLASS, [(-a, slope(low), low), (a, slope(low), low), (b, slope(high), high), (-b, slope(high), high)])
     for sx in (-1, 1):
         x = sx * (half + 0.004)
-        kit.prism(
-            GLASS,
-            [
-                (bonnet + 0.05 * d, belt + 0.04),
-                (screen + 0.12 * d, belt + 0.04),
-                (screen + 0.12 * d, h - 0.3),
-                (screen + 0.01 * d, h - 0.3),
-            ],
-            0,
-            min(x, x - sx * 0.03),
-            max(x, x - sx * 0.03),
-        )
+        y0, y1 = bonnet + 0.05 * d, screen + 0.12 * d
+        window = [(y0, belt + 0.04), (y1, belt + 0.04), (y1, h - 0.3), (screen + 0.01 * d, h - 0.3)]
+        kit.prism(GLASS, window, 0, *sorted((x, x - sx * 0.03)))
         kit.box(
             DARK, (sx * half, bonnet + 0.04 * d, belt + 0.05), (sx * w / 2, bonnet + 0.07 * d, belt + 0.3), bevel=0.02
         )

@@ -28,26 +28,14 @@ def truck(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         ],
         0.1,
     )
-    kit.card(
-        GLASS,
-        [
-            (-0.86 * half, front + 0.02, 1.66),
-            (0.86 * half, front + 0.02, 1.66),
-            (0.82 * half, front + 0.2, cab_h - 0.2),
-            (-0.82 * half, front + 0.2, cab_h - 0.2),
-        ],
-    )
+    a, b, low, high = 0.86 * half, 0.82 * half, front + 0.02, front + 0.2
+    kit.card(GLASS, [(-a, low, 1.66), (a, low, 1.66), (b, high, cab_h - 0.2), (-b, high, cab_h - 0.2)])
     kit.box(DARK, (-0.7 * half, front - 0.004, 0.85), (0.7 * half, front + 0.03, 1.35))
     kit.box(DARK, (-half, front + 0.01, 0.36), (half, front + 0.2, 0.62), bevel=0.03)
     for sx in (-1, 1):
         x = sx * (half + 0.004)
-        kit.prism(
-            GLASS,
-            [(front + 0.35, 1.6), (front + 1.3, 1.6), (front + 1.3, cab_h - 0.3), (front + 0.5, cab_h - 0.3)],
-            0,
-            min(x, x - sx * 0.03),
-            max(x, x - sx * 0.03),
-        )
+        window = [(front + 0.35, 1.6), (front + 1.3, 1.6), (front + 1.3, cab_h - 0.3), (front + 0.5, cab_h - 0.3)]
+        kit.prism(GLASS, window, 0, *sorted((x, x - sx * 0.03)))
         kit.box(DARK, (sx * half, front + 0.2, 1.6), (sx * hw, front + 0.3, 2.1), bevel=0.02)
         kit.box(LAMP, (sx * 0.6 * half, front - 0.002, 0.66), (sx * 0.9 * half, front + 0.1, 0.82))
         wheels = [front + 0.95, back - 0.22 * d] + ([back - 0.22 * d + 1.15] if d > 7.5 else [])
@@ -88,7 +76,7 @@ def bus(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     low, high = 1.15, h - 0.55
     for sx in (-1, 1):
         x = sx * (half + 0.006)
-        a, b = min(x, x - sx * 0.04), max(x, x - sx * 0.04)
+        a, b = sorted((x, x - sx * 0.04))
         kit.box(GLASS, (a, front + 0.5, low), (b, back - 0.6, high))
         kit.box(band, (a, front + 0.3, 0.72), (b, back - 0.3, 0.95))
         for y in np.arange(front + 1.9, back - 1.0, 1.5):
@@ -104,7 +92,6 @@ def bus(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         for k in (0.06, 0.6):
             kit.box(GLASS, (-half - 0.016, y + k, 0.55), (-half, y + k + 0.49, high))
     kit.box(GLASS, (-0.86 * half, front - 0.006, 1.05), (0.86 * half, front + 0.04, h - 0.6))
-    kit.box(
-        paints.plain((0.95, 0.6, 0.1), 0.2), (-0.5 * half, front - 0.004, h - 0.5), (0.5 * half, front + 0.04, h - 0.28)
-    )
+    display = paints.plain((0.95, 0.6, 0.1), 0.2)
+    kit.box(display, (-0.5 * half, front - 0.004, h - 0.5), (0.5 * half, front + 0.04, h - 0.28))
     kit.box(GLASS, (-0.8 * half, back - 0.03, 1.5), (0.8 * half, back + 0.004, h - 0.6))

@@ -31,31 +31,22 @@ def bicycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     top = tuple(np.array(crank) + low * (np.array(seat) - np.array(crank)) * 0.95)
     for a, b in ((crank, seat), (crank, neck), (top, head), (crank, (0, yb, r)), (top, (0, yb, r)), (head, (0, yf, r))):
         kit.tube(frame, [a, b], 0.019, sides=7)
-    kit.tube(
-        DARK,
-        [
-            (-w / 2, yf + 0.3, 0.97 * h),
-            (-0.4 * w, yf + 0.16, 0.985 * h),
-            (0, yf + 0.16, 0.95 * h),
-            (0.4 * w, yf + 0.16, 0.985 * h),
-            (w / 2, yf + 0.3, 0.97 * h),
-        ],
-        0.014,
-        sides=6,
-    )
+    handlebar = [
+        (-w / 2, yf + 0.3, 0.97 * h),
+        (-0.4 * w, yf + 0.16, 0.985 * h),
+        (0, yf + 0.16, 0.95 * h),
+        (0.4 * w, yf + 0.16, 0.985 * h),
+        (w / 2, yf + 0.3, 0.97 * h),
+    ]
+    kit.tube(DARK, handlebar, 0.014, sides=6)
     kit.tube(frame, [head, (0, yf + 0.16, 0.95 * h)], 0.015, sides=6)
     kit.tube(RIM, [seat, (0, 0.15 * d, 0.88 * h)], 0.013, sides=6)
     kit.box(DARK, (-0.07, 0.09 * d, 0.88 * h), (0.07, 0.09 * d + 0.26, 0.92 * h), bevel=0.018)
     kit.prism(DARK, circle((crank[1], 0.29), 0.09, 12), 0, 0.025, 0.035)
     for sx, way in ((-1, 1), (1, -1)):
-        kit.tube(
-            RIM, [(sx * 0.05, crank[1], 0.29), (sx * 0.06, crank[1] + way * 0.05, 0.29 - way * 0.16)], 0.01, sides=5
-        )
-        kit.box(
-            DARK,
-            (sx * 0.06, crank[1] + way * 0.05 - 0.04, 0.28 - way * 0.16),
-            (sx * 0.15, crank[1] + way * 0.05 + 0.04, 0.3 - way * 0.16),
-        )
+        y, z = crank[1] + way * 0.05, way * 0.16
+        kit.tube(RIM, [(sx * 0.05, crank[1], 0.29), (sx * 0.06, y, 0.29 - z)], 0.01, sides=5)
+        kit.box(DARK, (sx * 0.06, y - 0.04, 0.28 - z), (sx * 0.15, y + 0.04, 0.3 - z))
     if rng.random() < 0.4:
         kit.box(DARK, (-0.07, yb - 0.25, 2 * r + 0.03), (0.07, yb + 0.15, 2 * r + 0.045))
 
@@ -72,17 +63,13 @@ def motorcycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         for sx in (-1, 1):
             wheel(kit, sx * 0.06, y, r, 0.06)
     kit.tube(RIM, [(0, yf, r), (0, yf + 0.28, 0.82 * h)], 0.03, sides=7)
-    kit.tube(
-        DARK,
-        [
-            (-w / 2, yf + 0.42, 0.86 * h),
-            (-0.3 * w, yf + 0.28, 0.9 * h),
-            (0.3 * w, yf + 0.28, 0.9 * h),
-            (w / 2, yf + 0.42, 0.86 * h),
-        ],
-        0.018,
-        sides=6,
-    )
+    handlebar = [
+        (-w / 2, yf + 0.42, 0.86 * h),
+        (-0.3 * w, yf + 0.28, 0.9 * h),
+        (0.3 * w, yf + 0.28, 0.9 * h),
+        (w / 2, yf + 0.42, 0.86 * h),
+    ]
+    kit.tube(DARK, handlebar, 0.018, sides=6)
     kit.box(LAMP, (-0.08, yf + 0.14, 0.72 * h), (0.08, yf + 0.24, 0.72 * h + 0.15), bevel=0.03)
     seat = 0.66 * h
     if scooter:
