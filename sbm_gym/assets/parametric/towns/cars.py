@@ -101,7 +101,7 @@ def van(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         x = sx * (half + 0.004)
         y0, y1 = bonnet + 0.05 * d, screen + 0.12 * d
         window = [(y0, belt + 0.04), (y1, belt + 0.04), (y1, h - 0.3), (screen + 0.01 * d, h - 0.3)]
-        kit.prism(GLASS, window, 0, *sorted((x, x - sx * 0.03)))
+        kit.prism(GLASS, window, 0, min(x, x - sx * 0.03), max(x, x - sx * 0.03))
         kit.box(
             DARK, (sx * half, bonnet + 0.04 * d, belt + 0.05), (sx * w / 2, bonnet + 0.07 * d, belt + 0.3), bevel=0.02
         )

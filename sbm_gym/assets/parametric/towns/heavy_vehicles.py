@@ -35,7 +35,7 @@ def truck(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     for sx in (-1, 1):
         x = sx * (half + 0.004)
         window = [(front + 0.35, 1.6), (front + 1.3, 1.6), (front + 1.3, cab_h - 0.3), (front + 0.5, cab_h - 0.3)]
-        kit.prism(GLASS, window, 0, *sorted((x, x - sx * 0.03)))
+        kit.prism(GLASS, window, 0, min(x, x - sx * 0.03), max(x, x - sx * 0.03))
         kit.box(DARK, (sx * half, front + 0.2, 1.6), (sx * hw, front + 0.3, 2.1), bevel=0.02)
         kit.box(LAMP, (sx * 0.6 * half, front - 0.002, 0.66), (sx * 0.9 * half, front + 0.1, 0.82))
         wheels = [front + 0.95, back - 0.22 * d] + ([back - 0.22 * d + 1.15] if d > 7.5 else [])
