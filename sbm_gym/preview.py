@@ -106,7 +106,7 @@ def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height:
     import mujoco
     import numpy as np
 
-    from labeling.core.geometry import intrinsics_from_fov
+    from labeling.core.views import Camera
     from sbm_gym.rendering.gl.renderer import GlRenderer
     from sbm_gym.rendering.rays.renderer import RaysRenderer
     from sbm_gym.scenes.viewpoints import eye_level_views, view_from_above
@@ -122,20 +122,20 @@ def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height:
     mujoco.mj_forward(model, data)
     rays = RaysRenderer(model)
     eye_m, near_m = source.profile.body.camera_height_m, source.profile.ring_m[0]
-    cameras = eye_level_views(world, model, data, eye_m, EYE_VIEWS, near_m, rays)
-    intrinsics = intrinsics_from_fov(width, height, 0.5 * np.pi)
+    poses = eye_level_views(world, model, data, eye_m, EYE_VIEWS, near_m, rays)
+    cameras = [Camera.from_fov(pose, (height, width), 0.5 * np.pi) for pose in poses]
     overview, pairs = [], []
     if "scenes" in config.what:
         overview.append((view_from_above(model, data, eye_m, height, round(ABOVE_ASPECT * height)), name))
         bar.update()
-    frames = [rays.render(data, intrinsics, camera, height, width).rgb for camera in cameras]
+    frames = [rays.render(data, camera).rgb for camera in cameras]
     bar.update(len(frames))
     if "scenes" in config.what:
         overview += [(frame, f"view {number}") for number, frame in enumerate(frames)]
     if "renderers" in config.what:
         gl = GlRenderer(model)
         for number in (0, 2):
-            frame = gl.render(data, intrinsics, cameras[number], height, width).rgb
+            frame = gl.render(data, cameras[number]).rgb
             pairs += [(frames[number], f"{name} rays"), (frame, f"{name} gl")]
             bar.update()
         gl.close()
@@ -179,7 +179,8 @@ def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UI
     import mujoco
     import numpy as np
 
-    from labeling.core.geometry import intrinsics_from_fov, look_at
+    from labeling.core.geometry import look_at
+    from labeling.core.views import Camera
     from sbm_gym.rendering.rays.renderer import RaysRenderer
     from sbm_gym.worlds.scene_builder import SceneBuilder
 
@@ -195,9 +196,8 @@ def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UI
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     middle = np.array([0.0, 0.0, 0.5 * card.size_m[2]])
-    intrinsics = intrinsics_from_fov(size, size, np.deg2rad(40.0))
-    camera = look_at(middle + 3.2 * radius * np.array([-0.55, -0.75, 0.45]), middle)
-    return RaysRenderer(model).render(data, intrinsics, camera, size, size).rgb
+    pose = look_at(middle + 3.2 * radius * np.array([-0.55, -0.75, 0.45]), middle)
+    return RaysRenderer(model).render(data, Camera.from_fov(pose, (size, size), np.deg2rad(40.0))).rgb
 
 
 def _run_and_list(config: PreviewConfig) -> None:

@@ -79,7 +79,7 @@ def _views(size: int) -> UInt8[np.ndarray, "b h w 3"]:
     import mujoco
 
     from experiments.benchmarks.render import views
-    from labeling.core.geometry import intrinsics_from_fov
+    from labeling.core.views import Camera
     from sbm_gym.rendering.rays.renderer import RaysRenderer
     from sbm_gym.scenes.world_sources import world_source
 
@@ -88,9 +88,8 @@ def _views(size: int) -> UInt8[np.ndarray, "b h w 3"]:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     renderer = RaysRenderer(model)
-    intrinsics = intrinsics_from_fov(size, size, 0.5 * np.pi)
-    cameras = (views(world) * BATCH)[:BATCH]
-    return np.stack([renderer.render(data, intrinsics, camera, size, size, antialias=True).rgb for camera in cameras])
+    cameras = [Camera.from_fov(pose, (size, size), 0.5 * np.pi) for pose in (views(world) * BATCH)[:BATCH]]
+    return np.stack([renderer.render(data, camera).rgb for camera in cameras])
 
 
 def _random(architecture: str, enlarged: bool = False) -> "NetworkDetector":

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from labeling.core.episode import Episode
-from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.geometry import look_at
+from labeling.core.views import Camera
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedView
 from sbm_gym.env.recording import Capture, episode_of_captures, ground_truth_of_view
 from sbm_gym.scenes.compiled import Scene, compile_scene
@@ -35,12 +36,12 @@ class Room:
     objects: tuple[ObjectInstance, ...]
 
     def picture(self, pose: Float[np.ndarray, "4 4"], size: tuple[int, int], antialias: bool = True):
-        """Frame, K, and instance ids of the objects that count (0 elsewhere)."""
-        intrinsics = intrinsics_from_fov(size[1], size[0], 0.5 * np.pi)
-        frame = self.scene.renderer.render(self.scene.data, intrinsics, pose, *size, antialias=antialias)
+        """Frame, camera, and instance ids of the objects that count (0 elsewhere)."""
+        camera = Camera.from_fov(pose, size, 0.5 * np.pi)
+        frame = self.scene.renderer.render(self.scene.data, camera, antialias=antialias)
         instance: Int32[np.ndarray, "h w"] = self.scene.instance_of_geom[frame.geom_id]
         instance = np.where(np.isin(instance, [one.instance_id for one in self.objects]), instance, 0)
-        return frame, intrinsics, instance
+        return frame, camera, instance
 
 
 def open_room() -> Room:
@@ -70,17 +71,17 @@ def record(room: Room, num_views: int, num_true: int) -> Episode:
     captures = []
     for view in range(num_views):
         pose = _viewpoint(room, view)
-        frame, intrinsics, instance = room.picture(pose, SIZE)
+        frame, camera, instance = room.picture(pose, SIZE)
         truths = ()
         if view < num_true:
             truths = ground_truth_of_view(
-                world, scene.renderer, scene.data, instance, scene.geoms_of_instance, intrinsics, pose, view
+                world, scene.renderer, scene.data, instance, scene.geoms_of_instance, camera, view
             )
-        observed = tuple(scene.surfaces.observe(instance, intrinsics, pose))
+        observed = tuple(scene.surfaces.observe(instance, camera.intrinsics, pose))
         found = detector.detect(
             np.random.default_rng([0, view]), SimulatedView(view, instance, frame.depth_m, observed)
         )
-        captures.append(Capture(frame.rgb, frame.depth_m, intrinsics, pose, tuple(found), truths))
+        captures.append(Capture(frame.rgb, frame.depth_m, camera.intrinsics, pose, tuple(found), truths))
     return episode_of_captures(captures, detector.config.categories, {"scene": SCENE})
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.benchmarks.rows import Row, median_seconds
-from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.geometry import look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.gl.context import GlContext, NoOpenGlError
 from sbm_gym.rendering.gl.renderer import GlRenderer
@@ -74,11 +75,9 @@ def views(world: World) -> list[Float[np.ndarray, "4 4"]]:
 
 
 def _all(renderer: Renderer, data, cameras, size: int, antialias: bool) -> Callable[[], None]:
-    intrinsics = intrinsics_from_fov(size, size, 0.5 * np.pi)
-
     def draw() -> None:
-        for camera in cameras:
-            renderer.render(data, intrinsics, camera, size, size, antialias=antialias)
+        for pose in cameras:
+            renderer.render(data, Camera.from_fov(pose, (size, size), 0.5 * np.pi), antialias=antialias)
 
     return draw
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from labeling.core.geometry import invert_rigid
+from labeling.core.geometry import intrinsics_from_fov, invert_rigid
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,11 @@ class Camera:
     """OpenCV axes: +X right, +Y down, +Z forward."""
     size: tuple[int, int]
     """Picture height and width, pixels."""
+
+    @classmethod
+    def from_fov(cls, camera_to_world: Float[np.ndarray, "4 4"], size: tuple[int, int], fov_x_rad: float) -> "Camera":
+        """An ideal camera; see ``intrinsics_from_fov``."""
+        return cls(intrinsics_from_fov(size[1], size[0], fov_x_rad), camera_to_world, size)
 
     @property
     def world_to_camera(self) -> Float[np.ndarray, "4 4"]:

@@ -51,8 +51,7 @@ def draw(
     scene: LabelledScene, shown: Bool[np.ndarray, "n"], pose: Float[np.ndarray, "4 4"]
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The points shown, as squares, with boxes and their titles, from one viewpoint (OpenCV camera axes)."""
-    height_px, width_px = (side * SUPERSAMPLE for side in SIZE)
-    camera = Camera(intrinsics_from_fov(width_px, height_px, FOV_RAD), pose, (height_px, width_px))
+    camera = Camera.from_fov(pose, (SUPERSAMPLE * SIZE[0], SUPERSAMPLE * SIZE[1]), FOV_RAD)
     points = scene.points[shown]
     index = splat(points, camera, _spacing(points))
     colours = np.concatenate([scene.colours[shown], np.full((1, 3), BACKGROUND, np.uint8)])

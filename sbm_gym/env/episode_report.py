@@ -69,7 +69,7 @@ def info(simulation: Simulation, terms: dict[str, float]) -> dict[str, Any]:
         "scene": simulation.scene.name,
         "detections": list(simulation.detections),
         # What the masks of detections lie over: a real detector looks at a picture of its own.
-        "sight": {"depth_m": simulation.sight.frame.depth_m, "intrinsics": simulation.sight.intrinsics.copy()},
+        "sight": {"depth_m": simulation.sight.frame.depth_m, "intrinsics": simulation.sight.camera.intrinsics.copy()},
         "fixation_target": {} if target is None else _describe(target, simulation),
         "confirmed_objects": known,
         "reward_terms": terms,
@@ -78,7 +78,7 @@ def info(simulation: Simulation, terms: dict[str, float]) -> dict[str, Any]:
             "yaw_rad": body.yaw_rad,
             "tilt_rad": body.tilt_rad,
             "camera_to_world": body.camera_to_world,
-            "intrinsics": simulation.view.intrinsics.copy(),
+            "intrinsics": simulation.view.camera.intrinsics.copy(),
         },
         "collided": simulation.collided,
         "is_success": bool(known),

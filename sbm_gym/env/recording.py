@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32, Int32, UInt8
 
 from labeling.core.episode import Episode
 from labeling.core.types import Detection, GroundTruth
+from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.worlds.world import World
 
@@ -41,8 +42,7 @@ def ground_truth_of_view(
     data: mujoco.MjData,
     instance_map: Int32[np.ndarray, "h w"],
     geoms_of_instance: Mapping[int, Sequence[int]],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
+    camera: Camera,
     view_index: int,
 ) -> tuple[GroundTruth, ...]:
     """Modal and amodal masks and 3-D boxes of every object of which at least one pixel shows.
@@ -53,11 +53,9 @@ def ground_truth_of_view(
         data: state of the scene.
         instance_map: instance id of every pixel, 0 for none.
         geoms_of_instance: the drawn geoms of every object.
-        intrinsics: K of the view.
-        camera_to_world: pose of the view.
+        camera: of the view.
         view_index: number of the view in its episode.
     """
-    height_px, width_px = instance_map.shape
     found = []
     shown = set(np.unique(instance_map).tolist())
     for instance in world.objects:
@@ -66,7 +64,7 @@ def ground_truth_of_view(
         modal = instance_map == instance.instance_id
         geoms = geoms_of_instance[instance.instance_id]
         # What is seen belongs to the whole by definition; rays cast a second time may differ in a rim pixel.
-        amodal = modal | renderer.amodal_mask(data, geoms, intrinsics, camera_to_world, height_px, width_px)
+        amodal = modal | renderer.amodal_mask(data, geoms, camera)
         modal_px, amodal_px = np.count_nonzero(modal), np.count_nonzero(amodal)
         sliver = modal_px < SLIVER_AREA_SHARE * modal.size or modal_px < SLIVER_VISIBLE_SHARE * amodal_px
         found.append(

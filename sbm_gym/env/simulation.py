@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from labeling.core.geometry import intrinsics_from_fov
 from labeling.core.types import Detection
+from labeling.core.views import Camera
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
 from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
@@ -86,21 +86,13 @@ class Simulation:
 
     def draw(self, height_px: int, width_px: int, antialias: bool, colours: bool = True) -> View:
         """What the camera sees now; the field of view is 90 degrees across."""
-        intrinsics = intrinsics_from_fov(width_px, height_px, 0.5 * np.pi)
-        frame = self.scene.renderer.render(
-            self.scene.data,
-            intrinsics,
-            self.scene.body.camera_to_world,
-            height_px,
-            width_px,
-            antialias=antialias,
-            colours=colours,
-        )
-        return View(frame, self.scene.instance_of_geom[frame.geom_id], intrinsics)
+        camera = Camera.from_fov(self.scene.body.camera_to_world, (height_px, width_px), 0.5 * np.pi)
+        frame = self.scene.renderer.render(self.scene.data, camera, antialias=antialias, colours=colours)
+        return View(frame, self.scene.instance_of_geom[frame.geom_id], camera)
 
     def capture(self, height_px: int, width_px: int) -> Capture:
         """A full frame of the current view. Changes nothing."""
-        scene, camera_to_world = self.scene, self.scene.body.camera_to_world
+        scene = self.scene
         if self._detector.needs_detail and self._config.detector_size == (height_px, width_px):
             view, detections = self.sight, self.detections
         else:
@@ -109,8 +101,8 @@ class Simulation:
         return Capture(
             rgb=view.frame.rgb,
             depth_m=view.frame.depth_m,
-            intrinsics=view.intrinsics,
-            camera_to_world=camera_to_world,
+            intrinsics=view.camera.intrinsics,
+            camera_to_world=view.camera.camera_to_world,
             detections=tuple(detections),
             ground_truth=ground_truth_of_view(
                 scene.world,
@@ -118,8 +110,7 @@ class Simulation:
                 scene.data,
                 view.instance_map,
                 scene.geoms_of_instance,
-                view.intrinsics,
-                camera_to_world,
+                view.camera,
                 self.step_index,
             ),
         )
@@ -128,9 +119,7 @@ class Simulation:
         """What a picture from outside shows of the robot."""
         target = self.robot.target
         return AgentTrace(
-            camera_to_world=self.scene.body.camera_to_world,
-            intrinsics=self.view.intrinsics,
-            picture_size_px=self._config.image_size,
+            camera=self.view.camera,
             path_m=tuple(self._places_m),
             objects=tuple(
                 ShownObject(
@@ -172,8 +161,8 @@ class Simulation:
         """What its detector says about that."""
         return self.robot.observe(
             self.detections,
-            DepthImage(self.sight.frame.depth_m, self.sight.intrinsics),
-            DepthImage(self.view.frame.depth_m, self.view.intrinsics),
+            DepthImage(self.sight.frame.depth_m, self.sight.camera.intrinsics),
+            DepthImage(self.view.frame.depth_m, self.view.camera.intrinsics),
             self.scene.body.camera_to_world,
             self.scene.body.yaw_rad,
         )

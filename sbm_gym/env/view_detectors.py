@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Int32
 
 from labeling.core.detector import Detector
 from labeling.core.types import Detection
+from labeling.core.views import Camera
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.rendering.base import Frame
 from sbm_gym.scenes.compiled import Scene
@@ -25,7 +26,7 @@ class View:
     frame: Frame
     instance_map: Int32[np.ndarray, "h w"]
     """Instance id of every pixel, 0 for none."""
-    intrinsics: Float[np.ndarray, "3 3"]
+    camera: Camera
 
 
 class ViewDetector(Protocol):
@@ -61,7 +62,7 @@ class SimulatedViewDetector:
 
     def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
         """See ``ViewDetector``."""
-        observed = scene.surfaces.observe(view.instance_map, view.intrinsics, scene.body.camera_to_world)
+        observed = scene.surfaces.observe(view.instance_map, view.camera.intrinsics, view.camera.camera_to_world)
         luck = float(np.random.default_rng([entropy, 0, 1]).normal()) if self._spread else 0.0
         seen = SimulatedView(step_index, view.instance_map, view.frame.depth_m, tuple(observed), luck)
         return self._detector.detect(np.random.default_rng([entropy, step_index]), seen)

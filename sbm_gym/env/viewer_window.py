@@ -73,7 +73,7 @@ class ViewerWindow:
 def draw_lines(scene: mujoco.MjvScene, trace: AgentTrace) -> None:
     """Replaces the user geoms of a viewer's scene by the agent's path and frustum."""
     path = np.array([[*place, 0.03] for place in trace.path_m]).reshape(-1, 3)
-    frustum = frustum_lines(trace.camera_to_world, trace.intrinsics, *trace.picture_size_px)
+    frustum = frustum_lines(trace.camera)
     scene.ngeom = 0
     for line, rgba in [(path, _PATH_RGBA), *((edge, _FRUSTUM_RGBA) for edge in frustum)]:
         for start, end in itertools.pairwise(line):

@@ -1,12 +1,11 @@
 """Where a photographer stands: at eye level before an object, or to one side of its front."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Box3d
+from labeling.core.views import Camera
 from sbm_gym.photographs.sets import PhotoSet
 from sbm_gym.worlds.geometry.placing import Box, overlap
 
@@ -17,16 +16,6 @@ MAX_ELEVATION_RAD = np.deg2rad(32.0)
 MIN_RANGE_M = 0.6
 BODY_M = 0.12
 """Half the width of a camera with the hands around it."""
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A camera that is about to take a picture."""
-
-    intrinsics: Float[np.ndarray, "3 3"]
-    camera_to_world: Float[np.ndarray, "4 4"]
-    height_px: int
-    width_px: int
 
 
 def draw_azimuth(rng: np.random.Generator) -> float:
@@ -82,7 +71,7 @@ def draw_camera(
     aside = rng.uniform(-1.0, 1.0, 2) * spare * (0.25 if rng.random() < 0.5 else 0.9)
     turn = np.arctan2(aside * [width_px, height_px], intrinsics[0, 0])
     pose[:3, :3] = pose[:3, :3] @ _rotation(1, turn[0]) @ _rotation(0, -turn[1]) @ _rotation(2, rng.normal(0.0, 0.02))
-    return Camera(intrinsics, pose, height_px, width_px)
+    return Camera(intrinsics, pose, size_px)
 
 
 def _rotation(axis: int, angle_rad: float) -> Float[np.ndarray, "3 3"]:

@@ -1,15 +1,16 @@
 """Taking photographs of a set, with the mask of every object that an annotator would see."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Int32, UInt8
 
 from labeling.core.types import Box3d
+from labeling.core.views import Camera
 from sbm_gym.detection.visibility import ObjectSurfaces, ObservedObject
-from sbm_gym.photographs.camera import Camera, draw_camera
+from sbm_gym.photographs.camera import draw_camera
 from sbm_gym.photographs.sets import PhotoSet
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.worlds.world import ObjectInstance
@@ -109,8 +110,7 @@ class Viewfinder:
 
     def take(self, camera: Camera) -> Photograph:
         """The picture and its annotations."""
-        size = (camera.height_px, camera.width_px)
-        frame = self.renderer.render(self.data, camera.intrinsics, camera.camera_to_world, *size)
+        frame = self.renderer.render(self.data, camera)
         instances: Int32[np.ndarray, "h w"] = self.instance_of_geom[frame.geom_id]
         observed = self.surfaces.observe(instances, camera.intrinsics, camera.camera_to_world)
         seen = {entry.instance_id: entry.visible_share * (1.0 - entry.truncated_share) for entry in observed}
@@ -125,10 +125,10 @@ class Viewfinder:
 
     def _is_clear(self, camera: Camera, chosen: Sequence[ObjectInstance]) -> bool:
         """Looks at a small preview: are the subjects there, whole and not hidden, with nothing big before them?"""
-        scale = PREVIEW_PX / camera.width_px
+        scale = PREVIEW_PX / camera.size[1]
         intrinsics = camera.intrinsics * np.array([[scale], [scale], [1.0]])
-        size = (round(camera.height_px * scale), PREVIEW_PX)
-        frame = self.renderer.render(self.data, intrinsics, camera.camera_to_world, *size, antialias=False)
+        size = (round(camera.size[0] * scale), PREVIEW_PX)
+        frame = self.renderer.render(self.data, replace(camera, intrinsics=intrinsics, size=size), antialias=False)
         instances = self.instance_of_geom[frame.geom_id]
         observed = self.surfaces.observe(instances, intrinsics, camera.camera_to_world)
         entries: dict[int, ObservedObject] = {entry.instance_id: entry for entry in observed}

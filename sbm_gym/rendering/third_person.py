@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from labeling.core.geometry import intrinsics_from_fov
+from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.tables.lights import clear_haze
 
@@ -44,10 +44,7 @@ class ShownObject:
 class AgentTrace:
     """What is to be shown of an agent."""
 
-    camera_to_world: Float[np.ndarray, "4 4"]
-    intrinsics: Float[np.ndarray, "3 3"]
-    picture_size_px: tuple[int, int]
-    """Height and width."""
+    camera: Camera
     path_m: Sequence[Float[np.ndarray, "2"]] = ()
     """Where it stood at every view, the present place last."""
     objects: Sequence[ShownObject] = field(default=())
@@ -84,10 +81,9 @@ class ThirdPersonView:
             torso = opened.geom("agent_torso").id
             opened.geom_group[torso], opened.geom_rgba[torso] = 0, _BODY_RGBA
             self._renderer = self._make_renderer(opened)
-        intrinsics, camera_to_world = self._camera(data, trace, height_px, width_px)
-        frame = self._renderer.render(data, intrinsics, camera_to_world, height_px, width_px, antialias=True)
-        picture = frame.rgb.copy()
-        _Overlay(picture, intrinsics, camera_to_world).trace(trace)
+        camera = self._camera(data, trace, (height_px, width_px))
+        picture = self._renderer.render(data, camera).rgb.copy()
+        _Overlay(picture, camera).trace(trace)
         return picture
 
     def close(self) -> None:
@@ -96,13 +92,13 @@ class ThirdPersonView:
             self._renderer.close()
             self._renderer = None
 
-    def _camera(self, data: mujoco.MjData, trace: AgentTrace, height_px: int, width_px: int):
+    def _camera(self, data: mujoco.MjData, trace: AgentTrace, size: tuple[int, int]) -> Camera:
         """Looks down at the whole world if it is small, else at the agent's surroundings."""
         low, high = floor_bounds(self._model, data)
-        here = np.asarray(trace.camera_to_world, float)[:2, 3]
+        here = np.asarray(trace.camera.camera_to_world, float)[:2, 3]
         reach = np.minimum((high - low) / 2, MAX_REACH_M)
         centre = np.clip(here, low + reach, np.maximum(high - reach, low + reach))
-        return overview_camera(np.array([*centre, 0.6]), reach, height_px, width_px, ELEVATION_RAD)
+        return overview_camera(np.array([*centre, 0.6]), reach, size, ELEVATION_RAD)
 
 
 def opened_model(model: mujoco.MjModel, data: mujoco.MjData, eye_m: float) -> mujoco.MjModel:
@@ -164,41 +160,35 @@ def _agent_body(model: mujoco.MjModel) -> int:
 
 
 def overview_camera(
-    target_m: Float[np.ndarray, "3"],
-    reach_m: Float[np.ndarray, "2"],
-    height_px: int,
-    width_px: int,
-    elevation_rad: float,
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
-    """Intrinsics and pose of a raised camera that looks north and has a rectangle of ground in sight.
+    target_m: Float[np.ndarray, "3"], reach_m: Float[np.ndarray, "2"], size: tuple[int, int], elevation_rad: float
+) -> Camera:
+    """A raised camera that looks north and has a rectangle of ground in sight.
 
     Args:
         target_m: middle of the rectangle.
         reach_m: half sides of the rectangle along x and y.
-        height_px: picture height.
-        width_px: picture width.
+        size: picture height and width, pixels.
         elevation_rad: how far the camera looks down; pi/2 is straight down.
     """
-    intrinsics = intrinsics_from_fov(width_px, height_px, FIELD_OF_VIEW_RAD)
     right = np.array([1.0, 0.0, 0.0])
     forward = np.array([0.0, np.cos(elevation_rad), -np.sin(elevation_rad)])
     camera_to_world = np.eye(4)
     camera_to_world[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    camera = Camera.from_fov(camera_to_world, size, FIELD_OF_VIEW_RAD)
     # Near corners of the ground and the tops of the far wall must both fit; the worse of the two decides.
-    tan_x = 0.5 * width_px / intrinsics[0, 0]
-    tan_y = 0.5 * height_px / intrinsics[1, 1]
+    tan_x, tan_y = 0.5 * size[1] / camera.intrinsics[0, 0], 0.5 * size[0] / camera.intrinsics[1, 1]
     sin, cos = np.sin(elevation_rad), np.cos(elevation_rad)
     distance = reach_m[1] * cos + max(reach_m[0] / tan_x, reach_m[1] * sin / tan_y) * 1.08 + 1.2
     camera_to_world[:3, 3] = target_m - distance * forward
-    return intrinsics, camera_to_world
+    return camera
 
 
 class _Overlay:
     """Lines and words over a picture, placed in the world."""
 
-    def __init__(self, picture: UInt8[np.ndarray, "h w 3"], intrinsics, camera_to_world) -> None:
-        self._picture, self._intrinsics = picture, intrinsics
-        self._world_to_camera = np.linalg.inv(camera_to_world)
+    def __init__(self, picture: UInt8[np.ndarray, "h w 3"], camera: Camera) -> None:
+        self._picture, self._intrinsics = picture, camera.intrinsics
+        self._world_to_camera = np.linalg.inv(camera.camera_to_world)
         # Lines about as thick as in a picture of 512 pixels, whatever the size.
         self._width = max(1, round(min(picture.shape[:2]) / 300))
 
@@ -207,7 +197,7 @@ class _Overlay:
         self._line(path, _PATH, dots=True)
         for known in trace.objects:
             self._object(known)
-        for line in frustum_lines(trace.camera_to_world, trace.intrinsics, *trace.picture_size_px):
+        for line in frustum_lines(trace.camera):
             self._line(line, _FRUSTUM)
 
     def _pixels(self, points: Float[np.ndarray, "n 3"]) -> np.ndarray | None:
@@ -249,17 +239,12 @@ class _Overlay:
             cv2.putText(self._picture, known.label, at, cv2.FONT_HERSHEY_SIMPLEX, scale, shade, thickness, cv2.LINE_AA)
 
 
-def frustum_lines(
-    camera_to_world: Float[np.ndarray, "4 4"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    height_px: int,
-    width_px: int,
-    depth_m: float = FRUSTUM_M,
-) -> list[Float[np.ndarray, "n 3"]]:
+def frustum_lines(camera: Camera, depth_m: float = FRUSTUM_M) -> list[Float[np.ndarray, "n 3"]]:
     """The edges of what a camera sees up to a depth: four from the camera, and the rectangle at the end."""
+    height_px, width_px = camera.size
     corners = np.array([[x, y, 1.0] for x, y in ((0, 0), (width_px, 0), (width_px, height_px), (0, height_px))])
     corners[:, :2] -= 0.5
-    camera_to_world = np.asarray(camera_to_world, float)
-    far = depth_m * corners @ np.linalg.inv(intrinsics).T @ camera_to_world[:3, :3].T + camera_to_world[:3, 3]
+    camera_to_world = np.asarray(camera.camera_to_world, float)
+    far = depth_m * corners @ np.linalg.inv(camera.intrinsics).T @ camera_to_world[:3, :3].T + camera_to_world[:3, 3]
     eye = camera_to_world[:3, 3]
     return [np.stack([eye, corner]) for corner in far] + [np.concatenate([far, far[:1]])]

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.geometry import look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.rendering.third_person import FIELD_OF_VIEW_RAD, floor_bounds, opened_model
@@ -88,12 +89,10 @@ class _Trial:
     """What a small picture says about a view."""
 
     def __init__(self, world: World, model, data, renderer: Renderer, pose, near_m: float) -> None:
-        height, width = TRIAL_PX
-        intrinsics = intrinsics_from_fov(width, height, 0.5 * np.pi)
-        frame = renderer.render(data, intrinsics, pose, height, width, antialias=False)
+        frame = renderer.render(data, Camera.from_fov(pose, TRIAL_PX, 0.5 * np.pi), antialias=False)
         instance_of_geom = np.append(world.instance_of_geom(model), 0)
         ids, counts = np.unique(instance_of_geom[frame.geom_id], return_counts=True)
-        self.shares = {int(i): min(n / (height * width), ENOUGH_SHARE) for i, n in zip(ids, counts, strict=True) if i}
+        self.shares = {int(i): min(n / frame.geom_id.size, ENOUGH_SHARE) for i, n in zip(ids, counts, strict=True) if i}
         """Share of the picture that each object fills, by instance id."""
         depth = np.where(frame.depth_m > 0.0, frame.depth_m, np.inf)
         self._blocked = float((depth < 0.5 * near_m).mean())
@@ -111,36 +110,33 @@ def view_from_above(
     """The whole world from a raised camera, as large as the picture allows, without its ceiling."""
     low, high = floor_bounds(model, data)
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (0.0, eye_m)])
-    intrinsics, pose = fitted_camera(corners, height_px, width_px, ELEVATION_RAD)
+    camera = fitted_camera(corners, (height_px, width_px), ELEVATION_RAD)
     opened = opened_model(model, data, eye_m)
     opened.geom_group[data.geom_xpos[:, 2] < UNDERGROUND_M] = _HIDDEN_GROUP
     renderer = RaysRenderer(opened)
-    picture = renderer.render(data, intrinsics, pose, height_px, width_px).rgb
+    picture = renderer.render(data, camera).rgb
     renderer.close()
     return picture
 
 
-def fitted_camera(
-    points_m: Float[np.ndarray, "n 3"], height_px: int, width_px: int, elevation_rad: float
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
-    """Intrinsics and pose of a raised camera that looks along the shorter side of what it shows, and just has it all.
+def fitted_camera(points_m: Float[np.ndarray, "n 3"], size: tuple[int, int], elevation_rad: float) -> Camera:
+    """A raised camera that looks along the shorter side of what it shows, and just has it all.
 
     Args:
         points_m: what must be in the picture.
-        height_px: picture height.
-        width_px: picture width.
+        size: picture height and width, pixels.
         elevation_rad: how far the camera looks down; pi/2 is straight down.
     """
-    intrinsics = intrinsics_from_fov(width_px, height_px, FIELD_OF_VIEW_RAD)
     low, high = points_m.min(axis=0), points_m.max(axis=0)
-    middle, size = 0.5 * (low + high), high - low
-    ahead = np.array([0.0, 1.0, 0.0]) if size[0] >= size[1] else np.array([-1.0, 0.0, 0.0])
+    middle, extent = 0.5 * (low + high), high - low
+    ahead = np.array([0.0, 1.0, 0.0]) if extent[0] >= extent[1] else np.array([-1.0, 0.0, 0.0])
     forward = np.cos(elevation_rad) * ahead - np.sin(elevation_rad) * np.array([0.0, 0.0, 1.0])
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    camera = Camera.from_fov(pose, size, FIELD_OF_VIEW_RAD)
     local = (points_m - middle) @ pose[:3, :3]
-    tangent = 0.5 * np.array([width_px, height_px]) / intrinsics[[0, 1], [0, 1]] / 1.03
+    tangent = 0.5 * np.array(size[::-1]) / camera.intrinsics[[0, 1], [0, 1]] / 1.03
     # Along each axis the extreme lines of sight of both sides meet where the camera is as near as it can be.
     back = np.zeros(2)
     shift = np.zeros(2)
@@ -149,4 +145,4 @@ def fitted_camera(
         lower = (-local[:, axis] / tangent[axis] - local[:, 2]).max()
         back[axis], shift[axis] = 0.5 * (upper + lower), 0.5 * (upper - lower) * tangent[axis]
     pose[:3, 3] = middle + pose[:3, :3] @ np.array([shift[0], shift[1], -float(back.max())])
-    return intrinsics, pose
+    return camera

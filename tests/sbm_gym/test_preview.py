@@ -75,7 +75,8 @@ def test_eye_level_views_stand_apart_and_look_at_objects_in_sight():
 def test_pictures_from_above_hold_everything_and_little_else(size_m, size_px):
     corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]) * size_m + [7, -3, 0]
     height, width = size_px
-    pixels, depth = project(corners, *fitted_camera(corners, height, width, 0.9))
+    camera = fitted_camera(corners, (height, width), 0.9)
+    pixels, depth = project(corners, camera.intrinsics, camera.camera_to_world)
     assert np.all(depth > 0)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     assert np.all(low >= -0.5)

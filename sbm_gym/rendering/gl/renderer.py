@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Int32, UInt8
 
-from sbm_gym.rendering.base import Frame, check_camera
+from labeling.core.views import Camera
+from sbm_gym.rendering.base import Frame, check_camera, check_geoms, pixel_to_world
 from sbm_gym.rendering.gl.context import GlContext
 from sbm_gym.rendering.gl.lights import place_lights
 from sbm_gym.rendering.gl.two_sided_meshes import two_sided_meshes
@@ -84,64 +85,43 @@ class GlRenderer:
         self._ids = np.empty((0, 0, 3), np.uint8)
         self._raw_depth = np.empty((0, 0), np.float32)
 
-    def render(
-        self,
-        data: mujoco.MjData,
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-        height_px: int,
-        width_px: int,
-        *,
-        antialias: bool = True,
-        colours: bool = True,
-    ) -> Frame:
+    def render(self, data: mujoco.MjData, camera: Camera, *, antialias: bool = True, colours: bool = True) -> Frame:
         """Draws the scene as it stands in ``data``; see ``Renderer.render``.
 
         Raises:
-            ValueError: if the picture has no pixels, or camera numbers are not finite, or the pixels are sheared.
+            ValueError: as there, and if the pixels are sheared.
             NoOpenGlError: if there is no OpenGL on this machine.
         """
-        self._check(intrinsics, camera_to_world, height_px, width_px)
+        _check(camera)
+        height_px, width_px = camera.size
         scale = SUPERSAMPLING if antialias and colours else 1
         opened = self._get_open(scale * height_px, scale * width_px)
         with opened.context.current():
-            self._place(data, intrinsics, camera_to_world, height_px, width_px)
-            geom_id, depth_m = self._draw_ids(opened, height_px, width_px)
+            self._place(data, camera)
+            geom_id, depth_m = self._draw_ids(opened, camera.size)
             if not colours:
-                return Frame(np.zeros((height_px, width_px, 3), np.uint8), depth_m, geom_id)
-            rgb = self._draw_colour(opened, data, intrinsics, camera_to_world, height_px, width_px, scale)
+                return Frame(np.zeros((*camera.size, 3), np.uint8), depth_m, geom_id)
+            rgb = self._draw_colour(opened, data, camera, scale)
         sky, haze_per_m = sky_of(self._model)
         if haze_per_m > 0.0:
-            rgb = add_haze(rgb, depth_m, intrinsics, sky, haze_per_m)
+            rgb = add_haze(rgb, depth_m, camera.intrinsics, sky, haze_per_m)
         return Frame(rgb, depth_m, geom_id)
 
-    def amodal_mask(
-        self,
-        data: mujoco.MjData,
-        geom_ids: Sequence[int],
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-        height_px: int,
-        width_px: int,
-    ) -> Bool[np.ndarray, "h w"]:
+    def amodal_mask(self, data: mujoco.MjData, geom_ids: Sequence[int], camera: Camera) -> Bool[np.ndarray, "h w"]:
         """Pixels whose centre would show one of these geoms if nothing else were there; see ``Renderer``.
 
-        Glass does not count, as in ``geom_id``.
-
         Raises:
-            ValueError: as in ``render``; also for geoms that the model does not have.
+            ValueError: as there, and if the pixels are sheared.
             NoOpenGlError: if there is no OpenGL on this machine.
         """
-        self._check(intrinsics, camera_to_world, height_px, width_px)
-        geoms = {int(geom) for geom in geom_ids}
-        if any(not 0 <= geom < self._model.ngeom for geom in geoms):
-            raise ValueError(f"geom ids must lie in 0..{self._model.ngeom - 1}, but are {sorted(geoms)}")
+        _check(camera)
+        geoms = check_geoms(self._model, geom_ids)
         if not geoms & self._drawn:
-            return np.zeros((height_px, width_px), bool)
-        opened = self._get_open(height_px, width_px)
+            return np.zeros(camera.size, bool)
+        opened = self._get_open(*camera.size)
         with opened.context.current():
-            self._place(data, intrinsics, camera_to_world, height_px, width_px)
-            geom_id, _ = self._draw_ids(opened, height_px, width_px, only=geoms)
+            self._place(data, camera)
+            geom_id, _ = self._draw_ids(opened, camera.size, only=geoms)
         return geom_id >= 0
 
     def close(self) -> None:
@@ -162,13 +142,6 @@ class GlRenderer:
             NoOpenGlError: if there is no OpenGL on this machine.
         """
         return self._get_open(1, 1).context.renderer_name
-
-    def _check(self, intrinsics, camera_to_world, height_px: int, width_px: int) -> None:
-        check_camera(intrinsics, camera_to_world, height_px, width_px)
-        if abs(intrinsics[0, 1]) > 1e-9 * abs(intrinsics[0, 0]) or np.any(intrinsics[1:, 0] != 0):
-            raise ValueError(
-                "the 'gl' renderer cannot draw sheared pixels: intrinsics must be [[fx 0 cx] [0 fy cy] ..]"
-            )
 
     def _get_open(self, height_px: int, width_px: int) -> _Open:
         """The context, made if there is none, with room for a picture of this size."""
@@ -205,19 +178,19 @@ class GlRenderer:
         mjr.readDepthMap = int(mujoco.mjtDepthMap.mjDEPTH_ZEROFAR)
         return mjr
 
-    def _place(self, data: mujoco.MjData, intrinsics, camera_to_world, height_px: int, width_px: int) -> None:
+    def _place(self, data: mujoco.MjData, camera: Camera) -> None:
         """Brings scene and camera up to date."""
-        right, down, forward, position = np.asarray(camera_to_world, float)[:3].T
-        del right
-        fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
+        _, down, forward, position = np.asarray(camera.camera_to_world, float)[:3].T
+        (fx, _, cx), (_, fy, cy) = camera.intrinsics[:2]
+        height_px, width_px = camera.size
         # Pixel centres are integers, so the picture's edges lie half a pixel outside the first and last of them.
         left, stop = (-0.5 - cx) / fx, (width_px - 0.5 - cx) / fx
         top, bottom = (cy + 0.5) / fy, (cy + 0.5 - height_px) / fy
-        for camera in self._scene.camera:
-            camera.pos, camera.forward, camera.up = position, forward, -down
-            camera.frustum_center, camera.frustum_width = NEAR_M * 0.5 * (left + stop), NEAR_M * 0.5 * (stop - left)
-            camera.frustum_top, camera.frustum_bottom = NEAR_M * top, NEAR_M * bottom
-            camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
+        for eye in self._scene.camera:
+            eye.pos, eye.forward, eye.up = position, forward, -down
+            eye.frustum_center, eye.frustum_width = NEAR_M * 0.5 * (left + stop), NEAR_M * 0.5 * (stop - left)
+            eye.frustum_top, eye.frustum_bottom = NEAR_M * top, NEAR_M * bottom
+            eye.frustum_near, eye.frustum_far = NEAR_M, FAR_M
         mujoco.mjv_updateScene(
             self._model,
             data,
@@ -244,7 +217,7 @@ class GlRenderer:
                 geom.rgba[3] = 1.0 - np.sqrt(1.0 - geom.rgba[3])
 
     def _draw_ids(
-        self, opened: _Open, height_px: int, width_px: int, only: set[int] | None = None
+        self, opened: _Open, size: tuple[int, int], only: set[int] | None = None
     ) -> tuple[Int32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
         """Ids and depth of the surfaces behind glass. What is not in ``only`` is left out."""
         scene = self._scene
@@ -253,16 +226,15 @@ class GlRenderer:
             shown = self._kind[number] != GLASS and (only is None or number in only)
             self._geoms[index].segid = number if shown else -1
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
-        rectangle = mujoco.MjrRect(0, 0, width_px, height_px)
+        rectangle = mujoco.MjrRect(0, 0, size[1], size[0])
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, opened.mjr)
         mujoco.mjr_render(rectangle, scene, opened.mjr)
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
         cut_out = [(index, number) for index, number in self._cut_out if self._geoms[index].segid >= 0]
         if cut_out:
             self._draw_cut_out(opened.mjr, cut_out, as_ids=True)
-        if self._ids.shape[:2] != (height_px, width_px):
-            self._ids = np.empty((height_px, width_px, 3), np.uint8)
-            self._raw_depth = np.empty((height_px, width_px), np.float32)
+        if self._ids.shape[:2] != size:
+            self._ids, self._raw_depth = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
         mujoco.mjr_readPixels(self._ids, self._raw_depth, rectangle, opened.mjr)
         colours = self._ids[::-1].astype(np.int32)
         geom_id = (colours[..., 0] + (colours[..., 1] << 8) + (colours[..., 2] << 16)) - 1
@@ -273,18 +245,16 @@ class GlRenderer:
         depth_m[hit] = NEAR_M * FAR_M / (raw[hit].astype(float) * (FAR_M - NEAR_M) + NEAR_M)
         return geom_id, depth_m
 
-    def _draw_colour(
-        self, opened: _Open, data, intrinsics, camera_to_world, height_px: int, width_px: int, scale: int
-    ) -> UInt8[np.ndarray, "h w 3"]:
+    def _draw_colour(self, opened: _Open, data, camera: Camera, scale: int) -> UInt8[np.ndarray, "h w 3"]:
         import cv2
 
         scene = self._scene
         if self._level is None:
             self._level = light_level(self._model, data)
         shadows = self._shadow_size > 0
-        place_lights(self._model, data, scene, opened.mjr, camera_to_world, self._level, shadows=shadows)
+        place_lights(self._model, data, scene, opened.mjr, camera.camera_to_world, self._level, shadows=shadows)
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-        height, width = scale * height_px, scale * width_px
+        height, width = scale * camera.size[0], scale * camera.size[1]
         rectangle = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, opened.mjr)
         mujoco.mjr_render(rectangle, scene, opened.mjr)
@@ -296,12 +266,12 @@ class GlRenderer:
         mujoco.mjr_readPixels(self._rgb, self._far, rectangle, opened.mjr)
         rgb = np.ascontiguousarray(self._rgb[::-1])
         if not self._has_skybox:
-            self._add_sky(rgb, self._far[::-1] == 0.0, intrinsics, camera_to_world, scale)
+            self._add_sky(rgb, self._far[::-1] == 0.0, camera, scale)
         if scale > 1:
-            rgb = cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
+            rgb = cv2.resize(rgb, camera.size[::-1], interpolation=cv2.INTER_AREA)
         return rgb
 
-    def _add_sky(self, rgb, empty: Bool[np.ndarray, "h w"], intrinsics, camera_to_world, scale: int) -> None:
+    def _add_sky(self, rgb, empty: Bool[np.ndarray, "h w"], camera: Camera, scale: int) -> None:
         """Puts the sky of ``rays`` where nothing was drawn; glass before it keeps its own light."""
         rows, columns = np.nonzero(empty)
         if len(rows) == 0:
@@ -309,7 +279,7 @@ class GlRenderer:
         # Pixel (0, 0) of the larger picture is centred in the upper left part of pixel (0, 0).
         pixels = (np.stack([columns, rows, np.zeros_like(rows)], axis=1) + 0.5) / scale - [0.5, 0.5, 0.0]
         pixels[:, 2] = 1.0
-        directions = pixels @ (np.asarray(camera_to_world, float)[:3, :3] @ np.linalg.inv(intrinsics)).T
+        directions = pixels @ pixel_to_world(camera).T
         rgb[rows, columns] = np.maximum(rgb[rows, columns], sky_colour(directions, sky_of(self._model)[0]))
 
     def _draw_cut_out(self, mjr: mujoco.MjrContext, geoms: list[tuple[int, int]], *, as_ids: bool) -> None:
@@ -368,6 +338,12 @@ class GlRenderer:
         roles = self._model.mat_texid.reshape(self._model.nmat, -1)[geom.matid]
         plain = int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
         return plain if plain >= 0 else int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)])
+
+
+def _check(camera: Camera) -> None:
+    check_camera(camera)
+    if abs(camera.intrinsics[0, 1]) > 1e-9 * abs(camera.intrinsics[0, 0]) or np.any(camera.intrinsics[1:, 0] != 0):
+        raise ValueError("the 'gl' renderer cannot draw sheared pixels: intrinsics must be [[fx 0 cx] [0 fy cy] ..]")
 
 
 def _scene_options() -> mujoco.MjvOption:

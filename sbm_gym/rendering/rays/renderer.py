@@ -3,13 +3,15 @@
 Colour, depth and geom ids come from the same rays. Cost follows pixels, hardly triangles, and shadows are exact.
 """
 
+import functools
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8
 
-from sbm_gym.rendering.base import Frame, check_camera
+from labeling.core.views import Camera
+from sbm_gym.rendering.base import Frame, check_camera, check_geoms, pixel_to_world
 from sbm_gym.rendering.rays.lighting import Illumination, Shader, Surfaces
 from sbm_gym.rendering.rays.picture_kernels import encode, encode_samples
 from sbm_gym.rendering.rays.ray_kernels import camera_rays, name_geoms
@@ -47,39 +49,23 @@ class RaysRenderer:
         self._scene = RayScene(model, self._workers)
         self._shader = Shader(self._scene.tables, self._scene.textures, self._scene.caster, self._workers)
         self._memory = {use: ReusedArrays() for use in ("picture", "samples", "panes")}
-        self._pixels: tuple[tuple[int, int], Int64[np.ndarray, "n"], Int64[np.ndarray, "k"]] | None = None
 
-    def render(
-        self,
-        data: mujoco.MjData,
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-        height_px: int,
-        width_px: int,
-        *,
-        antialias: bool = True,
-        colours: bool = True,
-    ) -> Frame:
-        """Draws the scene as it stands in ``data``; see ``Renderer.render``.
-
-        Raises:
-            ValueError: if the picture has no pixels, or camera numbers are not finite.
-        """
-        pixel_to_world = _pixel_to_world(intrinsics, camera_to_world, height_px, width_px)
+    def render(self, data: mujoco.MjData, camera: Camera, *, antialias: bool = True, colours: bool = True) -> Frame:
+        """Draws the scene as it stands in ``data``; see ``Renderer.render``."""
+        check_camera(camera)
         self._scene.update(data)
-        camera = (np.asarray(camera_to_world[:3, 3], float), pixel_to_world)
-        footprint = _footprint(intrinsics)
-        pixels, black = self._numbers(height_px, width_px)
+        footprint = _footprint(camera)
+        shape = height_px, width_px = camera.size
+        pixels, black = _chessboard(height_px, width_px)
         memory = self._memory["picture"]
-        rays = self._rays(pixels, width_px, CENTRE, camera, memory)
+        rays = self._rays(pixels, CENTRE, camera, memory)
         hits, panes = self._scene.caster.first_hits(rays, footprint, with_panes=colours)
         depth_m = np.where(hits.triangle >= 0, hits.t, np.float32(0.0))
-        shape = (height_px, width_px)
         if not colours:
             geom = np.empty(len(pixels), np.int32)
             self._workers.split(name_geoms, len(pixels), hits.triangle, self._scene.tables.triangles.geom, geom)
             return Frame(np.zeros((*shape, 3), np.uint8), depth_m.reshape(shape), geom.reshape(shape))
-        scene = self._scene.illumination(data, camera_to_world, self._shadows)
+        scene = self._scene.illumination(data, camera.camera_to_world, self._shadows)
         surfaces = self._shader.surfaces(rays, hits, scene.ambient, footprint, memory)
         related = self._shader.same_surface(surfaces, height_px, width_px)
         self._shader.light_picture(surfaces, scene, black, related, height_px, width_px)
@@ -93,45 +79,30 @@ class RaysRenderer:
             is_edge = _edges(*related, height_px, width_px)
             if panes is not None:
                 _mark_pane_edges(panes, is_edge)
-            self._smooth(np.flatnonzero(is_edge), width_px, camera, scene, footprint, surfaces, colour, rgb)
+            self._smooth(np.flatnonzero(is_edge), camera, scene, footprint, surfaces, colour, rgb)
         return Frame(rgb.reshape(*shape, 3), depth_m.reshape(shape), surfaces.geom.reshape(shape))
 
-    def amodal_mask(
-        self,
-        data: mujoco.MjData,
-        geom_ids: Sequence[int],
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-        height_px: int,
-        width_px: int,
-    ) -> Bool[np.ndarray, "h w"]:
+    def amodal_mask(self, data: mujoco.MjData, geom_ids: Sequence[int], camera: Camera) -> Bool[np.ndarray, "h w"]:
         """Pixels whose centre would show one of these geoms if nothing else were there; see ``Renderer``.
 
-        Only rays inside the geoms' projected bounding rectangle are cast. Glass does not count, as in ``geom_id``.
-
-        Raises:
-            ValueError: as in ``render``; also for geoms that the model does not have.
+        Only rays inside the geoms' projected bounding rectangle are cast.
         """
-        pixel_to_world = _pixel_to_world(intrinsics, camera_to_world, height_px, width_px)
-        mask = np.zeros((height_px, width_px), bool)
-        geoms = [int(geom) for geom in geom_ids]
-        if any(not 0 <= geom < self._model.ngeom for geom in geoms):
-            raise ValueError(f"geom ids must lie in 0..{self._model.ngeom - 1}, but are {geoms}")
-        drawn = tuple(sorted({geom for geom in geoms if geom in self._scene.tables.geom_span}))
+        check_camera(camera)
+        mask = np.zeros(camera.size, bool)
+        drawn = tuple(sorted(check_geoms(self._model, geom_ids) & self._scene.tables.geom_span.keys()))
         if not drawn:
             return mask
         self._scene.update(data)
         caster, bounds = self._scene.geom_set(data, drawn)
-        window = _window(bounds, intrinsics, camera_to_world, height_px, width_px)
+        window = _window(bounds, camera)
         if window is None:
             return mask
         left, top, right, bottom = window
         rows, columns = np.arange(top, bottom, dtype=np.int64), np.arange(left, right, dtype=np.int64)
-        pixels = (rows[:, None] * width_px + columns).ravel()
-        camera = (np.asarray(camera_to_world[:3, 3], float), pixel_to_world)
-        rays = self._rays(pixels, width_px, CENTRE, camera, self._memory["samples"])
+        pixels = (rows[:, None] * camera.size[1] + columns).ravel()
+        rays = self._rays(pixels, CENTRE, camera, self._memory["samples"])
         if caster.special or len(caster.plane_rows):
-            covered = caster.first_hits(rays, _footprint(intrinsics))[0].triangle >= 0
+            covered = caster.first_hits(rays, _footprint(camera))[0].triangle >= 0
         else:
             covered = caster.opaque[0].occluded(rays, float("inf"))
         mask[top:bottom, left:right] = covered.reshape(bottom - top, right - left)
@@ -140,20 +111,13 @@ class RaysRenderer:
     def close(self) -> None:
         """Nothing to give back: memory goes with the object."""
 
-    def _numbers(self, height_px: int, width_px: int) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "k"]]:
-        """The pixels of a picture, and those that are black if it is a chessboard."""
-        if self._pixels is None or self._pixels[0] != (height_px, width_px):
-            pixels = np.arange(height_px * width_px, dtype=np.int64)
-            black = pixels[(pixels // width_px + pixels % width_px) % 2 == 0]
-            self._pixels = ((height_px, width_px), pixels, black)
-        return self._pixels[1:]
-
     def _rays(
-        self, pixels: Int64[np.ndarray, "k"], width_px: int, offsets, camera, memory: ReusedArrays
+        self, pixels: Int64[np.ndarray, "k"], offsets, camera: Camera, memory: ReusedArrays
     ) -> Float32[np.ndarray, "n 6"]:
-        origin, pixel_to_world = camera
         rays = memory.take("rays", (len(pixels) * len(offsets), 6))
-        self._workers.split(camera_rays, len(rays), pixels, width_px, offsets, origin, pixel_to_world, rays)
+        origin = np.asarray(camera.camera_to_world[:3, 3], float)
+        columns = (pixels, camera.size[1], offsets, origin, pixel_to_world(camera), rays)
+        self._workers.split(camera_rays, len(rays), *columns)
         return rays
 
     def _add_panes(self, colour, rays, panes: GlassHits | None, scene: Illumination, footprint: float) -> None:
@@ -178,8 +142,7 @@ class RaysRenderer:
     def _smooth(
         self,
         pixels: Int64[np.ndarray, "k"],
-        width_px: int,
-        camera,
+        camera: Camera,
         scene: Illumination,
         footprint: float,
         around: Surfaces,
@@ -192,19 +155,26 @@ class RaysRenderer:
         samples = len(EDGE_OFFSETS_PX)
         finer = footprint / np.sqrt(samples + 1)
         memory = self._memory["samples"]
-        rays = self._rays(pixels, width_px, EDGE_OFFSETS_PX, camera, memory)
+        rays = self._rays(pixels, EDGE_OFFSETS_PX, camera, memory)
         hits, panes = self._scene.caster.first_hits(rays, finer)
         surfaces = self._shader.surfaces(rays, hits, scene.ambient, finer, memory)
-        self._shader.light_samples(surfaces, scene, pixels, around, len(rgb) // width_px, width_px)
+        self._shader.light_samples(surfaces, scene, pixels, around, *camera.size)
         colour = self._shader.colours(surfaces, scene.ambient, memory)
         self._add_panes(colour, rays, panes, scene, finer)
         columns = (pixels, samples, colour, of_colour, scene.ambient.exposure, rgb)
         self._workers.split(encode_samples, len(pixels), *columns)
 
 
-def _footprint(intrinsics: Float[np.ndarray, "3 3"]) -> float:
+@functools.lru_cache(maxsize=4)
+def _chessboard(height_px: int, width_px: int) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "k"]]:
+    """The pixels of a picture, and those that are black if it is a chessboard."""
+    pixels = np.arange(height_px * width_px, dtype=np.int64)
+    return pixels, pixels[(pixels // width_px + pixels % width_px) % 2 == 0]
+
+
+def _footprint(camera: Camera) -> float:
     """Metres per metre of depth that the ray of a pixel stands for."""
-    return 1.0 / float(np.sqrt(abs(intrinsics[0, 0] * intrinsics[1, 1])))
+    return 1.0 / float(np.sqrt(abs(camera.intrinsics[0, 0] * camera.intrinsics[1, 1])))
 
 
 def _edges(
@@ -221,25 +191,23 @@ def _edges(
     return is_edge
 
 
-def _pixel_to_world(intrinsics, camera_to_world, height_px: int, width_px: int) -> Float[np.ndarray, "3 3"]:
-    """Matrix that turns (x, y, 1) of a pixel into a world direction of z-depth one."""
-    check_camera(intrinsics, camera_to_world, height_px, width_px)
-    return np.asarray(camera_to_world, float)[:3, :3] @ np.linalg.inv(intrinsics)
-
-
-def _window(bounds, intrinsics, camera_to_world, height_px: int, width_px: int) -> tuple[int, int, int, int] | None:
+def _window(bounds, camera: Camera) -> tuple[int, int, int, int] | None:
     """Pixel rectangle (left, top, right, bottom; ends excluded) that a box can cover; None if it is out of sight."""
+    height_px, width_px = camera.size
     whole = (0, 0, width_px, height_px)
     if bounds is None:
         return whole
     corners = np.array([[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    rotation, position = np.asarray(camera_to_world[:3, :3], float), np.asarray(camera_to_world[:3, 3], float)
+    rotation, position = (
+        np.asarray(camera.camera_to_world[:3, :3], float),
+        np.asarray(camera.camera_to_world[:3, 3], float),
+    )
     in_camera = (corners - position) @ rotation
     if (in_camera[:, 2] <= 0).all():
         return None
     if in_camera[:, 2].min() < 1e-3:
         return whole
-    projected = in_camera @ np.asarray(intrinsics, float).T
+    projected = in_camera @ np.asarray(camera.intrinsics, float).T
     pixels = projected[:, :2] / projected[:, 2:]
     left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
     right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 1, [width_px, height_px])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.views import Camera
 from sbm_gym.detection.visibility import surface_points
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import Scene, compile_scene
@@ -21,7 +22,7 @@ def scene() -> Scene:
 
 
 def draw(scene, pose, size_px=SIZE_PX, intrinsics=INTRINSICS):
-    frame = scene.renderer.render(scene.data, intrinsics, pose, size_px, size_px, antialias=False)
+    frame = scene.renderer.render(scene.data, Camera(intrinsics, pose, (size_px, size_px)), antialias=False)
     return scene.instance_of_geom[frame.geom_id]
 
 
@@ -46,7 +47,7 @@ def test_visible_share_agrees_with_counted_pixels(scene):
         observed = {o.instance_id: o for o in scene.surfaces.observe(instance_map, INTRINSICS, pose)}
         for instance in scene.world.objects:
             geoms = scene.geoms_of_instance[instance.instance_id]
-            amodal = scene.renderer.amodal_mask(scene.data, geoms, INTRINSICS, pose, SIZE_PX, SIZE_PX)
+            amodal = scene.renderer.amodal_mask(scene.data, geoms, Camera(INTRINSICS, pose, (SIZE_PX, SIZE_PX)))
             if np.count_nonzero(amodal) < 600:
                 continue
             share = np.count_nonzero(instance_map == instance.instance_id) / np.count_nonzero(amodal)

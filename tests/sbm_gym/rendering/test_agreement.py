@@ -5,7 +5,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.geometry import look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.gl.renderer import GlRenderer
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.scenes.world_sources import WORLDS, world_source
@@ -24,12 +25,10 @@ def assert_agreement(kind, scene):
     gl, rays = GlRenderer(model, shadows="off"), RaysRenderer(model, shadows=False)
     instance = np.append(world.instance_of_geom(model), 0)
     rng = np.random.default_rng(0)
-    intrinsics = intrinsics_from_fov(WIDTH_PX, HEIGHT_PX, 0.5 * np.pi)
     for target in (world.objects[0].box_3d.centre_m, world.objects[-1].box_3d.centre_m):
         eye = np.array([*world.navigable.random_point(rng), 1.5])
-        camera = look_at(eye, np.asarray(target, float))
-        views = (intrinsics, camera, HEIGHT_PX, WIDTH_PX)
-        ours, theirs = gl.render(data, *views, antialias=False), rays.render(data, *views, antialias=False)
+        camera = Camera.from_fov(look_at(eye, np.asarray(target, float)), (HEIGHT_PX, WIDTH_PX), 0.5 * np.pi)
+        ours, theirs = gl.render(data, camera, antialias=False), rays.render(data, camera, antialias=False)
         assert np.median(np.abs(ours.depth_m - theirs.depth_m)) < 1e-3
         square = np.ones((3, 3), np.uint8)
         ids = theirs.geom_id.astype(np.float32)

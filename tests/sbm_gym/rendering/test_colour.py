@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, pixel_grid
+from labeling.core.views import Camera
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.rendering.tables.textures import BYTE_TO_LINEAR, build_texture_store, srgb_decode, srgb_encode
 
@@ -59,7 +60,7 @@ def proportions(rgb):
 def test_mesh_texture_lies_where_its_uvs_say():
     model, data = with_texture(gradient(), add_quad)
     camera = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 1.0]))
-    rgb = RaysRenderer(model).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False).rgb
+    rgb = RaysRenderer(model).render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False).rgb
     pixels = np.column_stack([pixel_grid(SIZE_PX, SIZE_PX), np.ones(SIZE_PX**2)]) @ np.linalg.inv(INTRINSICS).T
     place = pixels[:, :2].reshape(SIZE_PX, SIZE_PX, 2) * 2.0  # metres right of and below the middle of the wall
     u, v = 0.5 + place[..., 0] / 2, 0.5 + place[..., 1] / 2
@@ -80,7 +81,7 @@ def test_plane_and_box_top_wear_the_texture_upright(uniform):
     colours = []
     for x in (0.0, 4.0):
         camera = look_at(np.array([x, -0.01, 2.0]), np.array([x, 0.0, 0.0]))
-        colours.append(proportions(renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX).rgb))
+        colours.append(proportions(renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX))).rgb))
         centre = colours[-1][20:44, 20:44]
         assert np.diff(centre[..., 0], axis=1).mean() > 0
         assert np.diff(centre[..., 1], axis=0).mean() > 0
@@ -102,7 +103,7 @@ def test_cube_texture_faces_look_along_the_axes():
         for sign in (1, -1):
             eye = np.array([0.01, 0.02, 0.03])
             eye[axis] = 3.0 * sign
-            rgb = renderer.render(data, INTRINSICS, look_at(eye, np.zeros(3)), SIZE_PX, SIZE_PX).rgb[32, 32]
+            rgb = renderer.render(data, Camera(INTRINSICS, look_at(eye, np.zeros(3)), (SIZE_PX, SIZE_PX))).rgb[32, 32]
             expected = faces[2 * axis + (sign < 0), 0, 0].astype(int)
             assert np.argmax(rgb) == np.argmax(expected)
             linear = BYTE_TO_LINEAR[rgb].astype(float)
@@ -135,8 +136,10 @@ def test_shadow_lies_where_the_light_cannot_reach(kind):
     light, lamp = LAMPS[kind]
     model, data = lit_floor(light, '<geom type="sphere" size=".4" pos=".2 0 1.2"/>')
     camera = look_at(np.array([0.0, -4.0, 3.0]), np.array([0.5, 0.0, 0.0]))
-    frame = RaysRenderer(model).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False)
-    lit = RaysRenderer(model, shadows=False).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False)
+    frame = RaysRenderer(model).render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False)
+    lit = RaysRenderer(model, shadows=False).render(
+        data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False
+    )
     pixels = np.column_stack([pixel_grid(SIZE_PX, SIZE_PX), np.ones(SIZE_PX**2)])
     directions = pixels @ np.linalg.inv(INTRINSICS).T @ camera[:3, :3].T
     ground = camera[:3, 3] + frame.depth_m.reshape(-1, 1) * directions
@@ -159,11 +162,11 @@ def test_lambert_and_attenuation_follow_their_formulas():
     model, data = lit_floor(light)
     renderer = RaysRenderer(model)
     camera = look_at(np.array([0.0, -3.0, 2.0]), np.array([0.0, 0.0, 0.0]))
-    lit = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False)
+    lit = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False)
     model.light_diffuse[:] = 0
     # Ambient light stays what it was, so that the difference is the lamp's own light.
     model.vis.headlight.ambient[:] = 0.1 + 0.25 * 1.5
-    dark = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False)
+    dark = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False)
     lamp = BYTE_TO_LINEAR[lit.rgb[..., 0]].astype(float) - BYTE_TO_LINEAR[dark.rgb[..., 0]]
     pixels = np.column_stack([pixel_grid(SIZE_PX, SIZE_PX), np.ones(SIZE_PX**2)])
     directions = pixels @ np.linalg.inv(INTRINSICS).T @ camera[:3, :3].T
@@ -183,7 +186,7 @@ def test_far_checkerboard_fades_to_its_mean_instead_of_sparkling():
 
     model, data = with_texture(checks.astype(np.uint8), build, repeat=(4.0, 4.0), uniform=True)
     camera = look_at(np.array([0.0, 0.0, 1.5]), np.array([20.0, 3.0, 0.0]))
-    rgb = RaysRenderer(model).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False).rgb
+    rgb = RaysRenderer(model).render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False).rgb
     assert rgb[40:60].std(axis=1).max() < 8
 
 
@@ -208,10 +211,10 @@ def test_antialiased_edges_lie_between_the_colours_they_part():
     model, data = lit_floor("", '<geom type="box" size=".5 .5 .5" pos="0 0 1" euler="0 0 30" rgba="1 0 0 1"/>')
     camera = look_at(np.array([0.2, -3.0, 1.3]), np.array([0.0, 0.0, 1.0]))
     renderer = RaysRenderer(model)
-    coarse = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX)
-    fine_camera = intrinsics_from_fov(8 * SIZE_PX, 8 * SIZE_PX, np.deg2rad(60))
-    fine = renderer.render(data, fine_camera, camera, 8 * SIZE_PX, 8 * SIZE_PX, antialias=False)
-    plain = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=False)
+    coarse = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
+    fine_camera = Camera.from_fov(camera, (8 * SIZE_PX, 8 * SIZE_PX), np.deg2rad(60))
+    fine = renderer.render(data, fine_camera, antialias=False)
+    plain = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=False)
     linear = BYTE_TO_LINEAR[fine.rgb].reshape(SIZE_PX, 8, SIZE_PX, 8, 3).mean(axis=(1, 3))
     truth = 255 * srgb_encode(linear)
     error = [np.sqrt(np.mean((picture.rgb - truth) ** 2)) for picture in (coarse, plain)]
@@ -223,7 +226,7 @@ def test_inner_corners_get_less_ambient_light():
     walls += '<geom type="box" size="4 .1 2" pos="0 2.1 1" material="matte"/>'
     model, data = lit_floor("", walls)
     camera = look_at(np.array([0.0, 0.0, 1.5]), np.array([2.0, 2.0, 0.0]))
-    frame = RaysRenderer(model).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX)
+    frame = RaysRenderer(model).render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
     floor = frame.geom_id == 0
     pixels = np.column_stack([pixel_grid(SIZE_PX, SIZE_PX), np.ones(SIZE_PX**2)])
     ground = camera[:3, 3] + frame.depth_m.reshape(-1, 1) * (pixels @ np.linalg.inv(INTRINSICS).T @ camera[:3, :3].T)
@@ -251,7 +254,9 @@ def test_inverted_normals_shade_like_right_ones():
     for y in (0.0, 3.0):
         centre = data.geom_xpos[0] * [1, 0, 1] + [0, y, 0]
         camera = look_at(centre - [2.0, 0, 0], centre)
-        pictures.append(renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX).rgb[24:40, 24:40].astype(int))
+        pictures.append(
+            renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX))).rgb[24:40, 24:40].astype(int)
+        )
     assert np.abs(pictures[0] - pictures[1]).max() <= 3
     assert pictures[0].min() > 100
 
@@ -265,4 +270,4 @@ def test_skybox_is_the_background_and_stands_upright():
     renderer = RaysRenderer(model)
     for target, channel in (((0.1, 0, 5.0), 2), ((0.1, 0, -5.0), 1), ((5.0, 0, 0), 0), ((0, 5.0, 0), 0)):
         camera = look_at(np.zeros(3), np.array(target))
-        assert np.argmax(renderer.render(data, INTRINSICS, camera, 8, 8).rgb[4, 4]) == channel
+        assert np.argmax(renderer.render(data, Camera(INTRINSICS, camera, (8, 8))).rgb[4, 4]) == channel

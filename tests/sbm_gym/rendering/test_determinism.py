@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.geometry import look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.workers import Workers
@@ -37,11 +38,11 @@ def picture_hash(glass: bool = False) -> str:
     renderer = RaysRenderer(model)
     digest = hashlib.sha256()
     for eye in ((3.0, 0.5, 2.0), (-2.5, -2.5, 1.5), (2.5, 2.8, 0.25)):
-        camera = look_at(np.array(eye), np.array([0.0, 0.0, 0.2]))
-        frame = renderer.render(data, intrinsics_from_fov(120, 90, 1.2), camera, 90, 120)
+        camera = Camera.from_fov(look_at(np.array(eye), np.array([0.0, 0.0, 0.2])), (90, 120), 1.2)
+        frame = renderer.render(data, camera)
         for picture in (frame.rgb, frame.depth_m, frame.geom_id):
             digest.update(np.ascontiguousarray(picture).tobytes())
-        digest.update(renderer.amodal_mask(data, [3, 4], intrinsics_from_fov(120, 90, 1.2), camera, 90, 120).tobytes())
+        digest.update(renderer.amodal_mask(data, [3, 4], camera).tobytes())
     return digest.hexdigest()
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, pixel_grid
+from labeling.core.views import Camera
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 
 SIZE_PX = 64
@@ -22,7 +23,7 @@ def scene(body: str, assets: str = "") -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def draw(model, data, camera_to_world, size_px=SIZE_PX, intrinsics=INTRINSICS, **options):
-    return RaysRenderer(model).render(data, intrinsics, camera_to_world, size_px, size_px, **options)
+    return RaysRenderer(model).render(data, Camera(intrinsics, camera_to_world, (size_px, size_px)), **options)
 
 
 def rays(camera_to_world):
@@ -219,14 +220,16 @@ def test_rays_pass_through_holes_of_textures_and_so_does_light():
     model, data = holes_scene()
     camera = look_at(np.array([0.0, -0.01, 3.0]), np.array([0.0, 0.0, 0.0]))
     renderer = RaysRenderer(model)
-    frame = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX)
+    frame = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
     row = frame.geom_id[SIZE_PX // 2]
     leaf = np.flatnonzero(row == 1)
     assert len(leaf) > 4
     assert leaf.min() >= SIZE_PX // 2 - 1
-    assert np.array_equal(renderer.amodal_mask(data, [1], INTRINSICS, camera, SIZE_PX, SIZE_PX), frame.geom_id == 1)
+    assert np.array_equal(
+        renderer.amodal_mask(data, [1], Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX))), frame.geom_id == 1
+    )
     low = look_at(np.array([0.0, -2.5, 0.8]), np.array([0.0, 0.0, 0.0]))
-    floor = renderer.render(data, INTRINSICS, low, SIZE_PX, SIZE_PX, antialias=False)
+    floor = renderer.render(data, Camera(INTRINSICS, low, (SIZE_PX, SIZE_PX)), antialias=False)
     origin, directions = rays(low)
     ground = origin + floor.depth_m.reshape(-1, 1) * directions
     brightness = floor.rgb.mean(axis=2).ravel()
@@ -244,11 +247,11 @@ def test_moving_bodies_are_followed():
     )
     renderer = RaysRenderer(model)
     camera = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 1.0]))
-    before = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX)
+    before = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
     data.mocap_pos[0] = [2, 0.8, 1]
     data.qpos[:3] = [2, -0.8, 1]
     mujoco.mj_kinematics(model, data)
-    after = renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX)
+    after = renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
     fresh = draw(model, data, camera)
     assert before.geom_id[32, 32] == 1
     assert after.geom_id[32, 32] == 0
@@ -264,10 +267,10 @@ def test_edits_of_static_geometry_are_followed():
     model, data = scene('<body name="b" pos="2 0 1"><geom type="box" size=".2 .2 .2"/></body>')
     renderer = RaysRenderer(model)
     camera = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 1.0]))
-    assert renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX).geom_id[32, 32] == 0
+    assert renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX))).geom_id[32, 32] == 0
     model.body("b").pos = [2, 1.5, 1]
     mujoco.mj_kinematics(model, data)
-    assert renderer.render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX).geom_id[32, 32] == -1
+    assert renderer.render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX))).geom_id[32, 32] == -1
 
 
 def test_antialiasing_changes_colour_only():
@@ -294,7 +297,7 @@ def test_amodal_mask_is_what_the_geoms_alone_would_show(geoms):
     mujoco.mj_forward(alone, alone_data)
     for eye, target in (((0.3, -3.0, 1.9), (0.0, 0.2, 0.6)), ((-0.6, 0.3, 0.9), (1.0, 0.2, 0.6))):
         camera = look_at(np.array(eye), np.array(target))
-        mask = renderer.amodal_mask(data, geoms, INTRINSICS, camera, SIZE_PX, SIZE_PX)
+        mask = renderer.amodal_mask(data, geoms, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
         assert np.array_equal(mask, draw(alone, alone_data, camera).geom_id >= 0)
 
 
@@ -302,10 +305,10 @@ def test_amodal_mask_follows_moving_geoms():
     model, data = scene('<body mocap="true" pos="2 0 1"><geom type="box" size=".2 .2 .2"/></body>')
     renderer = RaysRenderer(model)
     camera = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 1.0]))
-    before = renderer.amodal_mask(data, [0], INTRINSICS, camera, SIZE_PX, SIZE_PX)
+    before = renderer.amodal_mask(data, [0], Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
     data.mocap_pos[0] = [2, 0.5, 1]
     mujoco.mj_kinematics(model, data)
-    after = renderer.amodal_mask(data, [0], INTRINSICS, camera, SIZE_PX, SIZE_PX)
+    after = renderer.amodal_mask(data, [0], Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)))
     assert before[32, 32]
     assert not after[32, 32]
     assert after.any()
@@ -315,9 +318,9 @@ def test_masks_of_nothing_visible_are_empty():
     model, data = scene('<geom type="box" size=".2 .2 .2" pos="2 0 1"/><geom size=".2" pos="2 0 1" group="3"/>')
     renderer = RaysRenderer(model)
     away = look_at(np.array([0.0, 0.0, 1.0]), np.array([-2.0, 0.0, 1.0]))
-    assert not renderer.amodal_mask(data, [0], INTRINSICS, away, SIZE_PX, SIZE_PX).any()
-    assert not renderer.amodal_mask(data, [1], INTRINSICS, away, SIZE_PX, SIZE_PX).any()
-    assert not renderer.amodal_mask(data, [], INTRINSICS, away, SIZE_PX, SIZE_PX).any()
+    assert not renderer.amodal_mask(data, [0], Camera(INTRINSICS, away, (SIZE_PX, SIZE_PX))).any()
+    assert not renderer.amodal_mask(data, [1], Camera(INTRINSICS, away, (SIZE_PX, SIZE_PX))).any()
+    assert not renderer.amodal_mask(data, [], Camera(INTRINSICS, away, (SIZE_PX, SIZE_PX))).any()
 
 
 def test_cameras_that_make_no_sense_are_refused():
@@ -325,11 +328,11 @@ def test_cameras_that_make_no_sense_are_refused():
     renderer = RaysRenderer(model)
     camera = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 1.0]))
     with pytest.raises(ValueError, match="at least one pixel"):
-        renderer.render(data, INTRINSICS, camera, 0, 8)
+        renderer.render(data, Camera(INTRINSICS, camera, (0, 8)))
     with pytest.raises(ValueError, match="finite"):
-        renderer.render(data, INTRINSICS * np.nan, camera, 8, 8)
+        renderer.render(data, Camera(INTRINSICS * np.nan, camera, (8, 8)))
     with pytest.raises(ValueError, match="geom ids"):
-        renderer.amodal_mask(data, [7], INTRINSICS, camera, 8, 8)
+        renderer.amodal_mask(data, [7], Camera(INTRINSICS, camera, (8, 8)))
 
 
 def test_empty_scene_is_all_sky():

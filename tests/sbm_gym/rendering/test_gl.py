@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.gl import context as gl_context
 from sbm_gym.rendering.gl.context import NoOpenGlError
 from sbm_gym.rendering.gl.renderer import FAR_M, GlRenderer
@@ -44,10 +45,8 @@ def scene(body=SHAPES, light="<light type='point' pos='0 0 2.5' diffuse='.8 .8 .
 
 
 def both(model, data, intrinsics=INTRINSICS, camera=CAMERA, **options):
-    size = (HEIGHT_PX, WIDTH_PX)
-    return [
-        renderer(model).render(data, intrinsics, camera, *size, **options) for renderer in (GlRenderer, RaysRenderer)
-    ]
+    camera = Camera(intrinsics, camera, (HEIGHT_PX, WIDTH_PX))
+    return [renderer(model).render(data, camera, **options) for renderer in (GlRenderer, RaysRenderer)]
 
 
 def interior(geom_id):
@@ -150,7 +149,8 @@ def test_holes_in_textures_are_holes():
     assert left[2] - left[0] > 60  # the blue wall through the hole
     assert abs(right[2] - right[0]) < 30  # the white card
     masks = [
-        r(model).amodal_mask(data, [1], INTRINSICS, camera, HEIGHT_PX, WIDTH_PX) for r in (GlRenderer, RaysRenderer)
+        r(model).amodal_mask(data, [1], Camera(INTRINSICS, camera, (HEIGHT_PX, WIDTH_PX)))
+        for r in (GlRenderer, RaysRenderer)
     ]
     assert np.mean(masks[0] == masks[1]) > 0.99
 
@@ -158,15 +158,15 @@ def test_holes_in_textures_are_holes():
 def test_amodal_masks_are_those_of_the_rays():
     model, data = scene()
     gl, rays = GlRenderer(model), RaysRenderer(model)
-    view = (INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX)
-    whole = gl.render(data, *view)
+    view = Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX))
+    whole = gl.render(data, view)
     for geoms in ([1], [2, 3], [0], [4, 5, 6]):
-        mask = gl.amodal_mask(data, geoms, *view)
-        assert np.mean(mask == rays.amodal_mask(data, geoms, *view)) > 0.99
+        mask = gl.amodal_mask(data, geoms, view)
+        assert np.mean(mask == rays.amodal_mask(data, geoms, view)) > 0.99
         assert mask[np.isin(whole.geom_id, geoms)].all()
-    assert np.array_equal(gl.render(data, *view).geom_id, whole.geom_id)
+    assert np.array_equal(gl.render(data, view).geom_id, whole.geom_id)
     with pytest.raises(ValueError, match="geom ids"):
-        gl.amodal_mask(data, [99], *view)
+        gl.amodal_mask(data, [99], view)
 
 
 def test_moving_bodies_are_followed():
@@ -176,8 +176,8 @@ def test_moving_bodies_are_followed():
     for x in (0.0, 0.7):
         data.mocap_pos[0, 0] = x
         mujoco.mj_forward(model, data)
-        frame = gl.render(data, INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX)
-        assert_same(frame, RaysRenderer(model).render(data, INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX))
+        frame = gl.render(data, Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX)))
+        assert_same(frame, RaysRenderer(model).render(data, Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX))))
 
 
 @pytest.mark.parametrize("kind", ["point", "spot", "directional"])
@@ -189,7 +189,7 @@ def test_every_kind_of_light_lights_and_throws_shadows(kind):
     camera = look_at(np.array([-2.0, 0.0, 2.2]), np.array([0.3, 0.0, 0.0]))
     brightness = {}
     for shadows in ("off", "high"):
-        frame = GlRenderer(model, shadows=shadows).render(data, INTRINSICS, camera, HEIGHT_PX, WIDTH_PX)
+        frame = GlRenderer(model, shadows=shadows).render(data, Camera(INTRINSICS, camera, (HEIGHT_PX, WIDTH_PX)))
         rows, columns = np.nonzero(frame.geom_id == 0)
         rays = (
             np.stack([columns, rows, np.ones(len(rows))], 1)
@@ -223,7 +223,7 @@ def test_cloth_with_a_front_and_a_back_in_one_place_has_no_speckles():
     assert two_sided_meshes(model).tolist() == [True, False]
     middle = data.geom_xpos[0]
     camera = look_at(middle + np.array([3.0, 0.4, 0.3]), middle)
-    frame = GlRenderer(model).render(data, INTRINSICS, camera, HEIGHT_PX, WIDTH_PX)
+    frame = GlRenderer(model).render(data, Camera(INTRINSICS, camera, (HEIGHT_PX, WIDTH_PX)))
     cloth = cv2.erode((frame.geom_id == 0).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     red = np.ascontiguousarray(frame.rgb[..., 0])
     assert cloth.sum() > 500
@@ -244,7 +244,9 @@ def test_empty_scene_shows_the_sky_of_the_rays():
 
 def test_what_lies_beyond_the_far_plane_is_not_there():
     model, data = scene(f"<geom type='box' size='1 5000 5000' pos='{FAR_M + 50} 0 0'/>")
-    frame = GlRenderer(model).render(data, INTRINSICS, look_at(np.zeros(3), np.array([1.0, 0, 0])), HEIGHT_PX, WIDTH_PX)
+    frame = GlRenderer(model).render(
+        data, Camera(INTRINSICS, look_at(np.zeros(3), np.array([1.0, 0, 0])), (HEIGHT_PX, WIDTH_PX))
+    )
     assert (frame.geom_id == -1).all()
     assert (frame.depth_m == 0).all()
 
@@ -252,7 +254,9 @@ def test_what_lies_beyond_the_far_plane_is_not_there():
 def test_supersampling_changes_colour_only():
     model, data = scene()
     gl = GlRenderer(model)
-    smooth, plain = (gl.render(data, INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX, antialias=a) for a in (True, False))
+    smooth, plain = (
+        gl.render(data, Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX)), antialias=a) for a in (True, False)
+    )
     assert np.array_equal(smooth.geom_id, plain.geom_id)
     assert np.array_equal(smooth.depth_m, plain.depth_m)
     assert len(np.unique(smooth.rgb.reshape(-1, 3), axis=0)) > len(np.unique(plain.rgb.reshape(-1, 3), axis=0))
@@ -261,10 +265,10 @@ def test_supersampling_changes_colour_only():
 def test_sizes_may_change_from_picture_to_picture():
     model, data = scene()
     gl = GlRenderer(model)
-    first = gl.render(data, INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX)
+    first = gl.render(data, Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX)))
     large = intrinsics_from_fov(300, 200, np.deg2rad(80))
-    assert gl.render(data, large, CAMERA, 200, 300).rgb.shape == (200, 300, 3)
-    again = gl.render(data, INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX)
+    assert gl.render(data, Camera(large, CAMERA, (200, 300))).rgb.shape == (200, 300, 3)
+    again = gl.render(data, Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX)))
     assert np.array_equal(first.rgb, again.rgb)
     assert np.array_equal(first.depth_m, again.depth_m)
 
@@ -274,14 +278,14 @@ def test_threads_and_renderers_take_turns():
     model, data = scene()
     other, _ = scene("<geom type='box' size='1 1 1'/>")
     gl, second = GlRenderer(model), GlRenderer(other)
-    view = (INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX)
-    expected = gl.render(data, *view)
-    second.render(mujoco.MjData(other), *view)
+    view = Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX))
+    expected = gl.render(data, view)
+    second.render(mujoco.MjData(other), view)
     found = []
-    thread = threading.Thread(target=lambda: found.append(gl.render(data, *view)))
+    thread = threading.Thread(target=lambda: found.append(gl.render(data, view)))
     thread.start()
     thread.join()
-    for frame in (found[0], gl.render(data, *view)):
+    for frame in (found[0], gl.render(data, view)):
         assert np.array_equal(frame.rgb, expected.rgb)
         assert np.array_equal(frame.geom_id, expected.geom_id)
 
@@ -291,12 +295,12 @@ def test_closing_frees_and_drawing_opens_again():
     settings = (model.vis.quality.offsamples, model.vis.quality.shadowsize, model.vis.global_.offwidth)
     gl = GlRenderer(model)
     gl.close()
-    view = (INTRINSICS, CAMERA, HEIGHT_PX, WIDTH_PX)
-    first = gl.render(data, *view)
+    view = Camera(INTRINSICS, CAMERA, (HEIGHT_PX, WIDTH_PX))
+    first = gl.render(data, view)
     assert (model.vis.quality.offsamples, model.vis.quality.shadowsize, model.vis.global_.offwidth) == settings
     for _ in range(3):
         gl.close()
-        assert np.array_equal(gl.render(data, *view).rgb, first.rgb)
+        assert np.array_equal(gl.render(data, view).rgb, first.rgb)
     assert gl.device_name
 
 
@@ -345,11 +349,12 @@ def test_a_process_that_never_closes_ends_quietly():
     """Contexts outlive the libraries they need unless somebody frees them in time."""
     code = (
         "import mujoco, numpy as np; from sbm_gym.rendering.gl.renderer import GlRenderer\n"
+        "from labeling.core.views import Camera\n"
         "model = mujoco.MjModel.from_xml_string(\"<mujoco><worldbody><geom size='.5'/></worldbody></mujoco>\")\n"
         "data = mujoco.MjData(model); mujoco.mj_forward(model, data)\n"
         "camera = np.eye(4); camera[2, 3] = -2\n"
         "gl = GlRenderer(model)\n"
-        "print(gl.render(data, np.diag([16.0, 16, 1]), camera, 16, 16).depth_m.max() > 0)\n"
+        "print(gl.render(data, Camera(np.diag([16.0, 16, 1]), camera, (16, 16))).depth_m.max() > 0)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, timeout=60)
     assert done.stdout.strip() == "True"

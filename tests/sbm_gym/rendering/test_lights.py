@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.gl.renderer import GlRenderer
 from sbm_gym.rendering.rays import ray_scene as scene_module
 from sbm_gym.rendering.rays.lamp_reach import everywhere
@@ -46,7 +47,7 @@ CAMERA = look_at(np.array([0.4, -1.2, 1.6]), np.array([3.5, 0.2, 0.8]))
 
 
 def draw(model, data, camera=CAMERA, antialias=False):
-    return RaysRenderer(model).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX, antialias=antialias)
+    return RaysRenderer(model).render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX)), antialias=antialias)
 
 
 def test_rooms_behind_walls_do_not_darken_the_picture():
@@ -81,7 +82,7 @@ def test_in_sight_means_that_nothing_drawn_stands_between():
 def reach_of(model, data):
     """The grid that says how much of each lamp is drawn where."""
     renderer = RaysRenderer(model)
-    renderer.render(data, INTRINSICS, CAMERA, SIZE_PX, SIZE_PX)
+    renderer.render(data, Camera(INTRINSICS, CAMERA, (SIZE_PX, SIZE_PX)))
     return renderer._scene.illumination(data, CAMERA, True).reach
 
 
@@ -128,14 +129,14 @@ def test_searching_lamps_only_where_they_shine_changes_nothing_in_one_room(monke
 def test_moved_lamps_and_walls_are_searched_anew():
     model, data = rooms(4)
     renderer = RaysRenderer(model)
-    renderer.render(data, INTRINSICS, CAMERA, SIZE_PX, SIZE_PX)
+    renderer.render(data, Camera(INTRINSICS, CAMERA, (SIZE_PX, SIZE_PX)))
     for edit in ("lamp", "wall"):
         if edit == "lamp":
             model.light_pos[0, 0] += 1.0
         else:
             model.geom_pos[4:7, 2] -= 10.0  # the floor swallows the first walls
         mujoco.mj_forward(model, data)
-        seen = renderer.render(data, INTRINSICS, CAMERA, SIZE_PX, SIZE_PX, antialias=False)
+        seen = renderer.render(data, Camera(INTRINSICS, CAMERA, (SIZE_PX, SIZE_PX)), antialias=False)
         assert np.array_equal(seen.rgb, draw(model, data).rgb)
 
 
@@ -188,7 +189,9 @@ def test_haze_hides_what_is_far_in_both_renderers():
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         camera = look_at(np.zeros(3), np.array([1.0, 0, 0]))
-        frames = [r(model).render(data, INTRINSICS, camera, SIZE_PX, SIZE_PX) for r in (RaysRenderer, GlRenderer)]
+        frames = [
+            r(model).render(data, Camera(INTRINSICS, camera, (SIZE_PX, SIZE_PX))) for r in (RaysRenderer, GlRenderer)
+        ]
         brightness.append([float(frame.rgb[48, 48].mean()) for frame in frames])
     for dark, hazy, white in np.array(brightness).T:
         assert dark + 20 < hazy < white - 20

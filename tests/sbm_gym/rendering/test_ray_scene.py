@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.geometry import look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.rays.ray_scene import STORE_BELOW_M
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.rendering.tables.occupancy import bounds_of
@@ -19,7 +20,7 @@ CAMERA = look_at(np.array([4.0, 0.0, 1.5]), np.array([0.0, 0.0, 0.4]))
 
 def frame(renderer: RaysRenderer, data: mujoco.MjData):
     mujoco.mj_forward(MODEL, data)
-    return renderer.render(data, intrinsics_from_fov(64, 48, 1.0), CAMERA, 48, 64)
+    return renderer.render(data, Camera.from_fov(CAMERA, (48, 64), 1.0))
 
 
 @pytest.mark.parametrize("away", [STORE_BELOW_M - 5.0, 30.0])

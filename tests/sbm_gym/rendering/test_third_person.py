@@ -5,7 +5,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.core.geometry import intrinsics_from_fov, look_at, project
+from labeling.core.geometry import look_at, project
+from labeling.core.views import Camera
 from sbm_gym.env import viewer_window
 from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.env.viewer_window import NoScreenError, draw_lines
@@ -81,24 +82,24 @@ def test_ceilings_are_taken_off_and_walls_are_not():
 @pytest.mark.parametrize("reach", [(4.0, 2.0), (2.0, 4.0)])
 def test_overview_has_the_whole_ground_in_sight(size, reach):
     target = np.array([1.0, -2.0, 0.6])
-    intrinsics, camera = overview_camera(target, np.array(reach), size[0], size[1], np.deg2rad(70))
+    camera = overview_camera(target, np.array(reach), size, np.deg2rad(70))
     corners = np.array(
         [[target[0] + sx * reach[0], target[1] + sy * reach[1], 0.0] for sx in (-1, 1) for sy in (-1, 1)]
     )
-    pixels, depth = project(corners, intrinsics, camera)
+    pixels, depth = project(corners, camera.intrinsics, camera.camera_to_world)
     assert (depth > 0).all()
     assert (pixels >= -0.5).all()
     assert (pixels <= np.array([size[1], size[0]]) - 0.5).all()
 
 
 def test_frustum_ends_are_the_corners_of_the_picture():
-    intrinsics = intrinsics_from_fov(96, 64, np.deg2rad(75))
-    camera = look_at(np.array([1.0, 2.0, 1.5]), np.zeros(3))
-    lines = frustum_lines(camera, intrinsics, 64, 96, depth_m=0.8)
-    pixels, depth = project(np.stack([line[1] for line in lines[:4]]), intrinsics, camera)
+    pose = look_at(np.array([1.0, 2.0, 1.5]), np.zeros(3))
+    camera = Camera.from_fov(pose, (64, 96), np.deg2rad(75))
+    lines = frustum_lines(camera, depth_m=0.8)
+    pixels, depth = project(np.stack([line[1] for line in lines[:4]]), camera.intrinsics, pose)
     assert np.allclose(depth, 0.8)
     assert np.allclose(pixels, [[-0.5, -0.5], [95.5, -0.5], [95.5, 63.5], [-0.5, 63.5]])
-    assert all(np.allclose(line[0], camera[:3, 3]) for line in lines[:4])
+    assert all(np.allclose(line[0], pose[:3, 3]) for line in lines[:4])
 
 
 def test_human_mode_without_a_screen_is_one_clear_error(monkeypatch):

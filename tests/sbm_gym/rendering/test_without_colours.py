@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
+from labeling.core.views import Camera
 from sbm_gym.rendering.gl.renderer import GlRenderer
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.rendering.tables.scene_tables import GLASS, HOLES, geom_kinds
@@ -17,7 +18,7 @@ RENDERERS = [RaysRenderer, GlRenderer]
 
 def assert_same_without_colours(renderer, data, camera):
     """Returns the ids that were seen."""
-    view = (data, INTRINSICS, camera, HEIGHT_PX, WIDTH_PX)
+    view = (data, Camera(INTRINSICS, camera, (HEIGHT_PX, WIDTH_PX)))
     for antialias in (False, True):
         plain = renderer.render(*view, antialias=antialias, colours=False)
         frame = renderer.render(*view, antialias=antialias)
@@ -84,10 +85,10 @@ def test_depth_and_ids_behind_glass_and_in_holes_are_the_same_without_colours(ma
 @pytest.mark.parametrize("make", RENDERERS)
 def test_colours_do_not_depend_on_pictures_without_them(make):
     model, data = glass_and_holes()
-    view = (data, INTRINSICS, look_at(np.array([-1.5, 0.3, 1.0]), np.array([0.6, 0, 0.8])), HEIGHT_PX, WIDTH_PX)
+    camera = Camera(INTRINSICS, look_at(np.array([-1.5, 0.3, 1.0]), np.array([0.6, 0, 0.8])), (HEIGHT_PX, WIDTH_PX))
     first, second = make(model), make(model)
-    second.render(*view, colours=False)
-    assert np.array_equal(first.render(*view).rgb, second.render(*view).rgb)
+    second.render(data, camera, colours=False)
+    assert np.array_equal(first.render(data, camera).rgb, second.render(data, camera).rgb)
     first.close()
     second.close()
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from labeling.core.errors import UsageError
+from labeling.core.views import Camera
 from sbm_gym.assets.catalog.foliage import thin_foliage
 from sbm_gym.assets.catalog.home3d import convert
 from sbm_gym.assets.catalog.library import default_library
@@ -303,7 +304,6 @@ def test_weather_of_an_episode_is_that_of_a_town_built_with_it():
 
 
 def test_haze_makes_far_things_fade_into_the_sky():
-    from labeling.core.geometry import intrinsics_from_fov
     from sbm_gym.rendering.rays.renderer import RaysRenderer
 
     def wall_at(distance_m: float, haze_per_m: float) -> np.ndarray:
@@ -317,7 +317,7 @@ def test_haze_makes_far_things_fade_into_the_sky():
         mujoco.mj_forward(model, data)
         pose = np.eye(4)
         pose[:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-        frame = RaysRenderer(model).render(data, intrinsics_from_fov(9, 9, np.pi / 2), pose, 9, 9)
+        frame = RaysRenderer(model).render(data, Camera.from_fov(pose, (9, 9), np.pi / 2))
         return frame.rgb[4, 4].astype(int)
 
     clear, near, far = wall_at(20.0, 0.0), wall_at(20.0, 0.01), wall_at(100.0, 0.01)
