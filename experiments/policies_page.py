@@ -2,8 +2,9 @@
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 
-from experiments.pages.markdown import PageConfig
+from experiments.pages.markdown import PageConfig, run_page
 from labeling.runtime.cli import make_main
 
 
@@ -12,18 +13,7 @@ class PoliciesPageConfig(PageConfig):
     """Writes docs/policies-results.md and its pictures from the results that are there."""
 
 
-def run(config: PageConfig) -> None:
-    """Writes the page.
-
-    Raises:
-        SbmError: if there are no results at all.
-    """
-    from experiments.pages.policies import write_page
-
-    print(*write_page(config.results, config.docs), sep="\n")
-
-
-main = make_main("experiments.policies_page", PoliciesPageConfig, run)
+main = make_main("experiments.policies_page", PoliciesPageConfig, partial(run_page, "policies"))
 
 if __name__ == "__main__":
     sys.exit(main())

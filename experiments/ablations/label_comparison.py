@@ -1,19 +1,16 @@
 """Label settings side by side on the same episodes: figures, and paired differences from one of them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from statistics import median
 from typing import Any
 
+from agents.evaluation.statistics import difference_record, rounded
 from experiments.ablations.label_scores import FIGURES, Scored, pooled_figures, score_all, true_instances
 from experiments.cache.episode_pool import EpisodePool, pool_record, record
 from experiments.cache.stages import RunContext
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.average_precision import mean_of
-from labeling.metrics.bootstrap import paired_difference
 from labeling.metrics.matching import MaskInstance
-
-DIGITS = 5
 
 
 def compare(
@@ -63,20 +60,12 @@ def _per_episode(seeds: Sequence[Sequence[Scored]]) -> dict[str, list[float | No
 
 def _summary(truths: list[MaskInstance], seeds: list[list[Scored]], reference: dict[str, Any]) -> dict[str, Any]:
     found = _per_episode(seeds)
-    differences = {figure: paired_difference(found[figure], reference[figure]) for figure in FIGURES}
     pooled = [pooled_figures(truths, one) for one in seeds]
     return {
-        "mean": {figure: _rounded(mean_of(found[figure])) for figure in FIGURES},
-        "pooled": {figure: _rounded(mean_of([one[figure] for one in pooled])) for figure in pooled[0]},
-        "per_episode": {figure: [_rounded(value) for value in found[figure]] for figure in FIGURES},
-        "difference": {
-            figure: None if difference is None else {key: _rounded(value) for key, value in asdict(difference).items()}
-            for figure, difference in differences.items()
-        },
-        "cpu_s": _rounded(median(one.cpu_s for seed in seeds for one in seed)),
+        "mean": {figure: rounded(mean_of(found[figure])) for figure in FIGURES},
+        "pooled": {figure: rounded(mean_of([one[figure] for one in pooled])) for figure in pooled[0]},
+        "per_episode": {figure: [rounded(value) for value in found[figure]] for figure in FIGURES},
+        "difference": {figure: difference_record(found[figure], reference[figure]) for figure in FIGURES},
+        "cpu_s": rounded(median(one.cpu_s for seed in seeds for one in seed)),
         "objects": [mean_of([one.objects for one in episode]) for episode in zip(*seeds, strict=True)],
     }
-
-
-def _rounded(value: float | None) -> float | None:
-    return value if value is None or isinstance(value, int) else round(value, DIGITS)

@@ -1,18 +1,18 @@
 """What each stage of labelling costs, and what the machine would need at least for it."""
 
-import time
+import timeit
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from unittest import mock
 
 import numpy as np
 
-import labeling.generator.segment.mean_field
-import labeling.generator.segment.permutohedral_lattice
-import labeling.generator.segment.svm
-from experiments.benchmarks.rows import Row
+from experiments.benchmarks.rows import Row, timed
+from labeling.generator.segment import svm
+from labeling.generator.segment.permutohedral_lattice import Lattice
 from labeling.io.episodes import read_episode
 
 STAGES = {
@@ -28,36 +28,9 @@ STAGES = {
     "cloud file": "labeling.io.formats.ply.write_ply",
 }
 """Functions that are timed, by stage. Stages on several threads may overlap."""
+PROPAGATE = "labeling.generator.propagate.propagate"
 SVM_FLOPS_PER_VALUE = 3 * 6 + 19
 """Squared distance in six dimensions, and an exponential."""
-
-
-class Floors:
-    """Bytes moved and operations done in one run, counted from the sizes of what goes in and out."""
-
-    def __init__(self) -> None:
-        self.megabytes = dict.fromkeys(STAGES, 0.0)
-        self.operations = dict.fromkeys(STAGES, 0.0)
-
-    def decide(self, original: Callable) -> Callable:
-        """Counts the kernel values of an SVM."""
-
-        def counted(features, support, *others):
-            self.operations["SVM: train, decide"] += float(len(features)) * len(support) * SVM_FLOPS_PER_VALUE
-            return original(features, support, *others)
-
-        return counted
-
-    def filter(self, original: Callable) -> Callable:
-        """Counts what filtering on a lattice reads and writes: corners and weights twice, neighbours once."""
-
-        def counted(lattice, values):
-            corners = lattice.vertex.shape[1]
-            points, vertices = lattice.num_points * corners * 8 * 2, lattice.num_vertices * corners * (8 + 8)
-            self.megabytes["CRF: mean field"] += values.shape[1] * (points + vertices) / 1e6
-            return original(lattice, values)
-
-        return counted
 
 
 def stage_rows(label: Callable[[Path], float], folder: Path, repeats: int) -> Iterator[Row]:
@@ -75,43 +48,51 @@ def stage_rows(label: Callable[[Path], float], folder: Path, repeats: int) -> It
         spent = dict.fromkeys(STAGES, 0.0)
         with ExitStack() as patches:
             for stage, target in STAGES.items():
-                patches.enter_context(mock.patch(target, timed_stage(_find(target), spent, stage)))
+                patches.enter_context(mock.patch(target, timed(resolve_name(target), spent, stage)))
             total = min(total, label(out))
         seconds = {stage: min(seconds[stage], spent[stage]) for stage in STAGES}
-    floors = _count(label, folder, out)
+    megabytes, operations = _floors(label, folder, out)
     bandwidth, flops = _bandwidth_mb_s(), _flops_s()
     for stage, best in seconds.items():
-        moved, done = floors.megabytes[stage], floors.operations[stage]
+        moved, done = megabytes[stage], operations[stage]
         floor = max(moved / bandwidth, done / flops)
         what = f"{done / 1e9:.2f} Gflop" if done / flops > moved / bandwidth else f"{moved:.0f} MB"
         yield Row(f"stage: {stage}", f"floor: {what}", best, floor, note=f"{best / total:.0%} of {total:.2f} s")
 
 
-def _count(label: Callable[[Path], float], folder: Path, out: Path) -> Floors:
-    """The floors of one episode."""
-    floors = Floors()
+def _floors(label: Callable[[Path], float], folder: Path, out: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """Megabytes moved and operations done by each stage, counted from the sizes of what goes in and out."""
+    operations, moved = dict.fromkeys(STAGES, 0.0), dict.fromkeys(STAGES, 0.0)
+    decide, filtered, propagate = svm._decide, Lattice.filter, resolve_name(PROPAGATE)
     kept: list[Any] = []
-    with ExitStack() as patches:
-        patches.enter_context(
-            mock.patch.object(
-                labeling.generator.segment.svm, "_decide", floors.decide(labeling.generator.segment.svm._decide)
-            )
-        )
-        lattice = labeling.generator.segment.permutohedral_lattice.Lattice
-        patches.enter_context(mock.patch.object(lattice, "filter", floors.filter(lattice.filter)))
-        propagate = _find("labeling.generator.propagate.propagate")
-        patches.enter_context(
-            mock.patch(
-                "labeling.generator.propagate.propagate", lambda *given: kept.append(propagate(*given)) or kept[-1]
-            )
-        )
+
+    def count_kernel_values(features, support, *others):
+        operations["SVM: train, decide"] += float(len(features)) * len(support) * SVM_FLOPS_PER_VALUE
+        return decide(features, support, *others)
+
+    def count_bytes(lattice, values):
+        """Corners and weights are read and written twice, neighbours once."""
+        corners = lattice.vertex.shape[1]
+        points, vertices = lattice.num_points * corners * 8 * 2, lattice.num_vertices * corners * (8 + 8)
+        moved["CRF: mean field"] += values.shape[1] * (points + vertices)
+        return filtered(lattice, values)
+
+    def keep_labels(*given):
+        kept.append(propagate(*given))
+        return kept[-1]
+
+    with (
+        mock.patch.object(svm, "_decide", count_kernel_values),
+        mock.patch.object(Lattice, "filter", count_bytes),
+        mock.patch(PROPAGATE, keep_labels),
+    ):
         label(out)
     episode, labels = read_episode(folder, ground_truth=False), kept[-1]
     pixels, masks = episode.depth_m.size, len(episode.detections or ())
     size = episode.size[0] * episode.size[1]
     points, rows = len(labels.cloud.points), labels.cloud.probability
     near = int(np.count_nonzero(rows))
-    megabytes = {
+    moved |= {
         "read pictures and masks": _bytes(folder) + pixels * 7 + masks * size,
         "voxels (two clouds, one beside the rest)": 2 * (pixels * (7 + 4) + points * 28),
         "seeds and objects": masks * size * (1 + 4),
@@ -121,29 +102,7 @@ def _count(label: Callable[[Path], float], folder: Path, out: Path) -> Floors:
         "run-length codes": 2 * len(labels.labels) * size,
         "cloud file": 2 * _bytes(out / "clouds"),
     }
-    for stage, count in megabytes.items():
-        floors.megabytes[stage] += count / 1e6
-    return floors
-
-
-def _find(target: str) -> Any:
-    import importlib
-
-    module, _, name = target.rpartition(".")
-    return getattr(importlib.import_module(module), name)
-
-
-def timed_stage(function: Callable, spent: dict[str, float], stage: str) -> Callable:
-    """The function, whose seconds are added to ``spent[stage]``."""
-
-    def timed(*given, **named):
-        started = time.perf_counter()
-        try:
-            return function(*given, **named)
-        finally:
-            spent[stage] += time.perf_counter() - started
-
-    return timed
+    return {stage: count / 1e6 for stage, count in moved.items()}, operations
 
 
 def _bytes(folder: Path) -> int:
@@ -154,20 +113,10 @@ def _bandwidth_mb_s() -> float:
     """What one thread copies, read and written bytes counted."""
     source = np.ones(32_000_000, np.float32)
     target = np.empty_like(source)
-    return 2 * source.nbytes / 1e6 / _least(lambda: np.copyto(target, source))
+    return 2 * source.nbytes / 1e6 / min(timeit.repeat(lambda: np.copyto(target, source), number=1, repeat=8))
 
 
 def _flops_s() -> float:
     """Single-precision arithmetic of a large matrix product on all threads."""
     a = np.ones((1024, 1024), np.float32)
-    return 2 * 1024**3 / _least(lambda: a @ a)
-
-
-def _least(work: Callable[[], object]) -> float:
-    work()
-    seconds = []
-    for _ in range(7):
-        started = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - started)
-    return min(seconds)
+    return 2 * 1024**3 / min(timeit.repeat(lambda: a @ a, number=1, repeat=8))

@@ -14,10 +14,10 @@ import numpy as np
 
 import labeling.generator.propagate
 from experiments.benchmarks.label_rooms import first_views, open_room, record
-from experiments.benchmarks.label_stages import stage_rows, timed_stage
-from experiments.benchmarks.rows import PER_VIEW, Row, seconds_per_view
+from experiments.benchmarks.label_stages import stage_rows
+from experiments.benchmarks.rows import PER_VIEW, Row, seconds_per_view, timed
 from experiments.benchmarks.thesis_segmenter import ThesisSegmenter, check_installed
-from experiments.figures.label_speed import PICTURE, draw_label_speed
+from experiments.figures.label_generator import draw_label_speed
 from labeling.core.episode import Episode
 from labeling.evaluation.compare import evaluate_label_set
 from labeling.generate import GenerateConfig
@@ -68,7 +68,7 @@ def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
 
 def draw(rows: Sequence[Row], out: Path) -> None:
     """Draws the time for each view over the number of views."""
-    draw_label_speed(seconds_per_view(rows), out / PICTURE)
+    draw_label_speed(seconds_per_view(rows), out / "labels_views.png")
 
 
 def _label(episode: Path, out: Path, label: LabelConfig | None = None) -> float:
@@ -83,17 +83,17 @@ def _baselines(dataset: Path, repeats: int, log: Callable[[str], None]) -> Itera
     episode, out = dataset / f"views_{VIEWS}", dataset / "out"
     alone = LabelConfig(exclusive=False)
 
-    def timed(segment: Callable, config: LabelConfig) -> tuple[float, float]:
+    def label_with(segment: Callable, config: LabelConfig) -> tuple[float, float]:
         """Seconds of an episode, and those of its segmentation."""
         spent = {"segmentation": 0.0}
-        with mock.patch.object(labeling.generator.propagate, "_segment", timed_stage(segment, spent, "segmentation")):
+        with mock.patch.object(labeling.generator.propagate, "_segment", timed(segment, spent, "segmentation")):
             return _label(episode, out, config), spent["segmentation"]
 
     own = labeling.generator.propagate._segment
     ways = {
-        "ours": lambda: timed(own, LabelConfig()),
-        "thesis: SVC(probability=True) + pydensecrf2 per object": lambda: timed(ThesisSegmenter(np.inf), alone),
-        "the same in crops of 1 m (published code)": lambda: timed(ThesisSegmenter(1.0), alone),
+        "ours": lambda: label_with(own, LabelConfig()),
+        "thesis: SVC(probability=True) + pydensecrf2 per object": lambda: label_with(ThesisSegmenter(np.inf), alone),
+        "the same in crops of 1 m (published code)": lambda: label_with(ThesisSegmenter(1.0), alone),
     }
     whole: dict[str, list[float]] = {name: [] for name in ways}
     segmenting: dict[str, list[float]] = {name: [] for name in ways}

@@ -3,6 +3,7 @@
 import re
 import statistics
 import time
+import timeit
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -87,9 +88,17 @@ def time_text(seconds: float) -> str:
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
     """Median seconds of one call, after one that warms up. The median, since others may use the machine too."""
     work()
-    seconds = []
-    for _ in range(repeats):
+    return statistics.median(timeit.repeat(work, number=1, repeat=repeats))
+
+
+def timed(function: Callable, spent: dict[str, float], stage: str) -> Callable:
+    """The function, whose seconds are added to ``spent[stage]``."""
+
+    def timing(*given, **named):
         started = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - started)
-    return statistics.median(seconds)
+        try:
+            return function(*given, **named)
+        finally:
+            spent[stage] += time.perf_counter() - started
+
+    return timing

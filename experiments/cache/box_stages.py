@@ -14,7 +14,7 @@ from labeling.runtime.code_digest import code_digest
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
-    from labeling.core.types import Detection
+    from labeling.core.types import Box3d, Detection, GroundTruth
     from labeling.detectors3d.base import Detection3d, Detector3d
     from labeling.metrics.box_ap import BoxInstance
 
@@ -183,36 +183,20 @@ def detections(episode: "Episode", masks: MaskSource, categories: Sequence[str])
 
 def instances(episode: "Episode", boxes: "Sequence[Detection3d]") -> "list[BoxInstance]":
     """Boxes as the metrics want them."""
-    from labeling.metrics.box_ap import BoxInstance
-
-    return [
-        BoxInstance(
-            (episode.name, one.view_index),
-            one.category,
-            one.box,
-            one.confidence,
-            _range_m(episode, one.view_index, one.box.centre_m),
-        )
-        for one in boxes
-    ]
+    return [_instance(episode, one, one.box, confidence=one.confidence) for one in boxes]
 
 
 def true_instances(episode: "Episode", categories: Sequence[str]) -> "list[BoxInstance]":
     """What there is to find, of some categories."""
-    from labeling.metrics.box_ap import BoxInstance
-
     return [
-        BoxInstance(
-            (episode.name, one.view_index),
-            one.category,
-            one.box_3d,
-            range_m=_range_m(episode, one.view_index, one.box_3d.centre_m),
-            ignore=one.ignore,
-        )
+        _instance(episode, one, one.box_3d, ignore=one.ignore)
         for one in episode.ground_truth or ()
         if one.category in categories and one.box_3d is not None and one.modal.any()
     ]
 
 
-def _range_m(episode: "Episode", view: int, centre_m: np.ndarray) -> float:
-    return float(np.linalg.norm(centre_m - episode.camera_to_world[view, :3, 3]))
+def _instance(episode: "Episode", one: "Detection3d | GroundTruth", box: "Box3d", **more: Any) -> "BoxInstance":
+    from labeling.metrics.box_ap import BoxInstance
+
+    range_m = float(np.linalg.norm(box.centre_m - episode.camera_to_world[one.view_index, :3, 3]))
+    return BoxInstance((episode.name, one.view_index), one.category, box, range_m=range_m, **more)

@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeVar
 
 from tqdm import tqdm
 
+from agents.evaluation.results import read_result
 from labeling.core.errors import SbmError
 from labeling.io.formats.atomic import write_json
 from labeling.runtime.process_pool import run_jobs
@@ -40,37 +41,6 @@ def folder_digest(folder: Path) -> str:
 
 
 @dataclass(frozen=True)
-class Store:
-    """Outcomes of stages, one JSON file each."""
-
-    folder: Path
-
-    def path(self, stage: str, key: str) -> Path:
-        """Where the outcome lies."""
-        return self.folder / stage / key[:2] / f"{key}.json"
-
-    def has(self, stage: str, key: str) -> bool:
-        """Whether it is there."""
-        return self.path(stage, key).is_file()
-
-    def read(self, stage: str, key: str) -> Any:
-        """The outcome.
-
-        Raises:
-            SbmError: if it is not there or damaged.
-        """
-        path = self.path(stage, key)
-        try:
-            return json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise SbmError(f"{path}: cannot be read ({error}); delete it to have it made again") from None
-
-    def write(self, stage: str, key: str, content: Any) -> None:
-        """Keeps an outcome."""
-        write_json(self.path(stage, key), content)
-
-
-@dataclass(frozen=True)
 class RunContext:
     """What an experiment is run with."""
 
@@ -81,11 +51,6 @@ class RunContext:
     cache: Path
     """Folder for recorded episodes and the outcomes of stages."""
 
-    @property
-    def store(self) -> Store:
-        """The outcomes of stages."""
-        return Store(self.cache / "stages")
-
 
 def cached(
     stage: str,
@@ -95,13 +60,13 @@ def cached(
     title: str,
     always_spawn: bool = False,
 ) -> list[Any]:
-    """What jobs come to, in order; what is not in the store is computed in parallel and kept.
+    """What jobs come to, in order; what is not in the cache is computed in parallel and kept.
 
     Args:
-        stage: name of the stage in the store.
+        stage: name of the stage in the cache.
         compute: a function of a module; what it returns is kept as JSON.
         jobs: the key of each, which changes with all that decides its outcome, and what to give ``compute``; picklable.
-        context: store, and how many processes. Each has one thread, which takes two thirds of the time of one job after
+        context: cache, and how many processes. Each has one thread, which takes two thirds of the time of one job after
             the other in as many threads; with a GPU or a single worker, this process does one after the other.
         title: of the progress bar.
         always_spawn: processes of one thread each in any case, where jobs measure time.
@@ -111,20 +76,20 @@ def cached(
     """
     from labeling.detectors.registry import choose_device
 
-    store = context.store
-    missing = list({key: job for key, job in jobs if not store.has(stage, key)}.items())
-    work = partial(_compute, compute, store, stage)
+    paths = {key: context.cache / "stages" / stage / key[:2] / f"{key}.json" for key, _ in jobs}
+    missing = [(paths[key], job) for key, job in dict(jobs).items() if not paths[key].is_file()]
+    work = partial(_compute, compute)
     if always_spawn or (context.workers > 1 and choose_device() == "cpu"):
         run_tasks(work, missing, context.workers, title)
     else:
         for job in tqdm(missing, desc=title, unit="run", file=sys.stderr):
             work(job)
-    return [store.read(stage, key) for key, _ in jobs]
+    return [read_result(paths[key]) for key, _ in jobs]
 
 
-def _compute(compute: Callable[[Job], Any], store: Store, stage: str, item: tuple[str, Job]) -> None:
-    key, job = item
-    store.write(stage, key, compute(job))
+def _compute(compute: Callable[[Job], Any], item: tuple[Path, Job]) -> None:
+    path, job = item
+    write_json(path, compute(job))
 
 
 def run_tasks(work: Callable[[Task], object], tasks: Sequence[Task], workers: int, title: str) -> None:

@@ -36,8 +36,7 @@ def write_page(results: Path, docs: Path) -> list[Path]:
     Raises:
         SbmError: if neither experiment has run yet.
     """
-    from experiments.figures.label_ablation import draw_label_ablation
-    from experiments.figures.label_speed import draw_label_speed
+    from experiments.figures.label_generator import draw_label_ablation, draw_label_speed
 
     ablation, modes, speed = (
         read_result(results / name) for name in ("label_ablation.json", "label_modes.json", SPEED)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,16 @@ class PageConfig:
     """Folder with the results of experiments."""
     docs: Path = Path("docs")
     """Folder for the page; its pictures go to DOCS/pictures."""
+
+
+def run_page(page: str, config: PageConfig) -> None:
+    """Writes the page of a module of ``experiments.pages``, and prints the files written.
+
+    Raises:
+        SbmError: if there are no results at all.
+    """
+    module = import_module(f"experiments.pages.{page}")
+    print(*module.write_page(config.results, config.docs), sep="\n")
 
 
 def read_result(file: Path) -> dict[str, Any] | None:

@@ -1,8 +1,10 @@
 from contextlib import ExitStack
 from pathlib import Path
+from pkgutil import resolve_name
 from unittest import mock
 
-from experiments.benchmarks.label_stages import STAGES, _find, timed_stage
+from experiments.benchmarks.label_stages import STAGES
+from experiments.benchmarks.rows import timed
 from labeling.generate import GenerateConfig, run
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.episodes import write_episode
@@ -15,6 +17,6 @@ def test_every_stage_is_timed_where_labelling_calls_it(tmp_path: Path) -> None:
     spent = dict.fromkeys(STAGES, 0.0)
     with ExitStack() as patches:
         for stage, target in STAGES.items():
-            patches.enter_context(mock.patch(target, timed_stage(_find(target), spent, stage)))
+            patches.enter_context(mock.patch(target, timed(resolve_name(target), spent, stage)))
         run(GenerateConfig(dataset=tmp_path / "room", out=tmp_path / "labels", label=LabelConfig(confident=0.5)))
     assert [stage for stage, seconds in spent.items() if seconds == 0] == []

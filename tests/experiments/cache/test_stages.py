@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.cache.stages import Store, digest, folder_digest, run_tasks
+from experiments.cache.stages import RunContext, cached, digest, folder_digest, run_tasks
 from labeling.core.errors import SbmError
 
 WORK = """
@@ -37,14 +37,21 @@ def test_folder_digest_changes_with_names_and_bytes(tmp_path: Path) -> None:
     assert len({before, changed, folder_digest(tmp_path)}) == 3
 
 
-def test_store_keeps_and_reports_damage(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    assert not store.has("stage", "abcd")
-    store.write("stage", "abcd", {"x": [1, None]})
-    assert store.read("stage", "abcd") == {"x": [1, None]}
-    store.path("stage", "abcd").write_text("{")
+def test_outcomes_are_kept_and_damage_is_reported(tmp_path: Path) -> None:
+    context, computed = RunContext("smoke", (0,), 1, tmp_path), []
+
+    def compute(job: int) -> dict[str, list[int | None]]:
+        computed.append(job)
+        return {"x": [job, None]}
+
+    jobs = [("abcd", 1), ("efgh", 2), ("abcd", 1)]
+    expected = [{"x": [1, None]}, {"x": [2, None]}, {"x": [1, None]}]
+    assert cached("stage", compute, jobs, context, "title") == expected
+    assert cached("stage", compute, jobs, context, "title") == expected
+    assert computed == [1, 2]
+    (tmp_path / "stages" / "stage" / "ab" / "abcd.json").write_text("{")
     with pytest.raises(SbmError, match="delete it"):
-        store.read("stage", "abcd")
+        cached("stage", compute, jobs, context, "title")
 
 
 def test_tasks_run_in_single_threaded_processes_and_one_failure_does_not_stop_the_others(

@@ -1,5 +1,6 @@
-"""The label ablation in one picture: every variant's difference from the default, with its interval."""
+"""The pictures of the page about the label generator: its ablation, and the time of labelling."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ PANELS = {"mean_iou": "mean IoU", "mask_ap50": "AP50"}
 
 
 def draw_label_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
-    """Draws differences from the default, one row a variant.
+    """Draws every variant's difference from the default with its interval, one row a variant.
 
     Args:
         content: of ``label_ablation.json``.
@@ -59,4 +60,22 @@ def draw_label_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
     first.tick_params(axis="y", length=0)
     panels[0][-1].tick_params(axis="y", length=0)
     figure.tight_layout()
+    save(figure, path)
+
+
+def draw_label_speed(seconds_per_view: Mapping[int, float], path: Path) -> None:
+    """Draws the time for each view over the number of views.
+
+    Args:
+        seconds_per_view: by the number of views of an episode.
+        path: PNG to write.
+    """
+    figure, axes = plt.subplots(figsize=(5.2, 3.4), dpi=120, layout="constrained")
+    axes.plot(list(seconds_per_view), [1e3 * one for one in seconds_per_view.values()], "o-", color="#0f766e")
+    axes.set_xlabel("views of the episode (320x240, ten objects)")
+    axes.set_ylabel("labelling, ms for each view")
+    axes.set_ylim(0, None)
+    axes.set_xlim(0, None)
+    axes.grid(alpha=0.3)
+    tidy(axes, grid=False)
     save(figure, path)
