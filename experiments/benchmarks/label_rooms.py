@@ -10,6 +10,7 @@ from labeling.core.geometry import look_at
 from labeling.core.views import Camera
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedView
 from sbm_gym.env.recording import Capture, episode_of_captures, ground_truth_of_view
+from sbm_gym.env.view_detectors import View
 from sbm_gym.scenes.compiled import Scene, compile_scene
 from sbm_gym.scenes.world_sources import world_source
 from sbm_gym.worlds.world import ObjectInstance
@@ -67,16 +68,14 @@ def record(room: Room, num_views: int, num_true: int) -> Episode:
         num_true: so many of the first views have ground truth, which takes longer than everything else.
     """
     scene, detector = room.scene, SimulatedDetector()
-    world = replace(scene.world, objects=room.objects)
+    scene = replace(scene, world=replace(scene.world, objects=room.objects))
     captures = []
     for view in range(num_views):
         pose = _viewpoint(room, view)
         frame, camera, instance = room.picture(pose, SIZE)
         truths = ()
         if view < num_true:
-            truths = ground_truth_of_view(
-                world, scene.renderer, scene.data, instance, scene.geoms_of_instance, camera, view
-            )
+            truths = ground_truth_of_view(scene, View(frame, instance, camera), view)
         observed = tuple(scene.surfaces.observe(instance, camera.intrinsics, pose))
         found = detector.detect(
             np.random.default_rng([0, view]), SimulatedView(view, instance, frame.depth_m, observed)

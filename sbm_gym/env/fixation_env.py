@@ -1,5 +1,6 @@
 """The Gymnasium environment: an agent that moves around objects and looks at them."""
 
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -22,7 +23,6 @@ from sbm_gym.rendering.third_person import ThirdPersonView
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
-from sbm_gym.robot.state import RobotConfig
 from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.scenes.world_sources import chosen_source
 
@@ -166,16 +166,11 @@ class FixationEnv(gym.Env, EzPickle):
         self.scene_names = self._source.scenes(split)
         """Names of the scenes that ``reset`` draws from."""
         self._weights = reward_weights or RewardWeights()
-        body = body or self.profile.body
-        robot = RobotConfig(
+        robot = replace(
+            self.profile,
+            body=body or self.profile.body,
             memory=memory or self.profile.memory,
-            stride_m=self.profile.stride_m if stride_m is None else stride_m,
-            camera_height_m=body.camera_height_m,
-            rest_tilt_rad=self.profile.rest_tilt_rad,
-            ring_m=self.profile.ring_m,
-            ring_clearance_m=self.profile.ring_clearance_m,
-            search_distance_m=self.profile.search_distance_m,
-            seen_cell_m=self.profile.seen_cell_m,
+            stride_m=stride_m or self.profile.stride_m,
         )
         self._config = SimulationConfig(
             robot=robot,
@@ -186,7 +181,7 @@ class FixationEnv(gym.Env, EzPickle):
             gaze=gaze,
         )
         self._num_views, self._episodes_per_scene = num_views, episodes_per_scene
-        self._cache = SceneCache(self._source, renderer, body, scene_cache)
+        self._cache = SceneCache(self._source, renderer, robot.body, scene_cache)
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(robot.memory.bins)
         """What the entries of the ``state`` observation mean."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, UInt8
 
 from sbm_gym.env.state_vector import ROOM_SCALES, state_names
 from sbm_gym.robot.object_memory import ViewBins
@@ -25,10 +25,3 @@ def encode_depth(
     """Depth in levels of ``level_m``; a return is never encoded as 0, which stands for none."""
     levels = np.clip(np.rint(depth_m / level_m), 1, 255)
     return np.where(depth_m > 0.0, levels, 0).astype(np.uint8)[..., None]
-
-
-def decode_depth(
-    depth: UInt8[np.ndarray, "h w 1"], level_m: float = ROOM_SCALES.depth_level_m
-) -> Float32[np.ndarray, "h w"]:
-    """Metres of an encoded depth image, to within half a level below 255 levels."""
-    return depth[..., 0].astype(np.float32) * np.float32(level_m)

@@ -1,18 +1,16 @@
 """Full frames for the recorder: what one view shows, exactly, and how views become an episode on disk."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import mujoco
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Float, Float32, UInt8
 
 from labeling.core.episode import Episode
 from labeling.core.types import Detection, GroundTruth
-from labeling.core.views import Camera
-from sbm_gym.rendering.base import Renderer
-from sbm_gym.worlds.world import World
+from sbm_gym.env.view_detectors import View
+from sbm_gym.scenes.compiled import Scene
 
 SLIVER_AREA_SHARE = 32 / 256**2
 """Objects of which a view shows less than this share of the picture are marked ``ignore``."""
@@ -36,35 +34,24 @@ class Capture:
     """What the simulator knows, for the recorder only: neither policies nor rewards may look at it."""
 
 
-def ground_truth_of_view(
-    world: World,
-    renderer: Renderer,
-    data: mujoco.MjData,
-    instance_map: Int32[np.ndarray, "h w"],
-    geoms_of_instance: Mapping[int, Sequence[int]],
-    camera: Camera,
-    view_index: int,
-) -> tuple[GroundTruth, ...]:
+def ground_truth_of_view(scene: Scene, view: View, view_index: int) -> tuple[GroundTruth, ...]:
     """Modal and amodal masks and 3-D boxes of every object of which at least one pixel shows.
 
     Args:
-        world: the scene.
-        renderer: draws the amodal masks.
-        data: state of the scene.
-        instance_map: instance id of every pixel, 0 for none.
-        geoms_of_instance: the drawn geoms of every object.
-        camera: of the view.
-        view_index: number of the view in its episode.
+        scene: in which the view was taken.
+        view: the view.
+        view_index: its number in its episode.
     """
+    instance_map = view.instance_map
     found = []
     shown = set(np.unique(instance_map).tolist())
-    for instance in world.objects:
+    for instance in scene.world.objects:
         if instance.instance_id not in shown:
             continue
         modal = instance_map == instance.instance_id
-        geoms = geoms_of_instance[instance.instance_id]
+        geoms = scene.geoms_of_instance[instance.instance_id]
         # What is seen belongs to the whole by definition; rays cast a second time may differ in a rim pixel.
-        amodal = modal | renderer.amodal_mask(data, geoms, camera)
+        amodal = modal | scene.renderer.amodal_mask(scene.data, geoms, view.camera)
         modal_px, amodal_px = np.count_nonzero(modal), np.count_nonzero(amodal)
         sliver = modal_px < SLIVER_AREA_SHARE * modal.size or modal_px < SLIVER_VISIBLE_SHARE * amodal_px
         found.append(

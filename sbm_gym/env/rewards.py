@@ -23,26 +23,12 @@ class RewardWeights:
     """Taken away for every step. Off by default: episodes have a fixed number of views, so it changes no choice."""
 
 
-def discovery(update: MemoryUpdate, weights: RewardWeights) -> float:
-    """New objects confirmed, and better views of known ones."""
-    return weights.new_object * len(update.new_objects) + weights.better_view * update.confidence_gain
-
-
-def diversity(update: MemoryUpdate, weights: RewardWeights) -> float:
-    """New directions from which confirmed objects were seen."""
-    return weights.new_azimuth * update.num_new_azimuths + weights.new_range_or_elevation * update.num_new_cells
-
-
-def collision(collided: bool, weights: RewardWeights) -> float:
-    """Never positive."""
-    return -weights.collision if collided else 0.0
-
-
 def reward_terms(update: MemoryUpdate, collided: bool, weights: RewardWeights) -> dict[str, float]:
     """All terms of one step by name; the reward is their sum, in this order."""
+    new_views = weights.new_azimuth * update.num_new_azimuths
     return {
-        "discovery": discovery(update, weights),
-        "diversity": diversity(update, weights),
-        "collision": collision(collided, weights),
+        "discovery": weights.new_object * len(update.new_objects) + weights.better_view * update.confidence_gain,
+        "diversity": new_views + weights.new_range_or_elevation * update.num_new_cells,
+        "collision": -weights.collision if collided else 0.0,
         "step": -weights.step,
     }

@@ -77,7 +77,7 @@ class Simulation:
         before = body.position_m
         displacement_m = self._displacement_m(action[:2], body.yaw_rad)
         way_is_free = self.scene.world.navigable.line_is_free(before, before + displacement_m)
-        self.collided = body.move(displacement_m, way_is_free=way_is_free).collided
+        self.collided = body.move(displacement_m, way_is_free=way_is_free)
         self.path_m += float(np.linalg.norm(body.position_m - before))
         self._places_m.append(body.position_m)
         self._aim(action[2:])
@@ -92,7 +92,6 @@ class Simulation:
 
     def capture(self, height_px: int, width_px: int) -> Capture:
         """A full frame of the current view. Changes nothing."""
-        scene = self.scene
         if self._detector.needs_detail and self._config.detector_size == (height_px, width_px):
             view, detections = self.sight, self.detections
         else:
@@ -104,15 +103,7 @@ class Simulation:
             intrinsics=view.camera.intrinsics,
             camera_to_world=view.camera.camera_to_world,
             detections=tuple(detections),
-            ground_truth=ground_truth_of_view(
-                scene.world,
-                scene.renderer,
-                scene.data,
-                view.instance_map,
-                scene.geoms_of_instance,
-                view.camera,
-                self.step_index,
-            ),
+            ground_truth=ground_truth_of_view(self.scene, view, self.step_index),
         )
 
     def trace(self) -> AgentTrace:

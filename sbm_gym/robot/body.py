@@ -19,7 +19,6 @@ from labeling.core.geometry import flip_camera_axes
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION
 
 AGENT_BODY = "agent"
-HEAD_BODY = "agent_head"
 CAMERA = "agent_camera"
 SLIDE_X, SLIDE_Y, PAN, TILT = "agent_x", "agent_y", "agent_pan", "agent_tilt"
 
@@ -53,27 +52,16 @@ class BodyConfig:
     """Speed of the set point: a substep then advances it by 12.5 mm, far less than walls and the body are thick."""
 
 
-@dataclass(frozen=True)
-class Move:
-    """What became of a commanded move."""
-
-    displacement_m: Float[np.ndarray, "2"]
-    """What odometry measured, world axes."""
-    collided: bool
-    """Whether an obstacle kept the body from where it was sent."""
-
-
-def add_agent(spec: mujoco.MjSpec, config: BodyConfig | None = None) -> None:
+def add_agent(spec: mujoco.MjSpec, config: BodyConfig) -> None:
     """Adds the agent to a world that has not been compiled yet.
 
     Args:
         spec: the world; its time step is set to that of the agent's servos.
-        config: the body; None takes the defaults.
+        config: the body.
 
     Raises:
         ValueError: if the world already has an agent.
     """
-    config = config or BodyConfig()
     if any(body.name == AGENT_BODY for body in spec.bodies):
         raise ValueError(f"the world already has a body named {AGENT_BODY!r}; add the agent once")
     spec.option.timestep = SUBSTEP_S
@@ -119,7 +107,7 @@ def add_agent(spec: mujoco.MjSpec, config: BodyConfig | None = None) -> None:
 
 def _add_head(body: mujoco.MjsBody, config: BodyConfig) -> None:
     """The head: massive only for the sake of the solver, its centre of mass on both axes, so it never feels a force."""
-    head = body.add_body(name=HEAD_BODY, pos=[0.0, 0.0, config.camera_height_m])
+    head = body.add_body(name="agent_head", pos=[0.0, 0.0, config.camera_height_m])
     head.add_joint(name=PAN, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
     # Positive tilt looks up: at pan 0 the camera looks along +X, so it turns about -Y.
     head.add_joint(name=TILT, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, -1.0, 0.0])
@@ -132,7 +120,7 @@ def _add_head(body: mujoco.MjsBody, config: BodyConfig) -> None:
 class AgentBody:
     """Moves the agent of one compiled model and reads where it is."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: BodyConfig | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: BodyConfig) -> None:
         """Looks up the agent that ``add_agent`` put into the model.
 
         Args:
@@ -154,7 +142,6 @@ class AgentBody:
         self._obstacles = np.flatnonzero(solid & ~np.isin(model.geom_bodyid, always))
         self._obstacle_bodies = model.geom_bodyid[self._obstacles].copy()
         self._obstacle_radii_m = model.geom_rbound[self._obstacles] + model.geom_rbound[self._torso]
-        config = config or BodyConfig()
         self._max_tilt_rad, self._speed_m_s = config.max_tilt_rad, config.speed_m_s
 
     @property
@@ -201,7 +188,7 @@ class AgentBody:
         self.data.qpos[self._qpos[TILT]] = np.clip(tilt_rad, -self._max_tilt_rad, self._max_tilt_rad)
         self.data.qvel[:] = 0.0
 
-    def move(self, displacement_m: Float[np.ndarray, "2"], way_is_free: bool = False) -> Move:
+    def move(self, displacement_m: Float[np.ndarray, "2"], way_is_free: bool = False) -> bool:
         """Drives the body, as far as obstacles let it, and brings it to rest.
 
         Args:
@@ -210,11 +197,14 @@ class AgentBody:
                 without physics, which would bring it there too, to within its tolerance of arrival (a fraction of a
                 millimetre); no simulated time passes. Where it would come within ``CONTACT_MARGIN_M`` of something at
                 the goal the promise does not count.
+
+        Returns:
+            Whether an obstacle kept the body from where it was sent.
         """
         start = self.position_m
         goal = start + np.asarray(displacement_m, float)
         if way_is_free and self._set_down(goal):
-            return Move(displacement_m=self.position_m - start, collided=False)
+            return False
         distance_m = float(np.linalg.norm(displacement_m))
         yaw_rad, tilt_rad = self.yaw_rad, self.tilt_rad
         self.data.qvel[:] = 0.0
@@ -225,13 +215,11 @@ class AgentBody:
                     self.data.ctrl[self._servos] = start + (goal - start) * (substep / travelling)
                     mujoco.mj_step(self.model, self.data)
                 self._settle(goal)
-        touching = self._touching()
-        end = self.position_m
+        touching, end = self._touching(), self.position_m
         self.data.ctrl[self._servos] = end
         self._turn_head(yaw_rad, tilt_rad)
         mujoco.mj_forward(self.model, self.data)
-        blocked = bool(np.linalg.norm(goal - end) > _BLOCKED_M)
-        return Move(displacement_m=end - start, collided=blocked and touching)
+        return touching and bool(np.linalg.norm(goal - end) > _BLOCKED_M)
 
     def _set_down(self, goal: Float[np.ndarray, "2"]) -> bool:
         """Puts the body at rest somewhere if it touches nothing there; else leaves it where it was."""
@@ -273,10 +261,3 @@ class AgentBody:
     def _touching(self) -> bool:
         contacts = self.data.contact
         return bool(np.any(contacts.geom == self._torso)) if self.data.ncon else False
-
-    def penetration_m(self) -> float:
-        """How deep the body is inside an obstacle, 0 if it is in none."""
-        if not self.data.ncon:
-            return 0.0
-        ours = np.any(self.data.contact.geom == self._torso, axis=1)
-        return float(max(0.0, -np.min(self.data.contact.dist[ours], initial=0.0)))

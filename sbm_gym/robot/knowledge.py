@@ -21,52 +21,33 @@ class RobotKnowledge(Protocol):
 
     # Settings, the same in every episode ------------------------------------------------------------------------------
 
-    @property
-    def stride_m(self) -> float:
-        """Longest move of one step."""
-        ...
-
-    @property
-    def camera_height_m(self) -> float:
-        """Height of the camera above the floor."""
-        ...
-
-    @property
-    def rest_tilt_rad(self) -> float:
-        """Tilt of the camera when nothing is fixated; up is positive."""
-        ...
-
-    @property
-    def max_depth_m(self) -> float:
-        """Objects and floor farther from the camera than this are left for later."""
-        ...
-
-    @property
-    def ring_m(self) -> tuple[float, float]:
-        """Least and greatest horizontal distance at which objects are circled."""
-        ...
-
-    @property
-    def ring_clearance_m(self) -> float:
-        """The ring begins at least this far outside an object, as far as its extent is known."""
-        ...
-
-    @property
-    def search_distance_m(self) -> tuple[float, float]:
-        """Least and greatest distance to another place to search from, where there is one."""
-        ...
-
-    @property
-    def view_bins(self) -> ViewBins:
-        """How directions from which an object is seen are told apart."""
-        ...
+    stride_m: float
+    """Longest move of one step."""
+    camera_height_m: float
+    """Height of the camera above the floor."""
+    rest_tilt_rad: float
+    """Tilt of the camera when nothing is fixated; up is positive."""
+    max_depth_m: float
+    """Objects and floor farther from the camera than this are left for later."""
+    ring_m: tuple[float, float]
+    """Least and greatest horizontal distance at which objects are circled."""
+    ring_clearance_m: float
+    """The ring begins at least this far outside an object, as far as its extent is known."""
+    search_distance_m: tuple[float, float]
+    """Least and greatest distance to another place to search from, where there is one."""
+    view_bins: ViewBins
+    """How directions from which an object is seen are told apart."""
 
     # This episode -----------------------------------------------------------------------------------------------------
 
-    @property
-    def navigable(self) -> NavigableMap:
-        """The map the robot navigates by: where the middle of its body may be."""
-        ...
+    navigable: NavigableMap
+    """The map the robot navigates by: where the middle of its body may be."""
+    view_history: ViewHistory
+    """Unconfirmed candidates, and from which view bins candidates and objects have been looked at."""
+    seen_floor: SeenFloor
+    """Which part of the floor that it can get to depth has shown."""
+    seen_space: SeenSpace
+    """Which cells of space depth has shown to be filled: what may hide an object."""
 
     @property
     def views_left(self) -> int:
@@ -81,21 +62,6 @@ class RobotKnowledge(Protocol):
     @property
     def target(self) -> KnownObject | None:
         """The object that it fixates, None before any is confirmed."""
-        ...
-
-    @property
-    def view_history(self) -> ViewHistory:
-        """Unconfirmed candidates, and from which view bins candidates and objects have been looked at."""
-        ...
-
-    @property
-    def seen_floor(self) -> SeenFloor:
-        """Which part of the floor that it can get to depth has shown."""
-        ...
-
-    @property
-    def seen_space(self) -> SeenSpace:
-        """Which cells of space depth has shown to be filled: what may hide an object."""
         ...
 
     def fixate(self, object_id: int) -> None:

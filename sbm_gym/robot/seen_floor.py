@@ -6,8 +6,6 @@ from jaxtyping import Bool, Float, Int
 from labeling.core.geometry import project
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
-NEVER = -1
-
 
 class SeenFloor:
     """The places where the robot can stand, and when each was seen last."""
@@ -27,7 +25,7 @@ class SeenFloor:
         self._open = _reachable(_coarse(navigable.free, self._factor), self.cell(navigable.nearest_free(start_m)))
         self._cells = np.argwhere(self._open)
         self._centres_m = self._origin_m + self._cell_m * (self._cells[:, ::-1] + 0.5)
-        self._seen_at = np.full(self._open.shape, NEVER, np.int32)
+        self._seen_at = np.full(self._open.shape, -1, np.int32)
         self.num_views = 0
         """Depth images added so far."""
         self._pass_by(start_m, 0.75 * stride_m)

@@ -1,12 +1,13 @@
 """What a robot knows in the course of one episode: everything that ``RobotKnowledge`` promises to policies."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.types import Detection
+from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.robot.seen_space import SeenSpace
@@ -21,16 +22,23 @@ REFIXATE_RAD = np.deg2rad(10.0)
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """What stays the same from episode to episode; see ``RobotKnowledge`` and ``WorldProfile``."""
+    """What stays the same from episode to episode; the defaults are those of rooms."""
 
-    memory: MemoryConfig
-    stride_m: float
-    camera_height_m: float
-    rest_tilt_rad: float
-    ring_m: tuple[float, float]
-    ring_clearance_m: float
-    search_distance_m: tuple[float, float]
-    seen_cell_m: float
+    body: BodyConfig = field(default_factory=BodyConfig)
+    """The agent's body and the height of its camera."""
+    memory: MemoryConfig = field(default_factory=MemoryConfig)
+    """When detections are one object."""
+    stride_m: float = 0.5
+    """Longest move of one step."""
+    rest_tilt_rad: float = -0.25
+    """Tilt of the camera at the start of an episode: a little down, where furniture is."""
+    ring_m: tuple[float, float] = (1.0, 2.0)
+    """Distances at which objects are circled (thesis 4.1: 1 to 2 m)."""
+    ring_clearance_m: float = 0.0
+    """The ring begins at least this far outside an object, as far as its extent is known."""
+    search_distance_m: tuple[float, float] = (1.5, 100.0)
+    """Another place to search from is at least and at most this far away, where there is one."""
+    seen_cell_m: float = 0.1
     """Cell of the grid in which seen surfaces are remembered."""
 
 
@@ -58,7 +66,7 @@ class RobotState:
             num_views: steps of the episode.
         """
         self.navigable = navigable
-        self.stride_m, self.camera_height_m = config.stride_m, config.camera_height_m
+        self.stride_m, self.camera_height_m = config.stride_m, config.body.camera_height_m
         self.rest_tilt_rad, self.max_depth_m = config.rest_tilt_rad, config.memory.max_depth_m
         self.ring_m, self.ring_clearance_m = config.ring_m, config.ring_clearance_m
         self.search_distance_m, self.view_bins = config.search_distance_m, config.memory.bins

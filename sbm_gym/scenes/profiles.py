@@ -6,6 +6,7 @@ from sbm_gym.assets.models.classes import OUTDOOR_CATEGORIES
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.object_memory import MemoryConfig, ViewBins
+from sbm_gym.robot.state import RobotConfig
 
 
 @dataclass(frozen=True)
@@ -21,33 +22,17 @@ class ObservationScales:
 
 
 @dataclass(frozen=True)
-class WorldProfile:
+class WorldProfile(RobotConfig):
     """Settings that fit a kind of world; the defaults are those of rooms. Every source of worlds brings its own."""
 
-    body: BodyConfig = field(default_factory=BodyConfig)
-    """The agent's body and the height of its camera."""
-    rest_tilt_rad: float = -0.25
-    """Tilt of the camera at the start of an episode: a little down, where furniture is."""
-    stride_m: float = 0.5
-    """Longest move of one step."""
-    ring_m: tuple[float, float] = (1.0, 2.0)
-    """Distances at which objects are circled (thesis 4.1: 1 to 2 m)."""
-    ring_clearance_m: float = 0.0
-    """The ring begins at least this far outside an object, as far as its extent is known."""
     image_size: tuple[int, int] = (84, 84)
     """Height and width of observed pictures, pixels."""
     capture_size: tuple[int, int] = (256, 256)
     """Height and width of recorded pictures, pixels (thesis: 256x256 indoors)."""
     scales: ObservationScales = field(default_factory=ObservationScales)
     """Lengths that observations are scaled by."""
-    memory: MemoryConfig = field(default_factory=MemoryConfig)
-    """When detections are one object."""
     detector: SimulatedDetectorConfig = field(default_factory=SimulatedDetectorConfig)
     """The simulated detector: its categories, and at which distances views differ."""
-    seen_cell_m: float = 0.1
-    """Cell of the grid in which policies remember seen surfaces."""
-    search_distance_m: tuple[float, float] = (1.5, 100.0)
-    """Another place to search from is at least and at most this far away, where there is one."""
 
 
 INDOOR = WorldProfile()

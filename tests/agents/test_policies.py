@@ -20,7 +20,6 @@ from agents.policies.ring import _first_direction
 from labeling.core.errors import UsageError
 from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
 from labeling.core.types import Detection
-from sbm_gym.env.observations import decode_depth
 from sbm_gym.robot.line_of_sight import unhidden
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
@@ -53,7 +52,7 @@ def floor_seen(name: str, seed: int) -> int:
 
     def note(observation, info):
         agent = info["agent"]
-        points, _ = unproject_depth(decode_depth(observation["depth"]), agent["intrinsics"], agent["camera_to_world"])
+        points, _ = unproject_depth(0.04 * observation["depth"][..., 0], agent["intrinsics"], agent["camera_to_world"])
         low = points[np.abs(points[:, 2]) < 0.06]
         tiles.update(map(tuple, np.floor(low[:, :2] / 0.25).astype(int).tolist()))
 

@@ -50,14 +50,6 @@ class NavigableMap:
         # Kept off the cell's very edges, so that rounding never puts the point into a neighbour.
         return self.origin_m + self.cell_m * (np.array([j, i]) + rng.uniform(1e-6, 1 - 1e-6, 2))
 
-    def clearance_m(self, xy_m: Float[np.ndarray, "2"]) -> float:
-        """How far the agent's centre at ``xy_m`` is from the nearest place it cannot be; 0 where it cannot be."""
-        if not self.is_free(xy_m):
-            return 0.0
-        corner = self._blocked_corners_m
-        gap = np.maximum(np.maximum(corner - xy_m, xy_m - corner - self.cell_m), 0.0)
-        return float(np.sqrt(np.einsum("nk,nk->n", gap, gap).min()))
-
     def nearest_free(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         """The free point nearest to ``xy_m``: itself if free, else the centre of the nearest free cell.
 
@@ -129,17 +121,6 @@ class NavigableMap:
         if count == 0:
             return np.zeros_like(self.free)
         return labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-
-    @functools.cached_property
-    def _blocked_corners_m(self) -> Float[np.ndarray, "n 2"]:
-        """Lower corners of the blocked cells that touch a free one; a rim around the grid counts as blocked."""
-        padded = np.pad(self.free, 1)
-        near = np.zeros_like(padded)
-        for di in (-1, 0, 1):
-            for dj in (-1, 0, 1):
-                near |= np.roll(padded, (di, dj), axis=(0, 1))
-        cells = np.argwhere(near & ~padded) - 1
-        return self.origin_m + self.cell_m * cells[:, ::-1]
 
     @functools.cached_property
     def _free_cells(self) -> Int[np.ndarray, "n 2"]:

@@ -1,7 +1,9 @@
 """Floor plans: rooms of several kinds in one rectangle, joined by doorways that one can walk through."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -22,8 +24,8 @@ Rectangle = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class RoomShape:
-    """What a kind of room asks of its walls."""
+class RoomKind:
+    """What a kind of room asks of its walls, and what it has."""
 
     area_m2: tuple[float, float]
     min_side_m: float
@@ -32,46 +34,28 @@ class RoomShape:
     """Whether one walks through it to other rooms."""
     windows: tuple[int, int] = (1, 2)
     """How many, where it has outer walls."""
+    needed: tuple[str, ...] = ()
+    """Classes without which a room is not of its kind."""
+    expected: tuple[str, ...] = ()
+    """Uses without a class that it should have too."""
+    extras: tuple[str, ...] = ()
+    """What it may be filled up with, see ``furnishing.extras.fill``."""
+    pictures: int = 4
+    """The most that hang on its walls."""
+    floors: tuple[str, ...] = ("",)
+    """What may cover its floor, functions of ``assets.models.surfaces``; "" is what the home has everywhere."""
+    walls: tuple[str, ...] = ("", "plaster", "wallpaper")
+    """Likewise its walls."""
+    curtains: bool = True
+    """Whether its windows may have them."""
 
 
-ROOM_SHAPES: dict[str, RoomShape] = {
-    "living_room": RoomShape((19.0, 29.0), 3.6, 2.2, public=True),
-    "kitchen_diner": RoomShape((12.0, 18.0), 2.8, 2.0, public=True),
-    "kitchen": RoomShape((8.5, 12.0), 2.2, 2.2, public=True, windows=(1, 1)),
-    "hall": RoomShape((4.0, 6.5), 1.45, 6.5, public=True, windows=(0, 0)),
-    "bedroom": RoomShape((12.5, 17.0), 2.9, 1.8),
-    "study": RoomShape((9.5, 13.0), 2.8, 1.7),
-    "bathroom": RoomShape((5.5, 8.5), 1.85, 2.2, windows=(0, 1)),
-    "studio": RoomShape((24.0, 32.0), 4.3, 1.6, public=True, windows=(2, 2)),
-    "hotel_room": RoomShape((19.0, 26.0), 3.9, 1.7, public=True),
-    "office": RoomShape((20.0, 32.0), 4.2, 1.7, public=True, windows=(1, 2)),
-    "meeting_room": RoomShape((12.0, 20.0), 2.9, 1.9),
-    "wash_room": RoomShape((4.8, 7.5), 1.85, 2.2, windows=(0, 0)),
+_TABLES = tomllib.loads(Path(__file__).with_name("rooms.toml").read_text(encoding="utf-8"))
+ROOM_KINDS = {
+    kind: RoomKind(**{name: tuple(value) if isinstance(value, list) else value for name, value in entry.items()})
+    for kind, entry in _TABLES["rooms"].items()
 }
-"""Sizes follow dwellings of 50 to 110 square metres."""
-
-PROGRAMMES: dict[str, tuple[tuple[str, ...], ...]] = {
-    "apartment": (
-        ("hall", "living_room", "kitchen_diner", "bedroom", "bedroom", "bathroom"),
-        ("hall", "living_room", "kitchen", "bedroom", "study", "bathroom"),
-        ("hall", "living_room", "kitchen_diner", "bedroom", "bathroom"),
-    ),
-    "flat": (
-        ("living_room", "kitchen_diner", "hall", "bedroom", "bathroom"),
-        ("living_room", "kitchen", "bedroom", "bathroom"),
-        ("living_room", "hall", "bedroom", "bathroom", "kitchen"),
-        ("living_room", "kitchen_diner", "bathroom"),
-    ),
-    "studio_flat": (("studio", "hall", "bathroom"),),
-    "hotel": (("hotel_room", "hall", "bathroom"),),
-    "office": (
-        ("office", "meeting_room", "kitchen", "wash_room"),
-        ("office", "kitchen", "wash_room"),
-        ("office", "office", "meeting_room", "kitchen", "wash_room"),
-        ("office", "meeting_room"),
-    ),
-    "living_room": (("living_room", "kitchen_diner"), ("living_room", "kitchen")),
-}
+PROGRAMMES: dict[str, list[list[str]]] = _TABLES["homes"]
 """Which rooms a kind of home has; one programme is drawn."""
 
 
@@ -161,7 +145,7 @@ def draw_plan(kind: str, rng: np.random.Generator) -> FloorPlan:
     height = float(np.round(rng.uniform(2.5, 2.8), 2))
     for _ in range(ATTEMPTS):
         rooms = programmes[rng.integers(len(programmes))]
-        areas = np.array([rng.uniform(*ROOM_SHAPES[room].area_m2) for room in rooms])
+        areas = np.array([rng.uniform(*ROOM_KINDS[room].area_m2) for room in rooms])
         # Two rows of rooms with a hall between are about as deep in every home; other homes are compact.
         corridor = kind == "apartment"
         width = areas.sum() / rng.uniform(6.9, 8.6) if corridor else np.sqrt(areas.sum() * rng.uniform(1.0, 1.7))
@@ -180,7 +164,7 @@ def draw_plan(kind: str, rng: np.random.Generator) -> FloorPlan:
 
 
 def _has_shape(kind: str, cell: Rectangle) -> bool:
-    shape = ROOM_SHAPES[kind]
+    shape = ROOM_KINDS[kind]
     sides = sorted((cell[2] - cell[0] - INNER_WALL_M, cell[3] - cell[1] - INNER_WALL_M))
     return sides[0] >= shape.min_side_m and sides[1] <= shape.max_aspect * sides[0]
 
@@ -263,7 +247,7 @@ def _doorways(
             wall = _shared(cells[i][1], cells[j][1])
             if wall is not None and wall[3] - wall[2] >= 0.95 + INNER_WALL_M + 2 * CORNER_M:
                 shared[i, j] = wall
-    public = [i for i, (kind, _) in enumerate(cells) if ROOM_SHAPES[kind].public]
+    public = [i for i, (kind, _) in enumerate(cells) if ROOM_KINDS[kind].public]
     joined: list[tuple[int, int]] = []
     # Public rooms first, from a random one on, until all hang together.
     reached = {public[0]}
@@ -331,7 +315,7 @@ def _build(cells, doorways, height: float, whole: Rectangle, rng: np.random.Gene
     for index, (kind, _) in enumerate(cells):
         # Worktops and taps fit below kitchen windows; bathrooms have small ones high up.
         sill = {"bathroom": 1.35, "kitchen": 1.2, "kitchen_diner": 1.2}.get(kind, float(rng.choice([0.85, 0.95])))
-        _windows(ROOM_SHAPES[kind], bare[index], openings[index], outer[index], rng, sill)
+        _windows(ROOM_KINDS[kind], bare[index], openings[index], outer[index], rng, sill)
     furnishable = [
         Room(room.low_m, room.high_m, height, tuple(found)) for room, found in zip(bare, openings, strict=True)
     ]
@@ -345,7 +329,7 @@ def _build(cells, doorways, height: float, whole: Rectangle, rng: np.random.Gene
 
 def _leaf_wish(kinds: Sequence[str], i: int, j: int) -> tuple[int, int, float]:
     """The room that the leaf of a doorway opens into, the other one, and how likely there is a leaf."""
-    private = [not ROOM_SHAPES[kinds[index]].public for index in (i, j)]
+    private = [not ROOM_KINDS[kinds[index]].public for index in (i, j)]
     # Into the room that one enters, not into the one that one comes from.
     enters_i = private[0] or (not private[1] and kinds[j] == "hall")
     return (i, j, 0.95 if any(private) else 0.5) if enters_i else (j, i, 0.95 if any(private) else 0.5)
@@ -360,7 +344,7 @@ def _outer_walls(cell: Rectangle, whole: Rectangle) -> list[int]:
 def _entrance(cells, bare: list[Room], openings, outer, rng: np.random.Generator) -> None:
     """The front door, closed: in the hall if it has an outer wall, else in another public room."""
     order = sorted(
-        (i for i, (kind, _) in enumerate(cells) if ROOM_SHAPES[kind].public and outer[i]),
+        (i for i, (kind, _) in enumerate(cells) if ROOM_KINDS[kind].public and outer[i]),
         key=lambda i: cells[i][0] != "hall",
     )
     width = 0.92
@@ -378,7 +362,7 @@ def _entrance(cells, bare: list[Room], openings, outer, rng: np.random.Generator
 
 
 def _windows(
-    shape: RoomShape, room: Room, found: list[Opening], outer: list[int], rng: np.random.Generator, sill_m: float
+    shape: RoomKind, room: Room, found: list[Opening], outer: list[int], rng: np.random.Generator, sill_m: float
 ) -> None:
     """Adds windows to the outer walls of a room where they leave other openings alone."""
     walls = room.walls()

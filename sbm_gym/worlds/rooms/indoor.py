@@ -14,8 +14,16 @@ from sbm_gym.assets.unseen import models_of_scene
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Layout, Placement, Room, obstacle_rows
 from sbm_gym.worlds.rooms.fittings import hang_lamps, hang_pictures, lay_rug
-from sbm_gym.worlds.rooms.floor_plan import OUTER_WALL_M, PROGRAMMES, FloorPlan, PlannedRoom, complement, draw_plan
-from sbm_gym.worlds.rooms.room_kinds import ROOM_KINDS, furnish
+from sbm_gym.worlds.rooms.floor_plan import (
+    OUTER_WALL_M,
+    PROGRAMMES,
+    ROOM_KINDS,
+    FloorPlan,
+    PlannedRoom,
+    complement,
+    draw_plan,
+)
+from sbm_gym.worlds.rooms.room_kinds import furnish
 from sbm_gym.worlds.rooms.shell import Style, build_shell, build_walls, draw_finish, draw_style
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import INTERIORS
@@ -220,11 +228,7 @@ def ring_viewpoints(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -
     """From which of ``BEARINGS`` directions and ``RING_M`` distances an object can be looked at."""
     bearing = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
     away = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)[:, None] * np.array(RING_M)[:, None]
-    column, row = np.moveaxis(np.floor((centre_m + away - navigable.origin_m) / navigable.cell_m).astype(int), -1, 0)
-    inside = (row >= 0) & (column >= 0) & (row < navigable.free.shape[0]) & (column < navigable.free.shape[1])
-    free = np.zeros(row.shape, bool)
-    free[inside] = navigable.free[row[inside], column[inside]]
-    return free
+    return navigable.are_free(centre_m + away)
 
 
 def _can_be_looked_at(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> bool:
@@ -305,9 +309,7 @@ def _finish_room(
     """Adds what belongs to the room itself: its surfaces, lamps, pictures and rugs."""
     planned, layout = furnished.planned, furnished.layout
     name = f"room_{number}_{planned.kind}"
-    curtains = (
-        planned.kind not in ("bathroom", "wash_room", "kitchen", "office", "meeting_room") and rng.random() < 0.75
-    )
+    curtains = ROOM_KINDS[planned.kind].curtains and rng.random() < 0.75
     build_shell(builder, planned.room, draw_finish(planned.kind, style, rng), rng, name, curtains)
     hang_lamps(builder, planned.room, rng, f"lamps_{number}", lamps)
     hang_pictures(

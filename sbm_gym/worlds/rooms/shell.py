@@ -6,7 +6,7 @@ import numpy as np
 
 from sbm_gym.assets.models import surfaces
 from sbm_gym.worlds.geometry.placing import Opening, Room
-from sbm_gym.worlds.rooms.floor_plan import FloorPlan
+from sbm_gym.worlds.rooms.floor_plan import ROOM_KINDS, FloorPlan
 from sbm_gym.worlds.rooms.openings import (
     draw_curtains,
     draw_frame,
@@ -20,30 +20,24 @@ from sbm_gym.worlds.scene_builder import SceneBuilder
 
 
 @dataclass(frozen=True)
-class Finish:
-    """What a room is covered with."""
-
-    floor: surfaces.Material
-    wall: surfaces.Material
-    ceiling: surfaces.Material
-    trim: tuple[float, float, float, float]
-    """Colour of skirting and frames."""
-    door: tuple[float, float, float, float]
-    panels: int
-    """Of a door."""
-
-
-@dataclass(frozen=True)
 class Style:
     """What all rooms of a home share."""
 
     trim: tuple[float, float, float, float]
+    """Colour of skirting and frames."""
     door: tuple[float, float, float, float]
     panels: int
     """Of a door."""
     floor: surfaces.Material
     """Of the rooms that have no floor of their own kind."""
     wall: surfaces.Material
+
+
+@dataclass(frozen=True)
+class Finish(Style):
+    """What a room is covered with."""
+
+    ceiling: surfaces.Material
 
 
 def draw_style(rng: np.random.Generator) -> Style:
@@ -62,32 +56,14 @@ def draw_style(rng: np.random.Generator) -> Style:
 
 def draw_finish(kind: str, style: Style, rng: np.random.Generator) -> Finish:
     """Draws the finish of a room of a kind: offices rarely have planks, kitchens never carpet, bathrooms are tiled."""
-    floors = {
-        "office": (surfaces.carpet, surfaces.carpet, surfaces.tiles),
-        "meeting_room": (surfaces.carpet,),
-        "kitchen": (surfaces.tiles,),
-        "bathroom": (surfaces.tiles,),
-        "wash_room": (surfaces.tiles,),
-        "hotel_room": (surfaces.carpet, surfaces.wood_planks),
-        "bedroom": (surfaces.carpet, surfaces.wood_planks, None, None),
-    }.get(kind, (None,))
-    walls = {
-        "bathroom": (surfaces.wall_tiles,),
-        "wash_room": (surfaces.wall_tiles,),
-        "hall": (None,),
-        "office": (None, surfaces.plaster),
-        "meeting_room": (None, surfaces.plaster),
-        "kitchen": (None, surfaces.plaster),
-    }.get(kind, (None, surfaces.plaster, surfaces.wallpaper))
-    floor, wall = floors[rng.integers(len(floors))], walls[rng.integers(len(walls))]
-    return Finish(
-        floor=style.floor if floor is None else floor(rng),
-        wall=style.wall if wall is None else wall(rng),
-        ceiling=surfaces.ceiling(rng),
-        trim=style.trim,
-        door=style.door,
-        panels=style.panels,
-    )
+    own = ROOM_KINDS[kind]
+    floor, wall = own.floors[rng.integers(len(own.floors))], own.walls[rng.integers(len(own.walls))]
+    covered = {
+        "floor": getattr(surfaces, floor)(rng) if floor else style.floor,
+        "wall": getattr(surfaces, wall)(rng) if wall else style.wall,
+        "ceiling": surfaces.ceiling(rng),
+    }
+    return Finish(**(vars(style) | covered))
 
 
 def build_shell(

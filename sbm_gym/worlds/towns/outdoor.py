@@ -159,13 +159,10 @@ def _park_vehicles(
 
 def approach_bearings(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> int:
     """From how many of ``BEARINGS`` directions a vehicle can be looked at from 3 to 15 m away."""
-    count = 0
-    for bearing in np.arange(BEARINGS) * (2 * np.pi / BEARINGS):
-        direction = np.array([np.cos(bearing), np.sin(bearing)])
-        count += any(
-            navigable.is_free(centre_m + distance * direction) for distance in np.arange(RING_M[0], RING_M[1], 0.5)
-        )
-    return count
+    bearings = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
+    directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    away = np.arange(RING_M[0], RING_M[1], 0.5)[:, None] * directions[:, None]
+    return int(np.count_nonzero(navigable.are_free(centre_m + away).any(axis=1)))
 
 
 @dataclass(frozen=True)

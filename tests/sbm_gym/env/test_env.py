@@ -18,7 +18,7 @@ import sbm_gym
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.env.gaze import yaw_action, yaw_offset_rad
-from sbm_gym.env.observations import decode_depth, encode_depth
+from sbm_gym.env.observations import encode_depth
 from sbm_gym.env.rewards import RewardWeights
 from sbm_gym.env.state_vector import free_distances_m
 from sbm_gym.registration import ENV_IDS, register_envs
@@ -258,7 +258,9 @@ def test_observations_show_what_the_renderer_shows(env):
     capture = env.capture(84, 84)
     assert np.array_equal(observation["depth"], encode_depth(capture.depth_m))
     seen = capture.depth_m > 0
-    assert np.all(np.abs(decode_depth(observation["depth"]) - capture.depth_m)[seen & (capture.depth_m < 10)] <= 0.0201)
+    assert np.all(
+        np.abs(observation["depth"][..., 0] * 0.04 - capture.depth_m)[seen & (capture.depth_m < 10)] <= 0.0201
+    )
     assert np.mean(np.abs(observation["rgb"].astype(float) - capture.rgb)) < 6
     assert np.allclose(capture.camera_to_world, info["agent"]["camera_to_world"])
 
@@ -503,7 +505,7 @@ def test_a_source_of_worlds_decides_by_itself_which_models_are_unseen():
 
 
 def test_what_policies_may_ask_is_what_the_contract_names_and_stays_up_to_date(env):
-    names = {name for name in vars(RobotKnowledge) if not name.startswith("_")}
+    names = {name for name in {**vars(RobotKnowledge), **RobotKnowledge.__annotations__} if not name.startswith("_")}
     env.reset(seed=0)
     robot = env.knowledge
     assert {name for name in names if hasattr(robot, name)} == names

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sbm_gym.env.rewards import RewardWeights, collision, discovery, diversity, reward_terms
+from sbm_gym.env.rewards import RewardWeights, reward_terms
 from sbm_gym.robot.object_memory import MemoryUpdate
 
 NOTHING = MemoryUpdate((), 0.0, 0, 0, (), {}, ())
@@ -29,11 +29,15 @@ def test_learning_nothing_earns_nothing():
 
 def test_each_event_earns_its_weight_in_its_own_term():
     w = RewardWeights(1.0, 0.5, 0.25, 0.05, 0.1, 0.01)
-    assert discovery(dataclasses.replace(NOTHING, new_objects=(3, 4)), w) == 2.0
-    assert discovery(dataclasses.replace(NOTHING, confidence_gain=1.0), w) == 0.5
-    assert diversity(dataclasses.replace(NOTHING, num_new_azimuths=2, num_new_cells=1), w) == pytest.approx(0.55)
-    assert collision(True, w) == -0.1
-    assert collision(False, w) == 0.0
+
+    def earned(term: str, collided: bool = False, **learned) -> float:
+        return reward_terms(dataclasses.replace(NOTHING, **learned), collided, w)[term]
+
+    assert earned("discovery", new_objects=(3, 4)) == 2.0
+    assert earned("discovery", confidence_gain=1.0) == 0.5
+    assert earned("diversity", num_new_azimuths=2, num_new_cells=1) == pytest.approx(0.55)
+    assert earned("collision", collided=True) == -0.1
+    assert earned("collision") == 0.0
     assert reward_terms(NOTHING, False, w)["step"] == -0.01
 
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sbm_gym.worlds.rooms.floor_plan import PROGRAMMES, complement, draw_plan
-from sbm_gym.worlds.rooms.room_kinds import ROOM_KINDS
+from sbm_gym.worlds.rooms.floor_plan import PROGRAMMES, ROOM_KINDS, complement, draw_plan
+from sbm_gym.worlds.rooms.room_kinds import FURNISH
 
 
 def area(rectangles):
@@ -88,6 +88,7 @@ def test_openings_stay_inside_their_walls_and_apart(kind, seed):
 
 def test_all_kinds_of_rooms_can_be_furnished():
     assert {room for programmes in PROGRAMMES.values() for rooms in programmes for room in rooms} == set(ROOM_KINDS)
+    assert set(FURNISH) == set(ROOM_KINDS)
 
 
 @settings(max_examples=25, deadline=None)

@@ -59,6 +59,11 @@ class Arranger:
         """True with this probability."""
         return bool(self.rng.random() < probability)
 
+    def perhaps(self, probability: float, furnish: Callable, *what, **how) -> None:
+        """Puts a group or a piece into the room with a probability: ``furnish(self, *what, **how)``."""
+        if self.chance(probability):
+            furnish(self, *what, **how)
+
     def count(self) -> int:
         """Objects with a class so far, cushions aside."""
         return sum(piece.card.category not in (None, "cushion") for piece in self.layout.placements)
