@@ -6,9 +6,11 @@ hard belongs to the object and the viewpoint, not to the moment: bias per model 
 viewpoints mean that looking again from the same place does not help, while moving does.
 """
 
+import tomllib
 import zlib
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,26 +33,11 @@ class CategoryTraits:
 
 
 DEFAULT_TRAITS = CategoryTraits()
+_TABLE = tomllib.loads(Path(__file__).with_name("traits.toml").read_text(encoding="utf-8"))
 TRAITS = {
-    "chair": CategoryTraits(0.6, 1.6, ("couch", "toilet", "table")),
-    "couch": CategoryTraits(-0.3, 2.6, ("bed", "chair")),
-    "plant": CategoryTraits(0.8, 0.0, ("chair", "shelf")),
-    "tv": CategoryTraits(0.0, 3.5, ("fridge", "shelf")),
-    "fridge": CategoryTraits(-0.2, 3.0, ("shelf", "tv")),
-    "bed": CategoryTraits(0.2, 1.2, ("couch", "table")),
-    "table": CategoryTraits(-0.6, 0.3, ("bed", "chair")),
-    "toilet": CategoryTraits(-0.3, 2.2, ("chair", "fridge")),
-    "shelf": CategoryTraits(-0.3, 2.5, ("fridge", "table")),
-    "nightstand": CategoryTraits(-0.3, 2.0, ("table", "chair")),
-    "beanbag": CategoryTraits(0.0, 0.6, ("chair", "couch")),
-    "cushion": CategoryTraits(0.0, 0.2, ("beanbag", "couch")),
-    "car": CategoryTraits(0.6, 0.8, ("truck", "bus")),
-    "truck": CategoryTraits(-0.3, 1.4, ("car", "bus")),
-    "bus": CategoryTraits(0.1, 1.2, ("truck", "car")),
-    "motorcycle": CategoryTraits(0.4, 0.6, ("bicycle", "car")),
-    "bicycle": CategoryTraits(0.2, 0.3, ("motorcycle", "car")),
+    category: CategoryTraits(entry["bias"], entry["behind"], tuple(entry["mistaken_for"]))
+    for category, entry in _TABLE.items()
 }
-"""Plausible, not measured: what COCO-trained networks are known to mix up."""
 
 
 @dataclass(frozen=True)
@@ -224,24 +211,23 @@ def _sigmoid(logit: float) -> float:
 
 def _normal_cdf(value: float) -> float:
     """Close enough for deciding luck: the logistic approximation of the normal distribution."""
-    return float(1.0 / (1.0 + np.exp(-1.702 * value)))
+    return _sigmoid(1.702 * value)
 
 
-@lru_cache(maxsize=4096)
-def _key_seed(seed: int, key: str) -> tuple[int, int]:
-    """A seed that is the same in every process, which Python's own ``hash`` of text is not."""
-    return seed, zlib.crc32(key.encode())
+def _rng(seed: int, key: str) -> np.random.Generator:
+    """A generator that is the same in every process, which Python's own ``hash`` of text is not."""
+    return np.random.default_rng((seed, zlib.crc32(key.encode())))
 
 
 @lru_cache(maxsize=4096)
 def _constant(seed: int, key: str) -> float:
     """A standard normal number that belongs to a key."""
-    return float(np.random.default_rng(_key_seed(seed, key)).normal())
+    return float(_rng(seed, key).normal())
 
 
 @lru_cache(maxsize=4096)
 def _waves(seed: int, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(_key_seed(seed, key))
+    rng = _rng(seed, key)
     amplitude = rng.normal(size=5) * np.array([1.0, 0.9, 0.7, 0.5, 0.6])
     return amplitude, rng.uniform(0.0, 2.0 * np.pi, 5), rng.uniform(0.5, 1.5, 5)
 

@@ -10,9 +10,8 @@ from gymnasium.utils import EzPickle
 from jaxtyping import Float
 
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
-from sbm_gym.env import episode_report
+from sbm_gym.env import observations
 from sbm_gym.env.arguments import check_choices, check_numbers, checked_action, checked_options, checked_start
-from sbm_gym.env.observations import observation_space
 from sbm_gym.env.recording import Capture
 from sbm_gym.env.rewards import RewardWeights, reward_terms
 from sbm_gym.env.simulation import Simulation, SimulationConfig
@@ -186,7 +185,7 @@ class FixationEnv(gym.Env, EzPickle):
         self.state_names = state_names(robot.memory.bins)
         """What the entries of the ``state`` observation mean."""
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
-        self.observation_space = observation_space(*self._config.image_size, robot.memory.bins)
+        self.observation_space = observations.observation_space(*self._config.image_size, robot.memory.bins)
         self._simulation: Simulation | None = None
         self._third_person: tuple[Scene, ThirdPersonView] | None = None
         self._window = ViewerWindow()
@@ -214,7 +213,7 @@ class FixationEnv(gym.Env, EzPickle):
         self._simulation = Simulation(scene, self._config, self._detector, entropy, position_m, yaw_rad, self.num_views)
         terms = dict.fromkeys(reward_terms(self._simulation.update, False, self._weights), 0.0)
         self._show_human()
-        return self._observation(), self._info(terms)
+        return self._observation(), observations.info(self._simulation, terms)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Moves, looks, detects.
@@ -232,7 +231,7 @@ class FixationEnv(gym.Env, EzPickle):
         # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
         truncated = simulation.step_index >= self.num_views and (self._num_views is not None or self.spec is None)
         self._show_human()
-        return self._observation(), float(sum(terms.values())), False, truncated, self._info(terms)
+        return self._observation(), float(sum(terms.values())), False, truncated, observations.info(simulation, terms)
 
     def render(self) -> np.ndarray | None:
         """The current view, without aliasing, as ``render_mode`` says; None if there is none, or it is a window."""
@@ -325,10 +324,7 @@ class FixationEnv(gym.Env, EzPickle):
         return start[:2], float(start[2]) if len(start) == 3 else yaw_rad
 
     def _observation(self) -> dict[str, np.ndarray]:
-        return episode_report.observation(self.simulation, self.profile.scales)
-
-    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        return episode_report.info(self.simulation, terms)
+        return observations.observation(self.simulation, self.profile.scales)
 
     def _view_from_outside(self) -> np.ndarray:
         scene = self.scene

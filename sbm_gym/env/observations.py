@@ -1,11 +1,24 @@
-"""What a policy gets to see: a small picture, a small depth image, and a vector of what the agent knows."""
+"""What the environment says about an episode: observations (two small pictures and what the robot knows), ``info``."""
+
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float, UInt8
 
-from sbm_gym.env.state_vector import ROOM_SCALES, state_names
-from sbm_gym.robot.object_memory import ViewBins
+from sbm_gym.env.simulation import Simulation
+from sbm_gym.env.state_vector import (
+    OTHERS,
+    ROOM_SCALES,
+    UNSEEN_DIRECTIONS,
+    UNSEEN_STRIDES,
+    StateInputs,
+    free_distances_m,
+    state_names,
+    state_vector,
+)
+from sbm_gym.robot.object_memory import KnownObject, ViewBins
+from sbm_gym.scenes.profiles import ObservationScales
 
 
 def observation_space(height_px: int, width_px: int, bins: ViewBins) -> spaces.Dict:
@@ -25,3 +38,84 @@ def encode_depth(
     """Depth in levels of ``level_m``; a return is never encoded as 0, which stands for none."""
     levels = np.clip(np.rint(depth_m / level_m), 1, 255)
     return np.where(depth_m > 0.0, levels, 0).astype(np.uint8)[..., None]
+
+
+def observation(simulation: Simulation, scales: ObservationScales) -> dict[str, np.ndarray]:
+    """What the robot sees and knows now, as the observation space has it.
+
+    Args:
+        simulation: after its latest look.
+        scales: lengths that the observation is scaled by.
+    """
+    robot, body, update = simulation.robot, simulation.scene.body, simulation.update
+    target = robot.target
+    others = [known for known in robot.objects if known is not target]
+    others.sort(key=lambda known: float(np.linalg.norm((known.centroid_m - body.camera_to_world[:3, 3])[:2])))
+    told = others[:OTHERS] + ([] if target is None else [target])
+    inputs = StateInputs(
+        yaw_rad=body.yaw_rad,
+        tilt_rad=body.tilt_rad,
+        camera_m=body.camera_to_world[:3, 3],
+        target=target,
+        target_visible=target is not None and target.object_id in update.visible,
+        target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
+        others=tuple((known, known.object_id in update.visible) for known in others[:OTHERS]),
+        open_sectors={known.object_id: robot.open_sectors(known) for known in told},
+        candidates=tuple(robot.view_history.candidates),
+        num_confirmed=len(robot.objects),
+        collided=simulation.collided,
+        time_left=max(0.0, 1.0 - simulation.step_index / simulation.num_views),
+        free_m=free_distances_m(robot.navigable, body.position_m, body.yaw_rad, scales.free_reach_m),
+        unseen=robot.seen_floor.unseen_around(
+            body.position_m, body.yaw_rad, tuple(UNSEEN_STRIDES.values()), UNSEEN_DIRECTIONS
+        ),
+    )
+    frame = simulation.view.frame
+    return {
+        "rgb": frame.rgb.copy(),
+        "depth": encode_depth(frame.depth_m, scales.depth_level_m),
+        "state": state_vector(inputs, robot.view_bins, scales),
+    }
+
+
+def info(simulation: Simulation, terms: dict[str, float]) -> dict[str, Any]:
+    """Everything about the robot that is not in the observation.
+
+    Args:
+        simulation: after its latest look.
+        terms: of the reward, by name.
+    """
+    robot, body, target = simulation.robot, simulation.scene.body, simulation.robot.target
+    known = [_describe(known, simulation) for known in robot.objects]
+    return {
+        "scene": simulation.scene.name,
+        "detections": list(simulation.detections),
+        # What the masks of detections lie over: a real detector looks at a picture of its own.
+        "sight": {"depth_m": simulation.sight.frame.depth_m, "intrinsics": simulation.sight.camera.intrinsics.copy()},
+        "fixation_target": {} if target is None else _describe(target, simulation),
+        "confirmed_objects": known,
+        "reward_terms": terms,
+        "agent": {
+            "position_m": body.position_m,
+            "yaw_rad": body.yaw_rad,
+            "tilt_rad": body.tilt_rad,
+            "camera_to_world": body.camera_to_world,
+            "intrinsics": simulation.view.camera.intrinsics.copy(),
+        },
+        "collided": simulation.collided,
+        "is_success": bool(known),
+        "coverage": max((len(k.azimuths) for k in robot.objects), default=0) / robot.view_bins.num_azimuths,
+        "path_length_m": simulation.path_m,
+    }
+
+
+def _describe(known: KnownObject, simulation: Simulation) -> dict[str, Any]:
+    return {
+        "object_id": known.object_id,
+        "category": known.category,
+        "best_confidence": known.best_confidence,
+        "centroid_m": known.centroid_m.copy(),
+        "extent_m": known.extent_m,
+        "visible": known.object_id in simulation.update.visible,
+        "azimuths": sorted(known.azimuths),
+    }

@@ -31,14 +31,9 @@ class ViewBins:
 
     def cell(self, camera_m: Float[np.ndarray, "3"], centroid_m: Float[np.ndarray, "3"]) -> Cell | None:
         """The bin of a camera that looks at a centroid, None beyond the outermost ranges."""
-        offset = camera_m - centroid_m
-        range_m = float(np.hypot(offset[0], offset[1]))
-        ring = int(np.searchsorted(self.range_edges_m, range_m, side="right")) - 1
-        if ring < 0 or ring >= len(self.range_edges_m) - 1:
-            return None
-        elevation_rad = float(np.arctan2(offset[2], range_m))
-        layer = int(np.searchsorted(self.elevation_edges_rad, elevation_rad, side="right"))
-        return self.azimuth_bin(float(np.arctan2(offset[1], offset[0]))), ring, layer
+        inside, bins = self.cells(camera_m[None], centroid_m[None])
+        azimuth, ring, layer = (int(index[0]) for index in bins)
+        return (azimuth, ring, layer) if inside[0] else None
 
     def cells(
         self, cameras_m: Float[np.ndarray, "*#n 3"], centroids_m: Float[np.ndarray, "*#n 3"]

@@ -19,13 +19,17 @@ class SeenFloor:
             stride_m: its longest move; the scale of everything here.
             reach_m: floor farther from the camera than this does not count as seen.
         """
-        self._factor = max(1, round(0.3 * stride_m / navigable.cell_m))
-        self._cell_m = self._factor * navigable.cell_m
-        self._origin_m, self._stride_m, self._reach_m = navigable.origin_m, stride_m, reach_m
-        self._open = _reachable(_coarse(navigable.free, self._factor), self.cell(navigable.nearest_free(start_m)))
-        self._cells = np.argwhere(self._open)
-        self._centres_m = self._origin_m + self._cell_m * (self._cells[:, ::-1] + 0.5)
-        self._seen_at = np.full(self._open.shape, -1, np.int32)
+        factor = max(1, round(0.3 * stride_m / navigable.cell_m))
+        self.cell_m = factor * navigable.cell_m
+        """Edge length of a cell."""
+        self.stride_m = stride_m
+        """The robot's longest move."""
+        self._origin_m, self._reach_m = navigable.origin_m, reach_m
+        self.is_floor = _reachable(_coarse(navigable.free, factor), self.cell(navigable.nearest_free(start_m)))
+        """The cells that can be seen at all: where the robot can get to."""
+        self._cells = np.argwhere(self.is_floor)
+        self._centres_m = self._origin_m + self.cell_m * (self._cells[:, ::-1] + 0.5)
+        self._seen_at = np.full(self.is_floor.shape, -1, np.int32)
         self.num_views = 0
         """Depth images added so far."""
         self._pass_by(start_m, 0.75 * stride_m)
@@ -35,28 +39,13 @@ class SeenFloor:
         """Share of the floor that has been seen."""
         return 1.0 - float(np.count_nonzero(self.unseen()) / max(1, len(self._cells)))
 
-    @property
-    def is_floor(self) -> Bool[np.ndarray, "my mx"]:
-        """The cells that can be seen at all: where the robot can get to."""
-        return self._open
-
-    @property
-    def stride_m(self) -> float:
-        """The robot's longest move."""
-        return self._stride_m
-
-    @property
-    def cell_m(self) -> float:
-        """Edge length of a cell."""
-        return self._cell_m
-
     def unseen(self, since: int = 0) -> Bool[np.ndarray, "my mx"]:
         """The cells of the floor that have not been seen.
 
         Args:
             since: only views from this one on count.
         """
-        return self._open & (self._seen_at < since)
+        return self.is_floor & (self._seen_at < since)
 
     def add(
         self,
@@ -78,7 +67,7 @@ class SeenFloor:
         # The floor runs away from grazing eyes: one pixel up it is so much farther.
         slope_m = floor_m**2 / (intrinsics[1, 1] * camera_to_world[2, 3])
         returned = depth_m[y, x] > 0.0
-        visible = returned & (floor_m - depth_m[y, x] < 0.5 * self._cell_m + slope_m)
+        visible = returned & (floor_m - depth_m[y, x] < 0.5 * self.cell_m + slope_m)
         rows, columns = self._cells[np.flatnonzero(shown)[visible]].T
         self._seen_at[rows, columns] = self.num_views
 
@@ -106,10 +95,10 @@ class SeenFloor:
         """
         unseen = self.unseen()[self._cells[:, 0], self._cells[:, 1]]
         offsets = self._centres_m[unseen] - place_m
-        distances = np.hypot(offsets[:, 0], offsets[:, 1]) / self._stride_m
+        distances = np.hypot(offsets[:, 0], offsets[:, 1]) / self.stride_m
         turns = (np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad) / (2.0 * np.pi) + 0.5 / num_directions
         directions = np.minimum((turns % 1.0 * num_directions).astype(np.int64), num_directions - 1)
-        cell = (self._cell_m / self._stride_m) ** 2
+        cell = (self.cell_m / self.stride_m) ** 2
         shares = np.zeros((len(rings_strides), num_directions))
         for ring, (low, high) in enumerate(rings_strides):
             within = (distances >= low) & (distances < high)
@@ -123,17 +112,17 @@ class SeenFloor:
 
     def cell(self, place_m: Float[np.ndarray, "2"]) -> tuple[int, int]:
         """Row and column of the cell that a place lies in."""
-        column, row = np.floor((np.asarray(place_m) - self._origin_m) / self._cell_m).astype(int)
+        column, row = np.floor((np.asarray(place_m) - self._origin_m) / self.cell_m).astype(int)
         return int(row), int(column)
 
     def centre_m(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """The middle of cells given by row and column."""
-        return self._origin_m + self._cell_m * (cells[:, ::-1] + 0.5)
+        return self._origin_m + self.cell_m * (cells[:, ::-1] + 0.5)
 
     def _blind_m(self, height_px: int, intrinsics, camera_to_world) -> float:
         """How far away the floor begins in the picture, two strides at most."""
         down_rad = np.arctan(0.5 * height_px / intrinsics[1, 1]) - np.arcsin(np.clip(camera_to_world[2, 2], -1.0, 1.0))
-        most_m = 2.0 * self._stride_m
+        most_m = 2.0 * self.stride_m
         return most_m if down_rad <= 0.0 else min(most_m, camera_to_world[2, 3] / float(np.tan(min(down_rad, 1.5))))
 
     def _pass_by(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> None:

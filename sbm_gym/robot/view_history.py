@@ -60,15 +60,14 @@ class ViewHistory:
         self._forget_parts_of(objects)
         camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
         yaw_rad = float(np.arctan2(forward[1], forward[0]))
-        for centroid_m, cells in (
-            *((known.centroid_m, self.tried(known.object_id)) for known in objects),
-            *((one.centroid_m, one.looks) for one in self.candidates),
-        ):
-            offset = centroid_m - camera_m
-            side_rad = (np.arctan2(offset[1], offset[0]) - yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
-            cell = self._config.bins.cell(camera_m, centroid_m)
-            if cell is not None and abs(side_rad) < IN_VIEW_RAD:
-                cells.add(cell)
+        watched = [(known.centroid_m, self.tried(known.object_id)) for known in objects]
+        watched += [(one.centroid_m, one.looks) for one in self.candidates]
+        centroids_m = np.array([centroid_m for centroid_m, _ in watched]).reshape(-1, 3)
+        offsets = centroids_m - camera_m
+        side_rad = (np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+        inside, (azimuths, rings, layers) = self._config.bins.cells(camera_m[None], centroids_m)
+        for index in np.flatnonzero(inside & (np.abs(side_rad) < IN_VIEW_RAD)):
+            watched[index][1].add((int(azimuths[index]), int(rings[index]), int(layers[index])))
 
     def _note(self, confidence: float, points: Float[np.ndarray, "n 3"]) -> None:
         centroid_m, size_m = points.mean(axis=0), float(np.max(np.ptp(points, axis=0)))

@@ -51,17 +51,13 @@ def eye_level_views(
     chosen: list[int] = []
     known: set[int] = set()
     while len(chosen) < count:
-        distance = np.array([_nearest(place, places[chosen]) for place in places])
+        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(axis=1, initial=np.inf)
         worth = np.array([trial.worth(known) for trial in trials])
         # Where no place is far enough from all others, the farthest is taken.
         best = int(np.argmax(np.where(distance >= apart_m, worth, distance - 1e3)))
         chosen.append(best)
         known |= set(trials[best].shares)
     return [poses[index] for index in chosen]
-
-
-def _nearest(place: Float[np.ndarray, "2"], others: Float[np.ndarray, "n 2"]) -> float:
-    return float(np.linalg.norm(others - place, axis=1).min()) if len(others) else float("inf")
 
 
 def _candidates(world: World, rng: np.random.Generator, height_m: float, near_m: float) -> list[np.ndarray]:

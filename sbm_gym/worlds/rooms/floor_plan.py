@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -51,10 +52,10 @@ class RoomKind:
 
 
 _TABLES = tomllib.loads(Path(__file__).with_name("rooms.toml").read_text(encoding="utf-8"))
-ROOM_KINDS = {
-    kind: RoomKind(**{name: tuple(value) if isinstance(value, list) else value for name, value in entry.items()})
-    for kind, entry in _TABLES["rooms"].items()
-}
+ROOM_KINDS: dict[str, RoomKind] = {}
+for _kind, _entry in _TABLES["rooms"].items():
+    _fields: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in _entry.items()}
+    ROOM_KINDS[_kind] = RoomKind(**_fields)
 PROGRAMMES: dict[str, list[list[str]]] = _TABLES["homes"]
 """Which rooms a kind of home has; one programme is drawn."""
 

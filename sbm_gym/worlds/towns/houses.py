@@ -10,6 +10,7 @@ from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.worlds.static_meshes import Facade, Rgba, StaticMeshes, box_quads
 from sbm_gym.worlds.towns import materials as materials
 from sbm_gym.worlds.towns import shops as shops
+from sbm_gym.worlds.towns.ground import flat
 from sbm_gym.worlds.towns.plan import HOUSE_DEPTH_M, KERB_M, PAVEMENT_M, Rect, TownPlan
 
 REVEAL_M = 0.16
@@ -303,10 +304,7 @@ def _roof(meshes: StaticMeshes, house: House, rng: np.random.Generator) -> None:
     r, top = house.rect, house.eaves_m + KERB_M
     width, depth = r.size_m
     if not house.pitched:
-        meshes.tiled(
-            np.array([[[r.x0, r.y0, top], [r.x1, r.y0, top], [r.x1, r.y1, top], [r.x0, r.y1, top]]]),
-            materials.flat_roof(),
-        )
+        meshes.tiled(flat(r, top), materials.flat_roof())
         wall, rise = 0.25, 0.7
         low = [[r.x0, r.y0, top], [r.x0, r.y1 - wall, top], [r.x0, r.y0, top], [r.x1 - wall, r.y0, top]]
         high = [[r.x1, r.y0 + wall], [r.x1, r.y1], [r.x0 + wall, r.y1], [r.x1, r.y1]]

@@ -270,14 +270,19 @@ def road_sign(kind: str) -> UInt8[np.ndarray, "h w 4"]:
     return picture
 
 
+_WALLS = {
+    "brick": (brick, ((150, 82, 64), (132, 74, 58), (172, 120, 88), (112, 66, 56))),
+    "stone": (ashlar, ((198, 186, 162), (170, 166, 158), (186, 170, 146))),
+    "modern": (panels, ((176, 176, 172), (150, 152, 154), (196, 190, 180))),
+    "plaster": (
+        render,
+        ((220, 208, 182), (206, 170, 132), (198, 200, 196), (184, 196, 180), (214, 186, 160), (188, 150, 130)),
+    ),
+}
+
+
 @functools.cache
 def wall_materials(style: str) -> tuple[Material, ...]:
     """The walls that a style of building can have."""
-    if style == "brick":
-        return tuple(brick(c) for c in ((150, 82, 64), (132, 74, 58), (172, 120, 88), (112, 66, 56)))
-    if style == "stone":
-        return tuple(ashlar(c) for c in ((198, 186, 162), (170, 166, 158), (186, 170, 146)))
-    if style == "modern":
-        return tuple(panels(c) for c in ((176, 176, 172), (150, 152, 154), (196, 190, 180)))
-    colours = ((220, 208, 182), (206, 170, 132), (198, 200, 196), (184, 196, 180), (214, 186, 160), (188, 150, 130))
-    return tuple(render(c) for c in colours)
+    material, colours = _WALLS[style]
+    return tuple(material(colour) for colour in colours)

@@ -5,6 +5,7 @@ episode adds: two vehicles, of a few that are moved about, at free places where 
 A.2.2), and the weather. All vehicles are objects: a label of a parked car is as right as one of these two.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -225,7 +226,18 @@ class TownStage:
                 break
         weather = draw_weather(rng)
         instances = tuple(instance_of(vehicle, v.instance_id, v.body_name) for v, vehicle in placed)
-        return Arrangement(self.objects + instances, navigable, starts, _Change(self.moved, placed, weather))
+        change = functools.partial(self._change, placed, weather)
+        return Arrangement(self.objects + instances, navigable, starts, change)
+
+    def _change(self, placed: tuple[_Placed, _Placed], weather: Weather, model: mujoco.MjModel) -> None:
+        """Brings the vehicles of an episode to their places, the others below the ground, and changes the weather."""
+        for number, one in enumerate(self.moved):
+            model.body_pos[model.body(one.body_name).id] = [0.0, 0.0, _UNDERGROUND_M - 10.0 * number]
+        for one, vehicle in placed:
+            body = model.body(one.body_name).id
+            model.body_pos[body] = [vehicle.x_m, vehicle.y_m, vehicle.z_m]
+            model.body_quat[body] = yaw_quaternion(vehicle.yaw_rad)
+        weather.apply(model)
 
     def _draw(self, rng: np.random.Generator) -> tuple[_Placed, _Placed] | None:
         first = self._place(self.spawns[int(rng.integers(len(self.spawns)))], (), rng)
@@ -277,25 +289,6 @@ def _with_vehicles(
     around = navigable_map(origin_m - rim, origin_m + size_m + rim, rows, cell_m=CELL_M).free[2:-2, 2:-2]
     navigable = NavigableMap(free & around, origin_m, CELL_M)
     return NavigableMap(navigable.largest_component, origin_m, CELL_M)
-
-
-@dataclass(frozen=True)
-class _Change:
-    """Brings the vehicles of an episode to their places, the others below the ground, and changes the weather."""
-
-    moved: tuple[MovedVehicle, ...]
-    placed: tuple[_Placed, ...]
-    weather: Weather
-
-    def __call__(self, model: mujoco.MjModel) -> None:
-        for number, one in enumerate(self.moved):
-            body = model.body(one.body_name).id
-            model.body_pos[body] = [0.0, 0.0, _UNDERGROUND_M - 10.0 * number]
-        for one, vehicle in self.placed:
-            body = model.body(one.body_name).id
-            model.body_pos[body] = [vehicle.x_m, vehicle.y_m, vehicle.z_m]
-            model.body_quat[body] = yaw_quaternion(vehicle.yaw_rad)
-        self.weather.apply(model)
 
 
 def _within(

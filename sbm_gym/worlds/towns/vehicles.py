@@ -1,5 +1,8 @@
 """Vehicles: which one fits where it could stand, painted one by one, as bodies of a world."""
 
+import tomllib
+from pathlib import Path
+
 import mujoco
 import numpy as np
 
@@ -10,29 +13,9 @@ from sbm_gym.worlds.scene_builder import SceneBuilder
 from sbm_gym.worlds.towns.plan import Spawn
 
 VEHICLE_USES = ("car", "van", "truck", "bus", "motorcycle", "bicycle")
-FITTING = {
-    "bay": ("car", "van", "motorcycle"),
-    "loading": ("van", "truck", "car"),
-    "bus": ("bus", "truck"),
-    "lane": ("car", "van", "truck", "bus", "motorcycle"),
-    "rack": ("bicycle",),
-}
+_TABLES = tomllib.loads(Path(__file__).with_name("vehicles.toml").read_text(encoding="utf-8"))
+FITTING: dict[str, list[str]] = _TABLES["fitting"]
 """What stands where."""
-_PAINTS = (
-    (0.88, 0.88, 0.86),
-    (0.70, 0.71, 0.72),
-    (0.36, 0.37, 0.39),
-    (0.06, 0.06, 0.07),
-    (0.08, 0.14, 0.34),
-    (0.16, 0.30, 0.56),
-    (0.58, 0.06, 0.07),
-    (0.36, 0.05, 0.08),
-    (0.07, 0.22, 0.15),
-    (0.62, 0.54, 0.40),
-    (0.85, 0.62, 0.08),
-    (0.10, 0.42, 0.46),
-)
-_PAINT_SHARES = np.array([0.18, 0.17, 0.14, 0.12, 0.08, 0.07, 0.08, 0.03, 0.03, 0.04, 0.03, 0.03])
 
 
 def fits(card: ModelCard, spawn: Spawn) -> bool:
@@ -80,7 +63,8 @@ def add_vehicle(
     model = library.load(vehicle.card)
     body = builder.place(name, vehicle, moves=moves)
     paint = VEHICLE_PAINT.get(vehicle.card.model_id)
-    colour = _PAINTS[int(rng.choice(len(_PAINTS), p=_PAINT_SHARES))]
+    paints = _TABLES["paints"]
+    colour = paints[int(rng.choice(len(paints), p=[each["share"] for each in paints]))]["rgb"]
     builder.furniture(body, model, None if paint is None else {paint: (*colour, 1.0)})
     for rectangle in model.footprint_m:
         builder.touched_box(body, rectangle, (0.0, vehicle.card.size_m[2]))

@@ -1,7 +1,6 @@
 """Fitted kitchens: a fridge in a corner, base cabinets side by side along the walls, wall cabinets and a hood above."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,13 +17,8 @@ _SEQUENCE = ("kitchen_unit", "kitchen_sink", "kitchen_unit", "cooker", "kitchen_
 _SHORT = ("kitchen_sink", "kitchen_unit", "cooker")
 
 
-@dataclass(frozen=True)
-class _Start:
-    """Where a row of cabinets begins, and which way it goes along its wall."""
-
-    wall: Wall
-    edge_m: float
-    way: int
+_Start = tuple[Wall, float, int]
+"""Where a row of cabinets begins: a wall, where along it, and which way it goes (1 or -1)."""
 
 
 def put_kitchen(a: Arranger, units: int = 5) -> None:
@@ -56,7 +50,7 @@ def put_kitchen(a: Arranger, units: int = 5) -> None:
 
 def _starts(a: Arranger) -> list[_Start]:
     """Corners, and the places beside doorways, door leaves and cabinets, in random order."""
-    starts = []
+    starts: list[_Start] = []
     room = a.layout.room
     standing = [piece.box() for piece in a.layout.placements if piece.on is None and piece.z_m == 0.0]
     for wall in room.walls():
@@ -70,7 +64,7 @@ def _starts(a: Arranger) -> list[_Start]:
             if out < 0.3:
                 low.append(end + beside)
                 high.append(begin - beside)
-        starts += [_Start(wall, edge, 1) for edge in low] + [_Start(wall, edge, -1) for edge in high]
+        starts += [(wall, edge, 1) for edge in low] + [(wall, edge, -1) for edge in high]
     return [starts[index] for index in a.rng.permutation(len(starts))]
 
 
@@ -99,7 +93,7 @@ def _best_row(a: Arranger, wanted: list[str], kind: str) -> list[Placement]:
 def _row(a: Arranger, start: _Start, wanted: list[str], kind: str, hidden: list[Box]) -> list[Placement]:
     """Pieces side by side from a place on, as many as there is room for; a fridge comes first or not at all."""
     row: list[Placement] = []
-    left, edge = list(wanted), start.edge_m
+    left, (wall, edge, way) = list(wanted), start
     while left:
         # Under a window goes what is low enough.
         for use in dict.fromkeys(left[:1] if left[0] == "fridge" else left):
@@ -107,10 +101,10 @@ def _row(a: Arranger, start: _Start, wanted: list[str], kind: str, hidden: list[
             if card is None:
                 continue
             gap = 0.02 if use == "fridge" else 0.0
-            centre = edge + start.way * (card.size_m[0] / 2 + gap)
+            centre = edge + way * (card.size_m[0] / 2 + gap)
             piece = a.layout.against_wall(
                 card,
-                walls=[start.wall.index],
+                walls=[wall.index],
                 centre_m=centre,
                 front_m=FRONT_M,
                 tries=1,
@@ -120,7 +114,7 @@ def _row(a: Arranger, start: _Start, wanted: list[str], kind: str, hidden: list[
             if piece is not None:
                 row.append(piece)
                 left.remove(use)
-                edge = centre + start.way * (card.size_m[0] / 2 + gap)
+                edge = centre + way * (card.size_m[0] / 2 + gap)
                 break
         else:
             return row
