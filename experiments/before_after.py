@@ -55,7 +55,7 @@ def run(config: PictureConfig) -> None:
     from experiments.cache.stages import RunContext
     from experiments.tables.training_sets import Student, TrainingSets
     from labeling.detectors.registry import load_detector
-    from labeling.io.formats.atomic import atomic_file, write_json
+    from labeling.formats.atomic import atomic_file, write_json
 
     sets = TrainingSets(config.world, RunContext(config.scale, (config.seed,), 1, config.cache))
     names = sets.detectors([Student(None, config.seed), Student(config.labels, config.seed)])

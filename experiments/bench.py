@@ -40,7 +40,7 @@ def run(config: BenchConfig) -> None:
     Raises:
         SbmError: if there is no such bench, or one cannot run.
     """
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
 
     unknown = [name for name in config.names if name not in BENCHES]
     if unknown:

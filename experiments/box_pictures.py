@@ -43,8 +43,8 @@ def run(config: PictureConfig) -> None:
     from experiments.cache.stages import RunContext
     from experiments.tables import table_5_5
     from experiments.tables.training_sets import TrainingSets
+    from labeling.formats.atomic import write_json
     from labeling.io.episodes import read_episode
-    from labeling.io.formats.atomic import write_json
 
     context = RunContext(config.scale, (config.seed,), 1, config.cache)
     sets = TrainingSets(config.world, context)

@@ -46,8 +46,8 @@ def run(config: CalibrateConfig) -> None:
     import numpy as np
 
     from experiments.calibration.label_samples import samples_of
+    from labeling.formats.atomic import atomic_file, write_json
     from labeling.generator.quality.label_quality import FEATURES, fit_model
-    from labeling.io.formats.atomic import atomic_file, write_json
 
     if not config.train:
         raise UsageError("give at least one dataset of training episodes")

@@ -38,11 +38,11 @@ def run(config: CaptureConfig) -> None:
 
     from labeling.core.errors import UsageError
     from labeling.evaluation.compare import evaluate_label_set
+    from labeling.formats.atomic import write_json
     from labeling.generate import GenerateConfig
     from labeling.generate import run as generate
     from labeling.generator.settings.label_config import LabelConfig
     from labeling.generator.settings.source_config import SourceConfig
-    from labeling.io.formats.atomic import write_json
 
     if config.seeds < 1:
         raise UsageError(f"--seeds must be at least 1, not {config.seeds}")

@@ -37,8 +37,8 @@ def run(config: FailuresConfig) -> None:
     from experiments.pretraining.failure_figures import CONDITIONS, bin_by, draw_failures, find_objects
     from experiments.pretraining.world_views import record_views
     from labeling.detectors.registry import check_name, load_detector
+    from labeling.formats.atomic import write_json
     from labeling.io.episodes import find_episodes, read_episode
-    from labeling.io.formats.atomic import write_json
 
     check_name(config.detector)
     detector = load_detector(config.detector)

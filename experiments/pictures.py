@@ -28,8 +28,8 @@ def run(config: PicturesConfig) -> None:
         SbmError: if the demo has not been run.
     """
     from experiments.figures.episodes import draw_episode, draw_label_steps, draw_labels
+    from labeling.formats.atomic import atomic_file
     from labeling.io.episodes import find_episodes, read_episode
-    from labeling.io.formats.atomic import atomic_file
     from sbm_gym import preview
 
     if not (config.demo / "episodes").is_dir():

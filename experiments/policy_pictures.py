@@ -63,7 +63,7 @@ def run(config: PolicyPicturesConfig) -> None:
     from agents.policies.registry import make_policy
     from agents.rollouts.environments import inner_env, make_env
     from agents.rollouts.run_episode import episode_spec, run_episode
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
     from labeling.runtime.provenance import experiment_provenance
 
     _check(config)
@@ -170,7 +170,7 @@ def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> No
     """
     from PIL import Image
 
-    from labeling.io.formats.atomic import atomic_file
+    from labeling.formats.atomic import atomic_file
 
     times = [FRAME_MS] * (len(frames) - 1) + [LAST_FRAME_MS]
     with atomic_file(path) as temporary:

@@ -62,7 +62,7 @@ def run(config: RunConfig) -> None:
 
 
 def _run_one(experiment: Experiment, config: RunConfig) -> None:
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
     from labeling.runtime.provenance import experiment_provenance
 
     context = RunContext(

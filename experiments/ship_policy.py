@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from agents.ppo.network.files import BEST, POLICY_FILE, STATE_FILE
+from agents.network.files import BEST, POLICY_FILE, STATE_FILE
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
@@ -53,7 +53,7 @@ def run(config: ShipConfig) -> None:
         SbmError: if there is no checkpoint in the folder, or it is damaged or too large.
     """
     from experiments.tables.trained_policies import origin_of
-    from labeling.io.formats.atomic import atomic_folder, write_json
+    from labeling.formats.atomic import atomic_folder, write_json
 
     folder = config.run / config.checkpoint
     files = checkpoint_files(config.run, config.checkpoint)
@@ -73,7 +73,7 @@ def checkpoint_files(run_folder: Path, checkpoint: str = BEST) -> list[Path]:
     Raises:
         SbmError: if there is none, or it is damaged, or it is too large to ship.
     """
-    from agents.ppo.network.checkpoint import read_policy
+    from agents.network.checkpoint import read_policy
 
     folder = run_folder / checkpoint
     if not (folder / POLICY_FILE).is_file():
@@ -104,9 +104,9 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
     Raises:
         SbmError: if the run keeps no history.
     """
-    from agents.ppo.network.files import HISTORY_FILE, SETTINGS_FILE
+    from agents.network.files import HISTORY_FILE, SETTINGS_FILE
     from experiments.tables.trained_policies import training_command
-    from labeling.io.formats.checked_json import read_json
+    from labeling.formats.checked_json import read_json
     from labeling.runtime.provenance import experiment_provenance
 
     settings, history = read_json(folder / SETTINGS_FILE).mapping(), read_json(folder / HISTORY_FILE).mapping()

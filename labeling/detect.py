@@ -74,9 +74,9 @@ def detect_episode(
         SbmError: if the episode is malformed, the detector fails, or there are other detections.
     """
     from labeling.detectors.run_detector import run_detector
+    from labeling.formats.atomic import write_json
+    from labeling.formats.checked_json import read_json
     from labeling.io.episodes import detection_record, read_episode
-    from labeling.io.formats.atomic import write_json
-    from labeling.io.formats.checked_json import read_json
 
     recording = recording or RecordingConfig()
     path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
@@ -93,11 +93,7 @@ def detect_episode(
     ids, categories = _category_ids(folder, about, found, detector)
     image_ids = _image_ids(folder, episode)
     records = [
-        {
-            **detection_record(one, ids),
-            "image_id": image_ids[one.view_index],
-            "score": round(one.confidence, 6),
-        }
+        {**detection_record(one, ids), "image_id": image_ids[one.view_index], "score": round(one.confidence, 6)}
         for one in found
     ]
     # Of what write_json will write. Were the process killed between the two files, it would not fit, and the detector
@@ -120,7 +116,7 @@ def _digest(content: str | bytes) -> str:
 
 def _image_ids(folder: Path, episode: "Episode") -> dict[int, int]:
     """Image id of each view: that of ``ground_truth.json``, or the position of its frame in the recording."""
-    from labeling.io.formats.checked_json import read_json
+    from labeling.formats.checked_json import read_json
 
     truth = read_json(folder / TRUTH_FILE) if (folder / TRUTH_FILE).is_file() else None
     if truth is not None and truth.has("images"):
@@ -140,9 +136,9 @@ def _category_ids(
     folder: Path, about: dict[str, Any], found: "tuple[Detection, ...]", detector: "Detector"
 ) -> tuple[dict[str, int], list[dict[str, Any]]]:
     """Ids of the categories, and the list for ``episode.json``: what the episode has names for keeps its id."""
+    from labeling.formats.checked_json import read_json
     from labeling.io.coco import CategoryTable
     from labeling.io.episodes import NAMING_FILES
-    from labeling.io.formats.checked_json import read_json
 
     files = [read_json(folder / name) for name in NAMING_FILES if (folder / name).is_file()]
     known = CategoryTable.from_files(files).name_of_id

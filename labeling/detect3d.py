@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.detectors.command import DetectionCommand
+from labeling.formats.atomic import write_json
+from labeling.formats.checked_json import read_json
 from labeling.io.file_names import DETECTIONS_3D_FILE, DETECTIONS_FILE
-from labeling.io.formats.atomic import write_json
-from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main
 

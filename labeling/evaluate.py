@@ -70,7 +70,7 @@ def run(config: EvaluateConfig) -> "Evaluation":
     """
     from labeling.evaluation.compare import evaluate_label_set
     from labeling.evaluation.report.html import write_report
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
 
     if config.metrics is not None:
         raise UsageError("--metrics is for a detector alone; the figures of a label set lie in it as metrics.json")
@@ -92,7 +92,7 @@ def score_alone(config: EvaluateConfig) -> None:
         SbmError: if detector or pictures are at fault, or there is no ground truth.
     """
     from labeling.evaluation.detector_scores import score_detector, score_episodes
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
 
     if config.detector is None:
         metrics = score_episodes(config.labels)

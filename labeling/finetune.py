@@ -61,7 +61,7 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
     from labeling.detectors.networks.weights import load_network
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.scoring import evaluate
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
     from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train
 

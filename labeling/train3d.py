@@ -49,7 +49,7 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
     from labeling.detectors3d.frustum_training import FrustumTask, evaluate
     from labeling.detectors3d.frustum_weights import load_network
-    from labeling.io.formats.atomic import write_json
+    from labeling.formats.atomic import write_json
     from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train
 
@@ -87,20 +87,17 @@ def run(command: Train3dCommand) -> dict[str, Any]:
 
 
 def train_val_split_by_object(
-    samples: "list[FrustumSample]", every: int = EVERY_HELD_OUT
+    samples: "list[FrustumSample]",
 ) -> "tuple[list[FrustumSample], list[FrustumSample]]":
-    """Splits samples into training and validation; all views of an object lie on one side.
-
-    Args:
-        samples: objects are told apart by their boxes.
-        every: the last of so many objects is for validation.
+    """Splits samples into training and validation; all views of an object lie on one side. Objects are told apart by
+    their boxes.
     """
     of_object: dict[tuple[float, ...], list[FrustumSample]] = {}
     for one in samples:
         of_object.setdefault((*one.box.centre_m.tolist(), *one.box.extent_m.tolist()), []).append(one)
     sides: tuple[list[FrustumSample], list[FrustumSample]] = [], []
     for number, views in enumerate(of_object.values()):
-        sides[number % every == every - 1].extend(views)
+        sides[number % EVERY_HELD_OUT == EVERY_HELD_OUT - 1].extend(views)
     return sides
 
 

@@ -113,6 +113,6 @@ def test_names_in_the_walks_of_the_architecture_exist():
 
 
 def test_the_list_of_folders_is_that_of_the_code():
-    assert runpy.run_path(str(ROOT / "tools" / "folders.py"))["updated_page"]() == (
+    assert runpy.run_path(str(ROOT / "tools" / "architecture.py"))["updated_page"]() == (
         ROOT / "docs" / "architecture.md"
-    ).read_text(encoding="utf-8"), "run: python tools/folders.py"
+    ).read_text(encoding="utf-8"), "run: python tools/architecture.py"

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from labeling.io.formats.atomic import atomic_file
+from labeling.formats.atomic import atomic_file
 
 COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22")
 LABEL_PANELS = {

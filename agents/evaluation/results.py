@@ -7,7 +7,7 @@ from typing import Any
 
 from agents.policies.registry import checkpoint_of
 from labeling.core.errors import UsageError
-from labeling.io.formats.atomic import write_json
+from labeling.formats.atomic import write_json
 
 SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
 DECISIVE_SETTINGS = ("env", "split", "detector", "labels", "size")
@@ -25,7 +25,7 @@ def policy_key(policy: str, env_id: str) -> str:
     checkpoint = checkpoint_of(policy, env_id)
     if checkpoint is None:
         return policy.replace(":", "-")
-    from agents.ppo.network.checkpoint import checkpoint_folder
+    from agents.network.checkpoint import checkpoint_folder
 
     found = hashlib.sha256()
     for file in sorted(path for path in checkpoint_folder(checkpoint).iterdir() if path.is_file()):

@@ -24,7 +24,7 @@ from agents.policies.registry import make_policy
 from agents.rollouts.environments import capture_size, inner_env, make_env
 from agents.rollouts.run_episode import EpisodeSpec, episode_spec, run_episode
 from labeling.core.errors import UsageError
-from labeling.io.formats.atomic import write_json
+from labeling.formats.atomic import write_json
 from labeling.runtime.process_pool import PerProcess, map_jobs
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from labeling.io.formats.atomic import atomic_file
+from labeling.formats.atomic import atomic_file
 from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 

@@ -22,7 +22,7 @@ class Ppo:
         Raises:
             SbmError: if there is none, or it is damaged.
         """
-        from agents.ppo.network.checkpoint import checkpoint_folder, read_policy
+        from agents.network.checkpoint import checkpoint_folder, read_policy
 
         self._folder = checkpoint_folder(checkpoint)
         self._network, self.description = read_policy(self._folder)
@@ -37,7 +37,7 @@ class Ppo:
         Raises:
             UsageError: if the environment has other observations or actions than the one the policy was trained on.
         """
-        from agents.ppo.network.checkpoint import check_spaces
+        from agents.network.checkpoint import check_spaces
 
         actions = ACTION_SPACE if self._sets_priorities else env.action_space
         check_spaces(self._folder, self.description, env.observation_space, actions)

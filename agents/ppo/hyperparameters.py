@@ -15,7 +15,7 @@ SCHEDULED = ("learning_rate", "clip_range")
 ENV_WRAPPERS = {"prioritised_views": PrioritisedViews}
 EARLIER_WRAPPER_NAMES = (
     "agents.prioritised_views.PrioritisedViews",
-    "agents.ppo.network.prioritised_views.PrioritisedViews",
+    "agents.network.prioritised_views.PrioritisedViews",
 )
 """What runs and files of before call the wrapper ``prioritised_views``."""
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
@@ -51,7 +51,7 @@ class Hyperparameters:
     normalize: dict[str, Any] = field(default_factory=lambda: dict(NORMALIZE))
     """Arguments of ``VecNormalize``. Observations are scaled already, so ``norm_obs`` must stay off."""
     policy_kwargs: dict[str, Any] = field(default_factory=dict)
-    """Arguments of the network, see ``agents.ppo.network.policy_network``."""
+    """Arguments of the network, see ``agents.network.policy_network``."""
 
     def ppo_arguments(self) -> dict[str, Any]:
         """What Stable-Baselines3's ``PPO`` takes, but for policy, environment and network."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from agents.network.files import SETTINGS_FILE
+from agents.network.policy_network import pictures
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import EnvConfig
 from agents.ppo.hyperparameters import Hyperparameters, checked_hyperparameters, read_hyperparameters
-from agents.ppo.network.files import SETTINGS_FILE
-from agents.ppo.network.policy_network import pictures
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
-from labeling.io.formats.checked_json import read_json
+from labeling.formats.checked_json import read_json
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import claim_run_folder
 

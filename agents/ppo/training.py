@@ -12,20 +12,20 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from agents.network.checkpoint import write_policy
+from agents.network.files import BEST, HISTORY_FILE, LAST, STATE_FILE, TENSORBOARD_FOLDER
+from agents.network.policy_network import build_policy, policy_arguments, policy_class
+from agents.network.spaces import describe
 from agents.ppo.callback import TrainingCallback
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import make_env, make_vec_env
-from agents.ppo.network.checkpoint import write_policy
-from agents.ppo.network.files import BEST, HISTORY_FILE, LAST, STATE_FILE, TENSORBOARD_FOLDER
-from agents.ppo.network.policy_network import build_policy, policy_arguments, policy_class
-from agents.ppo.network.spaces import describe
 from agents.ppo.run_settings import RunSettings, claim_run, resolve_settings
 from agents.ppo.tensorboard import make_logger
 from agents.ppo.training_state import Progress, normalization_of, restore_training, write_training_state
 from agents.ppo.validation import MostLikelyAction, validate
 from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import choose_device
-from labeling.io.formats.atomic import atomic_folder, write_json
+from labeling.formats.atomic import atomic_folder, write_json
 from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.provenance import simulation_provenance
 

@@ -11,10 +11,10 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from agents.ppo.network.checkpoint import load_weights, read_description
-from agents.ppo.network.files import NORMALIZE_FILE, STATE_FILE
+from agents.network.checkpoint import load_weights, read_description
+from agents.network.files import NORMALIZE_FILE, STATE_FILE
 from labeling.core.errors import EpisodeFormatError, SbmError
-from labeling.io.formats.checked_json import read_json
+from labeling.formats.checked_json import read_json
 
 
 @dataclass

@@ -110,9 +110,9 @@ def _learning(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     from stable_baselines3.common.logger import Logger
     from stable_baselines3.common.vec_env import DummyVecEnv
 
+    from agents.network.policy_network import policy_arguments, policy_class
     from agents.ppo.envs import EnvConfig, make_training_env
     from agents.ppo.hyperparameters import read_hyperparameters
-    from agents.ppo.network.policy_network import policy_arguments, policy_class
 
     settings = read_hyperparameters(ENV_ID)
     arguments = replace(settings, n_steps=settings.batch_size).ppo_arguments()

@@ -25,7 +25,7 @@ STAGES = {
     "connected components and boxes": "labeling.generator.propagate._describe_objects",
     "masks of all views": "labeling.generator.propagate.draw_labels",
     "run-length codes": "labeling.generator.label_jobs.episode_record",
-    "cloud file": "labeling.io.formats.ply.write_ply",
+    "cloud file": "labeling.formats.ply.write_ply",
 }
 """Functions that are timed, by stage. Stages on several threads may overlap."""
 PROPAGATE = "labeling.generator.propagate.propagate"

@@ -16,9 +16,8 @@ from typing import Any, Literal, TypeVar
 
 from tqdm import tqdm
 
-from agents.evaluation.results import read_result
 from labeling.core.errors import SbmError
-from labeling.io.formats.atomic import write_json
+from labeling.formats.atomic import write_json
 from labeling.runtime.process_pool import run_jobs
 
 Task = TypeVar("Task")
@@ -84,6 +83,8 @@ def cached(
     else:
         for job in tqdm(missing, desc=title, unit="run", file=sys.stderr):
             work(job)
+    from agents.evaluation.results import read_result
+
     return [read_result(paths[key]) for key, _ in jobs]
 
 

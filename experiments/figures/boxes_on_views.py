@@ -46,7 +46,7 @@ def draw(panels: Sequence[tuple[Episode, int, dict[str, list[Detection3d]], list
     from matplotlib import pyplot as plt
 
     from experiments.figures.style import save
-    from labeling.io.formats.atomic import atomic_file
+    from labeling.formats.atomic import atomic_file
 
     names = list(panels[0][2])
     height, width = panels[0][0].size

@@ -51,7 +51,7 @@ def write_page(page: Path, text: str, pictures: Mapping[str, Callable[[Path], No
     Returns:
         The files written, the page first.
     """
-    from labeling.io.formats.atomic import atomic_file
+    from labeling.formats.atomic import atomic_file
 
     files = {page.parent / PICTURES / name: draw for name, draw in pictures.items()}
     for file, draw in files.items():
@@ -88,7 +88,7 @@ def read_result(file: Path) -> dict[str, Any] | None:
     Raises:
         SbmError: if it is damaged.
     """
-    from labeling.io.formats.checked_json import read_json
+    from labeling.formats.checked_json import read_json
 
     return dict(read_json(file).mapping()) if file.is_file() else None
 

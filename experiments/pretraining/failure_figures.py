@@ -17,7 +17,7 @@ from labeling.core.episode import Episode
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
 from labeling.detectors.run_detector import run_detector
-from labeling.io.formats.atomic import atomic_file
+from labeling.formats.atomic import atomic_file
 from labeling.metrics.matching import MaskInstance, instances_of, match
 
 CONDITIONS = ("side", "visible", "distance")

@@ -147,7 +147,7 @@ def known_categories() -> tuple[str, ...]:
 
 def histories(networks: Sequence[str], jobs: Sequence[TrainJob3d]) -> list[dict[str, Any]]:
     """Validation curves."""
-    from labeling.io.formats.checked_json import read_json
+    from labeling.formats.checked_json import read_json
     from labeling.training.files import HISTORY_FILE
 
     found = []

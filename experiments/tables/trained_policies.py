@@ -27,7 +27,7 @@ def origin_of(checkpoint: Path) -> dict[str, Any]:
     Raises:
         SbmError: if there is no checkpoint or it is damaged.
     """
-    from agents.ppo.network.checkpoint import checkpoint_folder, read_description
+    from agents.network.checkpoint import checkpoint_folder, read_description
 
     description = read_description(checkpoint_folder(checkpoint))
     return {

@@ -29,9 +29,7 @@ class Scores:
 
 
 def evaluate(
-    detector: Detector,
-    pictures: Sequence[AnnotatedPicture],
-    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
+    detector: Detector, pictures: Sequence[AnnotatedPicture], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
 ) -> Scores:
     """Scores a detector: ranked AP of masks and boxes, over the categories that it and the annotations share.
 
@@ -55,9 +53,7 @@ def evaluate(
 
 
 def detect_all(
-    detector: Detector,
-    pictures: Sequence[AnnotatedPicture],
-    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
+    detector: Detector, pictures: Sequence[AnnotatedPicture], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
 ) -> tuple[list[MaskInstance], list[MaskInstance]]:
     """Ground truth and findings of all pictures, of the categories that the detector has names for.
 

@@ -22,10 +22,10 @@ from labeling.detectors3d.frustums import (
     make_frustum,
 )
 from labeling.detectors3d.upright_boxes import encode_box
+from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import CategoryTable, is_ignored, read_valid_box_3d
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE
-from labeling.io.formats.checked_json import Json, read_json
 from labeling.io.label_set import read_label_set, recording_config
 
 MARGIN = 0.15

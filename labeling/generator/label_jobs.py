@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from labeling.core.errors import SbmError
+from labeling.formats.atomic import write_json
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.file_names import DETECTIONS_3D_FILE, cloud_file
-from labeling.io.formats.atomic import write_json
 from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json, episode_record, read_record
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.code_digest import code_digest
@@ -71,10 +71,10 @@ class Job:
 
     def label_episode(self, folder: Path) -> EpisodeResult:
         """Labels one episode and writes its record and cloud, or takes what an earlier run has left."""
+        from labeling.formats.ply import write_ply
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
         from labeling.io.episodes import read_episode
-        from labeling.io.formats.ply import write_ply
 
         name = folder.resolve().name
         relative = self.relative(folder)

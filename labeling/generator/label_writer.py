@@ -11,10 +11,10 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+from labeling.formats.atomic import write_json
 from labeling.generator.label_jobs import LIBRARIES, EpisodeResult
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE
-from labeling.io.formats.atomic import write_json
 from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json
 from labeling.runtime.provenance import package_versions
 

@@ -9,14 +9,14 @@ from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.types import Detection
 from labeling.detectors.run_detector import detector_by_name, run_detector
+from labeling.formats.atomic import write_json
+from labeling.formats.checked_json import read_json
 from labeling.generator.detection_pooling import pool_detections
 from labeling.generator.objects.weak_supervision import one_view_per_object
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.coco import CategoryTable, read_detections, read_shared_file
 from labeling.io.episodes import NAMING_FILES, detection_record
-from labeling.io.formats.atomic import write_json
-from labeling.io.formats.checked_json import read_json
 
 DETECTIONS_FOLDER = "detections"
 

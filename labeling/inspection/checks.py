@@ -12,9 +12,9 @@ from labeling.core.errors import EpisodeFormatError, LabelFormatError
 from labeling.core.masks import box_xywh, fill_polygons
 from labeling.core.rle import decode_mask
 from labeling.core.types import Box3d
+from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import read_box_3d
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
-from labeling.io.formats.checked_json import Json, read_json
 from labeling.io.label_set import stated_dataset
 
 BOX_TOLERANCE_PX = 1.0
@@ -200,7 +200,7 @@ def _check_pairs(masks: dict[str, dict[int, np.ndarray]]) -> Iterator[str]:
 
 
 def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]:
-    from labeling.io.formats.ply import read_ply
+    from labeling.formats.ply import read_ply
 
     for episode in summary.list_of("episodes"):
         name = episode.text("name")

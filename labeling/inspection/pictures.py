@@ -10,8 +10,8 @@ from labeling.core.geometry import intrinsics_from_fov, look_at, project
 from labeling.core.splatting import splat
 from labeling.core.types import BOX_EDGES
 from labeling.core.views import Camera
+from labeling.formats.atomic import write_png
 from labeling.inspection.scene import LabelledScene
-from labeling.io.formats.atomic import write_png
 
 SIZE = (720, 960)
 """Height and width of a picture in pixels."""

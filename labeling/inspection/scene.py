@@ -9,11 +9,11 @@ from jaxtyping import Float, Int32, UInt8
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, SbmError
 from labeling.core.types import Box3d
 from labeling.core.views import Camera
+from labeling.formats.checked_json import Json, read_json
+from labeling.formats.ply import hues, read_ply
 from labeling.io.coco import read_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
-from labeling.io.formats.checked_json import Json, read_json
-from labeling.io.formats.ply import hues, read_ply
 from labeling.io.label_set import recording_config, stated_dataset
 
 

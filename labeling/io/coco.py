@@ -17,7 +17,7 @@ from labeling.core.geometry import is_rotation
 from labeling.core.masks import fill_polygons
 from labeling.core.rle import check_rle, decode_mask, encode_mask
 from labeling.core.types import Box3d, Detection, GroundTruth
-from labeling.io.formats.checked_json import Json
+from labeling.formats.checked_json import Json
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode

@@ -25,9 +25,9 @@ from labeling.core.geometry import flip_camera_axes
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d, Detection
+from labeling.formats.atomic import atomic_folder, write_json, write_png
+from labeling.formats.checked_json import read_json
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRANSFORMS_FILE, TRUTH_FILE
-from labeling.io.formats.atomic import atomic_folder, write_json, write_png
-from labeling.io.formats.checked_json import read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 
 if TYPE_CHECKING:

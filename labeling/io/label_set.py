@@ -6,9 +6,9 @@ from typing import Any
 
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
 from labeling.core.rle import rle_area
+from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
 from labeling.io.file_names import AMODAL_FILE, MODAL_FILE, SUMMARY_FILE
-from labeling.io.formats.checked_json import Json, read_json
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.metrics.matching import MaskInstance
 

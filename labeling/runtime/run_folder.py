@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from labeling.core.errors import UsageError
-from labeling.io.formats.atomic import write_json
-from labeling.io.formats.checked_json import read_json
+from labeling.formats.atomic import write_json
+from labeling.formats.checked_json import read_json
 
 Settings = Mapping[str, Any]
 

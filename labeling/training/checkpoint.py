@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from labeling.core.errors import SbmError, UsageError
-from labeling.io.formats.atomic import atomic_file, write_json
+from labeling.formats.atomic import atomic_file, write_json
 from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE
 
 

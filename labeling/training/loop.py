@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 from labeling.core.errors import SbmError
-from labeling.io.formats.atomic import write_json
+from labeling.formats.atomic import write_json
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import TrainingConfig
 from labeling.training.curves import draw_figures, open_tensorboard

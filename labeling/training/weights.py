@@ -9,7 +9,7 @@ from torch import nn
 
 from labeling.core.detector import DetectorError
 from labeling.core.errors import SbmError
-from labeling.io.formats.atomic import atomic_file
+from labeling.formats.atomic import atomic_file
 
 
 def save_weights(path: Path, network: nn.Module, header: Mapping[str, str], half_precision: bool = False) -> None:

@@ -119,7 +119,7 @@ def _credits(out: Path | None) -> None:
 
 
 def _write_credits(library: "Home3dLibrary", path: Path) -> None:
-    from labeling.io.formats.atomic import atomic_file
+    from labeling.formats.atomic import atomic_file
     from sbm_gym.assets.credits import credits_text
 
     with atomic_file(path) as temporary:

@@ -13,8 +13,8 @@ import numpy as np
 from labeling.core.errors import UsageError
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
-from labeling.io.formats.atomic import atomic_folder, write_json, write_png
-from labeling.io.formats.checked_json import read_json
+from labeling.formats.atomic import atomic_folder, write_json, write_png
+from labeling.formats.checked_json import read_json
 from labeling.runtime.process_pool import map_jobs
 from labeling.runtime.run_folder import claim_run_folder
 from sbm_gym.photographs.models import CATEGORIES, SPLITS

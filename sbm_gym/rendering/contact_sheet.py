@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from labeling.io.formats.atomic import write_png
+from labeling.formats.atomic import write_png
 
 _MARGIN_PX, _CAPTION_PX = 4, 16
 _PAPER, _INK = 245, (40, 40, 40)

@@ -194,7 +194,7 @@ def test_a_trained_policy_is_known_by_what_its_checkpoint_holds(tmp_path, monkey
     best = tmp_path / "best"
     monkeypatch.setitem(sys.modules, "agents.ppo", ModuleType("agents.ppo"))
     reader = SimpleNamespace(checkpoint_folder=lambda path: best)
-    monkeypatch.setitem(sys.modules, "agents.ppo.network.checkpoint", reader)
+    monkeypatch.setitem(sys.modules, "agents.network.checkpoint", reader)
     best.mkdir()
     (best / "weights").write_bytes(b"one")
     first = policy_key(f"ppo:{tmp_path}", ENV_ID)

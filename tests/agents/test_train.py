@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import torch
 
+from agents.network.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
 from agents.policies.ppo import Ppo
 from agents.ppo import training
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import REWARDS, CompleteEpisodes, EnvConfig, ShareOfScenes, make_env, share
-from agents.ppo.network.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
 from agents.ppo.run_settings import claim_run, resolve_settings
 from agents.train import main
 from labeling.core.errors import UsageError

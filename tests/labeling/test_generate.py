@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labeling.formats.ply import read_ply
 from labeling.generate import main
 from labeling.io.episodes import write_episode
-from labeling.io.formats.ply import read_ply
 
 from .synthetic_room import make_episode
 

@@ -35,7 +35,7 @@ from labeling.core.errors import EpisodeFormatError
 from labeling.detectors.adapters.depth_masks import mask_in_box
 from labeling.detectors.adapters.function import first_line
 from labeling.detectors.data.augment import resize_picture
-from labeling.io.formats.checked_json import Json, read_json
+from labeling.formats.checked_json import Json, read_json
 
 OUTPUTS = ("boxes", "scores", "labels", "masks")
 PAD_VALUE = 114

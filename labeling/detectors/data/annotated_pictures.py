@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from labeling.core.errors import EpisodeFormatError, UsageError
+from labeling.formats.checked_json import read_json
 from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
 from labeling.io.file_names import MODAL_FILE, TRUTH_FILE
-from labeling.io.formats.checked_json import read_json
 from labeling.io.label_set import read_label_set
 
 ANNOTATIONS_FILE, PICTURES_FOLDER = "annotations.json", "images"

@@ -88,12 +88,7 @@ def _resize(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> 
     factor = np.exp(rng.uniform(np.log(config.scale[0]), np.log(config.scale[1])))
     scale = float(np.clip(short * factor, *config.short_side_px)) / short
     size = max(1, round(height * scale)), max(1, round(width * scale))
-    return resized(sample, size)
-
-
-def resized(sample: Sample, size: tuple[int, int]) -> Sample:
-    """The sample at this height and width."""
-    if size == sample.rgb.shape[:2]:
+    if size == (height, width):
         return sample
     rgb = resize_picture(sample.rgb, size)
     masks = np.zeros((len(sample.masks), *size), bool)

@@ -91,8 +91,6 @@ class ReplayDataset(Dataset):
     def __post_init__(self) -> None:
         if not self.pictures:
             raise UsageError("there is no picture to train on")
-        if not 0 <= self.replay_share < 1:
-            raise UsageError(f"--replay-share must be at least 0 and below 1, not {self.replay_share}")
 
     def source(self, number: int) -> tuple[bool, int]:
         """Whether a sample is replayed, and the index of its picture."""

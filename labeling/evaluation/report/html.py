@@ -8,7 +8,7 @@ from typing import Any
 from labeling.evaluation.compare import FIGURES, Evaluation, categories_by_presence
 from labeling.evaluation.report.templates import template
 from labeling.evaluation.report.view_panels import draw_views
-from labeling.io.formats.atomic import atomic_file
+from labeling.formats.atomic import atomic_file
 
 MAX_EPISODE_ROWS = 300
 MAX_PROVENANCE_LETTERS = 20_000

@@ -14,6 +14,8 @@ from labeling.core.episode_labels import LabelledObject
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.rle import decode_mask
 from labeling.core.types import PseudoLabel
+from labeling.formats.checked_json import read_json
+from labeling.formats.ply import read_ply
 from labeling.generator.label_jobs import EpisodeResult, Job
 from labeling.generator.sharing.scene_objects import (
     ObjectMasks,
@@ -24,8 +26,6 @@ from labeling.generator.sharing.scene_objects import (
 )
 from labeling.io.episodes import read_episode
 from labeling.io.file_names import cloud_file
-from labeling.io.formats.checked_json import read_json
-from labeling.io.formats.ply import read_ply
 from labeling.io.label_records import EpisodeRecord, LabelRecord, ObjectRecord
 
 MIN_CONFIDENCE = 0.6

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import flip_camera_axes, intrinsics_matrix, is_rigid
-from labeling.io.formats.checked_json import Json, read_json
+from labeling.formats.checked_json import Json, read_json
 from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, file_inside, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 

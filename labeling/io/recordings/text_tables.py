@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from labeling.core.errors import EpisodeFormatError
-from labeling.io.formats.checked_json import read_text
+from labeling.formats.checked_json import read_text
 
 MAX_BYTES = 64_000_000
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from labeling.io.formats.atomic import atomic_folder
+from labeling.formats.atomic import atomic_folder
 from sbm_gym.assets.catalog.archive import ArchiveError, FurnitureArchive, resolve
 from sbm_gym.assets.catalog.catalog import CatalogEntry
 from sbm_gym.assets.catalog.foliage import thin_foliage

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from agents.network.checkpoint import write_policy
+from agents.network.policy_network import build_policy
+from agents.network.spaces import describe
 from agents.planning.prioritised_views import ACTION_SPACE, DRAW_SEED, STRENGTH, PrioritisedViews, priorities_of
 from agents.planning.view_planner import Priorities, ViewPlanner
 from agents.policies.next_best_view import NextBestView
 from agents.policies.ppo import Ppo
-from agents.ppo.network.checkpoint import write_policy
-from agents.ppo.network.policy_network import build_policy
-from agents.ppo.network.spaces import describe
 from sbm_gym.robot.object_memory import MemoryConfig
 
 from ...sbm_gym.box_rooms import BoxRooms
@@ -124,7 +124,7 @@ def test_a_policy_that_sets_priorities_does_as_it_did_in_training(tmp_path):
         "observation_space": describe(env.observation_space),
         "action_space": describe(ACTION_SPACE),
         "policy": {"class": "MultiInputPolicy", "kwargs": KWARGS},
-        "hyperparameters": {"env_wrapper": "agents.ppo.network.prioritised_views.PrioritisedViews"},
+        "hyperparameters": {"env_wrapper": "agents.network.prioritised_views.PrioritisedViews"},
     }
     write_policy(tmp_path, network, description, {})
     policy, wrapped = Ppo(tmp_path), PrioritisedViews(make_env())

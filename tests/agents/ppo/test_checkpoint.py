@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
+from agents.network.checkpoint import checkpoint_folder, read_policy, write_policy
+from agents.network.files import NORMALIZE_FILE, POLICY_FILE, WEIGHTS_FILE
+from agents.network.policy_network import build_policy
+from agents.network.spaces import describe, difference, space_of
 from agents.policies.ppo import Ppo
-from agents.ppo.network.checkpoint import checkpoint_folder, read_policy, write_policy
-from agents.ppo.network.files import NORMALIZE_FILE, POLICY_FILE, WEIGHTS_FILE
-from agents.ppo.network.policy_network import build_policy
-from agents.ppo.network.spaces import describe, difference, space_of
 from labeling.core.errors import SbmError, UsageError
 
 from ..toy_world import ENV_ID, Echo

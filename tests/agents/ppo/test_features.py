@@ -5,8 +5,8 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from agents.ppo.network.features import LookFeatures, nearness
-from agents.ppo.network.policy_network import build_policy, channels_first, policy_arguments
+from agents.network.features import LookFeatures, nearness
+from agents.network.policy_network import build_policy, channels_first, policy_arguments
 from labeling.core.errors import UsageError
 from sbm_gym.env.observations import encode_depth, observation_space
 from sbm_gym.robot.object_memory import ViewBins

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from agents.network.policy_network import policy_arguments
 from agents.ppo.hyperparameters import SHIPPED_FILE, Hyperparameters, read_hyperparameters, schedule
-from agents.ppo.network.policy_network import policy_arguments
 from labeling.core.errors import UsageError
 from sbm_gym.registration import ENV_IDS, MAX_EPISODE_STEPS
 
@@ -110,7 +110,7 @@ def test_missing_files_and_entries_name_what_there_is(tmp_path):
         read_hyperparameters("x/Moon-v0", tmp_path / "none.yaml")
 
 
-@pytest.mark.parametrize("module", ["agents", "agents.ppo.network"])
+@pytest.mark.parametrize("module", ["agents", "agents.network"])
 def test_wrappers_may_have_the_names_they_had_before(tmp_path, module):
     path = written(tmp_path, f"n_timesteps: 10\nenv_wrapper: {module}.prioritised_views.PrioritisedViews")
     assert read_hyperparameters("toy/Echo-v0", path).env_wrapper == "prioritised_views"

@@ -9,10 +9,10 @@ from labeling import detect3d, train3d
 from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import UsageError
 from labeling.detectors3d.frustum_samples import read_frustum_samples
+from labeling.formats.checked_json import read_json
 from labeling.generate import main as generate
 from labeling.io.coco import read_valid_box_3d
 from labeling.io.episodes import write_episode
-from labeling.io.formats.checked_json import read_json
 
 from .boxed_rooms import SIDES, boxed_room
 

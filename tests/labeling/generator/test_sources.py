@@ -305,8 +305,8 @@ def test_an_episode_without_any_masks_is_told_all_ways_to_give_them(dataset, roo
 
 
 def test_a_bare_file_name_that_two_views_share_names_neither(rooms, tmp_path):
+    from labeling.formats.checked_json import Json
     from labeling.io.coco import read_shared_file
-    from labeling.io.formats.checked_json import Json
 
     room = replace(rooms[0], file_names=("a/1.png", "b/1.png", "b/2.png", "b/3.png"))
     images = [{"id": n, "file_name": name} for n, name in enumerate(["1.png", "b/1.png", "x/b/2.png", "3.png"])]

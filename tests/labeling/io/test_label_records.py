@@ -6,7 +6,7 @@ import pytest
 
 from labeling.core.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject, SegmentedCloud, Source
 from labeling.core.types import Box3d, PseudoLabel
-from labeling.io.formats.atomic import write_json
+from labeling.formats.atomic import write_json
 from labeling.io.label_records import (
     EpisodeRecord,
     LabelRecord,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from labeling.core.errors import SbmError
-from labeling.io.formats.atomic import atomic_folder
+from labeling.formats.atomic import atomic_folder
 
 
 def square(number: int) -> int:

@@ -8,7 +8,7 @@ from stable_baselines3.common.preprocessing import is_image_space, is_image_spac
 from stable_baselines3.common.vec_env import VecTransposeImage
 from torch import nn
 
-from agents.ppo.network.features import PICTURES, LookFeatures
+from agents.network.features import PICTURES, LookFeatures
 from labeling.core.errors import UsageError
 
 POLICIES: dict[str, type[ActorCriticPolicy]] = {"MultiInputPolicy": MultiInputActorCriticPolicy}

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labeling.io.formats.ply import hues, read_ply, write_ply
+from labeling.formats.ply import hues, read_ply, write_ply
 
 
 def write(path: Path, count: int = 50):

@@ -10,12 +10,12 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from agents.ppo.network.files import BEST, LAST, NORMALIZE_FILE, POLICY_FILE, WEIGHTS_FILE
-from agents.ppo.network.policy_network import build_policy
-from agents.ppo.network.spaces import difference, space_of
+from agents.network.files import BEST, LAST, NORMALIZE_FILE, POLICY_FILE, WEIGHTS_FILE
+from agents.network.policy_network import build_policy
+from agents.network.spaces import difference, space_of
 from labeling.core.errors import SbmError, UsageError
-from labeling.io.formats.atomic import write_json
-from labeling.io.formats.checked_json import read_json
+from labeling.formats.atomic import write_json
+from labeling.formats.checked_json import read_json
 from labeling.training.weights import read_tensors
 
 FORMAT = 1
@@ -43,7 +43,7 @@ def write_policy(
     """Writes a checkpoint into a folder.
 
     Args:
-        folder: an empty one; see ``labeling.io.formats.atomic.atomic_folder``.
+        folder: an empty one; see ``labeling.formats.atomic.atomic_folder``.
         policy: the weights.
         description: what they are of: ``observation_space``, ``action_space``, ``policy`` and whatever else is known.
         normalization: how rewards were scaled.

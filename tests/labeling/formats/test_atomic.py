@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from labeling.io.formats.atomic import atomic_file, atomic_folder, write_json
+from labeling.formats.atomic import atomic_file, atomic_folder, write_json
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -65,7 +65,7 @@ def test_a_killed_process_leaves_no_half_folder_nor_file(tmp_path):
     """Killed without a chance to tidy up, the writer leaves only dot names, which readers pass over."""
     program = (
         "import os, signal, sys; from pathlib import Path\n"
-        "from labeling.io.formats.atomic import atomic_file, atomic_folder\n"
+        "from labeling.formats.atomic import atomic_file, atomic_folder\n"
         "root = Path(sys.argv[1])\n"
         "with atomic_folder(root / 'episode') as folder, atomic_file(root / 'file') as file:\n"
         "    (folder / 'transforms.json').write_text('half'); file.write_text('half')\n"

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from labeling.io.formats.atomic import atomic_file
+from labeling.formats.atomic import atomic_file
 
 _POSITION, _COLOUR = [(axis, "<f4") for axis in "xyz"], [(channel, "u1") for channel in ("red", "green", "blue")]
 _VERTEX = np.dtype([*_POSITION, *_COLOUR, ("label", "<i4"), ("probability", "<f4")])
