@@ -83,9 +83,14 @@ def cached(
     else:
         for job in tqdm(missing, desc=title, unit="run", file=sys.stderr):
             work(job)
-    from agents.evaluation.results import read_result
+    return [_read_outcome(paths[key]) for key, _ in jobs]
 
-    return [read_result(paths[key]) for key, _ in jobs]
+
+def _read_outcome(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SbmError(f"{path}: cannot be read ({error}); delete it to have it made again") from None
 
 
 def _compute(compute: Callable[[Job], Any], item: tuple[Path, Job]) -> None:
