@@ -50,7 +50,7 @@ def unconfirmed_regions(
     for one, rest in unexplained:
         if one.confidence >= threshold:
             draw(one.view_index, one.category, rest, one.confidence)
-    if unexplained:
+    if config.doubt_across_views and unexplained:
         names = sorted({one.category for one, _ in unexplained})
         support, category = _summed_confidence(cloud, unexplained, names)
         reached = np.flatnonzero(support >= threshold)

@@ -126,6 +126,8 @@ class LabelConfig:
     ignore_unconfirmed: Share[float] = 0.3
     """Where the confidences of detections that no label explains add up to this over all views, regions are marked to
     be ignored in every view, so that nobody learns that there is background; 1 marks none."""
+    doubt_across_views: bool = True
+    """False: a view knows only its own detections when it marks such regions."""
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
     seed: NonNegative[int] = 0

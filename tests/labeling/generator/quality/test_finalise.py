@@ -130,6 +130,7 @@ def test_unexplained_detections_add_up_over_views_and_are_ignored_in_all_of_them
     assert all(np.array_equal(one.mask, square(5)) for one in regions)
     assert all(one.confidence == pytest.approx(0.32) for one in regions)
     assert unconfirmed_regions(cloud, detections, [], replace(config, ignore_unconfirmed=0.33)) == []
+    assert unconfirmed_regions(cloud, detections, [], replace(config, doubt_across_views=False)) == []
 
 
 def test_one_view_counts_once_however_many_detections_it_has() -> None:
