@@ -46,6 +46,8 @@ def run(config: RunConfig) -> None:
     Raises:
         SbmError: if there is no such experiment, or it cannot run.
     """
+    from experiments.pages.markdown import write_page
+
     known = experiments()
     if config.name == "list":
         for name, experiment in known.items():
@@ -57,8 +59,8 @@ def run(config: RunConfig) -> None:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
     if not config.report:
         _run_one(known[config.name], config)
-    for path in known[config.name].write_pages(config.results, config.docs):
-        print(path)
+    for page in known[config.name].pages:
+        print(*write_page(page, config.results, config.docs), sep="\n")
 
 
 def _run_one(experiment: Experiment, config: RunConfig) -> None:

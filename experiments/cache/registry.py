@@ -4,7 +4,6 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from experiments.cache.stages import RunContext
@@ -25,35 +24,8 @@ class Experiment:
     pages: tuple[str, ...] = ()
     """Modules of ``experiments.pages`` that show the results."""
 
-    def write_pages(self, results: Path, docs: Path) -> list[Path]:
-        """Writes the pages of docs that show the results.
-
-        Args:
-            results: folder with the results of experiments.
-            docs: folder for the pages.
-
-        Returns:
-            The files written.
-
-        Raises:
-            SbmError: if there are no results.
-        """
-        modules = [import_module(f"experiments.pages.{page}") for page in self.pages]
-        return [path for module in modules for path in module.write_page(results, docs)]
-
 
 _REGISTRY: dict[str, Experiment] = {}
-
-
-def register(new: Experiment) -> None:
-    """Adds an experiment.
-
-    Raises:
-        ValueError: if there is another one of that name.
-    """
-    if new.name in _REGISTRY:
-        raise ValueError(f"there are two experiments called {new.name!r}")
-    _REGISTRY[new.name] = new
 
 
 def experiment(name: str, description: str, pages: tuple[str, ...] = ()) -> Callable[[Run], Run]:
@@ -63,10 +35,15 @@ def experiment(name: str, description: str, pages: tuple[str, ...] = ()) -> Call
         name: on the command line, and of the file of results.
         description: one line.
         pages: modules of ``experiments.pages`` that show the results.
+
+    Raises:
+        ValueError: if there is another one of that name.
     """
 
     def registered(run: Run) -> Run:
-        register(Experiment(name, description, run, pages))
+        if name in _REGISTRY:
+            raise ValueError(f"there are two experiments called {name!r}")
+        _REGISTRY[name] = Experiment(name, description, run, pages)
         return run
 
     return registered

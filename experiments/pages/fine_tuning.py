@@ -1,13 +1,13 @@
 """The page about fine-tuning, of ``fine_tuning.json``."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.pages.markdown import mean_range, points, read_result, render
-from experiments.pages.markdown import write_page as write
+from experiments.pages.markdown import Pictures, mean_range, points, read_result, render
 from labeling.core.errors import SbmError
 
 RESULTS, PAGE, PICTURE = "fine_tuning.json", "fine-tuning.md", "fine_tuning.png"
@@ -16,25 +16,14 @@ COLUMNS = (("validation", "mask_ap50"), ("validation", "mask_ap30"), ("photograp
 """Of the table of means: which pictures, and which figure."""
 
 
-def write_page(results: Path, docs: Path) -> list[Path]:
-    """Writes the page and the picture in it.
-
-    Args:
-        results: folder with ``fine_tuning.json``.
-        docs: folder for the page.
-
-    Returns:
-        The files written.
-
-    Raises:
-        SbmError: if the experiment has not run yet.
-    """
+def compose(results: Path) -> tuple[str, Pictures]:
+    """The page and its picture, from ``fine_tuning.json``."""
     from experiments.figures.fine_tuning import draw_fine_tuning
 
     content = read_result(results / RESULTS)
     if content is None:
         raise SbmError(f"{results / RESULTS} is missing; python -m experiments.run fine_tuning makes it")
-    return write(docs / PAGE, page(content), {PICTURE: lambda path: draw_fine_tuning(content, TEACHERS, path)})
+    return page(content), {PICTURE: partial(draw_fine_tuning, content, TEACHERS)}
 
 
 def page(content: Mapping[str, Any]) -> str:

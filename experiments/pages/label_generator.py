@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from experiments.benchmarks.rows import row_of, seconds_per_view
-from experiments.pages.markdown import points, read_result, render, table
-from experiments.pages.markdown import write_page as write
+from experiments.pages.markdown import Pictures, points, read_result, render, table
 from labeling.core.errors import SbmError
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.bootstrap import significant_sign
@@ -22,47 +22,32 @@ LEVELS = {"mask_ap50": "AP50", "mask_ap30": "AP30", "mean_iou": "mean IoU", "mea
 """Figures of whole pools, and what they are called."""
 
 
-def write_page(results: Path, docs: Path) -> list[Path]:
-    """Writes the page, and the pictures in it.
-
-    Args:
-        results: folder with ``label_ablation.json`` and, if they have run, ``label_modes.json`` and
-            ``bench/labels.json``.
-        docs: folder for the page.
-
-    Returns:
-        The files written.
-
-    Raises:
-        SbmError: if neither experiment has run yet.
-    """
+def compose(results: Path) -> tuple[str, Pictures]:
+    """The page and its pictures, from those of ``label_ablation``, ``label_modes`` and the bench that are there."""
     from experiments.figures.label_generator import draw_label_ablation, draw_label_speed
 
     ablation, modes, speed = (
         read_result(results / name) for name in ("label_ablation.json", "label_modes.json", SPEED)
     )
-    pictures = {}
-    if ablation is not None:
-        pictures[PICTURE] = lambda path: draw_label_ablation(ablation, CHOSEN_ON, path)
-    if speed is not None:
-        seconds = seconds_per_view([row_of(row) for row in speed["rows"]])
-        pictures[SPEED_PICTURE] = lambda path: draw_label_speed(seconds, path)
     if ablation is None and modes is None:
         raise SbmError(f"{results}: no label_ablation.json and no label_modes.json; run these experiments first")
-    return write(docs / PAGE, page(ablation, modes, speed), pictures)
+    pictures: Pictures = {}
+    if ablation is not None:
+        pictures[PICTURE] = partial(draw_label_ablation, ablation, CHOSEN_ON)
+    if speed is not None:
+        pictures[SPEED_PICTURE] = partial(draw_label_speed, seconds_per_view([row_of(row) for row in speed["rows"]]))
+    return page(ablation, modes, speed), pictures
 
 
 def page(
-    ablation: Mapping[str, Any] | None = None,
-    modes: Mapping[str, Any] | None = None,
-    speed: Mapping[str, Any] | None = None,
+    ablation: Mapping[str, Any] | None, modes: Mapping[str, Any] | None, speed: Mapping[str, Any] | None = None
 ) -> str:
     """The text of the page, with a section for each content that is there."""
     return render(
         "label-generator.md.jinja",
-        ablation=None if ablation is None else _ablation(ablation),
-        modes=None if modes is None else _modes(modes),
-        speed=None if speed is None else _speed(speed),
+        ablation=ablation and _ablation(ablation),
+        modes=modes and _modes(modes),
+        speed=speed and _speed(speed),
     )
 
 

@@ -1,6 +1,6 @@
 """Pages of docs as Jinja2 templates: how they are rendered and written, and how numbers stand on them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +14,8 @@ SCALES = {
     "full": "the full number of episodes",
 }
 """What the scales of experiments mean, for readers."""
+Pictures = dict[str, Callable[[Path], None]]
+"""By file name, what draws a picture into a file."""
 TEMPLATES, PICTURES = Path(__file__).with_name("templates"), "pictures"
 
 
@@ -40,26 +42,31 @@ def render(template: str, **values: Any) -> str:
     return re.sub(r"\n{3,}", "\n\n", environment.get_template(template).render(values)).strip() + "\n"
 
 
-def write_page(page: Path, text: str, pictures: Mapping[str, Callable[[Path], None]]) -> list[Path]:
-    """Writes a page, and draws the pictures on it into the folder beside it.
+def write_page(name: str, results: Path, docs: Path) -> list[Path]:
+    """Writes a page of docs, and the pictures on it into the folder beside it.
 
     Args:
-        page: the file to write.
-        text: of the page.
-        pictures: by file name, what draws a picture into a file.
+        name: module of ``experiments.pages``: ``PAGE`` is its file name, and ``compose(results)`` gives its text and,
+            by file name, what draws each picture into a file.
+        results: folder with the results of experiments.
+        docs: folder for the page.
 
     Returns:
         The files written, the page first.
+
+    Raises:
+        SbmError: if there are no results for the page.
     """
     from labeling.formats.atomic import atomic_file
 
-    files = {page.parent / PICTURES / name: draw for name, draw in pictures.items()}
-    for file, draw in files.items():
-        with atomic_file(file) as temporary:
+    module = import_module(f"experiments.pages.{name}")
+    text, pictures = module.compose(results)
+    for picture, draw in pictures.items():
+        with atomic_file(docs / PICTURES / picture) as temporary:
             draw(temporary)
-    with atomic_file(page) as temporary:
+    with atomic_file(docs / module.PAGE) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    return [page, *files]
+    return [docs / module.PAGE, *(docs / PICTURES / picture for picture in pictures)]
 
 
 @dataclass(frozen=True)
@@ -73,13 +80,8 @@ class PageConfig:
 
 
 def run_page(page: str, config: PageConfig) -> None:
-    """Writes the page of a module of ``experiments.pages``, and prints the files written.
-
-    Raises:
-        SbmError: if there are no results at all.
-    """
-    module = import_module(f"experiments.pages.{page}")
-    print(*module.write_page(config.results, config.docs), sep="\n")
+    """Writes the page of a module of ``experiments.pages``, and prints the files written."""
+    print(*write_page(page, config.results, config.docs), sep="\n")
 
 
 def read_result(file: Path) -> dict[str, Any] | None:

@@ -1,14 +1,13 @@
 """The page about policies: what they earn, what their labels teach, and how they were trained."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.pages.markdown import mean_std, points, read_result, render, table
-from experiments.pages.markdown import write_page as write
+from experiments.pages.markdown import Pictures, mean_std, points, read_result, render, table
 from labeling.core.errors import SbmError
 from labeling.metrics.bootstrap import significant_sign
 
@@ -37,60 +36,33 @@ LABELLED = {
 EARLY = {name: LABELLED[name] for name in ("right", "objects", "ap50")}
 
 
-@dataclass(frozen=True)
-class Results:
-    """Contents of the files of results; None or empty where there is none."""
-
-    evaluation: dict[str, Any] | None
-    teaching: dict[str, Any] | None
-    ablation: dict[str, Any] | None
-    training: dict[str, dict[str, Any]]
-    """By env without namespace."""
-    ways: dict[str, dict[str, Any]]
-    """By env without namespace."""
-
-
-def write_page(results: Path, docs: Path) -> list[Path]:
-    """Writes the page and the pictures that are drawn from figures.
-
-    Args:
-        results: folder with some of ``policy_evaluation.json``, ``policies.json``, ``reward_ablation.json``,
-            ``policy_training_*.json`` and ``policy_pictures_*.json``.
-        docs: folder for the page.
-
-    Returns:
-        The files written.
-
-    Raises:
-        SbmError: if there are no figures at all.
-    """
+def compose(results: Path) -> tuple[str, Pictures]:
+    """The page, and those of its pictures that are drawn from figures."""
     from experiments.figures.policies import draw_labels_by_views, draw_learning, draw_reward_ablation
 
     found = read_results(results)
-    draw: dict[str, Callable[[Path], None]] = {}
-    if found.training:
-        draw[PICTURES["learning"]] = lambda path: draw_learning(found.training, path)
-    if (evaluation := found.evaluation) is not None:
-        draw[PICTURES["labels"]] = lambda path: draw_labels_by_views(evaluation["worlds"], path)
-    if (ablation := found.ablation) is not None:
-        draw[PICTURES["ablation"]] = lambda path: draw_reward_ablation(ablation, path)
-    return write(docs / PAGE, page(found), draw)
+    pictures: Pictures = {}
+    if found["training"]:
+        pictures[PICTURES["learning"]] = partial(draw_learning, found["training"])
+    if found["evaluation"]:
+        pictures[PICTURES["labels"]] = partial(draw_labels_by_views, found["evaluation"]["worlds"])
+    if found["ablation"]:
+        pictures[PICTURES["ablation"]] = partial(draw_reward_ablation, found["ablation"])
+    return page(found), pictures
 
 
-def read_results(results: Path) -> Results:
-    """What is there.
+def read_results(results: Path) -> dict[str, Any]:
+    """The contents of the files that are there by what they are about, of training and trajectories also by env.
 
     Raises:
-        SbmError: if it is nothing, or a file is damaged.
+        SbmError: if there is none, or a file is damaged.
     """
-
-    def several(pattern: str) -> dict[str, dict[str, Any]]:
-        first = pattern.index("*")
-        return {path.stem[first:]: read_result(path) or {} for path in sorted(results.glob(pattern))}
-
-    evaluation, teaching, ablation = (read_result(results / name) for name in (EVALUATION, TEACHING, ABLATION))
-    found = Results(evaluation, teaching, ablation, several(TRAINING), several(WAYS))
-    if not any(vars(found).values()):
+    files = {"evaluation": EVALUATION, "teaching": TEACHING, "ablation": ABLATION}
+    found: dict[str, Any] = {name: read_result(results / file) for name, file in files.items()}
+    for name, pattern in {"training": TRAINING, "ways": WAYS}.items():
+        paths = sorted(results.glob(pattern))
+        found[name] = {path.stem[pattern.index("*") :]: read_result(path) for path in paths}
+    if not any(found.values()):
         raise SbmError(
             f"{results}: no {EVALUATION}, {TEACHING}, {ABLATION} or {TRAINING}; python -m experiments.run "
             "policy_evaluation makes the first"
@@ -98,15 +70,15 @@ def read_results(results: Path) -> Results:
     return found
 
 
-def page(results: Results) -> str:
+def page(results: Mapping[str, Any]) -> str:
     """The text of the page."""
     return render(
         "policies-results.md.jinja",
-        evaluation=_with_worlds(results.evaluation, _compared),
-        teaching=_with_worlds(results.teaching, _taught),
-        ways=results.ways,
-        training=_training(results.training) if results.training else None,
-        ablation=_with_worlds(results.ablation, lambda world, base: {"earned": _earned(world)}),
+        evaluation=_with_worlds(results["evaluation"], _compared),
+        teaching=_with_worlds(results["teaching"], _taught),
+        ways=results["ways"],
+        training=results["training"] and _training(results["training"]),
+        ablation=_with_worlds(results["ablation"], lambda world, base: {"earned": _earned(world)}),
         splits=SPLITS,
         files=PICTURES,
     )

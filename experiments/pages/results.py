@@ -13,8 +13,7 @@ from experiments.figures.result_values import gap_share, gap_shares, loop_values
 from experiments.figures.thesis_values import MEANS, of_category
 from experiments.pages.boxes import MASK_SOURCES, boxes_section
 from experiments.pages.boxes import PICTURE as BOXES_PICTURE
-from experiments.pages.markdown import mean_std, plural, points, read_result, render, table
-from experiments.pages.markdown import write_page as write
+from experiments.pages.markdown import Pictures, mean_std, plural, points, read_result, render, table
 from labeling.core.errors import SbmError
 
 PAGE = "results.md"
@@ -63,30 +62,19 @@ PURPOSES = {
 Contents = Mapping[str, Mapping[str, Any]]
 
 
-def write_page(results: Path, docs: Path) -> list[Path]:
-    """Writes the page and its pictures.
-
-    Args:
-        results: folder with the results of some of the tables.
-        docs: folder for the page.
-
-    Returns:
-        The files written.
-
-    Raises:
-        SbmError: if there are no figures at all.
-    """
+def compose(results: Path) -> tuple[str, Pictures]:
+    """The page and its pictures, from the results of some of the tables."""
     from experiments.figures.results import draw_boxes_3d, draw_categories, draw_loop
 
-    contents, draw = read_results(results), {}
+    contents, pictures = read_results(results), {}
     for name, content in contents.items():
         if name == BOXES:
-            draw[BOXES_PICTURE] = partial(draw_boxes_3d, content, MASK_SOURCES)
+            pictures[BOXES_PICTURE] = partial(draw_boxes_3d, content, MASK_SOURCES)
         elif name in LOOPS:
-            draw[picture_name(name)] = partial(draw_loop, content)
+            pictures[picture_name(name)] = partial(draw_loop, content)
         elif name in TITLES:
-            draw[picture_name(name)] = partial(draw_categories, content, categories_of(content))
-    return write(docs / PAGE, page(contents), draw)
+            pictures[picture_name(name)] = partial(draw_categories, content, categories_of(content))
+    return page(contents), pictures
 
 
 def read_results(results: Path) -> dict[str, dict[str, Any]]:

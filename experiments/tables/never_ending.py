@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from experiments.cache.registry import Experiment, register
+from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale, digest
 from experiments.cache.worlds import DETECTOR, WORLDS
 from experiments.cache.worlds import SIZES as TRAIN_SIZES
@@ -256,4 +256,4 @@ LOOPS = {
 }
 for _name, _loop in LOOPS.items():
     _what = "rounds of collecting, labelling, fine-tuning and redeploying; what labels, detector and photographs show"
-    register(Experiment(_name, f"{_loop.world}: {_what}", _loop.run, pages=("results",)))
+    experiment(_name, f"{_loop.world}: {_what}", pages=("results",))(_loop.run)

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from experiments.cache.registry import Experiment, register
+from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.tables.training_sets import Student, Subset, TrainingSets
 
@@ -154,4 +154,4 @@ def read_table(content: Mapping[str, Any]) -> Table:
 _FILE = Path(__file__).with_name("thesis_tables.yaml")
 TABLES = {name: read_table(content) for name, content in yaml.safe_load(_FILE.read_text(encoding="utf-8")).items()}
 for _name, _table in TABLES.items():
-    register(Experiment(_name, _table.description, _table.run, pages=("results",)))
+    experiment(_name, _table.description, pages=("results",))(_table.run)

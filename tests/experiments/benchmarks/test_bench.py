@@ -88,7 +88,7 @@ def test_label_bench_measures_every_promise(tmp_path):
 def test_rows_survive_being_written_and_stand_on_the_page():
     rows = [Row("one", "limit", 0.5, None, "< 1 s", True, "fast"), Row("two", "rival", 0.002, 0.01, "6x", False)]
     assert [row_of(json.loads(json.dumps(as_json(row)))) for row in rows] == rows
-    text = page(speed={"machine": {"cpus": 2}, "rows": [as_json(row) for row in rows]})
+    text = page(None, None, {"machine": {"cpus": 2}, "rows": [as_json(row) for row in rows]})
     assert "| one | 500.0 ms | limit |  |  | < 1 s | holds; fast |\n" in text
     assert "| two | 2.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |\n" in text
 

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from experiments.pages import fine_tuning, label_generator, policies, results
+from experiments.pages.markdown import write_page
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = ROOT / "docs"
@@ -15,7 +16,7 @@ DOCS = ROOT / "docs"
 
 @pytest.mark.parametrize("module", [results, policies, fine_tuning, label_generator])
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
-    page, *pictures = module.write_page(ROOT / "experiments" / "results", tmp_path)
+    page, *pictures = write_page(module.__name__.rpartition(".")[2], ROOT / "experiments" / "results", tmp_path)
     text = (DOCS / module.PAGE).read_text(encoding="utf-8")
     assert page.read_text(encoding="utf-8") == text
     for picture in pictures:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.pages.policies import PAGE, cell, interval, page, read_results, write_page
+from experiments.pages.markdown import write_page
+from experiments.pages.policies import PAGE, cell, interval, page, read_results
 from experiments.policies_page import main
 from labeling.core.errors import SbmError
 
@@ -144,7 +145,7 @@ def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.Cap
 def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
     results, docs = tmp_path / "results", tmp_path / "docs"
     results.mkdir()
-    written = write_page(write(results), docs)
+    written = write_page("policies", write(results), docs)
     text = (docs / PAGE).read_text()
     for path in written[1:]:
         assert path.read_bytes().startswith(b"\x89PNG")

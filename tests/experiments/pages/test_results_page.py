@@ -10,7 +10,8 @@ import pytest
 
 from experiments.figures.result_values import gap_share, gap_shares, thesis_gap_share, values
 from experiments.figures.thesis_values import MEANS, PER_CLASS, of_category
-from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results, write_page
+from experiments.pages.markdown import write_page
+from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results
 from experiments.results_page import main
 from labeling.core.errors import SbmError
 
@@ -165,7 +166,7 @@ def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.Cap
 
 def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
     (tmp_path / "table_5_3.json").write_text(json.dumps(table()))
-    written = write_page(tmp_path, tmp_path / "docs")
+    written = write_page("results", tmp_path, tmp_path / "docs")
     text = (tmp_path / "docs" / PAGE).read_text()
     for path in written:
         assert path.stat().st_size > 1000
