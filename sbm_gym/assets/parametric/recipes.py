@@ -12,7 +12,6 @@ from sbm_gym.assets.parametric.furniture import (
     beds,
     cabinets,
     couches,
-    cushions,
     lamps,
     plants,
     screens,
@@ -22,13 +21,13 @@ from sbm_gym.assets.parametric.furniture import (
     tables,
     wall_things,
 )
-from sbm_gym.assets.parametric.kitchen_bath import appliances, bathroom, fridges, kitchen
+from sbm_gym.assets.parametric.kitchen_bath import appliances, bathroom, kitchen
 from sbm_gym.assets.parametric.parts.shapes import Size
-from sbm_gym.assets.parametric.towns import cars, heavy_vehicles, squares, street_furniture, trees, two_wheelers
+from sbm_gym.assets.parametric.towns import cars, heavy_vehicles, street_furniture, trees, two_wheelers
 
-_FURNITURE = (beds, cabinets, couches, cushions, lamps, plants, screens, seating, shelves, small_things, tables)
-_KITCHEN_BATH = (appliances, bathroom, fridges, kitchen)
-_TOWNS = (cars, heavy_vehicles, squares, street_furniture, trees, two_wheelers)
+_FURNITURE = (beds, cabinets, couches, lamps, plants, screens, seating, shelves, small_things, tables, wall_things)
+_KITCHEN_BATH = (appliances, bathroom, kitchen)
+_TOWNS = (cars, heavy_vehicles, street_furniture, trees, two_wheelers)
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Recipe:
 
 
 def _read_recipes() -> dict[str, Recipe]:
-    modules = {m.__name__.rpartition(".")[2]: m for m in (*_FURNITURE, wall_things, *_KITCHEN_BATH, *_TOWNS)}
+    modules = {m.__name__.rpartition(".")[2]: m for m in (*_FURNITURE, *_KITCHEN_BATH, *_TOWNS)}
     recipes = {}
     for use, entry in tomllib.loads(Path(__file__).with_name("recipes.toml").read_text(encoding="utf-8")).items():
         for role in ("build", "adjust", "style"):

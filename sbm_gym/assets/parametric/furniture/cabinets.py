@@ -4,8 +4,7 @@ import numpy as np
 
 from sbm_gym.assets.parametric.furniture.shelves import book_row
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.legs import four_legs
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, with_halves
 
 Span = tuple[float, float]
 
@@ -42,13 +41,12 @@ def drawers(kit: Kit, rng, paint, across, height, front: float, columns: int, ro
 
 def _carcass(kit: Kit, rng, paint, size: Size, foot: float) -> tuple[Span, Span, float]:
     """The body of a cabinet on a plinth or legs; returns where its front is: across, in height, and its y."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     front = -hd + 0.045
     if foot > 0.06:
         legs = paints.wood(rng) if rng.random() < 0.5 else paints.metal(rng)
         with kit.placed((0, 0.02, 0)):
-            four_legs(kit, legs, w - 0.04, d - 0.06, foot + 0.005, 0.035, int(rng.integers(2)))
+            kit.legs(legs, w - 0.04, d - 0.06, foot + 0.005, 0.035, int(rng.integers(2)))
     else:
         kit.box(paints.darker(paint, 0.5), (-hw + 0.02, front + 0.03, 0), (hw - 0.02, hd, foot))
     kit.box(paint, (-hw + 0.005, front, foot), (hw - 0.005, hd, h - 0.022))
@@ -59,13 +57,12 @@ def _carcass(kit: Kit, rng, paint, size: Size, foot: float) -> tuple[Span, Span,
 
 def nightstand(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A small cabinet beside a bed: drawers, or a drawer over an open shelf."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     paint = paints.wood_or_board(rng, 0.7)
     foot = float(rng.choice([0.03, 0.1, 0.16]))
     if rng.random() < 0.4:
         post = 0.035
-        four_legs(kit, paint, w, d, h - 0.02, post, 0)
+        kit.legs(paint, w, d, h - 0.02, post, 0)
         kit.box(paint, (-hw, -hd, h - 0.024), (hw, hd, h), bevel=0.004)
         kit.box(paint, (-hw + 0.01, -hd + 0.03, h - 0.2), (hw - 0.01, hd - 0.005, h - 0.024))
         drawers(kit, rng, paint, (-hw + 0.03, hw - 0.03), (h - 0.19, h - 0.03), -hd + 0.03, 1, 1)
@@ -104,8 +101,7 @@ def cupboard(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def office_cabinet(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A filing cabinet."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    _, _, h, hw, hd = with_halves(size)
     paint = paints.plain(tuple([float(rng.choice([0.25, 0.6, 0.8]))] * 3), 0.3)
     kit.box(paint, (-hw, -hd + 0.04, 0), (hw, hd, h))
     drawers(kit, rng, paint, (-hw + 0.005, hw - 0.005), (0.03, h - 0.01), -hd + 0.04, 1, 4 if h > 1.1 else 3)

@@ -7,7 +7,7 @@ import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
 from sbm_gym.assets.parametric.parts.paints import Paint
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, turn_x
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, turn_x, with_halves
 
 CHAISE_DEPTH_M = 1.2
 """Couches deeper than this are L-shaped: one seat goes on to the front."""
@@ -58,8 +58,7 @@ class _Frame:
 
 
 def _upholstered(kit: Kit, rng: np.random.Generator, size: Size) -> None:
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     single = w < 1.2
     cover = paints.upholstery(rng)
     low = float(rng.choice([0.03, 0.09, 0.14, 0.17]))
@@ -180,8 +179,7 @@ def _feet(kit: Kit, rng: np.random.Generator, places: list[tuple[float, float]],
 
 def _framed(kit: Kit, rng: np.random.Generator, size: Size, seats: int) -> None:
     """Cushions in a wooden frame."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    _, _, h, hw, hd = with_halves(size)
     frame, cover = paints.wood(rng), paints.fabric(rng, 0.25)
     seat, post = 0.42, 0.045
     arm_top = float(rng.uniform(0.54, 0.62))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_x
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_x, with_halves
 
 
 def floor_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -39,8 +39,7 @@ def _lamp(kit: Kit, rng, w: float, h: float, foot: float, shade_h: float) -> Non
 
 def desk_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A lamp with a jointed arm."""
-    w, d, h = size
-    hd = d / 2
+    w, d, h, _, hd = with_halves(size)
     paint = paints.board(rng) if rng.random() < 0.5 else paints.metal(rng)
     r = 0.32 * min(w, d)
     y = hd - r
@@ -54,8 +53,7 @@ def desk_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def hanging_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A lamp on a cord from the ceiling."""
-    w, _, h = size
-    hw = w / 2
+    w, _, h, hw, _ = with_halves(size)
     shade = paints.board(rng) if rng.random() < 0.6 else paints.metal(rng)
     bulb = paints.plain((1.0, 0.96, 0.86), 0.0)
     high = min(0.3, 0.45 * h)

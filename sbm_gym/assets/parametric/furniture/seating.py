@@ -3,14 +3,21 @@
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.legs import four_legs
-from sbm_gym.assets.parametric.parts.shapes import CORNERS, Kit, Size, circle, grid_triangles, turn_x, turn_z
+from sbm_gym.assets.parametric.parts.shapes import (
+    CORNERS,
+    Kit,
+    Size,
+    circle,
+    grid_triangles,
+    turn_x,
+    turn_z,
+    with_halves,
+)
 
 
 def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A chair for a table: wooden with slats or a panel, a plastic shell, or a padded one on metal."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     seat = float(np.clip(0.45 + rng.uniform(-0.02, 0.03), 0.4, 0.55 * h + 0.03))
     kind = int(rng.integers(4))
     frame = paints.wood_or_board(rng, 0.75) if kind < 2 else paints.metal(rng)
@@ -20,20 +27,14 @@ def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         return
     post = float(rng.uniform(0.03, 0.042))
     lean = float(rng.uniform(0.0, 0.10)) * (h - seat)
-    four_legs(kit, frame, w, d, seat - 0.02, post, 0 if kind != 1 else int(rng.integers(3)))
+    kit.legs(frame, w, d, seat - 0.02, post, 0 if kind != 1 else int(rng.integers(3)))
     padded = kind == 3 or rng.random() < 0.4
-    pad = cover if padded else frame
     kit.box(frame, (-hw, -hd, seat - 0.05), (hw, hd, seat - 0.012), bevel=0.008)
-    kit.box(
-        pad,
-        (-hw + 0.005, -hd, seat - 0.015),
-        (hw - 0.005, hd - post, seat + 0.03 * padded + 0.004),
-        bevel=0.018 if padded else 0.006,
-        puff=0.008 * padded,
-    )
+    pad, bevel, puff = (cover, 0.018, 0.008) if padded else (frame, 0.006, 0.0)
+    top = seat + 0.03 * padded + 0.004
+    kit.box(pad, (-hw + 0.005, -hd, seat - 0.015), (hw - 0.005, hd - post, top), bevel, puff)
     back = hd - post / 2
-    for sx in (-1, 1):
-        x = sx * (hw - post / 2)
+    for x in (-hw + post / 2, hw - post / 2):
         path = [(x, back - lean, seat - 0.04), (x, back - 0.3 * lean, 0.5 * (seat + h)), (x, back, h)]
         kit.tube(frame, path, 0.5 * post, sides=6)
     style = int(rng.integers(4))
@@ -43,20 +44,12 @@ def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         return back - lean * (1 - (z - seat) / (h - seat)) ** 1.2
 
     if kind == 3 or style == 0:
-        thick = 0.03 if kind == 3 else 0.012
-        mid = 0.5 * (at(low) + at(h))
-        with kit.placed((0, mid, 0.5 * (low + h)), turn_x(-np.arctan2(lean, h - seat) * 0.8)):
-            half = 0.5 * (h - low)
-            kit.box(
-                cover if kind == 3 else frame,
-                (-hw + 0.01, -thick, -half),
-                (hw - 0.01, thick * 0.6, half),
-                bevel=0.014 if kind == 3 else 0.004,
-                puff=0.008 if kind == 3 else 0,
-            )
+        pad, thick, bevel, puff = (cover, 0.03, 0.014, 0.008) if kind == 3 else (frame, 0.012, 0.004, 0.0)
+        half = 0.5 * (h - low)
+        with kit.placed((0, 0.5 * (at(low) + at(h)), 0.5 * (low + h)), turn_x(-np.arctan2(lean, h - seat) * 0.8)):
+            kit.box(pad, (-hw + 0.01, -thick, -half), (hw - 0.01, thick * 0.6, half), bevel, puff)
     elif style == 1:  # ladder back
-        count = int(rng.integers(2, 5))
-        for z in np.linspace(low, h - 0.05, count):
+        for z in np.linspace(low, h - 0.05, int(rng.integers(2, 5))):
             kit.box(frame, (-hw + 0.01, at(z) - 0.01, z - 0.022), (hw - 0.01, at(z) + 0.006, z + 0.03), bevel=0.004)
     else:  # upright slats between two rails
         for z in (low, h - 0.035):
@@ -65,8 +58,7 @@ def dining_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             kit.tube(frame, [(x, at(low), low), (x, at(h), h - 0.03)], 0.009 if style == 2 else 0.014, sides=6)
     if rng.random() < 0.4 and kind != 3:
         z = seat * 0.4
-        for sx in (-1, 1):
-            x = sx * (hw - post / 2)
+        for x in (-hw + post / 2, hw - post / 2):
             kit.box(frame, (x - 0.01, -hd + post, z), (x + 0.01, hd - post, z + 0.025))
 
 
@@ -83,16 +75,12 @@ def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, fr
     half = 0.5 * w * (1 - 0.25 * np.clip((t - 0.6) / 0.4, 0, 1) ** 2 - 0.1 * (1 - np.clip(t / 0.15, 0, 1)))
     rise = 0.05 * np.abs(u[:, None]) ** 3 * (0.3 + bend[None] * 0.2)
     pull = 0.09 * np.abs(u[:, None]) ** 2.5 * bend[None]
-    front = np.stack(
-        [u[:, None] * half[None], np.broadcast_to(y, (11, 15)) - pull, np.broadcast_to(z, (11, 15)) + rise], axis=-1
-    )
+    front = np.stack([u[:, None] * half[None], y - pull, z + rise], axis=-1)
     slope_y, slope_z = np.gradient(y), np.gradient(z)
     norm = np.hypot(slope_y, slope_z)
     behind = front + 0.012 * np.stack([0 * y, slope_z / norm, -slope_y / norm], axis=-1)[None]
-
-    rim_a = np.concatenate([front[0], front[1:, -1], front[-1, -2::-1], front[-2::-1, 0]])
-    rim_b = np.concatenate([behind[0], behind[1:, -1], behind[-1, -2::-1], behind[-2::-1, 0]])
-    skins = [grid_triangles(front), grid_triangles(behind.swapaxes(0, 1)), grid_triangles(np.stack([rim_a, rim_b]))]
+    rim = np.stack([np.concatenate([s[0], s[1:, -1], s[-1, -2::-1], s[-2::-1, 0]]) for s in (front, behind)])
+    skins = [grid_triangles(front), grid_triangles(behind.swapaxes(0, 1)), grid_triangles(rim)]
     kit.add(shell, np.concatenate(skins), crease_rad=np.deg2rad(60))
     if rng.random() < 0.25:
         radii = [0, 0.22, 0.21, 0.04, 0.025, 0.025, 0.09, 0]
@@ -106,8 +94,7 @@ def _shell_chair(kit: Kit, rng: np.random.Generator, size: Size, seat: float, fr
 
 def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A swivel chair on a star of five castors."""
-    w, d, h = size
-    hd = d / 2
+    w, d, h, _, hd = with_halves(size)
     cover = paints.fabric(rng, 0.0) if rng.random() < 0.6 else paints.leather(rng)
     black = paints.plain((0.06, 0.06, 0.065), 0.3)
     star = black if rng.random() < 0.6 else paints.plain((0.7, 0.71, 0.73), 0.8, 0.7)
@@ -119,13 +106,10 @@ def office_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         kit.tube(star, [(0, 0, 0.12), (x, y, 0.07)], [0.028, 0.016], sides=7)
         with kit.placed((x, y, 0.03), turn_z(angle)):
             kit.prism(black, circle((0.0, 0.0), (0.028, 0.03), 10), 1, -0.02, 0.02)
-    kit.lathe(
-        black, [0.032, 0.032, 0.02, 0.02, 0.1, 0], [0.08, 0.28, 0.28, seat - 0.07, seat - 0.06, seat - 0.06], sides=10
-    )
-    wide, deep = 0.82 * w, 0.78 * d
-    kit.box(
-        cover, (-wide / 2, -hd + 0.03, seat - 0.06), (wide / 2, -hd + 0.03 + deep, seat + 0.03), bevel=0.035, puff=0.012
-    )
+    heights = [0.08, 0.28, 0.28, seat - 0.07, seat - 0.06, seat - 0.06]
+    kit.lathe(black, [0.032, 0.032, 0.02, 0.02, 0.1, 0], heights, sides=10)
+    wide, front = 0.82 * w, -hd + 0.03
+    kit.box(cover, (-wide / 2, front, seat - 0.06), (wide / 2, front + 0.78 * d, seat + 0.03), bevel=0.035, puff=0.012)
     low = seat + float(rng.uniform(0.1, 0.2))
     back_w = wide * float(rng.uniform(0.75, 1.0))
     y = hd - 0.07
@@ -150,10 +134,9 @@ def beanbag(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     angle = np.linspace(0, 2 * np.pi, panels * 6 + 1)
     t = np.linspace(0, 1, 15)
     # From the flat bottom out to the belly and up to the gathered top.
-    r = np.interp(
-        t, [0, 0.12, 0.3, 0.5, 0.7, 0.88, 1], [0, 0.86, 1.0, 0.88, 0.56 if tall else 0.7, 0.26 if tall else 0.36, 0.05]
-    )
-    z = np.interp(t, [0, 0.12, 0.3, 0.5, 0.7, 0.88, 1], [0, 0.0, 0.2, 0.46, 0.74, 0.92, 1.0])
+    at = [0, 0.12, 0.3, 0.5, 0.7, 0.88, 1]
+    r = np.interp(t, at, [0, 0.86, 1.0, 0.88, *((0.56, 0.26) if tall else (0.7, 0.36)), 0.05])
+    z = np.interp(t, at, [0, 0.0, 0.2, 0.46, 0.74, 0.92, 1.0])
     r, z = (np.convolve(np.pad(profile, 1, "edge"), [0.2, 0.6, 0.2], "valid") for profile in (r, z))
     r[0] = 0.0
     z -= z[0]
@@ -167,7 +150,6 @@ def beanbag(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     y = y + 0.28 * z[None] ** 2
     points = np.stack([0.5 * w * x, 0.5 * d * y, h * (z[None] - dent)], axis=-1)
     points[-1] = points[0]
-
     kit.add(cover, grid_triangles(points), crease_rad=np.deg2rad(70))
     if rng.random() < 0.5:
         tip = points[:, -1].mean(axis=0)

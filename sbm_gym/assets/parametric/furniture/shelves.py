@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import CORNERS, Kit, Size
+from sbm_gym.assets.parametric.parts.shapes import CORNERS, Kit, Size, with_halves
 
 
 def book_row(kit: Kit, rng, x0: float, x1: float, y0: float, y1: float, z: float, high: float) -> None:
@@ -24,8 +24,7 @@ def book_row(kit: Kit, rng, x0: float, x1: float, y0: float, y1: float, z: float
 
 def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """Open shelves with books and boxes: a bookcase, a frame of metal, or cubes."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     kind = int(rng.integers(3))
     paint = paints.wood_or_board(rng, 0.6)
     thick = 0.022

@@ -4,13 +4,12 @@ import numpy as np
 
 from sbm_gym.assets.models import surfaces
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_z
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_z, with_halves
 
 
 def rug(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A rug."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    _, _, h, hw, hd = with_halves(size)
     picture = surfaces.rug(rng)
     paint = paints.Paint(texture=picture, tile_m=None)
     tone = picture[0, 0] / 255.0
@@ -20,8 +19,7 @@ def rug(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def radiator(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A radiator: a ribbed panel or a row of columns."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     white = paints.plain((0.92, 0.92, 0.9), 0.25)
     if rng.random() < 0.5:
         kit.box(white, (-hw, -hd, 0.08), (hw, hd - 0.02, h), bevel=0.006)
@@ -68,8 +66,7 @@ def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A pile of books or papers, or a cup of pens."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     if rng.random() < 0.6:
         z, count = 0.0, int(rng.integers(2, 5))
         for i in range(count):

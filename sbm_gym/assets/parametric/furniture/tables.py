@@ -4,14 +4,12 @@ import numpy as np
 
 from sbm_gym.assets.parametric.furniture.cabinets import drawers
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.legs import four_legs
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, with_halves
 
 
 def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A table: rectangular or round, on legs, a pedestal or two frames."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     top = paints.wood_or_board(rng, 0.7)
     legs = top if rng.random() < 0.5 else (paints.metal(rng) if rng.random() < 0.5 else paints.board(rng))
     thick = float(rng.uniform(0.02, 0.045))
@@ -35,7 +33,7 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     else:
         reach = 0.72 if round_top else 1.0
         post = float(rng.uniform(0.04, 0.09))
-        four_legs(kit, legs, reach * w, reach * d, h - thick, post, int(rng.integers(3)), inset=0.01)
+        kit.legs(legs, reach * w, reach * d, h - thick, post, int(rng.integers(3)), inset=0.01)
         if kind != 1 and not round_top:
             for sy in (-1, 1):
                 y = sy * (hd - post / 2 - 0.02)
@@ -47,8 +45,7 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def coffee_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A low table, often with a board below."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     top = paints.wood_or_board(rng, 0.65)
     legs = top if rng.random() < 0.5 else paints.metal(rng)
     thick = float(rng.uniform(0.02, 0.05))
@@ -57,29 +54,28 @@ def coffee_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         if rng.random() < 0.3:
             kit.lathe(top, [0, 0.35 * w, 0.35 * w, 0], [0, 0, h - thick, h - thick], sides=20)
         else:
-            four_legs(kit, legs, 0.75 * w, 0.75 * d, h - thick, 0.04, int(rng.integers(1, 3)))
+            kit.legs(legs, 0.75 * w, 0.75 * d, h - thick, 0.04, int(rng.integers(1, 3)))
         return
     kit.box(top, (-hw, -hd, h - thick), (hw, hd, h), bevel=0.006)
     if rng.random() < 0.25:
         for sx in (-1, 1):
             kit.box(top, (sx * (hw - 0.04) - 0.025, -hd + 0.02, 0), (sx * (hw - 0.04) + 0.025, hd - 0.02, h - thick))
     else:
-        four_legs(kit, legs, w, d, h - thick, float(rng.uniform(0.035, 0.07)), int(rng.integers(3)), inset=0.015)
+        kit.legs(legs, w, d, h - thick, float(rng.uniform(0.035, 0.07)), int(rng.integers(3)), inset=0.015)
     if rng.random() < 0.6:
         kit.box(top, (-hw + 0.06, -hd + 0.06, 0.12), (hw - 0.06, hd - 0.06, 0.14))
 
 
 def desk(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A desk: a top on legs or trestles, with or without a chest of drawers at one side; one sits before its front."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, d, h, hw, hd = with_halves(size)
     top = paints.wood_or_board(rng, 0.55)
     body = top if rng.random() < 0.6 else paints.board(rng)
     legs = paints.metal(rng) if rng.random() < 0.5 else body
     kit.box(top, (-hw, -hd, h - 0.028), (hw, hd, h), bevel=0.004)
     kind = int(rng.integers(3))
     if kind == 0:
-        four_legs(kit, legs, w, d, h - 0.028, 0.05, int(rng.integers(2)), inset=0.02)
+        kit.legs(legs, w, d, h - 0.028, 0.05, int(rng.integers(2)), inset=0.02)
         kit.box(body, (-hw + 0.07, hd - 0.05, h - 0.3), (hw - 0.07, hd - 0.03, h - 0.028))
         return
     sides = (-1, 1) if kind == 2 and w > 1.3 else (int(rng.choice([-1, 1])),)

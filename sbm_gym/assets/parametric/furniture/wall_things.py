@@ -3,13 +3,12 @@
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, grid_triangles
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, grid_triangles, with_halves
 
 
 def coat_rack(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A board with hooks, coats and bags hanging from some of them."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, _, h, hw, hd = with_halves(size)
     board = paints.wood_or_board(rng, 0.7)
     hook = paints.metal(rng)
     kit.box(board, (-hw, hd - 0.02, h - 0.12), (hw, hd, h), bevel=0.004)
@@ -50,8 +49,7 @@ def coat_rack(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def whiteboard(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A whiteboard for a wall, with what is left of a meeting."""
-    w, d, h = size
-    hw, hd = w / 2, d / 2
+    w, _, h, hw, hd = with_halves(size)
     kit.box(paints.STEEL, (-hw, -hd + 0.06, 0), (hw, hd, h), bevel=0.003)
     rows, columns = 96, 160
     board = np.full((rows, columns, 3), 0.94)

@@ -23,6 +23,12 @@ Triangles = Float[np.ndarray, "t 3 3"]
 Warp = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]
 
 
+def with_halves(size: Size) -> tuple[float, float, float, float, float]:
+    """Width, depth, height, and half of the width and of the depth: how far the sides are from the middle."""
+    width, depth, height = size
+    return width, depth, height, width / 2, depth / 2
+
+
 def corner_normals(triangles: Triangles, crease_rad: float = CREASE_RAD) -> Triangles:
     """A normal for every corner: the mean of the faces around the corner that turn by less than ``crease_rad``.
 
@@ -30,6 +36,8 @@ def corner_normals(triangles: Triangles, crease_rad: float = CREASE_RAD) -> Tria
         triangles: corners, counter-clockwise from outside; corners at the same place are one vertex.
         crease_rad: faces at a larger angle do not count.
     """
+    from scipy.sparse import csr_array
+
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     flat = np.where(length > 1e-14, cross / np.maximum(length, 1e-14), [0.0, 0.0, 1.0])
@@ -39,17 +47,12 @@ def corner_normals(triangles: Triangles, crease_rad: float = CREASE_RAD) -> Tria
     spans = keys.max(axis=0, initial=0) + 1
     _, place = np.unique((keys[:, 0] * spans[1] + keys[:, 1]) * spans[2] + keys[:, 2], return_inverse=True)
     face = np.repeat(np.arange(len(triangles)), 3)
-    order = np.argsort(place, kind="stable")
-    starts = np.flatnonzero(np.diff(place[order], prepend=-1))
-    counts = np.diff(np.append(starts, len(order)))
-    # Every pair of corners that share a place.
-    per_corner = np.repeat(counts, counts)
-    first = np.repeat(order, per_corner)
-    offset = np.arange(len(first)) - np.repeat(np.cumsum(per_corner) - per_corner, per_corner)
-    second = order[np.repeat(np.repeat(starts, counts), per_corner) + offset]
-    near = np.einsum("nk,nk->n", flat[face[first]], flat[face[second]]) > np.cos(crease_rad)
-    total = np.zeros((len(face), 3))
-    np.add.at(total, first[near], cross[face[second[near]]])
+    corner_at = csr_array((np.ones(len(face)), (np.arange(len(face)), place)))
+    pairs = (corner_at @ corner_at.T).tocsr()  # of corners that share a place
+    pairs.sort_indices()
+    first, second = np.repeat(face, np.diff(pairs.indptr)), face[pairs.indices]
+    pairs.data[:] = np.einsum("nk,nk->n", flat[first], flat[second]) > np.cos(crease_rad)
+    total = pairs @ cross[face]
     norm = np.linalg.norm(total, axis=1, keepdims=True)
     return np.where(norm > 1e-14, total / np.maximum(norm, 1e-14), flat[face]).reshape(-1, 3, 3)
 
@@ -292,6 +295,18 @@ class Kit:
         lower = np.stack([bottom[np.zeros_like(fan)], bottom[fan + 1], bottom[fan]], axis=1)
         upper = np.stack([top[np.zeros_like(fan)], top[fan], top[fan + 1]], axis=1)
         self.add(paint, np.concatenate([sides, lower, upper]))
+
+    def legs(self, paint: Paint, w: float, d: float, top: float, thick: float, style: int, inset: float = 0.0) -> None:
+        """Legs at the corners of a w x d rectangle: square posts (style 0), tapered or splayed rods."""
+        for sx, sy in CORNERS:
+            x, y = sx * (w / 2 - thick / 2 - inset), sy * (d / 2 - thick / 2 - inset)
+            if style == 0:
+                self.box(paint, (x - thick / 2, y - thick / 2, 0), (x + thick / 2, y + thick / 2, top))
+            elif style == 1:
+                self.lathe(paint, [0, 0.32 * thick, 0.5 * thick, 0], [0, 0, top, top], (x, y), sides=10)
+            else:
+                foot = (sx * (w / 2 - 0.3 * thick), sy * (d / 2 - 0.3 * thick), 0.0)
+                self.tube(paint, [foot, (0.72 * x, 0.72 * y, top)], [0.32 * thick, 0.5 * thick], sides=9)
 
     def card(
         self, paint: Paint, corners: Sequence[Sequence[float]], texcoords: Sequence[Sequence[float]] | None = None

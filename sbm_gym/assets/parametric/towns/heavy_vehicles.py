@@ -3,14 +3,13 @@
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, with_halves
 from sbm_gym.assets.parametric.parts.vehicle_parts import DARK, GLASS, LAMP, TAIL, arch, lacquer, loft, wheel
 
 
 def truck(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A lorry: a cab, and a box or an open bed behind it."""
-    w, d, h = size
-    hw = w / 2
+    w, d, h, hw, _ = with_halves(size)
     cab = lacquer(rng)
     half, front, back, r = 0.48 * w, -d / 2, d / 2, 0.48
     cab_h, cab_end = min(h, 2.75) - 0.05, front + 1.9

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle
+from sbm_gym.assets.parametric.parts.shapes import Kit, Size, circle, with_halves
 from sbm_gym.assets.parametric.parts.vehicle_parts import (
     DARK,
     LAMP,
@@ -53,8 +53,7 @@ def bicycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 
 def motorcycle(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A motorcycle or scooter."""
-    w, d, h = size
-    hd = d / 2
+    w, d, h, _, hd = with_halves(size)
     paint = lacquer(rng)
     scooter = rng.random() < 0.4
     r = 0.22 if scooter else 0.31
