@@ -23,11 +23,11 @@ from sbm_gym.assets.parametric.furniture import (
 )
 from sbm_gym.assets.parametric.kitchen_bath import appliances, bathroom, kitchen
 from sbm_gym.assets.parametric.parts.shapes import Size
-from sbm_gym.assets.parametric.towns import cars, heavy_vehicles, street_furniture, trees, two_wheelers
+from sbm_gym.assets.parametric.towns import street_furniture, trees, two_wheelers, vehicles
 
 _FURNITURE = (beds, cabinets, couches, lamps, plants, screens, seating, shelves, small_things, tables, wall_things)
 _KITCHEN_BATH = (appliances, bathroom, kitchen)
-_TOWNS = (cars, heavy_vehicles, street_furniture, trees, two_wheelers)
+_TOWNS = (street_furniture, trees, two_wheelers, vehicles)
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,11 @@ def grid_triangles(points: Float[np.ndarray, "a b 3"]) -> Triangles:
     return both.reshape(-1, 3, 3)
 
 
+def fan_triangles(ring: Float[np.ndarray, "n 3"]) -> Triangles:
+    """A convex polygon as triangles that share its first corner."""
+    return np.stack([np.broadcast_to(ring[0], (len(ring) - 2, 3)), ring[1:-1], ring[2:]], axis=1)
+
+
 def circle(middle: tuple[float, float], radius: float | tuple[float, float], sides: int) -> list[tuple[float, float]]:
     """Corners of a round outline for ``Kit.prism``; with two radii it is an ellipse."""
     (a, b), (r, s) = middle, radius if isinstance(radius, tuple) else (radius, radius)
@@ -257,15 +262,7 @@ class Kit:
         rings = [np.repeat(points[:1], sides + 1, axis=0), *rings, np.repeat(points[-1:], sides + 1, axis=0)]
         self.add(paint, grid_triangles(np.stack(rings, axis=1)))
 
-    def prism(
-        self,
-        paint: Paint,
-        outline: Sequence[tuple[float, float]],
-        axis: int,
-        low: float,
-        high: float,
-        shrink: tuple[float, float] | None = None,
-    ) -> None:
+    def prism(self, paint: Paint, outline: Sequence[tuple[float, float]], axis: int, start: float, end: float) -> None:
         """A plate with a convex outline.
 
         Args:
@@ -273,28 +270,15 @@ class Kit:
             outline: corners in the two other axes in cyclic order (axis 2: x, y; axis 0: y, z; axis 1: z, x),
                 counter-clockwise as seen from the end of the axis.
             axis: along which it is thick.
-            low: where it begins along the axis.
-            high: where it ends.
-            shrink: scales of the outline at both ends about its middle, for tapered parts.
+            start: one end along the axis.
+            end: the other one.
         """
         flat = np.array(outline, float)
-        middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-        a, b = (axis + 1) % 3, (axis + 2) % 3
-        scales = shrink or (1.0, 1.0)
-
-        def ring(at: float, scale: float) -> np.ndarray:
-            points = np.empty((len(flat) + 1, 3))
-            around = middle + scale * (flat - middle)
-            points[:, axis] = at
-            points[:, a], points[:, b] = np.append(around[:, 0], around[0, 0]), np.append(around[:, 1], around[0, 1])
-            return points
-
-        bottom, top = ring(low, scales[0]), ring(high, scales[1])
-        sides = grid_triangles(np.stack([bottom, top], axis=1))
-        fan = np.arange(1, len(flat) - 1)
-        lower = np.stack([bottom[np.zeros_like(fan)], bottom[fan + 1], bottom[fan]], axis=1)
-        upper = np.stack([top[np.zeros_like(fan)], top[fan], top[fan + 1]], axis=1)
-        self.add(paint, np.concatenate([sides, lower, upper]))
+        rings = np.empty((len(flat) + 1, 2, 3))
+        rings[..., [(axis + 1) % 3, (axis + 2) % 3]] = np.append(flat, flat[:1], axis=0)[:, None]
+        rings[..., axis] = sorted((start, end))
+        lower, upper = fan_triangles(rings[:-1, 0])[:, [0, 2, 1]], fan_triangles(rings[:-1, 1])
+        self.add(paint, np.concatenate([grid_triangles(rings), lower, upper]))
 
     def legs(self, paint: Paint, w: float, d: float, top: float, thick: float, style: int, inset: float = 0.0) -> None:
         """Legs at the corners of a w x d rectangle: square posts (style 0), tapered or splayed rods."""

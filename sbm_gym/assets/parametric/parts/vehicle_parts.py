@@ -5,7 +5,7 @@ import colorsys
 import numpy as np
 
 from sbm_gym.assets.parametric.parts import paints
-from sbm_gym.assets.parametric.parts.shapes import Kit, circle, grid_triangles
+from sbm_gym.assets.parametric.parts.shapes import Kit, circle, fan_triangles, grid_triangles
 
 GLASS = paints.plain((0.06, 0.08, 0.09), 0.9, 0.9)
 TYRE = paints.plain((0.035, 0.035, 0.037), 0.05)
@@ -26,10 +26,10 @@ def lacquer(rng: np.random.Generator) -> paints.Paint:
     return paints.plain(rgb, 0.7, 0.8)
 
 
-def loft(kit: Kit, paint: paints.Paint, stations: list[tuple[float, float, float, float]], bevel: float) -> None:
-    """A closed body along Y through cross sections (y, half width, bottom, top) with softened edges."""
+def loft(kit: Kit, paint: paints.Paint, places, halves, lows, tops, bevel: float) -> None:
+    """A closed body along Y with softened edges; places are y of its cross sections, halves are half their widths."""
     rings = []
-    for y, half, low, high in stations:
+    for y, half, low, high in zip(places, halves, lows, tops, strict=True):
         b = min(bevel, 0.45 * half, 0.45 * (high - low))
         ring = [
             (-half, low + b), (-half, high - b), (-half + b, high), (half - b, high),
@@ -37,40 +37,35 @@ def loft(kit: Kit, paint: paints.Paint, stations: list[tuple[float, float, float
         ]  # fmt: skip
         rings.append([(x, y, z) for x, z in ring])
     points = np.array(rings, float).swapaxes(0, 1)
-    fan = np.arange(1, 7)
-    first, last = points[:8, 0], points[:8, -1]
-    caps = [
-        np.stack([last[np.zeros(6, int)], last[fan], last[fan + 1]], axis=1),
-        np.stack([first[np.zeros(6, int)], first[fan + 1], first[fan]], axis=1),
-    ]
-    kit.add(paint, np.concatenate([grid_triangles(points), *caps]), crease_rad=np.deg2rad(35))
+    last, first = fan_triangles(points[:8, -1]), fan_triangles(points[:8, 0])[:, [0, 2, 1]]
+    kit.add(paint, np.concatenate([grid_triangles(points), last, first]), crease_rad=np.deg2rad(35))
 
 
 def wheel(kit: Kit, x: float, y: float, r: float, wide: float) -> None:
     """A wheel whose outer face is at x, away from the middle."""
     side = np.sign(x)
-
-    def disc(paint: paints.Paint, radius: float, a: float, b: float) -> None:
-        low, high = sorted((a, b))
-        kit.prism(paint, circle((y, r), radius, 18), 0, low, high)
-
-    disc(TYRE, r, x, x - side * wide)
-    disc(RIM, 0.62 * r, x + side * 0.006, x - side * 0.02)
-    disc(DARK, 0.16 * r, x + side * 0.012, x)
+    for paint, radius, a, b in (
+        (TYRE, r, x, x - side * wide),
+        (RIM, 0.62 * r, x + side * 0.006, x - side * 0.02),
+        (DARK, 0.16 * r, x + side * 0.012, x),
+    ):
+        kit.prism(paint, circle((y, r), radius, 18), 0, a, b)
 
 
 def arch(kit: Kit, x: float, y: float, r: float) -> None:
     """The dark opening of a wheel house."""
     side = np.sign(x)
     outline = [(y + 1.16 * r * np.cos(t), r + 1.16 * r * np.sin(t)) for t in np.linspace(-0.2, np.pi + 0.2, 14)]
-    low, high = sorted((x - side * 0.12, x + side * 0.003))
-    kit.prism(DARK, outline, 0, low, high)
+    kit.prism(DARK, outline, 0, x - side * 0.12, x + side * 0.003)
 
 
-def spoked_wheel(kit: Kit, y: float, r: float, tyre: float, spokes: int) -> None:
+def spoked_wheel(kit: Kit, y: float, r: float) -> None:
     """A wheel of a bicycle whose middle is at y."""
-    angle = np.linspace(0, 2 * np.pi, 25)
-    kit.tube(TYRE, [(0, y + (r - tyre) * np.cos(a), r + (r - tyre) * np.sin(a)) for a in angle], tyre, sides=6)
-    for a in np.arange(spokes) * 2 * np.pi / spokes:
-        end = (0, y + (r - tyre) * np.cos(a), r + (r - tyre) * np.sin(a))
-        kit.tube(RIM, [(0, y, r), end], 0.004 if spokes > 6 else 0.015, sides=4)
+    tyre = 0.018
+
+    def rim(angle: float) -> tuple[float, float, float]:
+        return 0, y + (r - tyre) * np.cos(angle), r + (r - tyre) * np.sin(angle)
+
+    kit.tube(TYRE, [rim(a) for a in np.linspace(0, 2 * np.pi, 25)], tyre, sides=6)
+    for a in np.arange(12) * 2 * np.pi / 12:
+        kit.tube(RIM, [(0, y, r), rim(a)], 0.004, sides=4)
