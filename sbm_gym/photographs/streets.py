@@ -39,8 +39,9 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     meshes = StaticMeshes(builder.scene, spec.worldbody.add_body(name="ground"))
     vehicles = _vehicles(category, library, rng)
     back_m = max(vehicle.box().corners()[:, 1].max() for vehicle in vehicles)
-    kinds = (materials.asphalt, materials.paving, materials.concrete, materials.grass, materials.gravel)
-    ground = retinted(kinds[rng.choice(5, p=[0.5, 0.15, 0.12, 0.12, 0.11])](), rng, 0.4)
+    kind = str(rng.choice(["asphalt", "paving", "concrete", "grass", "gravel"], p=[0.5, 0.15, 0.12, 0.12, 0.11]))
+    own = {"asphalt": materials.asphalt, "grass": materials.grass}
+    ground = retinted(own[kind]() if kind in own else materials.material(kind), rng, 0.4)
     meshes.tiled(flat(Rect(-_AROUND_M, -_AROUND_M, _AROUND_M, _AROUND_M), 0.0), ground)
     edge_m = float(back_m + rng.uniform(0.3, 2.0))
     is_street = rng.random() < 0.6
@@ -93,7 +94,7 @@ def _pick(library: FurnitureLibrary, use: str, rng: np.random.Generator) -> Mode
 def _pavement(meshes: StaticMeshes, edge_m: float, rng: np.random.Generator) -> None:
     """A raised pavement from a kerb on, and perhaps markings on the road."""
     low, high = np.array([[-_AROUND_M, edge_m, 0.0]]), np.array([[_AROUND_M, _AROUND_M, KERB_M]])
-    meshes.tiled(box_quads(low, high), retinted(materials.paving(), rng, 0.4))
+    meshes.tiled(box_quads(low, high), retinted(materials.material("paving"), rng, 0.4))
     if rng.random() < 0.6:
         line_m = edge_m - float(rng.uniform(4.5, 7.0))
         starts = np.arange(-_AROUND_M, _AROUND_M, 6.0)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from sbm_gym.worlds.geometry.placing import Box
 from sbm_gym.worlds.static_meshes import Facade, prism
-from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns import materials
 from sbm_gym.worlds.towns.furnisher import STEEL, Furnisher
 from sbm_gym.worlds.towns.plan import KERB_M, Spawn
 from sbm_gym.worlds.towns.shops import fascia
@@ -22,7 +22,7 @@ def sign(furnisher: Furnisher, xy: Float[np.ndarray, "2"], front: Float[np.ndarr
         furnisher: the town.
         xy: where it stands.
         front: where it looks: against the traffic on its side of the road.
-        kind: one of ``materials.ROAD_SIGNS``.
+        kind: as ``materials.road_sign`` knows them.
     """
     if not furnisher.post(xy, 0.035, 2.75):
         return

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sbm_gym.assets.catalog.library import ModelCard
-from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns import materials
 from sbm_gym.worlds.towns.fixtures import bus_stop, hydrant, post_box, sign, traffic_light
 from sbm_gym.worlds.towns.furnisher import Furnisher, stem_rectangle
 from sbm_gym.worlds.towns.ground import flat
@@ -37,7 +37,7 @@ def furnish_town(furnisher: Furnisher, plan: TownPlan) -> None:
 
 
 def _junctions(furnisher: Furnisher, plan: TownPlan) -> None:
-    """Traffic lights where traffic waits, and signs at zebra crossings."""
+    """Traffic lights where traffic waits."""
     for segment in plan.segments:
         street = segment.street
         for is_end in (False, True):
@@ -126,4 +126,4 @@ def _tree_pit(furnisher: Furnisher, tree: ModelCard | None, xy: Float[np.ndarray
     if tree is None or not furnisher.tree(tree, xy):
         return
     pit = Rect(xy[0] - 0.65, xy[1] - 0.65, xy[0] + 0.65, xy[1] + 0.65)
-    furnisher.meshes.tiled(flat(pit, KERB_M + 0.012), materials.gravel(), (0.55, 0.45, 0.38, 1.0))
+    furnisher.meshes.tiled(flat(pit, KERB_M + 0.012), materials.material("gravel"), (0.55, 0.45, 0.38, 1.0))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sbm_gym.worlds.static_meshes import StaticMeshes
-from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns import materials
 from sbm_gym.worlds.towns.plan import (
     CORNER_M,
     CROSSING_M,
@@ -37,7 +37,7 @@ def build_ground(meshes: StaticMeshes, plan: TownPlan, rng: np.random.Generator)
         outline = rounded(block.rect, CORNER_M)
         inner = rounded(block.rect.shrunk(KERB_STONE_M), CORNER_M - KERB_STONE_M)
         _kerb(meshes, outline, inner)
-        meshes.tiled(fan(inner, KERB_M), materials.paving())
+        meshes.tiled(fan(inner, KERB_M), materials.material("paving"))
     _outer_pavement(meshes, plan)
     for segment in plan.segments:
         _markings(meshes, segment)
@@ -83,7 +83,7 @@ def _kerb(meshes: StaticMeshes, outline: Float[np.ndarray, "n 2"], inner: Float[
     low, high = np.zeros((len(a), 1)), np.full((len(a), 1), KERB_M)
     face = np.stack([np.hstack(v) for v in ((a, low), (b, low), (b, high), (a, high))], axis=1)
     top = np.stack([np.hstack(v) for v in ((a, high), (b, high), (c, high), (d, high))], axis=1)
-    meshes.tiled(np.concatenate([face, top]), materials.concrete())
+    meshes.tiled(np.concatenate([face, top]), materials.material("concrete"))
 
 
 def _outer_pavement(meshes: StaticMeshes, plan: TownPlan) -> None:
@@ -91,12 +91,12 @@ def _outer_pavement(meshes: StaticMeshes, plan: TownPlan) -> None:
     road, outer = plan.carriageway, plan.walkable
     kerb = road.shrunk(-KERB_STONE_M)
     for rect in _frame(kerb, outer):
-        meshes.tiled(flat(rect, KERB_M), materials.paving())
+        meshes.tiled(flat(rect, KERB_M), materials.material("paving"))
     for rect in _frame(road, kerb):
-        meshes.tiled(flat(rect, KERB_M), materials.concrete())
+        meshes.tiled(flat(rect, KERB_M), materials.material("concrete"))
     corners = np.array([(road.x0, road.y0), (road.x0, road.y1), (road.x1, road.y1), (road.x1, road.y0)])
     for a, b in itertools.pairwise([*corners, corners[0]]):
-        meshes.tiled(np.array([[[*a, 0.0], [*b, 0.0], [*b, KERB_M], [*a, KERB_M]]]), materials.concrete())
+        meshes.tiled(np.array([[[*a, 0.0], [*b, 0.0], [*b, KERB_M], [*a, KERB_M]]]), materials.material("concrete"))
 
 
 def _frame(a: Rect, b: Rect) -> list[Rect]:

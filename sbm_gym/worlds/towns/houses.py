@@ -8,8 +8,7 @@ import numpy as np
 
 from sbm_gym.assets.models.surfaces import Material
 from sbm_gym.worlds.static_meshes import Facade, Rgba, StaticMeshes, box_quads
-from sbm_gym.worlds.towns import materials as materials
-from sbm_gym.worlds.towns import shops as shops
+from sbm_gym.worlds.towns import materials, shops
 from sbm_gym.worlds.towns.ground import flat
 from sbm_gym.worlds.towns.plan import HOUSE_DEPTH_M, KERB_M, PAVEMENT_M, Rect, TownPlan
 
@@ -304,7 +303,7 @@ def _roof(meshes: StaticMeshes, house: House, rng: np.random.Generator) -> None:
     r, top = house.rect, house.eaves_m + KERB_M
     width, depth = r.size_m
     if not house.pitched:
-        meshes.tiled(flat(r, top), materials.flat_roof())
+        meshes.tiled(flat(r, top), materials.material("felt"))
         wall, rise = 0.25, 0.7
         low = [[r.x0, r.y0, top], [r.x0, r.y1 - wall, top], [r.x0, r.y0, top], [r.x1 - wall, r.y0, top]]
         high = [[r.x1, r.y0 + wall], [r.x1, r.y1], [r.x0 + wall, r.y1], [r.x1, r.y1]]
@@ -340,4 +339,4 @@ def _roof(meshes: StaticMeshes, house: House, rng: np.random.Generator) -> None:
     meshes.tiled(np.array(gables), house.wall)
     stack = np.array([r.x0 + 0.25 * width, r.y0 + 0.4 * depth])
     chimney = box_quads(np.array([[*(stack - 0.4), top]]), np.array([[*(stack + 0.4), peak + 0.6]]))
-    meshes.tiled(chimney, materials.brick((112, 66, 56)))
+    meshes.tiled(chimney, materials.material("brick", (112, 66, 56)))

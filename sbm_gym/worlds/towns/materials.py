@@ -4,7 +4,9 @@ Pictures of materials tile without a seam. Their seeds are fixed by name, so tha
 """
 
 import functools
+import tomllib
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,6 +15,7 @@ from jaxtyping import Float, UInt8
 from sbm_gym.assets.models.surfaces import Material, as_picture, layered_noise, periodic_noise
 
 Colour = tuple[int, int, int]
+_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def _rng(name: str) -> np.random.Generator:
@@ -31,24 +34,6 @@ def asphalt() -> Material:
     return Material(
         as_picture(np.array([104.0, 104.0, 106.0]) * shade[..., None]), (7.0, 7.0), specular=0.03, shininess=0.1
     )
-
-
-@functools.cache
-def paving() -> Material:
-    """Concrete slabs of 60 by 40 cm in running bond."""
-    rng = _rng("paving")
-    tone, joint = _courses(rng, 6, 4, 64, 96, 2, 0.045)
-    shade = 1 + tone + layered_noise(rng, tone.shape, (1.2, 1.2, 0.03), (25, 25, 0.04))
-    shade[joint] *= 0.72
-    return Material(as_picture(np.array([184.0, 178.0, 168.0]) * shade[..., None]), (2.4, 2.4))
-
-
-@functools.cache
-def concrete() -> Material:
-    """Kerb stones and plain concrete."""
-    rng, side = _rng("concrete"), 256
-    shade = layered_noise(rng, (side, side), (1, 1, 0.04), (20, 20, 0.05), base=1.0)
-    return Material(as_picture(np.array([176.0, 173.0, 166.0]) * shade[..., None]), (2.0, 2.0))
 
 
 @functools.cache
@@ -72,14 +57,31 @@ def leaves() -> Material:
 
 
 @functools.cache
-def gravel() -> Material:
-    """The path of a park."""
-    rng, side = _rng("gravel"), 384
-    shade = layered_noise(rng, (side, side), (1.3, 1.3, 0.12), (30, 30, 0.04), base=1.0)
-    return Material(as_picture(np.array([186.0, 168.0, 138.0]) * shade[..., None]), (2.5, 2.5))
+def material(name: str, colour: Colour | None = None) -> Material:
+    """A material of ``materials.toml``.
+
+    Args:
+        name: its key there.
+        colour: what it is painted or cut from (RGB, 0 to 255), for those that have no colour of their own.
+    """
+    entry, rng = _TABLES["materials"][name], _rng(f"{name}{colour or ''}")
+    if "blocks" in entry:
+        tone, joint = _blocks(rng, **entry["blocks"])
+    else:
+        tone, joint = np.zeros(entry["size_px"]), np.zeros(entry["size_px"], bool)
+    grain = layered_noise(rng, tone.shape, *entry["noise"])
+    picture = np.array(colour or entry["rgb"], float) * (1 + tone + grain)[..., None]
+    if "burnt" in entry:
+        picture[tone > entry["burnt"]["from"]] *= entry["burnt"]["shade"]
+    if "mortar" in entry:
+        picture[joint] = np.array(entry["mortar"], float) * (1 + grain[joint])[:, None]
+    else:
+        picture[joint] *= entry.get("joint_shade", 1.0)
+    width_m, height_m = entry["size_m"]
+    return Material(as_picture(picture), (width_m, height_m))
 
 
-def _courses(
+def _blocks(
     rng: np.random.Generator, rows: int, columns: int, tall: int, wide: int, joint_px: int, spread: float
 ) -> tuple[Float[np.ndarray, "h w"], np.ndarray]:
     """Tones of blocks in running bond, and where the joints are."""
@@ -96,68 +98,16 @@ def _courses(
 
 
 @functools.cache
-def brick(colour: Colour, mortar: Colour = (186, 180, 170)) -> Material:
-    """Brickwork, courses of 7.5 cm."""
-    rng = _rng(f"brick{colour}")
-    tone, joint = _courses(rng, 24, 8, 21, 64, 3, 0.10)
-    grain = layered_noise(rng, tone.shape, (1.0, 1.5, 0.06), (40, 40, 0.05))
-    picture = np.array(colour, float) * (1 + tone + grain)[..., None]
-    # A few bricks were burnt darker.
-    picture[(tone > 0.17)] *= 0.72
-    picture[joint] = np.array(mortar, float) * (1 + grain[joint])[:, None]
-    return Material(as_picture(picture), (1.8, 1.8))
-
-
-@functools.cache
-def ashlar(colour: Colour) -> Material:
-    """Dressed stone in courses of 40 cm."""
-    rng = _rng(f"ashlar{colour}")
-    tone, joint = _courses(rng, 6, 4, 80, 120, 2, 0.045)
-    grain = layered_noise(rng, tone.shape, (1.5, 2.5, 0.03), (20, 30, 0.035))
-    picture = np.array(colour, float) * (1 + tone + grain)[..., None]
-    picture[joint] *= 0.7
-    return Material(as_picture(picture), (3.2, 2.4))
-
-
-@functools.cache
-def render(colour: Colour) -> Material:
-    """Rendered and painted wall with rain streaks."""
-    rng, side = _rng(f"render{colour}"), 384
-    rough = layered_noise(rng, (side, side), (1.2, 1.2, 0.018), (35, 35, 0.03))
-    streaks = periodic_noise(rng, (side, side), (40, 2.5)) * 0.014
-    return Material(as_picture(np.array(colour, float) * (1 + rough + streaks)[..., None]), (4.0, 4.0))
-
-
-@functools.cache
-def panels(colour: Colour) -> Material:
-    """Concrete panels of 3 by 1.5 metres with open joints."""
-    rng = _rng(f"panels{colour}")
-    tone, joint = _courses(rng, 2, 2, 160, 320, 3, 0.03)
-    grain = layered_noise(rng, tone.shape, (1.2, 1.2, 0.025), (50, 12, 0.04))
-    picture = np.array(colour, float) * (1 + tone + grain)[..., None]
-    picture[joint] *= 0.6
-    return Material(as_picture(picture), (6.0, 3.0))
-
-
-@functools.cache
 def roof_tiles(colour: Colour) -> Material:
     """Rows of curved tiles, seen along the slope."""
     rng = _rng(f"tiles{colour}")
     rows, columns, tall, wide = 12, 12, 32, 32
-    tone, _ = _courses(rng, rows, columns, tall, wide, 1, 0.09)
+    tone, _ = _blocks(rng, rows, columns, tall, wide, 1, 0.09)
     y, x = np.mgrid[0 : rows * tall, 0 : columns * wide]
     shift = ((y // tall) % 2) * wide // 2
     curve = 0.78 + 0.22 * np.sin(np.pi * ((x + shift) % wide) / wide)
     shade = curve * (0.72 + 0.28 * ((y % tall) / tall)) * (1 + tone)
     return Material(as_picture(np.array(colour, float) * shade[..., None]), (3.0, 3.6))
-
-
-@functools.cache
-def flat_roof() -> Material:
-    """Roofing felt with gravel."""
-    rng, side = _rng("felt"), 256
-    shade = layered_noise(rng, (side, side), (1, 1, 0.1), (20, 20, 0.06), base=1.0)
-    return Material(as_picture(np.array([98.0, 96.0, 94.0]) * shade[..., None]), (4.0, 4.0))
 
 
 @functools.cache
@@ -222,67 +172,35 @@ def manhole() -> UInt8[np.ndarray, "h w 3"]:
     return as_picture(picture)
 
 
-ROAD_SIGNS = ("stop", "no_entry", "limit", "crossing", "parking", "yield")
-
-
 @functools.cache
 def road_sign(kind: str) -> UInt8[np.ndarray, "h w 4"]:
-    """A road sign with a transparent surround."""
-    side = 160
-    centre = (side // 2, side // 2)
-    picture = np.zeros((side, side, 4), np.uint8)
+    """A road sign with a transparent surround.
+
+    Args:
+        kind: ``no_entry``, ``limit`` or ``parking``.
+    """
+    centre, picture = (80, 80), np.zeros((160, 160, 4), np.uint8)
     red, white, blue, black = (188, 24, 32, 255), (244, 244, 240, 255), (24, 78, 160, 255), (20, 20, 20, 255)
-
-    def text(label: str, scale: float, colour) -> None:
-        (wide, tall), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_DUPLEX, scale, 4)
-        at = (centre[0] - wide // 2, centre[1] + tall // 2)
-        cv2.putText(picture, label, at, cv2.FONT_HERSHEY_DUPLEX, scale, colour, 4, cv2.LINE_AA)
-
-    if kind == "stop":
-        angles = np.deg2rad(22.5 + 45 * np.arange(8))
-        for radius, colour in ((78, white), (72, red)):
-            corners = np.stack([centre[0] + radius * np.cos(angles), centre[1] + radius * np.sin(angles)], axis=1)
-            cv2.fillPoly(picture, [corners.astype(np.int32)], colour)
-        text("STOP", 1.35, white)
-    elif kind == "no_entry":
-        cv2.circle(picture, centre, 76, red, -1)
-        cv2.rectangle(picture, (28, 66), (132, 94), white, -1)
-    elif kind == "limit":
-        cv2.circle(picture, centre, 76, red, -1)
-        cv2.circle(picture, centre, 58, white, -1)
-        text("30", 2.2, black)
-    elif kind == "crossing":
+    if kind == "parking":
         cv2.rectangle(picture, (6, 6), (154, 154), blue, -1)
-        cv2.fillPoly(picture, [np.array([[80, 22], [26, 132], [134, 132]], np.int32)], white)
-        cv2.circle(picture, (82, 62), 9, black, -1)
-        cv2.line(picture, (80, 72), (76, 98), black, 10)
-        cv2.line(picture, (76, 98), (62, 124), black, 8)
-        cv2.line(picture, (76, 98), (94, 122), black, 8)
-    elif kind == "parking":
-        cv2.rectangle(picture, (6, 6), (154, 154), blue, -1)
-        text("P", 3.4, white)
     else:
-        for inset, colour in ((0, red), (16, white)):
-            corners = np.array([[4 + 1.7 * inset, 14 + inset], [156 - 1.7 * inset, 14 + inset], [80, 150 - 2 * inset]])
-            cv2.fillPoly(picture, [corners.astype(np.int32)], colour)
+        cv2.circle(picture, centre, 76, red, -1)
+    if kind == "no_entry":
+        cv2.rectangle(picture, (28, 66), (132, 94), white, -1)
+    else:
+        text, scale, ink = ("P", 3.4, white) if kind == "parking" else ("30", 2.2, black)
+        if kind == "limit":
+            cv2.circle(picture, centre, 58, white, -1)
+        (wide, tall), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 4)
+        at = (centre[0] - wide // 2, centre[1] + tall // 2)
+        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, scale, ink, 4, cv2.LINE_AA)
     # Transparent texels take a neighbouring colour, so that filtering never draws a dark rim.
     picture[picture[..., 3] == 0, :3] = 200
     return picture
 
 
-_WALLS = {
-    "brick": (brick, ((150, 82, 64), (132, 74, 58), (172, 120, 88), (112, 66, 56))),
-    "stone": (ashlar, ((198, 186, 162), (170, 166, 158), (186, 170, 146))),
-    "modern": (panels, ((176, 176, 172), (150, 152, 154), (196, 190, 180))),
-    "plaster": (
-        render,
-        ((220, 208, 182), (206, 170, 132), (198, 200, 196), (184, 196, 180), (214, 186, 160), (188, 150, 130)),
-    ),
-}
-
-
 @functools.cache
 def wall_materials(style: str) -> tuple[Material, ...]:
     """The walls that a style of building can have."""
-    material, colours = _WALLS[style]
-    return tuple(material(colour) for colour in colours)
+    walls = _TABLES["walls"][style]
+    return tuple(material(walls["material"], (r, g, b)) for r, g, b in walls["colours"])

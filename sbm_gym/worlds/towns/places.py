@@ -3,7 +3,7 @@
 import numpy as np
 
 from sbm_gym.worlds.static_meshes import box_quads
-from sbm_gym.worlds.towns import materials as materials
+from sbm_gym.worlds.towns import materials
 from sbm_gym.worlds.towns.furnisher import Furnisher
 from sbm_gym.worlds.towns.ground import flat
 from sbm_gym.worlds.towns.plan import CAR_PARK_M, KERB_M, PAVEMENT_M, Block, Rect
@@ -16,8 +16,8 @@ def park(furnisher: Furnisher, block: Block) -> None:
     furnisher.meshes.tiled(flat(lawn, KERB_M + 0.01), materials.grass())
     path = 1.3
     for rect in (Rect(lawn.x0, y - path, lawn.x1, y + path), Rect(x - path, lawn.y0, x + path, lawn.y1)):
-        furnisher.meshes.tiled(flat(rect, KERB_M + 0.022), materials.gravel())
-    furnisher.meshes.tiled(flat(Rect(x - 3.2, y - 3.2, x + 3.2, y + 3.2), KERB_M + 0.03), materials.gravel())
+        furnisher.meshes.tiled(flat(rect, KERB_M + 0.022), materials.material("gravel"))
+    furnisher.meshes.tiled(flat(Rect(x - 3.2, y - 3.2, x + 3.2, y + 3.2), KERB_M + 0.03), materials.material("gravel"))
     furnisher.stand(furnisher.pick("fountain"), np.array([x, y]), 0.0)
     for angle in (0.25, 0.75, 1.25, 1.75):
         away = 4.3 * np.array([np.cos(np.pi * angle), np.sin(np.pi * angle)])
@@ -39,7 +39,7 @@ def square(furnisher: Furnisher, block: Block) -> None:
     """A paved square with a fountain, cafe tables under parasols, trees and benches."""
     ground, rng = block.rect.shrunk(PAVEMENT_M - 1.0), furnisher.rng
     x, y = ground.middle_m
-    furnisher.meshes.tiled(flat(ground, KERB_M + 0.01), materials.ashlar((170, 166, 158)))
+    furnisher.meshes.tiled(flat(ground, KERB_M + 0.01), materials.material("ashlar", (170, 166, 158)))
     furnisher.stand(furnisher.pick("fountain"), np.array([x, y]), 0.0)
     for _ in range(4):
         table = rng.uniform([ground.x0 + 3, ground.y0 + 3], [ground.x1 - 3, ground.y1 - 3])

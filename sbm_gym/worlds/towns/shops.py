@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from sbm_gym.assets.models.surfaces import periodic_noise
+from sbm_gym.worlds.towns.materials import Colour
 
-Colour = tuple[int, int, int]
 Canvas = Float[np.ndarray, "h w 3"]
 HEIGHT_PX, WIDTH_PX = 192, 768
 WINDOW_M = 9.0
@@ -216,11 +216,10 @@ SHOPS: dict[str, tuple[Callable[[Canvas, np.random.Generator], None], Colour, in
 @functools.cache
 def fascia(text: str, ground: Colour, ink: Colour) -> UInt8[np.ndarray, "h w 3"]:
     """The board over a shop with its name."""
-    height, width = 64, 448
-    picture = np.full((height, width, 3), ground, np.uint8)
+    picture = np.full((64, 448, 3), ground, np.uint8)
     picture[:4] = picture[-4:] = np.array(ground) * 0.7
     (wide, tall), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 1.3, 3)
-    at = ((width - wide) // 2, (height + tall) // 2)
+    at = ((picture.shape[1] - wide) // 2, (picture.shape[0] + tall) // 2)
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, 1.3, ink, 3, cv2.LINE_AA)
     return picture
 
