@@ -33,6 +33,27 @@ def instance_of(piece: Placement, instance_id: int, body_name: str) -> ObjectIns
     return ObjectInstance(instance_id, piece.card.category, body_name, Box3d(centre, extent, turn), piece.card.model_id)
 
 
+def look_of(material: Material) -> dict[str, Any]:
+    """Arguments of ``SceneBuilder.material`` for a building material."""
+    return {"picture": material.texture, "specular": material.specular, "shininess": material.shininess}
+
+
+def tiled_texcoords(corners_m: Float[np.ndarray, "q 4 3"], material: Material) -> Float[np.ndarray, "n 2"]:
+    """Texture coordinates of the corners of quads, in step across quads of one plane."""
+    normal = np.abs(_across(corners_m))
+    # Roofs lie flatter than walls stand: they are covered from above unless they are nearly upright.
+    steep = normal[:, 2] < 0.5 * normal[:, :2].max(axis=1)
+    axis = np.where(steep, np.argmax(normal[:, :2], axis=1), 2)
+    picks = np.array([[1, 2], [0, 2], [0, 1]])[axis]
+    plan = np.take_along_axis(corners_m, picks[:, None, :], axis=2)
+    return (plan / np.array(material.size_m) * [1.0, -1.0]).reshape(-1, 2)
+
+
+def _across(corners_m: Float[np.ndarray, "n c 3"]) -> Float[np.ndarray, "n 3"]:
+    """The normals of flat polygons, as long as twice the area of their first three corners."""
+    return np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+
+
 class SceneBuilder:
     """Adds things to one ``MjSpec``. Meshes of a model and pictures are added once, however often they are used."""
 
@@ -142,20 +163,29 @@ class SceneBuilder:
             rgba=[0.8, 0.3, 0.3, 0.3],
         )
 
+    def flat_mesh(self, corners_m: Float[np.ndarray, "q 4 3"], texcoords: Float[np.ndarray, "n 2"] | None) -> str:
+        """Adds a mesh of flat quads and returns its name.
+
+        Args:
+            corners_m: counter-clockwise as seen from the front; a triangle's last two are the same point.
+            texcoords: of all corners.
+        """
+        faces = (np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(len(corners_m))[:, None, None]).reshape(-1, 3)
+        points = corners_m.reshape(-1, 3)
+        faces = faces[np.linalg.norm(_across(points[faces]), axis=1) > 1e-9]
+        across = _across(corners_m)
+        normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+        return self.mesh(points, np.repeat(normals, 4, axis=0), faces, texcoords)
+
     def quads(
         self,
         body: mujoco.MjsBody,
         corners_m: Float[np.ndarray, "q 4 3"],
         texcoords: Float[np.ndarray, "q 4 2"],
         material: str,
-        name: str = "",
     ) -> None:
         """Adds flat quads, corners counter-clockwise as seen from their front."""
-        across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 0])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        faces = (np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(len(corners_m))[:, None, None]).reshape(-1, 3)
-        mesh = self.mesh(corners_m.reshape(-1, 3), np.repeat(across, 4, axis=0), faces, texcoords.reshape(-1, 2))
-        self.drawn(body, mesh, material, **({"name": name} if name else {}))
+        self.drawn(body, self.flat_mesh(corners_m, texcoords.reshape(-1, 2)), material)
 
     def tiled_quads(
         self,
@@ -166,15 +196,8 @@ class SceneBuilder:
         emission: float = 0.0,
     ) -> None:
         """Adds flat quads covered with a building material, in step across quads of the same plane."""
-        flat_normal = np.abs(np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 0]))
-        axis = np.argmax(flat_normal, axis=1)
-        pick = {0: [1, 2], 1: [0, 2], 2: [0, 1]}
-        plan = np.stack([quad[:, pick[int(a)]] for quad, a in zip(corners_m, axis, strict=True)])
-        texcoords = plan / np.array(material.size_m) * [1.0, -1.0]
-        look = self.material(
-            picture=material.texture, specular=material.specular, shininess=material.shininess, emission=emission
-        )
-        self.quads(body, corners_m, texcoords, look, name)
+        look = self.material(**look_of(material), emission=emission)
+        self.drawn(body, self.flat_mesh(corners_m, tiled_texcoords(corners_m, material)), look, name=name)
 
     def furniture(
         self,

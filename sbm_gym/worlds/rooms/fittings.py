@@ -6,7 +6,7 @@ import numpy as np
 from sbm_gym.assets.models import surfaces
 from sbm_gym.worlds.geometry.placing import Room
 from sbm_gym.worlds.rooms.openings import UPRIGHT, upright_rectangle, wall_box
-from sbm_gym.worlds.scene_builder import SceneBuilder
+from sbm_gym.worlds.scene_builder import DRAWN, SceneBuilder
 
 
 def hang_pictures(
@@ -91,11 +91,10 @@ def hang_lamps(builder: SceneBuilder, room: Room, rng: np.random.Generator, name
     for index in range(count):
         at = middle.copy()
         at[axis] += (index - (count - 1) / 2) * spacing
-        drawn = {"group": 2, "contype": 0, "conaffinity": 0, "mass": 0}
         top = room.height_m
         cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-        body.add_geom(type=cylinder, pos=[*at, top - 0.02], size=[0.2, 0.02, 0], material=rim, **drawn)
-        body.add_geom(type=cylinder, pos=[*at, top - 0.055], size=[0.185, 0.015, 0], material=shade, **drawn)
+        body.add_geom(type=cylinder, pos=[*at, top - 0.02], size=[0.2, 0.02, 0], material=rim, **DRAWN)
+        body.add_geom(type=cylinder, pos=[*at, top - 0.055], size=[0.185, 0.015, 0], material=shade, **DRAWN)
         builder.spec.worldbody.add_light(
             name=f"{name}_{index}",
             type=mujoco.mjtLightType.mjLIGHT_POINT,
