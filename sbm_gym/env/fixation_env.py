@@ -23,7 +23,7 @@ from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
 from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
-from sbm_gym.scenes.world_sources import chosen_source
+from sbm_gym.scenes.world_sources import world_source
 
 NUM_VIEWS = 25
 """Views of an episode (thesis 5.1.1)."""
@@ -158,7 +158,7 @@ class FixationEnv(gym.Env, EzPickle):
             # So that checkers and wrappers that try every mode of an env leave out what cannot work here.
             modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
             self.metadata = {**self.metadata, "render_modes": modes}
-        self._source = chosen_source(worlds, unseen_models)
+        self._source = world_source(worlds, unseen_models)
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
         self._detector = make_detector(detector, self.profile.detector)

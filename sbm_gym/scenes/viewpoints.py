@@ -134,11 +134,8 @@ def fitted_camera(points_m: Float[np.ndarray, "n 3"], size: tuple[int, int], ele
     local = (points_m - middle) @ pose[:3, :3]
     tangent = 0.5 * np.array(size[::-1]) / camera.intrinsics[[0, 1], [0, 1]] / 1.03
     # Along each axis the extreme lines of sight of both sides meet where the camera is as near as it can be.
-    back = np.zeros(2)
-    shift = np.zeros(2)
-    for axis in (0, 1):
-        upper = (local[:, axis] / tangent[axis] - local[:, 2]).max()
-        lower = (-local[:, axis] / tangent[axis] - local[:, 2]).max()
-        back[axis], shift[axis] = 0.5 * (upper + lower), 0.5 * (upper - lower) * tangent[axis]
-    pose[:3, 3] = middle + pose[:3, :3] @ np.array([shift[0], shift[1], -float(back.max())])
+    across, deep = local[:, :2] / tangent, local[:, 2:]
+    upper, lower = (across - deep).max(axis=0), (-across - deep).max(axis=0)
+    shift = 0.5 * (upper - lower) * tangent
+    pose[:3, 3] = middle + pose[:3, :3] @ np.array([*shift, -0.5 * float((upper + lower).max())])
     return camera

@@ -1,5 +1,6 @@
 """Kinds of worlds by name."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,12 +15,14 @@ from sbm_gym.worlds.world import World
 
 @dataclass(frozen=True)
 class IndoorWorlds:
-    """Furnished homes and offices, from the installed furniture libraries."""
+    """Furnished homes and offices."""
 
     names: ClassVar[SceneNames] = INTERIORS
     profile: WorldProfile = INDOOR
     unseen_models: bool = False
     """Keep the models that validation and test scenes show out of all others."""
+    builtin: bool = False
+    """Furnish from models made from seeds, of which every scene has its own, not from the installed libraries."""
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """Names of the scenes of a split, of all named scenes for None."""
@@ -37,12 +40,17 @@ class IndoorWorlds:
 
     def _library(self, scene: str) -> FurnitureLibrary | None:
         """Where a scene's furniture comes from; None for the installed libraries."""
-        return None
+        if not self.builtin:
+            return None
+        from sbm_gym.assets.parametric.builtin import BuiltinLibrary
+
+        digest = hashlib.sha256(self.canonical(scene).encode()).digest()
+        return BuiltinLibrary(int.from_bytes(digest[:4], "big"))
 
 
 @dataclass(frozen=True)
 class OutdoorWorlds(IndoorWorlds):
-    """Towns with vehicles, from the installed furniture libraries."""
+    """Towns with vehicles."""
 
     names: ClassVar[SceneNames] = TOWNS
     profile: WorldProfile = OUTDOOR
@@ -52,30 +60,6 @@ class OutdoorWorlds(IndoorWorlds):
         from sbm_gym.worlds.towns.outdoor import build_outdoor
 
         return build_outdoor(scene, library=self._library(scene), unseen_models=self.unseen_models)
-
-
-class _FromSeeds(IndoorWorlds):
-    """Models made from seeds: nothing to install, and every scene has its own."""
-
-    def _library(self, scene: str) -> FurnitureLibrary:
-        import hashlib
-
-        from sbm_gym.assets.parametric.builtin import BuiltinLibrary
-
-        digest = hashlib.sha256(self.canonical(scene).encode()).digest()
-        return BuiltinLibrary(int.from_bytes(digest[:4], "big"))
-
-
-@dataclass(frozen=True)
-class IndoorBuiltinWorlds(_FromSeeds, IndoorWorlds):
-    """Furnished homes and offices with furniture made from seeds."""
-
-
-@dataclass(frozen=True)
-class OutdoorBuiltinWorlds(_FromSeeds, OutdoorWorlds):
-    """Towns with vehicles, trees and street furniture made from seeds."""
-
-    profile: WorldProfile = OUTDOOR  # a field is that of the last of the bases' common ancestors if not said again
 
 
 @dataclass(frozen=True)
@@ -117,38 +101,29 @@ class NamedWorlds:
 WORLDS: dict[str, Callable[[bool], WorldSource]] = {
     "indoor": lambda unseen_models: IndoorWorlds(unseen_models=unseen_models),
     "outdoor": lambda unseen_models: OutdoorWorlds(unseen_models=unseen_models),
-    "indoor-builtin": lambda unseen_models: IndoorBuiltinWorlds(unseen_models=unseen_models),
-    "outdoor-builtin": lambda unseen_models: OutdoorBuiltinWorlds(unseen_models=unseen_models),
+    "indoor-builtin": lambda unseen_models: IndoorWorlds(unseen_models=unseen_models, builtin=True),
+    "outdoor-builtin": lambda unseen_models: OutdoorWorlds(unseen_models=unseen_models, builtin=True),
 }
 """Every kind of world: makes its source, given whether to keep the models of validation and test scenes apart."""
 
 
-def world_source(kind: str, unseen_models: bool = False) -> WorldSource:
+def world_source(worlds: str | WorldSource, unseen_models: bool = False) -> WorldSource:
     """The source of a kind of world.
 
     Args:
-        kind: a key of ``WORLDS``.
+        worlds: a key of ``WORLDS``, or a source, which is returned.
         unseen_models: keep the models that validation and test scenes show out of all other scenes.
-
-    Raises:
-        ValueError: if there is no such kind, naming those there are.
-    """
-    if kind not in WORLDS:
-        raise ValueError(f"unknown kind of world {kind!r}; known: {', '.join(WORLDS)}")
-    source = WORLDS[kind](unseen_models)
-    if unseen_models and isinstance(source, NamedWorlds):
-        raise ValueError(f"unseen_models goes with the worlds of sbm_gym, not with {kind!r}: it builds its own")
-    return source
-
-
-def chosen_source(worlds: str | WorldSource, unseen_models: bool) -> WorldSource:
-    """The source that an environment was asked for, by name or itself.
 
     Raises:
         ValueError: if there is no such kind, or ``unseen_models`` is asked of a source that has decided already.
     """
-    if isinstance(worlds, str):
-        return world_source(worlds, unseen_models)
-    if unseen_models:
-        raise ValueError(f"unseen_models goes with worlds given by name ({', '.join(WORLDS)}), not with an object")
-    return worlds
+    if not isinstance(worlds, str):
+        if unseen_models:
+            raise ValueError(f"unseen_models goes with worlds given by name ({', '.join(WORLDS)}), not with an object")
+        return worlds
+    if worlds not in WORLDS:
+        raise ValueError(f"unknown kind of world {worlds!r}; known: {', '.join(WORLDS)}")
+    source = WORLDS[worlds](unseen_models)
+    if unseen_models and isinstance(source, NamedWorlds):
+        raise ValueError(f"unseen_models goes with the worlds of sbm_gym, not with {worlds!r}: it builds its own")
+    return source
