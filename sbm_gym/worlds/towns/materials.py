@@ -68,7 +68,8 @@ def material(name: str, colour: Colour | None = None) -> Material:
     if "blocks" in entry:
         tone, joint = _blocks(rng, **entry["blocks"])
     else:
-        tone, joint = np.zeros(entry["size_px"]), np.zeros(entry["size_px"], bool)
+        side = entry["size_px"]
+        tone, joint = np.zeros((side, side)), np.zeros((side, side), bool)
     grain = layered_noise(rng, tone.shape, *entry["noise"])
     picture = np.array(colour or entry["rgb"], float) * (1 + tone + grain)[..., None]
     if "burnt" in entry:
