@@ -1,5 +1,6 @@
 """Speed against baselines, in one run: ``python -m experiments.bench NAME`` prints a table and writes OUT/NAME.json."""
 
+import os
 import sys
 from dataclasses import dataclass
 from importlib import import_module
@@ -11,14 +12,8 @@ from experiments.benchmarks.rows import as_json, machine, table
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
-BENCHES = {
-    "render": "experiments.benchmarks.render",
-    "labels": "experiments.benchmarks.labels",
-    "detect": "experiments.benchmarks.detect",
-    "env": "experiments.benchmarks.env",
-    "boxes": "experiments.benchmarks.boxes",
-}
-"""Modules with a function ``measure(quick, log)`` that yields rows as they are measured, by the name of the bench. One
+BENCHES = {name: f"experiments.benchmarks.{name}" for name in ("render", "labels", "detect", "env", "boxes")}
+"""Modules with a function ``measure(quick)`` that yields rows as they are measured, by the name of the bench. One
 with a function ``draw(rows, folder)`` also makes pictures of them."""
 
 
@@ -41,36 +36,22 @@ def run(config: BenchConfig) -> None:
         SbmError: if there is no such bench, or one cannot run.
     """
     from labeling.formats.atomic import write_json
+    from sbm_gym.rendering.gl.context import LIBRARIES, context_kind
 
     unknown = [name for name in config.names if name not in BENCHES]
     if unknown:
         raise UsageError(f"there is no bench {unknown[0]!r}; benches are {', '.join(BENCHES)}")
-    _choose_opengl()
+    kind = context_kind()
+    if kind in LIBRARIES:  # mujoco.Renderer asks for a kind of OpenGL that works here when mujoco is first imported
+        os.environ.setdefault("MUJOCO_GL", kind)
     for name in config.names:
         module = import_module(BENCHES[name])
-        rows = list(module.measure(config.quick, _log))
-        config.out.mkdir(parents=True, exist_ok=True)
-        write_json(
-            config.out / f"{name}.json", {"bench": name, "machine": machine(), "rows": [as_json(r) for r in rows]}
-        )
+        rows = list(module.measure(config.quick))
+        content = {"bench": name, "machine": machine(), "rows": [as_json(row) for row in rows]}
+        write_json(config.out / f"{name}.json", content)
         if hasattr(module, "draw"):
             module.draw(rows, config.out)
         print(table(name, rows))
-
-
-def _choose_opengl() -> None:
-    """Names a kind of OpenGL that works here: ``mujoco.Renderer`` asks for one when mujoco is first imported."""
-    import os
-
-    from sbm_gym.rendering.gl.context import LIBRARIES, context_kind
-
-    kind = context_kind()
-    if kind in LIBRARIES:
-        os.environ.setdefault("MUJOCO_GL", kind)
-
-
-def _log(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 main = make_main("experiments.bench", BenchConfig, run)

@@ -1,11 +1,11 @@
 """3-D boxes a second: the frustum PointNet beside LDLS, on the same detections of the same views."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from experiments.benchmarks.rows import Row, median_seconds
+from experiments.benchmarks.rows import Row, log, median_seconds
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
@@ -16,12 +16,11 @@ SIZE = (256, 256)
 CATEGORIES = ("chair", "couch", "table")
 
 
-def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool) -> Iterator[Row]:
     """Measures row by row, per frame of a room with six detections; nothing depends on what the networks have learnt.
 
     Args:
         quick: few repetitions.
-        log: takes lines about the progress.
     """
     import torch
 
@@ -41,13 +40,9 @@ def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
         seconds = median_seconds(lambda which=detector: which.lift(frame, detections), repeats)
         what = f"frustum PointNet, {points} points, width {width:g}, {SIZE[1]}x{SIZE[0]}, {len(detections)} detections"
         yield Row(what, "LDLS to convergence, every second pixel", seconds, baseline)
-    one_step = LdlsConfig(tolerance=0.9)
-    yield Row(
-        "LDLS, a rough solution (residual .9)",
-        "LDLS to convergence",
-        median_seconds(lambda: Ldls(one_step).lift(frame, detections), 1 if quick else 3),
-        baseline,
-    )
+    rough = Ldls(LdlsConfig(tolerance=0.9))
+    seconds = median_seconds(lambda: rough.lift(frame, detections), 1 if quick else 3)
+    yield Row("LDLS, a rough solution (residual .9)", "LDLS to convergence", seconds, baseline)
 
 
 def view_of_boxes() -> "Episode":

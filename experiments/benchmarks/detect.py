@@ -1,7 +1,7 @@
 """Pictures a second: ``compact`` beside ResNet-50 Mask R-CNN at the sizes of the worlds' views; where time goes."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 from unittest import mock
@@ -9,7 +9,7 @@ from unittest import mock
 import numpy as np
 from jaxtyping import UInt8
 
-from experiments.benchmarks.rows import Row, median_seconds, timed
+from experiments.benchmarks.rows import Row, log, median_seconds, timed
 from labeling.core.detector import DetectorError
 from labeling.detectors.registry import COMPACT_FILE
 
@@ -26,7 +26,7 @@ CLASSES = tuple(f"class {number}" for number in range(13))
 PARTS = (("backbone", "trunk and pyramid"), ("rpn", "proposals"), ("roi_heads", "classes, boxes and masks"))
 
 
-def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool) -> Iterator[Row]:
     """Measures row by row, per frame.
 
     Networks with random weights report as many detections as they may in every picture, which is the worst case; both
@@ -34,7 +34,6 @@ def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
 
     Args:
         quick: few repetitions, and the baseline only at the smaller size.
-        log: takes lines about the progress.
     """
     import torch
 

@@ -3,7 +3,7 @@
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import gymnasium as gym
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.benchmarks.render import BASELINE, baseline
-from experiments.benchmarks.rows import Row, median_seconds
+from experiments.benchmarks.rows import Row, log, median_seconds
 from sbm_gym.registration import MAX_EPISODE_STEPS
 
 ENV_ID = "sbm_gym/IndoorBuiltin-v0"
@@ -22,47 +22,42 @@ STEPS_PER_CORE = 60.0
 SIZE_PX = 84
 
 
-def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool) -> Iterator[Row]:
     """Measures row by row, per step; all in one scene that has been built already.
 
     Args:
         quick: few steps.
-        log: takes lines about the progress.
     """
-    yield from _in_one_scene(quick, log)
+    yield from _in_one_scene(quick)
     for colours in (True, False):
-        yield from _with_workers(quick, log, colours)
-    yield from _learning(quick, log)
+        yield from _with_workers(quick, colours)
+    yield from _learning(quick)
 
 
-def _in_one_scene(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def _in_one_scene(quick: bool) -> Iterator[Row]:
     """A step with all that belongs to it, beside the mere pictures of the same views; and one without colours."""
     import sbm_gym  # noqa: F401, registers the environments
 
-    env = gym.make(ENV_ID)
-    env.reset(seed=0, options={"scene": SCENE})
-    cameras: list[Float[np.ndarray, "4 4"]] = []
     episodes = 1 if quick else 5
-    seconds = _seconds_per_step(env, episodes, cameras)
-    scene = env.get_wrapper_attr("scene")
-    log(f"{SCENE}: {len(scene.world.objects)} objects")
-    views = cameras[:: MAX_EPISODE_STEPS // 3]
-    draw = baseline(scene.model, scene.data, views, SIZE_PX, False, True)
-    theirs = median_seconds(draw, 1 if quick else 3) / len(views)
+    with contextlib.closing(gym.make(ENV_ID)) as env:
+        seconds, cameras = _step(env, episodes)
+        scene = env.get_wrapper_attr("scene")
+        log(f"{SCENE}: {len(scene.world.objects)} objects")
+        views = cameras[:: MAX_EPISODE_STEPS // 3]
+        draw = baseline(scene.model, scene.data, views, SIZE_PX, False, True)
+        theirs = median_seconds(draw, 1 if quick else 3) / len(views)
     what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
     yield Row(what, f"{BASELINE}: the picture only", seconds, theirs)
-    env.close()
-    env = gym.make(ENV_ID, colours=False)
-    env.reset(seed=0, options={"scene": SCENE})
-    without = _seconds_per_step(env, episodes, [])
-    env.close()
+    with contextlib.closing(gym.make(ENV_ID, colours=False)) as env:
+        without, _ = _step(env, episodes)
     yield Row("  the same without colours: depth and ids only", "step with colours", without, seconds)
 
 
-def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarray, "4 4"]]) -> float:
-    """Median over episodes in the current scene; the cameras of all steps are added to a list."""
+def _step(env: gym.Env, episodes: int) -> tuple[float, list[Float[np.ndarray, "4 4"]]]:
+    """Seconds of a step, the median over episodes in the scene, and the cameras of all steps."""
+    env.reset(seed=0, options={"scene": SCENE})
     rng = np.random.default_rng(0)
-    seconds = []
+    seconds, cameras = [], []
     for _ in range(episodes):
         env.reset(options={"reuse_scene": True})
         started = time.perf_counter()
@@ -70,10 +65,10 @@ def _seconds_per_step(env: gym.Env, episodes: int, cameras: list[Float[np.ndarra
             *_, info = env.step(rng.uniform(-1.0, 1.0, 4))
             cameras.append(info["agent"]["camera_to_world"].copy())
         seconds.append((time.perf_counter() - started) / MAX_EPISODE_STEPS)
-    return float(np.median(seconds))
+    return float(np.median(seconds)), cameras
 
 
-def _with_workers(quick: bool, log: Callable[[str], None], colours: bool) -> Iterator[Row]:
+def _with_workers(quick: bool, colours: bool) -> Iterator[Row]:
     """Steps of several workers side by side, ends of episodes included; each worker has one thread."""
     from agents.ppo.envs import EnvConfig, make_subproc_vec_env
 
@@ -92,18 +87,11 @@ def _with_workers(quick: bool, log: Callable[[str], None], colours: bool) -> Ite
         log(f"{what}: {1.0 / seconds:.0f} steps/s")
         alone = seconds if alone is None else alone
         per_core = 1.0 / seconds / min(count, len(os.sched_getaffinity(0)))
-        yield Row(
-            what,
-            "1 worker",
-            seconds,
-            alone,
-            f"{STEPS_PER_CORE:g} steps/s per core",
-            per_core >= STEPS_PER_CORE,
-            f"{1.0 / seconds:.0f} steps/s, {per_core:.0f} per core",
-        )
+        target, note = f"{STEPS_PER_CORE:g} steps/s per core", f"{1.0 / seconds:.0f} steps/s, {per_core:.0f} per core"
+        yield Row(what, "1 worker", seconds, alone, target, per_core >= STEPS_PER_CORE, note)
 
 
-def _learning(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def _learning(quick: bool) -> Iterator[Row]:
     """What choosing actions and learning from them adds to a step, with the hyperparameters of the environment."""
     import torch
     from stable_baselines3 import PPO

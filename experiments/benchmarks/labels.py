@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from unittest import mock
@@ -15,7 +16,7 @@ import numpy as np
 import labeling.generator.propagate
 from experiments.benchmarks.label_rooms import first_views, open_room, record
 from experiments.benchmarks.label_stages import stage_rows
-from experiments.benchmarks.rows import PER_VIEW, Row, seconds_per_view, timed
+from experiments.benchmarks.rows import PER_VIEW, Row, log, seconds_per_view, timed
 from experiments.benchmarks.thesis_segmenter import ThesisSegmenter, check_installed
 from experiments.figures.label_generator import draw_label_speed
 from labeling.core.episode import Episode
@@ -42,12 +43,11 @@ _FRESH = (
 )
 
 
-def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool) -> Iterator[Row]:
     """Measures row by row.
 
     Args:
         quick: few views and repetitions.
-        log: takes lines about the progress.
     """
     check_installed()
     counts = VIEW_COUNTS[:3] if quick else VIEW_COUNTS
@@ -59,11 +59,11 @@ def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
         log(f"recorded {counts[-1]} views in {time.perf_counter() - started:.0f} s")
         for count in counts:
             write_episode(dataset / f"views_{count}", first_views(longest, count))
-        yield from _baselines(dataset, repeats, log)
-        yield from _fresh_processes(dataset, counts, log)
+        yield from _baselines(dataset, repeats)
+        yield from _fresh_processes(dataset, counts)
         yield from stage_rows(lambda out: _label(dataset / f"views_{VIEWS}", out), dataset / f"views_{VIEWS}", repeats)
-        yield from _view_counts(dataset, counts, repeats, log)
-        yield from _workers(dataset, longest, log)
+        yield from _view_counts(dataset, counts, repeats)
+        yield from _workers(dataset, longest)
 
 
 def draw(rows: Sequence[Row], out: Path) -> None:
@@ -79,7 +79,7 @@ def _label(episode: Path, out: Path, label: LabelConfig | None = None) -> float:
     return time.perf_counter() - started
 
 
-def _baselines(dataset: Path, repeats: int, log: Callable[[str], None]) -> Iterator[Row]:
+def _baselines(dataset: Path, repeats: int) -> Iterator[Row]:
     episode, out = dataset / f"views_{VIEWS}", dataset / "out"
     alone = LabelConfig(exclusive=False)
 
@@ -90,13 +90,13 @@ def _baselines(dataset: Path, repeats: int, log: Callable[[str], None]) -> Itera
             return _label(episode, out, config), spent["segmentation"]
 
     own = labeling.generator.propagate._segment
+    thesis_name = "thesis: SVC(probability=True) + pydensecrf2 per object"
     ways = {
         "ours": lambda: label_with(own, LabelConfig()),
-        "thesis: SVC(probability=True) + pydensecrf2 per object": lambda: label_with(ThesisSegmenter(np.inf), alone),
+        thesis_name: lambda: label_with(ThesisSegmenter(np.inf), alone),
         "the same in crops of 1 m (published code)": lambda: label_with(ThesisSegmenter(1.0), alone),
     }
-    whole: dict[str, list[float]] = {name: [] for name in ways}
-    segmenting: dict[str, list[float]] = {name: [] for name in ways}
+    whole, segmenting = defaultdict(list), defaultdict(list)
     quality = {}
     _label(episode, out)
     # In turn, so that whatever else the machine does meets all of them.
@@ -108,60 +108,40 @@ def _baselines(dataset: Path, repeats: int, log: Callable[[str], None]) -> Itera
                 segmenting[name].append(spent)
             quality[name] = evaluate_label_set(out).metrics["pseudo_labels"]["mean_iou"]
         log(f"turn {turn + 1}: " + ", ".join(f"{min(times):.2f} s" for times in whole.values()))
-    thesis_name = list(ways)[1]
-    for what, spent_by, factor in (
-        (f"segmentation (SVM, CRF) of 10 objects in {VIEWS} views 320x240", segmenting, FACTOR),
-        ("the whole episode, files to files", whole, None),
-    ):
+    segmentation = f"segmentation (SVM, CRF) of 10 objects in {VIEWS} views 320x240"
+    files = "the whole episode, files to files"
+    for what, spent_by in ((segmentation, segmenting), (files, whole)):
         ours = min(spent_by["ours"])
         for name in list(ways)[1:]:
-            theirs, promise = min(spent_by[name]), factor if name == thesis_name else None
-            better = quality["ours"] >= quality[name]
-            yield Row(
-                what,
-                name,
-                ours,
-                theirs,
-                "" if promise is None else f"{promise:g}x, IoU no lower",
-                None if promise is None else bool(theirs >= promise * ours and better),
-                f"mean IoU {quality['ours']:.3f}, theirs {quality[name]:.3f}",
-            )
+            theirs, target, holds = min(spent_by[name]), "", None
+            if what == segmentation and name == thesis_name:
+                target = f"{FACTOR:g}x, IoU no lower"
+                holds = bool(theirs >= FACTOR * ours and quality["ours"] >= quality[name])
+            note = f"mean IoU {quality['ours']:.3f}, theirs {quality[name]:.3f}"
+            yield Row(what, name, ours, theirs, target, holds, note)
     ours = min(whole["ours"])
-    yield Row(
-        "the whole episode, files to files",
-        "limit",
-        ours,
-        None,
-        f"< {SECONDS:g} s",
-        ours < SECONDS,
-        f"median of {len(whole['ours'])}: {statistics.median(whole['ours']):.2f} s",
-    )
+    note = f"median of {len(whole['ours'])}: {statistics.median(whole['ours']):.2f} s"
+    yield Row(files, "limit", ours, None, f"< {SECONDS:g} s", ours < SECONDS, note)
 
 
-def _fresh_processes(dataset: Path, counts: Sequence[int], log: Callable[[str], None]) -> Iterator[Row]:
+def _fresh_processes(dataset: Path, counts: Sequence[int]) -> Iterator[Row]:
     """Time and memory of the command itself, interpreter and imports included."""
     for count in sorted({VIEWS, counts[-1]}):
         best, peak = np.inf, 0.0
+        command = [sys.executable, "-c", _FRESH, str(dataset / f"views_{count}"), "--out", str(dataset / "fresh")]
         for _ in range(3):
             shutil.rmtree(dataset / "fresh", ignore_errors=True)
-            command = [sys.executable, "-c", _FRESH, str(dataset / f"views_{count}"), "--out", str(dataset / "fresh")]
             started = time.perf_counter()
             result = subprocess.run(command, capture_output=True, text=True, check=True)
             best = min(best, time.perf_counter() - started)
             peak = max(peak, int(result.stdout.split()[-1]) / 1024)
         log(f"{count} views in a fresh process: {best:.2f} s, {peak:.0f} MB")
-        yield Row(
-            f"fresh process, {count} views: peak memory",
-            "limit",
-            best,
-            None,
-            f"< {MEMORY_MB:g} MB" if count == VIEWS else "",
-            peak < MEMORY_MB if count == VIEWS else None,
-            f"{peak:.0f} MB",
-        )
+        target, holds = (f"< {MEMORY_MB:g} MB", peak < MEMORY_MB) if count == VIEWS else ("", None)
+        what = f"fresh process, {count} views: peak memory"
+        yield Row(what, "limit", best, None, target, holds, f"{peak:.0f} MB")
 
 
-def _view_counts(dataset: Path, counts: Sequence[int], repeats: int, log: Callable[[str], None]) -> Iterator[Row]:
+def _view_counts(dataset: Path, counts: Sequence[int], repeats: int) -> Iterator[Row]:
     seconds = {}
     for count in counts:
         seconds[count] = min(_label(dataset / f"views_{count}", dataset / "out") for _ in range(max(2, repeats // 2)))
@@ -169,35 +149,23 @@ def _view_counts(dataset: Path, counts: Sequence[int], repeats: int, log: Callab
         yield Row(PER_VIEW.format(count), "none", seconds[count] / count, None)
     slope = float(np.polyfit(np.log(counts), np.log([seconds[count] for count in counts]), 1)[0])
     last = seconds[counts[-1]] / counts[-1]
-    yield Row(
-        f"growth from {counts[0]} to {counts[-1]} views",
-        "linear",
-        last,
-        None,
-        f"exponent <= {MAX_EXPONENT:g}",
-        slope <= MAX_EXPONENT,
-        f"exponent {slope:.2f}; a view of {counts[-1]} costs {last * VIEWS / seconds[VIEWS]:.2f} of one of {VIEWS}",
-    )
+    what, target = f"growth from {counts[0]} to {counts[-1]} views", f"exponent <= {MAX_EXPONENT:g}"
+    note = f"exponent {slope:.2f}; a view of {counts[-1]} costs {last * VIEWS / seconds[VIEWS]:.2f} of one of {VIEWS}"
+    yield Row(what, "linear", last, None, target, slope <= MAX_EXPONENT, note)
 
 
-def _workers(dataset: Path, longest: Episode, log: Callable[[str], None]) -> Iterator[Row]:
+def _workers(dataset: Path, longest: Episode) -> Iterator[Row]:
     """One worker that has all threads beside two workers of one thread each, start of the processes included."""
     several = dataset / "several"
     for number in range(WORKER_EPISODES):
         write_episode(several / f"{number:02d}", first_views(longest, VIEWS))
-    seconds = {}
-    for workers in (1, 2):
-        best = np.inf
+    seconds = {1: np.inf, 2: np.inf}
+    for workers in seconds:
         for _ in range(2):
             shutil.rmtree(dataset / "out", ignore_errors=True)
             started = time.perf_counter()
             generate(GenerateConfig(dataset=several, out=dataset / "out", workers=workers))
-            best = min(best, time.perf_counter() - started)
-        seconds[workers] = best
-        log(f"{workers} workers: {best:.2f} s")
-    yield Row(
-        f"{WORKER_EPISODES} episodes, --workers 2",
-        "--workers 1 (its threads use all cores too)",
-        seconds[2],
-        seconds[1],
-    )
+            seconds[workers] = min(seconds[workers], time.perf_counter() - started)
+        log(f"{workers} workers: {seconds[workers]:.2f} s")
+    baseline = "--workers 1 (its threads use all cores too)"
+    yield Row(f"{WORKER_EPISODES} episodes, --workers 2", baseline, seconds[2], seconds[1])

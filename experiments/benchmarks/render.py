@@ -5,13 +5,14 @@ import gc
 import os
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from experiments.benchmarks.rows import Row, median_seconds
+from experiments.benchmarks.rows import Row, log, median_seconds
 from labeling.core.geometry import look_at
 from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
@@ -29,12 +30,11 @@ GROWTH_MB = 16.0
 """Memory that 500 resets may add, for allocators' sake; a leak of one small picture a reset would exceed it."""
 
 
-def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def measure(quick: bool) -> Iterator[Row]:
     """Measures row by row.
 
     Args:
         quick: few repetitions.
-        log: takes lines about the progress.
     """
     world = world_source("indoor").build(SCENE)
     model = world.spec.compile()
@@ -48,23 +48,18 @@ def measure(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
     for size, antialias in ((84, False), (256, True)):
         what = f"rgb with shadows, depth, ids, {size}x{size}" + (", smooth edges" if antialias else "")
         ours = {
-            "rays": median_seconds(_all(rays, data, cameras, size, antialias), repeats) / NUM_VIEWS,
-            "gl": median_seconds(_all(gl, data, cameras, size, antialias), repeats) / NUM_VIEWS,
+            name: median_seconds(_all(renderer, data, cameras, size, antialias), repeats) / NUM_VIEWS
+            for name, renderer in (("rays", rays), ("gl", gl))
         }
         for shadows, factor in ((True, {84: 12.0}), (False, {84: 6.0, 256: 2.0})):
             theirs = median_seconds(baseline(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
             for name, seconds in ours.items():
-                target = factor.get(size) if name == "rays" else None
-                yield Row(
-                    f"{name}: {what}",
-                    f"{BASELINE}, its shadows {'on' if shadows else 'off'}",
-                    seconds,
-                    theirs,
-                    "" if target is None else f"{target:g}x",
-                    None if target is None else bool(theirs >= target * seconds),
-                )
+                wanted = factor.get(size) if name == "rays" else None
+                target, holds = ("", None) if wanted is None else (f"{wanted:g}x", bool(theirs >= wanted * seconds))
+                shown = f"{BASELINE}, its shadows {'on' if shadows else 'off'}"
+                yield Row(f"{name}: {what}", shown, seconds, theirs, target, holds)
     gl.close()
-    yield from scene_costs(quick, log)
+    yield from scene_costs(quick)
 
 
 def views(world: World) -> list[Float[np.ndarray, "4 4"]]:
@@ -93,11 +88,7 @@ def baseline(model, data, cameras, size: int, antialias: bool, shadows: bool) ->
     baseline = mujoco.Renderer(model, size, size)
     baseline.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(shadows)
     camera = mujoco.MjvCamera()
-    modes = (
-        baseline.disable_depth_rendering,
-        baseline.enable_depth_rendering,
-        baseline.enable_segmentation_rendering,
-    )
+    modes = baseline.disable_depth_rendering, baseline.enable_depth_rendering, baseline.enable_segmentation_rendering
 
     def draw() -> None:
         for pose in cameras:
@@ -124,7 +115,7 @@ def _device() -> str:
     return name
 
 
-def scene_costs(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
+def scene_costs(quick: bool) -> Iterator[Row]:
     """What it takes to enter another scene, to start again in one, and whether memory stays where it is."""
     from sbm_gym.env.fixation_env import FixationEnv
 
@@ -139,28 +130,22 @@ def scene_costs(quick: bool, log: Callable[[str], None]) -> Iterator[Row]:
         log(f"scene {name}: {changes[-1]:.2f} s")
     seconds = float(np.median(changes))
     yield Row("scene change (build, compile, first picture)", "limit", seconds, None, "< 2 s", seconds < 2.0)
-    known = median_seconds(lambda: env.reset(options={"reuse_scene": True}), 5 if quick else 50)
+    reset = partial(env.reset, options={"reuse_scene": True})
+    known = median_seconds(reset, 5 if quick else 50)
     yield Row("reset in a known scene", "limit", known, None, "< 50 ms", known < 0.05)
     resets = 20 if quick else RESETS
     for _ in range(resets // 10):
-        env.reset(options={"reuse_scene": True})
+        reset()
     gc.collect()
     before = resident_mb()
     started = time.perf_counter()
     for _ in range(resets):
-        env.reset(options={"reuse_scene": True})
+        reset()
     seconds = (time.perf_counter() - started) / resets
     gc.collect()
     after = resident_mb()
-    yield Row(
-        f"memory over {resets} resets: {before:.0f} MB before, {after:.0f} MB after",
-        "limit",
-        seconds,
-        None,
-        f"< {GROWTH_MB:g} MB more",
-        after - before < GROWTH_MB,
-        f"{after - before:+.1f} MB",
-    )
+    what, growth = f"memory over {resets} resets: {before:.0f} MB before, {after:.0f} MB after", after - before
+    yield Row(what, "limit", seconds, None, f"< {GROWTH_MB:g} MB more", growth < GROWTH_MB, f"{growth:+.1f} MB")
     env.close()
 
 

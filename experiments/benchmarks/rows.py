@@ -1,7 +1,10 @@
 """Rows of a benchmark: what was measured beside which baseline, as JSON and for people."""
 
+import os
+import platform
 import re
 import statistics
+import sys
 import time
 import timeit
 from collections.abc import Callable, Mapping, Sequence
@@ -66,9 +69,6 @@ def seconds_per_view(rows: Sequence[Row]) -> dict[int, float]:
 
 def machine() -> dict[str, Any]:
     """What the numbers were measured on."""
-    import os
-    import platform
-
     return {"processor": platform.machine(), "cpus": len(os.sched_getaffinity(0)), "python": platform.python_version()}
 
 
@@ -83,6 +83,11 @@ def table(name: str, rows: Sequence[Row]) -> str:
 def time_text(seconds: float) -> str:
     """Seconds for people."""
     return f"{1e3 * seconds:.1f} ms" if seconds < 1.0 else f"{seconds:.2f} s"
+
+
+def log(text: str) -> None:
+    """Says at once how a bench goes on."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def median_seconds(work: Callable[[], object], repeats: int) -> float:

@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import pytest
 
 from experiments import bench
-from experiments.benchmarks import label_stages
+from experiments.benchmarks import label_stages, rows
 from experiments.benchmarks.rows import Row, as_json, row_of, table
 from experiments.pages.label_generator import page
 
 
-def fake_rows(quick, log):
-    log("measuring")
+def fake_rows(quick):
+    rows.log("measuring")
     yield Row("ours: a thing", "theirs", 0.5 if quick else 0.25, 1.0, "3x", True)
     yield Row("ours: another", "limit", 2.0, None, "< 1 s", False)
     yield Row("ours: third", "limit", 0.001, None, note="+1 MB")
@@ -43,7 +43,7 @@ def test_rows_are_printed_and_written(fake_bench, tmp_path, capsys):
 
 
 def test_tables_are_aligned():
-    lines = table("fake", list(fake_rows(True, lambda text: None))).splitlines()
+    lines = table("fake", list(fake_rows(True))).splitlines()
     column = lines[2].index("baseline")
     assert {line[column:].split()[0] for line in lines[3:]} == {"theirs", "limit"}
 

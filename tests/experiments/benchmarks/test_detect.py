@@ -6,7 +6,7 @@ from experiments.benchmarks import detect as bench_detect
 
 def test_both_networks_are_measured_and_the_parts_add_up(monkeypatch):
     monkeypatch.setattr(bench_detect, "LIMITS_S", {64: 0.04})
-    rows = list(bench_detect.measure(quick=True, log=lambda text: None))
+    rows = list(bench_detect.measure(quick=True))
     first, *parts = rows
     assert first.baseline_seconds is not None
     assert first.seconds > 0

@@ -11,7 +11,7 @@ from experiments.benchmarks import env as bench_env
 
 
 def test_learning_is_measured_on_the_hyperparameters_of_the_env():
-    choosing, learning = bench_env._learning(quick=True, log=lambda text: None)
+    choosing, learning = bench_env._learning(quick=True)
     assert choosing.seconds > 0
     assert learning.seconds > 0
     assert "choosing" in choosing.what
