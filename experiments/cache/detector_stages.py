@@ -168,29 +168,6 @@ def _score(task: tuple[str, Sequence[AnnotatedPicture]]) -> dict[str, Any]:
     return asdict(evaluate(load_detector(detector), pictures))
 
 
-def train_and_score(
-    runs: Sequence[tuple[dict[str, Any], TrainJob]],
-    start: str,
-    sets: Mapping[str, Sequence[AnnotatedPicture]],
-    context: RunContext,
-) -> dict[str, Any]:
-    """Fine-tunes detectors and scores them beside the one that they start from.
-
-    Args:
-        runs: what the record says about each, and the training.
-        start: the detector before.
-        sets: pictures, by the name of the set.
-        context: cache and workers.
-
-    Returns:
-        Scores ``before``, and for each of ``runs`` what the record says with its scores.
-    """
-    trained = train_detectors([job for _, job in runs], context)
-    before, *after = score_detectors([start, *trained], sets, context)
-    records = [{**about, **scores} for (about, _), scores in zip(runs, after, strict=True)]
-    return {"before": before, "runs": records}
-
-
 def _content(pictures: Sequence[AnnotatedPicture]) -> str:
     """Changes with the names of pictures (folders of recorded episodes have names that change with what they hold)
     and with their annotations.

@@ -1,6 +1,7 @@
 """The worlds that experiments are run in, the detector that they begin with, and how much of everything a scale has."""
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from experiments.cache.stages import RunContext, Scale
@@ -82,6 +83,7 @@ SIZES: dict[Scale, Size] = {
 }
 
 
+@cache
 def source_photographs(
     counts: tuple[int, int], context: RunContext
 ) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture]]":

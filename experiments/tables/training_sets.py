@@ -19,19 +19,20 @@ from labeling.generator.settings.presets import PRESETS
 from labeling.generator.settings.source_config import SourceConfig
 
 if TYPE_CHECKING:
+    from experiments.cache.detector_stages import TrainJob
     from experiments.cache.episode_pool import EpisodePool
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
-Subset = Literal["learn", "choose", "test", "wide"]
-SPLITS: dict[Subset, Literal["train", "test", "wide"]] = {
+Subset = Literal["learn", "choose", "val", "test", "wide"]
+SPLITS: dict[Subset, Literal["train", "val", "test", "wide"]] = {
     "learn": "train",
     "choose": "train",
+    "val": "val",
     "test": "test",
     "wide": "wide",
 }
-"""To learn from, to choose the best network by, to report on: the thesis' few test scenes, and many more. Nothing
-learns from the last two."""
-POOL_SEEDS: dict[Subset, int] = {"learn": 0, "choose": 1, "test": 0, "wide": 0}
+"""To learn from, to choose the best network by, to report on: validation scenes, the thesis' few test scenes, and many
+more. Nothing learns from the last three."""
 NOVEL = ("cushion", "nightstand", "shelf", "beanbag")
 """Categories that no photograph has shown. Source: thesis A.6."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
@@ -90,16 +91,16 @@ class Student:
 class TrainingSets:
     """The episodes of one world, labels of them, and detectors trained on these."""
 
-    def __init__(self, world: str, context: RunContext) -> None:
+    def __init__(self, world: str, context: RunContext, policy: str = "ring") -> None:
         """Makes nothing yet.
 
         Args:
             world: one of ``WORLDS``.
             context: scale, and where everything is kept.
+            policy: who moves.
         """
-        self.world, self._context = world, context
+        self.world, self._context, self._policy = world, context, policy
         self._size = SIZES[context.scale]
-        self._photographs: tuple[list[AnnotatedPicture], list[AnnotatedPicture]] | None = None
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
 
     def episodes(self, subset: Subset) -> list[Path]:
@@ -136,29 +137,48 @@ class TrainingSets:
 
     def detectors(self, students: Sequence[Student]) -> list[str]:
         """Names of detectors; those that are missing are trained in parallel."""
-        from experiments.cache.detector_stages import TrainJob, train_detectors
+        from experiments.cache.detector_stages import train_detectors
 
         recipes = {one: LABEL_RECIPES[one.teacher] for one in students if one.teacher in LABEL_RECIPES}
         earlier = [Student(used.detector_recipe, one.seed) for one, used in recipes.items() if used.detector_recipe]
         if earlier:  # all that later labels ask for, in parallel
             self.detectors(earlier)
-        jobs = {
-            one: TrainJob(
-                DETECTOR,
-                self.training_pictures("learn", one.teacher, one.seed),
-                self.training_pictures("choose", one.teacher, one.seed),
-                self.photographs()[0],
-                self._size.train_new() if one.new_categories else self._size.train,
-                self._size.augment[self.world],
-                one.seed,
-                f"{one.teacher} of {self.world}",
-                one.new_categories,
-            )
-            for one in students
-            if one.teacher is not None
-        }
+        jobs = {one: self.train_job(one.teacher, one.seed, one.new_categories) for one in students if one.teacher}
         names = dict(zip(jobs, train_detectors(list(jobs.values()), self._context), strict=True))
         return [names.get(one, DETECTOR) for one in students]
+
+    def train_job(self, teacher: str, seed: int, new_categories: tuple[str, ...] = ()) -> "TrainJob":
+        """The fine-tuning of a ``Student``."""
+        from experiments.cache.detector_stages import TrainJob
+
+        return TrainJob(
+            DETECTOR,
+            self.training_pictures("learn", teacher, seed),
+            self.training_pictures("choose", teacher, seed),
+            self.photographs()[0],
+            self._size.train_new() if new_categories else self._size.train,
+            self._size.augment[self.world],
+            seed,
+            f"{teacher} of {self._policy} in {self.world}",
+            new_categories,
+        )
+
+    def train_and_score(self, runs: "Sequence[tuple[dict[str, Any], TrainJob]]") -> dict[str, Any]:
+        """Fine-tunes detectors and scores them on validation scenes and photographs, beside the pre-trained one.
+
+        Args:
+            runs: what the record says about each, and the training.
+
+        Returns:
+            Scores ``before``, and for each of ``runs`` what the record says with its scores.
+        """
+        from experiments.cache.detector_stages import score_detectors, train_detectors
+
+        trained = train_detectors([job for _, job in runs], self._context)
+        pictures = {"validation": self.pictures("val"), "photographs": self.photographs()[1]}
+        before, *after = score_detectors([DETECTOR, *trained], pictures, self._context)
+        records = [{**about, **scores} for (about, _), scores in zip(runs, after, strict=True)]
+        return {"before": before, "runs": records}
 
     def training_pictures(self, subset: Subset, teacher: str, seed: int) -> "list[AnnotatedPicture]":
         """Annotated pictures to learn from, or to choose a network by.
@@ -186,9 +206,7 @@ class TrainingSets:
 
     def photographs(self) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture]]":
         """Those that the detector was pre-trained on, and those held out."""
-        if self._photographs is None:
-            self._photographs = worlds.source_photographs(self._size.photographs, self._context)
-        return self._photographs
+        return worlds.source_photographs(self._size.photographs, self._context)
 
     def label_scores(self, subset: Subset, recipe: str, seed: int, detector: str | None = None) -> dict[str, Any]:
         """How good labels are: AP of masks and boxes, over all categories and of each."""
@@ -237,9 +255,10 @@ class TrainingSets:
     def _pool(self, subset: Subset) -> "EpisodePool":
         from experiments.cache.episode_pool import EpisodePool
 
-        counts = dict(zip(SPLITS, (*self._size.episodes[self.world], self._size.wide[self.world]), strict=True))
-        name, seed = f"{self.world}_{subset}", POOL_SEEDS[subset]
-        return EpisodePool(name, WORLDS[self.world], SPLITS[subset], counts[subset], seed, DETECTOR)
+        learn, choose, report = self._size.episodes[self.world]
+        counts = {"learn": learn, "choose": choose, "val": report, "test": report, "wide": self._size.wide[self.world]}
+        name, seed = f"{self.world}_{subset}", int(subset == "choose")
+        return EpisodePool(name, WORLDS[self.world], SPLITS[subset], counts[subset], seed, DETECTOR, self._policy)
 
 
 def ignore_unsure(pictures: "Sequence[AnnotatedPicture]", min_confidence: float) -> "list[AnnotatedPicture]":
