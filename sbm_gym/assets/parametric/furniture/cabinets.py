@@ -61,8 +61,7 @@ def nightstand(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     paint = paints.wood_or_board(rng, 0.7)
     foot = float(rng.choice([0.03, 0.1, 0.16]))
     if rng.random() < 0.4:
-        post = 0.035
-        kit.legs(paint, w, d, h - 0.02, post, 0)
+        kit.legs(paint, w, d, h - 0.02, 0.035, 0)
         kit.box(paint, (-hw, -hd, h - 0.024), (hw, hd, h), bevel=0.004)
         kit.box(paint, (-hw + 0.01, -hd + 0.03, h - 0.2), (hw - 0.01, hd - 0.005, h - 0.024))
         drawers(kit, rng, paint, (-hw + 0.03, hw - 0.03), (h - 0.19, h - 0.03), -hd + 0.03, 1, 1)
@@ -102,6 +101,6 @@ def cupboard(kit: Kit, rng: np.random.Generator, size: Size) -> None:
 def office_cabinet(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A filing cabinet."""
     _, _, h, hw, hd = with_halves(size)
-    paint = paints.plain(tuple([float(rng.choice([0.25, 0.6, 0.8]))] * 3), 0.3)
+    paint = paints.plain(np.full(3, rng.choice([0.25, 0.6, 0.8])), 0.3)
     kit.box(paint, (-hw, -hd + 0.04, 0), (hw, hd, h))
     drawers(kit, rng, paint, (-hw + 0.005, hw - 0.005), (0.03, h - 0.01), -hd + 0.04, 1, 4 if h > 1.1 else 3)

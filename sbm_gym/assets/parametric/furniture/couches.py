@@ -1,7 +1,7 @@
 """Couches and armchairs: upholstered all over in several manners, or cushions in a wooden frame."""
 
 import itertools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,23 +37,15 @@ def lounge_chair(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         _framed(kit, rng, size, 1)
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Where the parts of an upholstered couch are, metres."""
+class _Frame(NamedTuple):
+    """Where the parts of an upholstered couch are: y of the fronts of seats and of its rear, heights, thickness."""
 
     front: float
-    """y of the front of the seats."""
     behind: float
-    """y of the back of the couch."""
-    left: float
-    """x where the seats begin."""
-    right: float
     low: float
-    """Height of the underside."""
     seat: float
     arm_top: float
     back: float
-    """Thickness of the back."""
     top: float
 
 
@@ -68,38 +60,24 @@ def _upholstered(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     seat = float(rng.uniform(0.40, 0.46))
     chaise = d > CHAISE_DEPTH_M
     deep = d - 0.62 if chaise else d
-    frame = _Frame(
-        front=hd - deep,
-        behind=hd,
-        left=-hw + arm,
-        right=hw - arm,
-        low=low,
-        seat=seat,
-        arm_top=float(rng.uniform(seat + 0.1, min(h - 0.07, seat + 0.26))),
-        back=float(rng.uniform(0.16, 0.24)),
-        top=h,
-    )
+    arm_top = float(rng.uniform(seat + 0.1, min(h - 0.07, seat + 0.26)))
+    frame = _Frame(hd - deep, hd, low, seat, arm_top, back=float(rng.uniform(0.16, 0.24)), top=h)
     side = int(rng.choice([-1, 1]))
-    inner = frame.right - frame.left
+    left, right = -hw + arm, hw - arm
     count = 1 if single else 2 if w < 1.75 or rng.random() < 0.3 else 3
-    edges = np.linspace(frame.left, frame.right, count + 1)
+    edges = np.linspace(left, right, count + 1)
     if chaise:
         long = float(rng.uniform(0.62, 0.76))
-        rest = max(round((inner - long) / 0.7), 1)
-        edges = np.append(np.linspace(frame.left, frame.right - long, rest + 1), frame.right)
+        rest = max(round((right - left - long) / 0.7), 1)
+        edges = np.append(np.linspace(left, right - long, rest + 1), right)
         edges = edges if side > 0 else -edges[::-1]
     # Which seat goes on to the front; none of a straight couch.
     lying = (len(edges) - 2 if side > 0 else 0) if chaise else -1
     kit.box(cover, (-hw + 0.02, frame.front + 0.03, low), (hw - 0.02, hd - 0.02, seat - 0.12), bevel=0.02)
     for sx in (-1, 1):
         _arm(kit, cover, frame, arms, sx, arm, w, 0.0 if lying < 0 or sx != side else 0.35 * deep)
-    kit.box(
-        cover,
-        (-hw + 0.02, hd - frame.back, low),
-        (hw - 0.02, hd, h - float(rng.uniform(0.0, 0.05))),
-        bevel=0.05,
-        puff=0.006,
-    )
+    high = h - float(rng.uniform(0.0, 0.05))
+    kit.box(cover, (-hw + 0.02, hd - frame.back, low), (hw - 0.02, hd, high), bevel=0.05, puff=0.006)
     _seats(kit, rng, cover, frame, edges, lying)
     _backrest(kit, rng, cover, frame, edges)
     feet = [(sx * (hw - 0.09), y) for sx in (-1, 1) for y in (frame.front + 0.08, hd - 0.08)]
@@ -118,9 +96,8 @@ def _arm(kit: Kit, cover: Paint, f: _Frame, kind: str, sx: int, arm: float, w: f
     if kind == "rolled":
         r = arm / 2
         kit.box(cover, (x0 + 0.2 * arm, front + 0.01, f.low), (x1 - 0.2 * arm, back, f.arm_top - r), bevel=0.01)
-        turn = np.arange(14) * 2 * np.pi / 14
-        ring = [(f.arm_top - r + r * np.sin(a), 0.5 * (x0 + x1) + r * np.cos(a)) for a in turn]
-        kit.prism(cover, ring[::-1], 1, front, back)
+        roll = [(z, x) for x, z in circle((0.5 * (x0 + x1), f.arm_top - r), r, 14)]
+        kit.prism(cover, roll[::-1], 1, front, back)
     elif kind == "sloped":
         side = [(front, f.low), (back, f.low), (back, f.top - 0.03), (back - 0.3, f.arm_top), (front, f.arm_top - 0.06)]
         kit.prism(cover, side, 0, x0, x1)
@@ -148,10 +125,9 @@ def _backrest(kit: Kit, rng: np.random.Generator, cover: Paint, f: _Frame, edges
     with kit.placed((0.0, f.behind - f.back + 0.02, f.seat - 0.01), turn_x(-lean)):
         if kind == "channels":
             count = max(round((x1 - x0) / 0.15), 4)
-            for a, b in zip(*(np.linspace(x0, x1, count + 1)[k:][:count] for k in (0, 1)), strict=True):
+            for a, b in itertools.pairwise(np.linspace(x0, x1, count + 1)):
                 kit.box(cover, (a + 0.001, -0.12, 0), (b - 0.001, 0, top - 0.02), bevel=0.045)
-            return
-        if kind == "buttons":
+        elif kind == "buttons":
             kit.box(cover, (x0 + 0.004, -0.11, 0), (x1 - 0.004, 0, top - 0.02), bevel=0.045, puff=0.012)
             button = paints.darker(cover, 0.7)
             columns = max(round((x1 - x0) / 0.22), 2)
@@ -159,10 +135,10 @@ def _backrest(kit: Kit, rng: np.random.Generator, cover: Paint, f: _Frame, edges
                 for i in range(columns - row):
                     x = x0 + (x1 - x0) * (i + 0.5 + 0.5 * row) / columns
                     kit.prism(button, circle((z, x), 0.016, 8), 1, -0.115, -0.1)
-            return
-        gap = float(rng.uniform(0.004, 0.02))
-        for a, b in itertools.pairwise(edges):
-            kit.box(cover, (a + gap, -0.16, 0), (b - gap, 0, top - 0.03), bevel=0.05, puff=0.03)
+        else:
+            gap = float(rng.uniform(0.004, 0.02))
+            for a, b in itertools.pairwise(edges):
+                kit.box(cover, (a + gap, -0.16, 0), (b - gap, 0, top - 0.03), bevel=0.05, puff=0.03)
 
 
 def _feet(kit: Kit, rng: np.random.Generator, places: list[tuple[float, float]], high: float) -> None:
@@ -183,8 +159,7 @@ def _framed(kit: Kit, rng: np.random.Generator, size: Size, seats: int) -> None:
     frame, cover = paints.wood(rng), paints.fabric(rng, 0.25)
     seat, post = 0.42, 0.045
     arm_top = float(rng.uniform(0.54, 0.62))
-    for sx in (-1, 1):
-        x = sx * (hw - post / 2)
+    for x in (-hw + post / 2, hw - post / 2):
         for y in (-hd + 0.04, hd - 0.16):
             kit.box(frame, (x - post / 2, y - post / 2, 0), (x + post / 2, y + post / 2, arm_top), bevel=0.006)
         kit.box(frame, (x - 0.035, -hd, arm_top - 0.005), (x + 0.035, hd - 0.08, arm_top + 0.025), bevel=0.01)

@@ -8,28 +8,23 @@ from sbm_gym.assets.parametric.parts.shapes import Kit, Size, turn_x, with_halve
 
 def floor_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A standard lamp with a shade."""
-    w, _, h = size
-    _lamp(kit, rng, w, h, 0.3 * w + 0.04, 0.28)
+    _lamp(kit, rng, size, 0.3 * size[0] + 0.04, 0.28)
 
 
 def table_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A table lamp with a shade."""
+    _lamp(kit, rng, size, 0.32 * size[0], 0.45 * size[2])
+
+
+def _lamp(kit: Kit, rng: np.random.Generator, size: Size, foot: float, shade_h: float) -> None:
     w, _, h = size
-    _lamp(kit, rng, w, h, 0.32 * w, 0.45 * h)
-
-
-def _lamp(kit: Kit, rng, w: float, h: float, foot: float, shade_h: float) -> None:
     stand = paints.metal(rng) if rng.random() < 0.6 else paints.wood(rng)
     tone = np.array([0.95, 0.9, 0.8]) * rng.uniform(0.75, 1.05) + rng.normal(0, 0.04, 3)
     shade = paints.plain(np.clip(tone, 0, 1), 0.0)
     low = h - shade_h
     if h < 0.8 and rng.random() < 0.5:
-        b = 0.3 * w
-        radii, heights = (
-            [0, 0.7 * b, b, 0.8 * b, 0.2 * b, 0.1 * b, 0],
-            [0, 0, 0.3 * low, 0.65 * low, 0.95 * low, low + 0.02, low + 0.02],
-        )
-        kit.lathe(stand, radii, heights, sides=16)
+        heights = [0, 0, 0.3 * low, 0.65 * low, 0.95 * low, low + 0.02, low + 0.02]
+        kit.lathe(stand, [0, 0.7, 1, 0.8, 0.2, 0.1, 0], heights, sides=16, scale=(0.3 * w, 1.0))
     else:
         kit.lathe(stand, [0, foot, foot, 0.012, 0.011, 0], [0, 0, 0.012, 0.03, low + 0.02, low + 0.02], sides=16)
     top = float(rng.uniform(0.55, 1.0)) * w / 2
@@ -44,8 +39,9 @@ def desk_lamp(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     r = 0.32 * min(w, d)
     y = hd - r
     kit.lathe(paint, [0, r, r, 0.02, 0], [0, 0, 0.015, 0.03, 0.03], (0, y), 16)
-    kit.tube(paint, [(0, y, 0.02), (0, hd - 0.01, 0.55 * h)], 0.008, sides=6)
-    kit.tube(paint, [(0, hd - 0.01, 0.55 * h), (0, -0.1 * d, h - 0.03)], 0.008, sides=6)
+    elbow = (0, hd - 0.01, 0.55 * h)
+    kit.tube(paint, [(0, y, 0.02), elbow], 0.008, sides=6)
+    kit.tube(paint, [elbow, (0, -0.1 * d, h - 0.03)], 0.008, sides=6)
     with kit.placed((0, -0.1 * d, h - 0.05), turn_x(-0.7)):
         kit.lathe(paint, [0.42 * w, 0.3 * w, 0.1 * w, 0], [-0.11, -0.03, 0.02, 0.03], sides=14)
         kit.lathe(paint, [0, 0.28 * w, 0.4 * w, 0.42 * w], [0.0, -0.035, -0.11, -0.11], sides=14)

@@ -16,9 +16,8 @@ def pot(kit: Kit, rng: np.random.Generator, r: float, h: float) -> None:
         radii = [0, base, r * 0.96, r, r, r * 0.88, r * 0.86, 0]
         kit.lathe(paint, radii, [0, 0, 0.82, 0.82, 1, 1, 0.9, 0.9], sides=18, scale=(1.0, h))
     elif kind == 1:
-        kit.lathe(
-            paint, [0, 0.7, 0.95, 1, 0.82, 0.74, 0.7, 0], [0, 0, 0.25, 0.55, 1, 1, 0.9, 0.9], sides=18, scale=(r, h)
-        )
+        radii, heights = [0, 0.7, 0.95, 1, 0.82, 0.74, 0.7, 0], [0, 0, 0.25, 0.55, 1, 1, 0.9, 0.9]
+        kit.lathe(paint, radii, heights, sides=18, scale=(r, h))
     else:
         s = 0.94 * r
         kit.box(paint, (-s, -s, 0), (s, s, h), bevel=0.01)
@@ -33,8 +32,8 @@ def plant(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     pot_h = float(rng.uniform(0.16, 0.3)) * h if h > 0.8 else float(rng.uniform(0.28, 0.42)) * h
     pot_r = min(0.36 * w, 0.75 * pot_h)
     pot(kit, rng, pot_r, pot_h)
-    greens = [paints.leaf(rng) for _ in range(1)]
-    greens += [paints.darker(greens[0], float(f)) for f in (0.78, 1.22)]
+    leafy = paints.leaf(rng)
+    greens = [leafy, paints.darker(leafy, 0.78), paints.darker(leafy, 1.22)]
     stem = paints.plain((0.3, 0.36, 0.18), 0.0)
     bark = paints.plain((0.36, 0.26, 0.18), 0.0)
     kind = int(rng.integers(5))
@@ -72,9 +71,8 @@ def plant(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     else:  # a bush or little tree of small leaves
         bare = 0.05 if kind == 3 else rng.uniform(0.25, 0.45)
         crown_low = base + bare * (h - base)
-        kit.tube(
-            bark, [(0, 0, base - 0.01), (0.02, 0.01, 0.5 * (base + h)), (0, 0, 0.8 * h)], [0.022, 0.016, 0.006], sides=6
-        )
+        trunk = [(0, 0, base - 0.01), (0.02, 0.01, 0.5 * (base + h)), (0, 0, 0.8 * h)]
+        kit.tube(bark, trunk, [0.022, 0.016, 0.006], sides=6)
         for i in range(int(rng.integers(80, 110))):
             z = rng.uniform(crown_low, 0.95 * h)
             t = (z - crown_low) / max(h - crown_low, 1e-3)

@@ -26,9 +26,7 @@ def _screen(kit: Kit, rng: np.random.Generator, w: float, low: float, h: float, 
     frame = paints.BLACK if rng.random() < 0.8 else paints.CHROME
     edge = float(rng.uniform(0.008, 0.02))
     kit.box(frame, (-w / 2, y - thick / 2, low), (w / 2, y + thick / 2, h), bevel=0.004)
-    x0, x1, z0, z1 = -w / 2 + edge, w / 2 - edge, low + 1.6 * edge, h - edge
-    front = y - thick / 2 - 0.002
-    kit.card(_picture(rng), [(x0, front, z0), (x1, front, z0), (x1, front, z1), (x0, front, z1)])
+    kit.picture(_picture(rng), (-w / 2 + edge, w / 2 - edge), (low + 1.6 * edge, h - edge), y - thick / 2 - 0.002)
     z0, z1 = low + 0.08 * (h - low), low + 0.6 * (h - low)
     kit.box(paints.BLACK, (-0.36 * w, y, z0), (0.36 * w, y + thick / 2 + 0.02, z1), bevel=0.012)
 
@@ -39,9 +37,8 @@ def tv(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     low = float(rng.uniform(0.05, 0.09))
     _screen(kit, rng, w, low, h, 0.0, 0.035)
     if rng.random() < 0.5:
-        for sx in (-1, 1):
-            x = sx * 0.36 * w
-            foot = [(-d / 2, 0), (d / 2, 0), (0.02, low + 0.02), (-0.02, low + 0.02)]
+        foot = [(-d / 2, 0), (d / 2, 0), (0.02, low + 0.02), (-0.02, low + 0.02)]
+        for x in (-0.36 * w, 0.36 * w):
             kit.prism(paints.BLACK, foot, 0, x - 0.012, x + 0.012)
     else:
         kit.box(paints.BLACK, (-0.04, -0.012, 0.01), (0.04, 0.02, low + 0.05))

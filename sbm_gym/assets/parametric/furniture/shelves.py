@@ -13,9 +13,9 @@ def book_row(kit: Kit, rng, x0: float, x1: float, y0: float, y1: float, z: float
     row = paints.books(rng)
     top = z + high
     paper = paints.plain((0.85, 0.82, 0.74), 0.0)
-    kit.card(row, [(x0, y0, z), (x1, y0, z), (x1, y0, top), (x0, y0, top)])
-    kit.card(paper, [(x0, y0, top - 0.02), (x1, y0, top - 0.02), (x1, y1, top - 0.02), (x0, y1, top - 0.02)])
+    kit.picture(row, (x0, x1), (z, top), y0)
     top -= 0.02
+    kit.card(paper, [(x0, y0, top), (x1, y0, top), (x1, y1, top), (x0, y1, top)])
     right = [(x1, y0, z), (x1, y1, z), (x1, y1, top), (x1, y0, top)]
     left = [(x0, y1, z), (x0, y0, z), (x0, y0, top), (x0, y1, top)]
     kit.card(row, right, [[0.97, 1], [1, 1], [1, 0.2], [0.97, 0.2]])
@@ -31,8 +31,7 @@ def shelf(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     rows = max(2, round(h / float(rng.uniform(0.3, 0.42))))
     columns = 1 if w < 0.7 else int(rng.integers(1, 1 + max(2, round(w / 0.4))))
     if kind == 2:
-        columns = max(1, round(w / 0.38))
-        rows = max(2, round(h / 0.38))
+        columns, rows = max(1, round(w / 0.38)), max(2, round(h / 0.38))
     posts = paints.metal(rng) if kind == 1 else paint
     foot = 0.0 if kind == 2 else float(rng.choice([0.02, 0.07]))
     if kind == 1:

@@ -11,10 +11,9 @@ def rug(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     """A rug."""
     _, _, h, hw, hd = with_halves(size)
     picture = surfaces.rug(rng)
-    paint = paints.Paint(texture=picture, tile_m=None)
-    tone = picture[0, 0] / 255.0
-    kit.card(paint, [(-hw, -hd, h), (hw, -hd, h), (hw, hd, h), (-hw, hd, h)])
-    kit.box(paints.plain((float(tone[0]), float(tone[1]), float(tone[2])), 0.0), (-hw, -hd, 0), (hw, hd, 0.8 * h))
+    top = [(-hw, -hd, h), (hw, -hd, h), (hw, hd, h), (-hw, hd, h)]
+    kit.card(paints.Paint(texture=picture, tile_m=None), top)
+    kit.box(paints.plain(picture[0, 0] / 255.0, 0.0), (-hw, -hd, 0), (hw, hd, 0.8 * h))
 
 
 def radiator(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -28,8 +27,8 @@ def radiator(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     else:
         for x in np.linspace(-hw + 0.03, hw - 0.03, max(4, round(w / 0.065))):
             kit.box(white, (x - 0.024, -hd, 0.09), (x + 0.024, hd - 0.02, h), bevel=0.02)
-    for sx in (-1, 1):
-        kit.box(white, (sx * 0.4 * w - 0.015, -0.2 * d, 0), (sx * 0.4 * w + 0.015, hd, 0.14))
+    for x in (-0.4 * w, 0.4 * w):
+        kit.box(white, (x - 0.015, -0.2 * d, 0), (x + 0.015, hd, 0.14))
 
 
 def waste_bin(kit: Kit, rng: np.random.Generator, size: Size) -> None:
@@ -48,11 +47,10 @@ def table_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     w, _, h = size
     r = w / 2
     paint = paints.plain(rng.uniform(0.15, 0.9, 3), 0.5, 0.6)
-    kind = 0 if h > 0.2 else 1
-    if kind == 0 and rng.random() < 0.5:
+    if h > 0.2 and rng.random() < 0.5:
         radii, heights = [0, 0.6, 1, 0.8, 0.4, 0.5, 0.42, 0.3, 0], [0, 0, 0.35, 0.65, 0.85, 1, 1, 0.85, 0.8]
         kit.lathe(paint, radii, heights, sides=18, scale=(r, h))
-    elif kind == 0:
+    elif h > 0.2:
         radii, heights = [0, 1, 1, 0.35, 0.33, 0.38, 0.38, 0], [0, 0, 0.6, 0.74, 0.97, 0.975, 1, 1]
         kit.lathe(paint, radii, heights, sides=16, scale=(r, h))
     else:
@@ -73,15 +71,12 @@ def desk_thing(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             top = h * (i + 1) / count
             paint = paints.plain(rng.uniform(0.1, 0.85, 3), 0.1)
             with kit.placed(rotation=turn_z(0.0 if i == 0 else float(rng.normal(0, 0.12)))):
-                s = 1.0 if i == 0 else 0.82
-                kit.box(paint, (-s * hw, -s * hd, z), (s * hw, s * hd, z + 0.003))
-                kit.box(paint, (-s * hw, -s * hd, top - 0.003), (s * hw, s * hd, top))
-                kit.box(
-                    paints.plain((0.9, 0.88, 0.82), 0.0),
-                    (-s * hw + 0.004, -s * hd + 0.003, z + 0.003),
-                    (s * hw - 0.004, s * hd - 0.003, top - 0.003),
-                )
-                kit.box(paint, (-s * hw, s * hd - 0.004, z), (s * hw, s * hd, top))
+                x, y = (hw, hd) if i == 0 else (0.82 * hw, 0.82 * hd)
+                kit.box(paint, (-x, -y, z), (x, y, z + 0.003))
+                kit.box(paint, (-x, -y, top - 0.003), (x, y, top))
+                pages = paints.plain((0.9, 0.88, 0.82), 0.0)
+                kit.box(pages, (-x + 0.004, -y + 0.003, z + 0.003), (x - 0.004, y - 0.003, top - 0.003))
+                kit.box(paint, (-x, y - 0.004, z), (x, y, top))
             z = top
         return
     r = 0.3 * min(w, d)

@@ -24,8 +24,7 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         heights = [0, 0, 0.02, 0.06, 0.12, h - 0.2, h - thick, h - thick]
         kit.lathe(legs, [0, r, r, 0.06, 0.04, 0.035, 0.1, 0], heights, sides=18)
     elif kind == 3 and not round_top:
-        for sx in (-1, 1):
-            x = sx * (0.5 * w - 0.12)
+        for x in (-0.5 * w + 0.12, 0.5 * w - 0.12):
             kit.box(legs, (x - 0.04, -0.42 * d, 0), (x + 0.04, 0.42 * d, 0.04), bevel=0.006)
             kit.box(legs, (x - 0.03, -0.06, 0.04), (x + 0.03, 0.06, h - 0.05), bevel=0.006)
             kit.box(legs, (x - 0.04, -0.4 * d, h - 0.08), (x + 0.04, 0.4 * d, h - thick), bevel=0.006)
@@ -35,11 +34,10 @@ def dining_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         post = float(rng.uniform(0.04, 0.09))
         kit.legs(legs, reach * w, reach * d, h - thick, post, int(rng.integers(3)), inset=0.01)
         if kind != 1 and not round_top:
-            for sy in (-1, 1):
-                y = sy * (hd - post / 2 - 0.02)
+            side, end = hw - post / 2 - 0.02, hd - post / 2 - 0.02
+            for y in (-end, end):
                 kit.box(legs, (-hw + post, y - 0.01, h - thick - 0.09), (hw - post, y + 0.01, h - thick))
-            for sx in (-1, 1):
-                x = sx * (hw - post / 2 - 0.02)
+            for x in (-side, side):
                 kit.box(legs, (x - 0.01, -hd + post, h - thick - 0.09), (x + 0.01, hd - post, h - thick))
 
 
@@ -58,8 +56,8 @@ def coffee_table(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         return
     kit.box(top, (-hw, -hd, h - thick), (hw, hd, h), bevel=0.006)
     if rng.random() < 0.25:
-        for sx in (-1, 1):
-            kit.box(top, (sx * (hw - 0.04) - 0.025, -hd + 0.02, 0), (sx * (hw - 0.04) + 0.025, hd - 0.02, h - thick))
+        for x in (-hw + 0.04, hw - 0.04):
+            kit.box(top, (x - 0.025, -hd + 0.02, 0), (x + 0.025, hd - 0.02, h - thick))
     else:
         kit.legs(legs, w, d, h - thick, float(rng.uniform(0.035, 0.07)), int(rng.integers(3)), inset=0.015)
     if rng.random() < 0.6:

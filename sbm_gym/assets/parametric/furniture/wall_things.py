@@ -12,21 +12,18 @@ def coat_rack(kit: Kit, rng: np.random.Generator, size: Size) -> None:
     board = paints.wood_or_board(rng, 0.7)
     hook = paints.metal(rng)
     kit.box(board, (-hw, hd - 0.02, h - 0.12), (hw, hd, h), bevel=0.004)
-    count = max(round(w / 0.17), 3)
-    places = np.linspace(-hw + 0.09, hw - 0.09, count)
+    places = np.linspace(-hw + 0.09, hw - 0.09, max(round(w / 0.17), 3))
     z, y = h - 0.09, hd - 0.02
     for x in places:
         kit.tube(hook, [(x, y, z), (x, y - 0.05, z - 0.01), (x, y - 0.07, z + 0.03)], 0.007, sides=6)
-    hung = rng.permutation(count)[: max(count // 2, 1)]
+    hung = rng.permutation(len(places))[: max(len(places) // 2, 1)]
     for number, index in enumerate(sorted(hung.tolist())):
         x = float(np.clip(places[index], -hw + 0.17, hw - 0.17))
         cloth = paints.fabric(rng, 0.15) if rng.random() < 0.7 else paints.leather(rng)
         bottom = 0.0 if number == 0 else float(rng.uniform(0.0, 0.35)) * h
         deep = y - 0.012 * number
         # A body that widens downwards, with its sleeves beside it.
-        outline = [(0.05, z), (0.14, z - 0.1), (0.15, 0.5 * (z + bottom)), (0.17, bottom)]
-        heights = np.array([at for _, at in outline])
-        halves = np.array([half for half, _ in outline])
+        halves, heights = np.array([0.05, 0.14, 0.15, 0.17]), [z, z - 0.1, 0.5 * (z + bottom), bottom]
         turn = np.linspace(0, 2 * np.pi, 17)
         fold = 1 + 0.1 * np.cos(5 * turn + index)
         points = np.stack(
@@ -40,10 +37,8 @@ def coat_rack(kit: Kit, rng: np.random.Generator, size: Size) -> None:
         points[-1] = points[0]
         kit.add(cloth, grid_triangles(points[:, ::-1]), crease_rad=np.deg2rad(70))
         for sx in (-1, 1):
-            sleeve = [
-                (x + sx * 0.11, deep - 0.06, z - 0.1),
-                (x + sx * 0.155, deep - 0.06, z - 0.6 * (z - bottom) - 0.05),
-            ]
+            cuff = z - 0.6 * (z - bottom) - 0.05
+            sleeve = [(x + sx * 0.11, deep - 0.06, z - 0.1), (x + sx * 0.155, deep - 0.06, cuff)]
             kit.tube(cloth, sleeve, [0.045, 0.038], sides=8)
 
 
@@ -69,9 +64,7 @@ def whiteboard(kit: Kit, rng: np.random.Generator, size: Size) -> None:
             board[[top, top + high], left : left + wide] = ink
             board[top : top + high, [left, left + wide]] = ink
     face = paints.Paint(texture=paints.picture(board), tile_m=None, specular=0.5, shininess=0.8)
-    y, edge = -hd + 0.058, 0.02
-    a, b = -hw + edge, hw - edge
-    kit.card(face, [(a, y, edge), (b, y, edge), (b, y, h - edge), (a, y, h - edge)])
+    kit.picture(face, (-hw + 0.02, hw - 0.02), (0.02, h - 0.02), -hd + 0.058)
     kit.box(paints.STEEL, (-0.3 * w, -hd, 0), (0.3 * w, -hd + 0.062, 0.016))
     for i in range(3):
         x = (-0.2 + 0.08 * i) * w

@@ -300,6 +300,11 @@ class Kit:
         quad = np.array(corners, float)
         self.add(paint, np.stack([quad[[0, 1, 2]], quad[[0, 2, 3]]]), np.stack([uv[[0, 1, 2]], uv[[0, 2, 3]]]))
 
+    def picture(self, paint: Paint, across: tuple[float, float], height: tuple[float, float], y: float) -> None:
+        """An upright quad that looks towards -Y, from least to greatest x and z; its picture fills it."""
+        (x0, x1), (z0, z1) = across, height
+        self.card(paint, [(x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1)])
+
     def leaf(
         self,
         paint: Paint,
