@@ -59,7 +59,7 @@ def run(config: PolicyPicturesConfig) -> None:
     """
     import contextlib
 
-    from agents.evaluation.trajectories import draw_trajectories, top_down_map
+    from agents.evaluation.trajectories import draw_trajectories
     from agents.policies.registry import make_policy
     from agents.rollouts.environments import inner_env, make_env
     from agents.rollouts.run_episode import episode_spec, run_episode
@@ -76,7 +76,7 @@ def run(config: PolicyPicturesConfig) -> None:
         for spec in specs:
             records = {label(policy): run_episode(env, chosen, spec, None)[0] for policy, chosen in policies.items()}
             picture = f"policies_ways_{name}_{spec.seed}_{spec.episode}.png"
-            draw_trajectories(top_down_map(inner_env(env)), records, config.out / picture)
+            draw_trajectories(inner_env(env), records, config.out / picture)
             print(config.out / picture)
             kept = ("return", "objects", "sectors", "collisions")
             figures = {

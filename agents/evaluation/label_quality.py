@@ -66,10 +66,13 @@ def episode_figures(record: Mapping[str, Any]) -> dict[str, dict[str, float | No
         that are right), ``right_per_view``, ``objects`` (different ones with a right label), ``visible`` (different
         ones that the views show).
     """
+    from labeling.metrics.matching import match
+
     found: dict[str, dict[str, float | None]] = {}
     for count in record["labels"]:
         predictions, truths, instance_ids = instances(record, count, 0)
-        right = _right(predictions, truths)
+        matches = match(predictions, truths)
+        right = [one.truth for one in matches if one.iou >= RIGHT_IOU and not truths[one.truth].ignore]
         counted = [number for number, truth in enumerate(truths) if not truth.ignore]
         found[count] = {
             **ap_figures(predictions, truths),
@@ -127,13 +130,6 @@ def instances(
         MaskInstance((episode, view), category, _as_rle(rle), ignore=ignore) for view, category, rle, _, ignore in seen
     ]
     return predictions, truths, [truth[3] for truth in seen]
-
-
-def _right(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstance]") -> list[int]:
-    """Which ground-truth instances have a right label."""
-    from labeling.metrics.matching import match
-
-    return [one.truth for one in match(predictions, truths) if one.iou >= RIGHT_IOU and not truths[one.truth].ignore]
 
 
 def _rle(rle: dict[str, Any]) -> list[Any]:

@@ -1,5 +1,6 @@
 """The plot of an evaluation: what is earned and what labels are made, view by view."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +27,20 @@ def draw_summary(content: dict[str, Any], path: Path) -> None:
     from matplotlib.figure import Figure
 
     policies = content["policies"]
-    panels = ["return", "sectors"]
-    labelled = all(found["labels"] for found in policies.values())
-    panels += LABEL_PANELS if labelled else []
+    panels = {"return": "return", "sectors": "sectors seen\nof confirmed objects"}
+    if all(found["labels"] for found in policies.values()):
+        panels |= LABEL_PANELS
     figure = Figure(figsize=(3.5 * len(panels), 3.6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     rows = figure.subplots(1, len(panels))
-    for axes, name in zip(rows, panels, strict=True):
-        for policy, colour in zip(policies, _colours(len(policies)), strict=True):
-            views, means, spreads = _series(policies[policy], name)
+    for axes, (name, title) in zip(rows, panels.items(), strict=True):
+        for (policy, found), colour in zip(policies.items(), itertools.cycle(COLOURS), strict=False):
+            views, means, spreads = _series(found, name)
             marker = "o" if name in LABEL_PANELS else None
             axes.plot(views, means, color=colour, label=policy, marker=marker, markersize=4, linewidth=1.6)
             if spreads is not None:
                 axes.fill_between(views, means - spreads, means + spreads, color=colour, alpha=0.18, linewidth=0)
-        titles = {"return": "return", "sectors": "sectors seen\nof confirmed objects", **LABEL_PANELS}
-        axes.set_title(titles[name], fontsize=10)
+        axes.set_title(title, fontsize=10)
         axes.set_xlabel("views spent")
         axes.set_xlim(left=0)
         axes.grid(alpha=0.25, linewidth=0.6)
@@ -57,19 +57,13 @@ def draw_summary(content: dict[str, Any], path: Path) -> None:
         figure.savefig(temporary, format="png")
 
 
-def _colours(count: int) -> list[str]:
-    return [COLOURS[number % len(COLOURS)] for number in range(count)]
-
-
 def _series(found: dict[str, Any], name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Views, means, and standard deviations where there are several seeds."""
     if name in LABEL_PANELS:
         counts = sorted(found["labels"], key=int)
         cells = [found["labels"][count][name] for count in counts]
-        means = np.array([np.nan if cell["mean"] is None else cell["mean"] for cell in cells])
-        known = all(cell["std"] is not None for cell in cells)
-        spreads = np.array([cell["std"] for cell in cells]) if known else None
-        return np.array([int(count) for count in counts]), means, spreads
+        means, spreads = (np.array([cell[figure] for cell in cells], float) for figure in ("mean", "std"))
+        return np.array(counts, int), means, None if np.isnan(spreads).any() else spreads
     curve = found["curves"][name]
     means = np.array(curve["mean"])
     return np.arange(1, len(means) + 1), means, None if curve["std"] is None else np.array(curve["std"])

@@ -162,7 +162,7 @@ def _runner(config: EvaluateConfig) -> Callable[[Sequence[tuple[EpisodeSpec, str
 
 def _draw(evaluator: Evaluator, content: dict[str, Any], records: dict[str, Any], specs: Sequence[EpisodeSpec]) -> None:
     from agents.evaluation.plot import draw_summary
-    from agents.evaluation.trajectories import draw_trajectories, top_down_map
+    from agents.evaluation.trajectories import draw_trajectories
 
     out, pictures = evaluator.config.out, evaluator.config.pictures
     draw_summary(content, out / PLOT_FILE)
@@ -171,6 +171,6 @@ def _draw(evaluator: Evaluator, content: dict[str, Any], records: dict[str, Any]
         path = out / PICTURES_FOLDER / f"seed{spec.seed}-{spec.episode:04d}.png"
         evaluator.env.reset(seed=spec.env_seed, options={"scene": spec.scene})
         episodes = {policy: found[number] for policy, found in records.items()}
-        draw_trajectories(top_down_map(inner_env(evaluator.env)), episodes, path)
+        draw_trajectories(inner_env(evaluator.env), episodes, path)
     if pictures:
         print(f"ways:    {out / PICTURES_FOLDER}")

@@ -1,6 +1,8 @@
 """From the results of episodes to ``evaluation.json``."""
 
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,37 +15,7 @@ from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
 
 SCHEMA_VERSION = 1
 EARLY_FIGURES = ("right", "objects", "ap50")
-
-PROTOCOL = {
-    "pairing": (
-        "episode i of seed s has the same scene, start, heading and detector noise for every policy; an episode in "
-        "which nothing is found counts as it is"
-    ),
-    "spread": "mean and sample standard deviation over seeds, each seed's figure being the mean over its episodes",
-    "difference": (
-        "to the first policy, mean over all paired episodes of all seeds, with a 95 % percentile bootstrap interval "
-        "over episodes"
-    ),
-    "figures": (
-        "return: sum of rewards; then its terms by name; success: share of episodes with a confirmed object; objects: "
-        "confirmed; target_sectors: 20 degree sectors from which the object fixated last has been seen, best_sectors: "
-        "that of the object seen from most sides, coverage: its share of all sectors, "
-        "sectors: sum over confirmed objects; collisions: moves cut short; "
-        "path_m: metres"
-    ),
-    "label_quality": (
-        "the label generator is run on the first k views alone. ap50 and ap30: modal masks against the ground truth of "
-        "these k views, mean of the episodes in which anything is to be seen; pooled_ap50 and pooled_ap30: all "
-        "episodes of a seed ranked as one data set; labels: made; right: of the category and with IoU >= .5 with an "
-        "object that is visible there, matched one to one; right_per_view: right / k; objects: different ones with a "
-        "right label; visible: different ones that the views show. AP asks how much of what was seen is labelled "
-        "right, whatever the policy chose to see; right and objects ask what it has gained"
-    ),
-    "early": (
-        f"labels of a policy's first {EARLY_VIEWS} views minus labels of all {VIEW_COUNTS[-1]} views of the first "
-        "policy, on the same episodes, with intervals as of difference; for the first policy itself too"
-    ),
-}
+PROTOCOL = tomllib.loads(Path(__file__).with_name("protocol.toml").read_text(encoding="utf-8"))
 """How the figures come about; written beside them."""
 
 

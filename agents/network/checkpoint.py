@@ -72,25 +72,25 @@ def read_description(folder: Path) -> dict[str, Any]:
         raise SbmError(f"{path}: is damaged: policy does not name its class")
     if not isinstance(policy.get("kwargs"), dict):
         raise SbmError(f"{path}: is damaged: policy has no kwargs")
-    for name in ("observation_space", "action_space"):
-        space_in(description, name, path)
+    _spaces(description, path)
     return description
 
 
-def space_in(description: dict[str, Any], name: str, path: Path) -> spaces.Space:
-    """One of the spaces of a description.
+def _spaces(description: dict[str, Any], path: Path) -> tuple[spaces.Dict, spaces.Box]:
+    """The spaces of observations and actions in a description.
 
     Raises:
-        SbmError: if it is none, or not of a kind that policies have.
+        SbmError: if one is none, or not of the kind that policies have.
     """
-    wanted = spaces.Dict if name == "observation_space" else spaces.Box
-    try:
-        space = space_of(description.get(name))
-    except ValueError as error:
-        raise SbmError(f"{path}: is damaged: {name}: {error}") from None
-    if not isinstance(space, wanted):
-        raise SbmError(f"{path}: is damaged: {name} must be a {wanted.__name__}")
-    return space
+    found: list[Any] = []
+    for name, kind in (("observation_space", spaces.Dict), ("action_space", spaces.Box)):
+        try:
+            found.append(space_of(description.get(name)))
+        except ValueError as error:
+            raise SbmError(f"{path}: is damaged: {name}: {error}") from None
+        if not isinstance(found[-1], kind):
+            raise SbmError(f"{path}: is damaged: {name} must be a {kind.__name__}")
+    return found[0], found[1]
 
 
 def check_spaces(
@@ -101,12 +101,11 @@ def check_spaces(
     Raises:
         UsageError: naming the first difference.
     """
-    path = folder / POLICY_FILE
-    for name, given in (("observation_space", observation_space), ("action_space", action_space)):
-        found = difference(space_in(description, name, path), given, name.partition("_")[0])
-        if found:
-            trained_on = description.get("env", "another environment")
-            raise UsageError(f"{folder}: was trained on {trained_on}: {found}; take the env it was trained on")
+    observations, actions = _spaces(description, folder / POLICY_FILE)
+    found = difference(observations, observation_space, "observation") or difference(actions, action_space, "action")
+    if found:
+        trained_on = description.get("env", "another environment")
+        raise UsageError(f"{folder}: was trained on {trained_on}: {found}; take the env it was trained on")
 
 
 def read_policy(folder: Path) -> tuple[ActorCriticPolicy, dict[str, Any]]:
@@ -116,15 +115,10 @@ def read_policy(folder: Path) -> tuple[ActorCriticPolicy, dict[str, Any]]:
         SbmError: if a file is missing or damaged, or its tensors are not those of the policy it says it holds.
     """
     description = read_description(folder)
-    observation_space, action_space = (
-        space_in(description, name, folder / POLICY_FILE) for name in ("observation_space", "action_space")
-    )
-    assert isinstance(observation_space, spaces.Dict)
-    assert isinstance(action_space, spaces.Box)
+    about = description["policy"]
     try:
-        about = description["policy"]
         policy = build_policy(
-            observation_space, action_space, about["class"], about["kwargs"], about.get("use_sde") is True
+            *_spaces(description, folder), about["class"], about["kwargs"], about.get("use_sde") is True
         )
     except UsageError as error:
         raise SbmError(f"{folder / POLICY_FILE}: {error}") from None

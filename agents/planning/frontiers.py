@@ -89,31 +89,30 @@ class Frontiers:
                 found.append(Frontier(place_m, unseen_m2))
         return found
 
+    def next_goal(
+        self, navigable: NavigableMap, position_m: Float[np.ndarray, "2"], yaw_rad: float, rng: np.random.Generator
+    ) -> Float[np.ndarray, "2"]:
+        """Where to stand to see most unseen floor for the steps it takes; without a frontier any place, to start over.
 
-def best_frontier(
-    navigable: NavigableMap,
-    frontiers: list[Frontier],
-    position_m: Float[np.ndarray, "2"],
-    yaw_rad: float,
-    stride_m: float,
-) -> Float[np.ndarray, "2"]:
-    """The frontier with most unseen floor for the steps it takes to look at it.
+        Args:
+            navigable: the map.
+            position_m: where the robot is.
+            yaw_rad: where its camera points.
+            rng: draws the place where there is no frontier.
+        """
+        stride_m, frontiers = self._floor.stride_m, self.remaining()
+        if not frontiers:
+            self.start_over()
+            return navigable.random_point(rng)
 
-    Args:
-        navigable: the map.
-        frontiers: at least one.
-        position_m: where the robot is.
-        yaw_rad: where its camera points.
-        stride_m: its longest move.
-    """
+        def utility(frontier: Frontier, length_m: float) -> float:
+            turns = abs(wrap(bearing_rad(position_m, frontier.place_m) - yaw_rad)) / TURN_RAD
+            return frontier.unseen_m2 / (1.0 + max(length_m / stride_m, turns))
 
-    def utility(frontier: Frontier, length_m: float) -> float:
-        turns = abs(wrap(bearing_rad(position_m, frontier.place_m) - yaw_rad)) / TURN_RAD
-        return frontier.unseen_m2 / (1.0 + max(length_m / stride_m, turns))
-
-    by_distance = sorted(frontiers, key=lambda one: -utility(one, float(np.linalg.norm(one.place_m - position_m))))
-    compared = [
-        (utility(one, path_length_m(navigable, position_m, navigable.nearest_free(one.place_m))), -number)
-        for number, one in enumerate(by_distance[:NUM_COMPARED])
-    ]
-    return by_distance[-max(compared)[1]].place_m
+        frontiers.sort(key=lambda one: -utility(one, float(np.linalg.norm(one.place_m - position_m))))
+        places_m = [navigable.nearest_free(one.place_m) for one in frontiers[:NUM_COMPARED]]
+        utilities = [
+            utility(one, path_length_m(navigable, position_m, place_m))
+            for one, place_m in zip(frontiers, places_m, strict=False)
+        ]
+        return places_m[int(np.argmax(utilities))]

@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from agents.planning.frontiers import Frontier, Frontiers, best_frontier
+from agents.planning.frontiers import Frontier, Frontiers
 from agents.planning.kernels import expected_gains
-from agents.planning.paths import advance
-from agents.planning.reachable import ReachablePlaces, reachable_places
+from agents.planning.paths import advance, reachable_places
 from agents.planning.steering import bearing_rad, move_and_look, wrap
 from sbm_gym.env.gaze import TURN_RAD
-from sbm_gym.env.state_vector import promise
+from sbm_gym.env.state_vector import confirmation_score
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import Cell
 from sbm_gym.robot.seen_space import CLEAR_M
@@ -47,7 +46,7 @@ FRONTIER_PER_STRIDE2 = 0.04
 """Unseen floor, squares of a stride: 25 of them are worth a sector."""
 FLOOR_EYE_M = 0.1
 """Lines of sight to the floor end so far above it: the floor itself is filled."""
-HEADINGS = 24
+HEADINGS_RAD = -np.pi + np.arange(24) * (2.0 * np.pi / 24)
 """Directions considered at each place."""
 
 
@@ -120,22 +119,21 @@ class ViewPlanner:
         targets = self._targets(frontiers, priorities)
         goal_m = self.goal_m = self._best_place(targets, info, PATH_COST * float(np.exp(-priorities.patience)))
         if goal_m is None:
-            goal_m = self._far_goal(position_m, yaw_rad)
+            goal_m = self._frontiers.next_goal(self._map, position_m, yaw_rad, self._rng)
         step_m = advance(self._map, position_m, goal_m, self._stride_m)
         if step_m is None:
             self._frontiers.give_up(goal_m)
             step_m = np.zeros(2)
         after_m = position_m + step_m
-        headings, gains = self._gains(targets, after_m[None])
-        turns = np.abs(wrap(headings - yaw_rad))
         ahead_rad = bearing_rad(position_m, goal_m) if np.any(step_m) else yaw_rad + TURN_RAD
         # Of equally good directions the one nearest to where it goes.
-        value = gains[0] - 1e-3 * np.abs(wrap(headings - ahead_rad))
+        value = self._gains(targets, after_m[None])[0] - 1e-3 * np.abs(wrap(HEADINGS_RAD - ahead_rad))
         if not info["confirmed_objects"]:
-            value = np.where(turns <= TURN_RAD + 0.5 * np.pi / HEADINGS, value, -np.inf)
-        best = int(np.argmax(value))
-        tilt_rad = self._tilt_rad(targets, after_m, float(headings[best]))
-        return move_and_look(info, self._stride_m, step_m, float(headings[best]), tilt_rad).astype(np.float32)
+            turns = np.abs(wrap(HEADINGS_RAD - yaw_rad))
+            value = np.where(turns <= TURN_RAD + 0.5 * np.pi / len(HEADINGS_RAD), value, -np.inf)
+        heading_rad = float(HEADINGS_RAD[np.argmax(value)])
+        tilt_rad = self._tilt_rad(targets, after_m, heading_rad)
+        return move_and_look(info, self._stride_m, step_m, heading_rad, tilt_rad).astype(np.float32)
 
     def _note_failed_looks(self, camera_to_world: Float[np.ndarray, "4 4"], yaw_rad: float) -> list[Frontier]:
         """Notes the frontiers that the camera points at, that nothing known hides and that are unseen all the same.
@@ -168,7 +166,7 @@ class ViewPlanner:
             bins = self._value_of_bins(value, detail * value, known.azimuths, done)
             found.append(_Target(known.centroid_m, short_m, bins, near=priorities.near))
         for one in looked.candidates:
-            value = float(np.exp(priorities.candidates)) * CANDIDATE * promise(one)
+            value = float(np.exp(priorities.candidates)) * CANDIDATE * confirmation_score(one)
             bins = self._value_of_bins(value, value, set(), one.looks)
             found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, bins, near=priorities.near))
         for frontier in frontiers:
@@ -187,22 +185,16 @@ class ViewPlanner:
             table[tuple(np.array(sorted(done)).T)] = 0.0
         return table
 
-    def _gains(
-        self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"]
-    ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "p d"]]:
-        """Directions of looks, and the expected gain of a look from each place in each of them."""
-        headings = -np.pi + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    def _gains(self, targets: list[_Target], places_m: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p d"]:
+        """The expected gain of a look from each place in each of ``HEADINGS_RAD``."""
         if not targets:
-            return headings, np.zeros((len(places_m), HEADINGS))
-        height_m = self._robot.camera_height_m
-        eyes_m = np.concatenate([places_m, np.full((len(places_m), 1), height_m)], axis=1)
+            return np.zeros((len(places_m), len(HEADINGS_RAD)))
+        eyes_m = np.column_stack([places_m, np.full(len(places_m), self._robot.camera_height_m)])
         centres_m = np.array([target.centre_m for target in targets])
         short_m = np.array([target.stop_short_m for target in targets])
         values = self._values(targets, eyes_m)
-        filled, origin_m, cell_m = self._robot.seen_space.grid
-        return headings, expected_gains(
-            values, eyes_m, centres_m, short_m, headings, IN_VIEW_RAD, filled, origin_m, cell_m, CLEAR_M
-        )
+        space = self._robot.seen_space.grid
+        return expected_gains(values, eyes_m, centres_m, short_m, HEADINGS_RAD, IN_VIEW_RAD, *space, CLEAR_M)
 
     def _values(self, targets: list[_Target], eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "t p"]:
         """Gain of seeing each target from each place, if nothing hides it."""
@@ -224,38 +216,33 @@ class ViewPlanner:
     ) -> Float[np.ndarray, "2"] | None:
         """The place within reach whose best view has the highest utility; None if no view has any gain."""
         agent = info["agent"]
-        found = reachable_places(self._map, agent["position_m"], self._stride_m, BANDS_STRIDES[-1] * self._stride_m)
-        chosen = self._candidate_places(found)
-        places_m, lengths_m = found.places_m[chosen], found.lengths_m[chosen]
-        headings, gains = self._gains(targets, places_m)
+        reach_m = BANDS_STRIDES[-1] * self._stride_m
+        places_m, lengths_m = reachable_places(self._map, agent["position_m"], self._stride_m, reach_m)
+        chosen = self._candidate_places(places_m, lengths_m)
+        places_m, lengths_m = places_m[chosen], lengths_m[chosen]
+        gains = self._gains(targets, places_m)
         steps = np.maximum(1.0, np.ceil(lengths_m / self._stride_m - 1e-6))[:, None]
         gains = np.where(steps <= self._robot.views_left, gains, 0.0)
         if not info["confirmed_objects"]:
-            steps = np.maximum(steps, np.ceil(np.abs(wrap(headings - agent["yaw_rad"])) / TURN_RAD - 0.1))
+            steps = np.maximum(steps, np.ceil(np.abs(wrap(HEADINGS_RAD - agent["yaw_rad"])) / TURN_RAD - 0.1))
         # Of equally good views the one with the shortest path.
         utility = gains * np.exp(-path_cost * steps) - 1e-4 * lengths_m[:, None] / self._stride_m
         best = int(np.argmax(utility.max(axis=1)))
         return places_m[best] if gains[best].max() > 0.0 else None
 
-    def _candidate_places(self, found: ReachablePlaces) -> Int[np.ndarray, "k"]:
+    def _candidate_places(
+        self, places_m: Float[np.ndarray, "n 2"], lengths_m: Float[np.ndarray, "n"]
+    ) -> Int[np.ndarray, "k"]:
         """Which places to compare: where it is, what it headed for last time, and some of each band of distances."""
         chosen = [0]
         if self.goal_m is not None:
-            chosen.append(int(np.argmin(np.sum((found.places_m - self.goal_m) ** 2, axis=1))))
-        strides, low = found.lengths_m / self._stride_m, 0.0
+            chosen.append(int(np.argmin(np.sum((places_m - self.goal_m) ** 2, axis=1))))
+        strides, low = lengths_m / self._stride_m, 0.0
         for high in BANDS_STRIDES:
             band = np.flatnonzero((strides > low) & (strides <= high))
             chosen.extend(self._rng.permutation(band)[:PLACES_PER_BAND])
             low = high
         return np.unique(chosen)
-
-    def _far_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
-        """Somewhere beyond reach: the best frontier, else any place."""
-        frontiers = self._frontiers.remaining()
-        if frontiers:
-            return self._map.nearest_free(best_frontier(self._map, frontiers, position_m, yaw_rad, self._stride_m))
-        self._frontiers.start_over()
-        return self._map.random_point(self._rng)
 
     def _tilt_rad(self, targets: list[_Target], place_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
         """Up or down to the targets in that direction."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from agents.planning.frontiers import Frontiers, best_frontier
+from agents.planning.frontiers import Frontiers
 from agents.planning.paths import advance
 from agents.planning.steering import bearing_rad, move_and_look
 from agents.policies.base import RobotPolicy
@@ -40,7 +40,8 @@ class FrontierPolicy(RobotPolicy):
         position_m = agent["position_m"]
         self._drop_goal_if_done(position_m)
         if self._goal_m is None:
-            self._goal_m, self._steps_on_goal = self._next_goal(position_m, agent["yaw_rad"]), 0
+            self._goal_m = self._frontiers.next_goal(self.robot.navigable, position_m, agent["yaw_rad"], self.rng)
+            self._steps_on_goal = 0
         step_m = advance(self.robot.navigable, position_m, self._goal_m, self.robot.stride_m)
         if step_m is None:
             self._frontiers.give_up(self._goal_m)
@@ -64,14 +65,6 @@ class FrontierPolicy(RobotPolicy):
         if arrived or moved_m < STUCK_STRIDES * stride_m or self._steps_on_goal >= PATIENCE_STEPS:
             self._frontiers.give_up(self._goal_m)
             self._goal_m = None
-
-    def _next_goal(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
-        frontiers = self._frontiers.remaining()
-        if not frontiers:
-            self._frontiers.start_over()
-            return self.robot.navigable.random_point(self.rng)
-        place_m = best_frontier(self.robot.navigable, frontiers, position_m, yaw_rad, self.robot.stride_m)
-        return self.robot.navigable.nearest_free(place_m)
 
     def _gaze_rad(self, position_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
         """Towards the goal where nothing on the map is between, else along the step."""

@@ -124,7 +124,7 @@ class Ring(RobotPolicy):
         if np.linalg.norm(position_m - target["centroid_m"][:2]) > self.robot.ring_m[1] + self.robot.stride_m:
             return self._nearest(places, sectors, left, position_m)
         count = self.robot.view_bins.num_azimuths
-        here = self._sector(target, position_m)
+        here = int(self.robot.view_bins.azimuth_bin(bearing_rad(target["centroid_m"][:2], position_m)))
         goals = {}
         for turn in (1, -1):
             sector = (here + turn * min((turn * (sector - here)) % count for sector in left)) % count
@@ -177,10 +177,8 @@ class Ring(RobotPolicy):
         eyes = np.concatenate([places, np.full((len(places), 1), self.robot.camera_height_m)], axis=1)
         stop_short_m = 0.25 + 0.5 * float(np.max(target["extent_m"]))
         places = places[self.robot.seen_space.sees(eyes, centroid_m, stop_short_m)]
-        return places, np.array([self._sector(target, place) for place in places], int)
-
-    def _sector(self, target: dict[str, Any], place_m: Float[np.ndarray, "2"]) -> int:
-        return self.robot.view_bins.azimuth_bin(bearing_rad(target["centroid_m"][:2], place_m))
+        offsets = places - centroid_m[:2]
+        return places, self.robot.view_bins.azimuth_bin(np.arctan2(offsets[:, 1], offsets[:, 0]))
 
     def _next_object(self, info: dict[str, Any]) -> dict[str, Any] | None:
         """Fixates the confirmed object with most to gain, if another one has a reachable sector left."""

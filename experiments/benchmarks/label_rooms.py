@@ -76,7 +76,7 @@ def record(room: Room, num_views: int, num_true: int) -> Episode:
         truths = ()
         if view < num_true:
             truths = ground_truth_of_view(scene, View(frame, instance, camera), view)
-        observed = tuple(scene.surfaces.observe(instance, camera.intrinsics, pose))
+        observed = tuple(scene.surfaces.observe(instance, camera))
         found = detector.detect(
             np.random.default_rng([0, view]), SimulatedView(view, instance, frame.depth_m, observed)
         )

@@ -11,8 +11,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from labeling.core.geometry import project
+from labeling.core.views import Camera
+from sbm_gym.robot.line_of_sight import pixels_in_view
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, ObjectInstance
+
+POINTS_PER_OBJECT = 96
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,6 @@ class ObjectSurfaces:
         data: mujoco.MjData,
         objects: Sequence[ObjectInstance],
         world_name: str,
-        points_per_object: int = 96,
         reuse: "ObjectSurfaces | None" = None,
     ) -> None:
         """Samples the objects' visible geoms.
@@ -56,61 +58,43 @@ class ObjectSurfaces:
             data: its state, with forward kinematics done.
             objects: the objects; objects do not move during an episode.
             world_name: distinguishes objects of different worlds.
-            points_per_object: how many points each gets.
             reuse: of the same model before some objects moved; the points of those that did not are taken from it.
         """
-        self.objects = tuple(objects)
-        self._world_name = world_name
-        self._points = np.zeros((0, 3))
-        known = {} if reuse is None else {id(o): k for k, o in enumerate(reuse.objects)}
-        if self.objects:
-            self._points = np.concatenate(
-                [
-                    reuse._points[known[id(instance)] * points_per_object :][:points_per_object]
-                    if reuse is not None and id(instance) in known
-                    else surface_points(model, data, _visual_geoms(model, instance.body_name), points_per_object)
-                    for instance in self.objects
-                ]
-            )
-        self._owner = np.repeat(np.arange(len(self.objects)), points_per_object)
+        self.objects, self._world_name = tuple(objects), world_name
+        known = {} if reuse is None else dict(zip(map(id, reuse.objects), reuse._points, strict=True))
+        points_m = [
+            known[id(instance)]
+            if id(instance) in known
+            else surface_points(model, data, _visual_geoms(model, instance.body_name), POINTS_PER_OBJECT)
+            for instance in self.objects
+        ]
+        self._points = np.array(points_m).reshape(-1, POINTS_PER_OBJECT, 3)
         self._ids = np.array([instance.instance_id for instance in self.objects], np.int32)
 
-    def observe(
-        self,
-        instance_map: Int[np.ndarray, "h w"],
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-    ) -> list[ObservedObject]:
+    def observe(self, instance_map: Int[np.ndarray, "h w"], camera: Camera) -> list[ObservedObject]:
         """The objects of which at least one point is in the picture and not hidden.
 
         Args:
             instance_map: instance id of every pixel, 0 for none.
-            intrinsics: K of the view.
-            camera_to_world: pose of the view.
+            camera: of the view.
         """
-        if not self.objects:
-            return []
-        height_px, width_px = instance_map.shape
-        pixels, depth_m = project(self._points, intrinsics, camera_to_world)
-        inside = depth_m > 1e-3
-        x = np.rint(np.clip(np.where(inside, pixels[:, 0], -1.0), -1.0, width_px)).astype(np.int64)
-        y = np.rint(np.clip(np.where(inside, pixels[:, 1], -1.0), -1.0, height_px)).astype(np.int64)
-        inside &= (x >= 0) & (x < width_px) & (y >= 0) & (y < height_px)
-        count = len(self.objects)
-        shown = np.zeros(len(inside), bool)
-        shown[inside] = instance_map[y[inside], x[inside]] == self._ids[self._owner[inside]]
-        total = np.bincount(self._owner, minlength=count)
-        in_picture = np.bincount(self._owner, inside, minlength=count)
-        visible = np.bincount(self._owner, shown, minlength=count)
+        inside, pixels, _ = pixels_in_view(self._points.reshape(-1, 3), camera, min_depth_m=1e-3)
+        owner = inside // POINTS_PER_OBJECT
+        shown = instance_map[pixels] == self._ids[owner]
+        in_picture, visible = (np.bincount(found, minlength=len(self.objects)) for found in (owner, owner[shown]))
         return [
             self._observed(
-                index, camera_to_world[:3, 3], visible[index] / in_picture[index], in_picture[index] / total[index]
+                self.objects[index],
+                camera.camera_to_world[:3, 3],
+                visible[index] / in_picture[index],
+                in_picture[index] / POINTS_PER_OBJECT,
             )
-            for index in np.flatnonzero(visible).tolist()
+            for index in np.flatnonzero(visible)
         ]
 
-    def _observed(self, index: int, camera_m, visible_share: float, inside_share: float) -> ObservedObject:
-        instance = self.objects[index]
+    def _observed(
+        self, instance: ObjectInstance, camera_m, visible_share: float, inside_share: float
+    ) -> ObservedObject:
         box = instance.box_3d
         offset = camera_m - box.centre_m
         # The box's axes are the model's: +X its right, +Y its back, so it is seen from its front from -Y.

@@ -12,7 +12,7 @@ from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
 from sbm_gym.rendering.third_person import AgentTrace, ShownObject
 from sbm_gym.robot.object_memory import MemoryUpdate
-from sbm_gym.robot.state import DepthImage, RobotConfig, RobotState
+from sbm_gym.robot.state import RobotConfig, RobotState
 from sbm_gym.scenes.compiled import Scene
 
 GAZES = ("fixate", "free")
@@ -152,9 +152,10 @@ class Simulation:
         """What its detector says about that."""
         return self.robot.observe(
             self.detections,
-            DepthImage(self.sight.frame.depth_m, self.sight.camera.intrinsics),
-            DepthImage(self.view.frame.depth_m, self.view.camera.intrinsics),
-            self.scene.body.camera_to_world,
+            self.sight.frame.depth_m,
+            self.sight.camera,
+            self.view.frame.depth_m,
+            self.view.camera,
             self.scene.body.yaw_rad,
         )
 

@@ -19,11 +19,9 @@ OTHERS = 4
 """So many confirmed objects beside the fixation target are told about, the nearest first."""
 CANDIDATES = 3
 """So many unconfirmed ones, the most promising first."""
-VAIN_LOOK = 0.4
-"""What each look in vain leaves of a candidate's promise."""
+FAILED_LOOK_FACTOR = 0.4
+"""What each look that did not confirm a candidate leaves of its score."""
 MANY_OBJECTS, MANY_LOOKS = 10, 5
-
-
 ROOM_SCALES = ObservationScales()
 
 
@@ -33,25 +31,26 @@ class StateInputs:
 
     yaw_rad: float = 0.0
     tilt_rad: float = 0.0
-    camera_m: Float[np.ndarray, "3"] | None = None
-    """None stands for the origin."""
+    camera_m: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     target: KnownObject | None = None
     target_visible: bool = False
     target_confidence_now: float = 0.0
     others: tuple[tuple[KnownObject, bool], ...] = ()
     """Confirmed objects beside the target, the nearest first, and whether the view shows them."""
     open_sectors: Mapping[int, Bool[np.ndarray, "sectors"]] = field(default_factory=dict)
-    """By id of confirmed object: the sectors from which it could be seen, as ``Episode.open_sectors`` says."""
+    """By id of the target and the others: the sectors from which it could be seen, see ``RobotState.open_sectors``."""
     candidates: tuple[Candidate, ...] = ()
     num_confirmed: int = 0
     collided: bool = False
     time_left: float = 1.0
     """Share of the episode's steps that remain."""
-    free_m: Float[np.ndarray, "directions"] | None = None
-    """From ``free_distances_m``; None stands for no free floor."""
-    unseen: Float[np.ndarray, "rings directions"] | None = None
+    free_m: Float[np.ndarray, "directions"] = field(default_factory=lambda: np.zeros(FREE_DIRECTIONS))
+    """From ``free_distances_m``."""
+    unseen: Float[np.ndarray, "rings directions"] = field(
+        default_factory=lambda: np.zeros((len(UNSEEN_STRIDES), UNSEEN_DIRECTIONS))
+    )
     """Share of each piece of the rings ``UNSEEN_STRIDES`` that is floor the robot could stand on and has not seen;
-    directions as those of free floor. None stands for nothing unseen."""
+    directions as those of free floor."""
 
 
 def state_names(bins: ViewBins) -> tuple[str, ...]:
@@ -72,9 +71,9 @@ def state_vector(
     return np.clip(list(_entries(situation, bins, scales).values()), -1.0, 1.0).astype(np.float32)
 
 
-def promise(candidate: Candidate) -> float:
+def confirmation_score(candidate: Candidate) -> float:
     """How likely another look confirms a candidate: its confidence, less for each view that did not."""
-    return candidate.confidence * VAIN_LOOK ** len(candidate.looks)
+    return candidate.confidence * FAILED_LOOK_FACTOR ** len(candidate.looks)
 
 
 def _entries(s: StateInputs, bins: ViewBins, scales: ObservationScales) -> dict[str, float]:
@@ -82,27 +81,24 @@ def _entries(s: StateInputs, bins: ViewBins, scales: ObservationScales) -> dict[
     found = _of_object("target", s, s.target, s.target_visible, bins, scales)
     found["target_elevation"] = 0.0
     if s.target is not None:
-        offset = s.target.centroid_m - _camera_m(s)
+        offset = s.target.centroid_m - s.camera_m
         found["target_elevation"] = float(np.arctan2(offset[2], np.hypot(offset[0], offset[1]))) / np.pi
     found["target_confidence_now"] = s.target_confidence_now
     found["target_best_confidence"] = 0.0 if s.target is None else s.target.best_confidence
     for k in range(OTHERS):
         known, visible = s.others[k] if k < len(s.others) else (None, False)
         found |= _of_object(f"other_{k}", s, known, visible, bins, scales)
-    likely = sorted(s.candidates, key=promise, reverse=True)
+    likely = sorted(s.candidates, key=confirmation_score, reverse=True)
     for k in range(CANDIDATES):
         found |= _of_candidate(f"candidate_{k}", s, likely[k] if k < len(likely) else None, scales)
     found["objects_confirmed"] = s.num_confirmed / MANY_OBJECTS
     found["camera_tilt"] = s.tilt_rad / np.pi
     found["collided"] = float(s.collided)
     found["time_left"] = s.time_left
-    free_m = np.zeros(FREE_DIRECTIONS) if s.free_m is None else s.free_m
-    for k in range(FREE_DIRECTIONS):
-        found[f"free_space_{k}"] = float(free_m[k]) / scales.free_reach_m
-    unseen = np.zeros((len(UNSEEN_STRIDES), UNSEEN_DIRECTIONS)) if s.unseen is None else s.unseen
-    for ring, shares in zip(UNSEEN_STRIDES, unseen, strict=True):
-        for k in range(UNSEEN_DIRECTIONS):
-            found[f"unseen_{ring}_{k}"] = float(shares[k])
+    for k, free_m in enumerate(s.free_m):
+        found[f"free_space_{k}"] = float(free_m) / scales.free_reach_m
+    for ring, shares in zip(UNSEEN_STRIDES, s.unseen, strict=True):
+        found |= {f"unseen_{ring}_{k}": float(share) for k, share in enumerate(shares)}
     return found
 
 
@@ -110,19 +106,20 @@ def _of_object(
     name: str, s: StateInputs, known: KnownObject | None, visible: bool, bins: ViewBins, scales: ObservationScales
 ) -> dict[str, float]:
     """What is told about a confirmed object; zeros if there is none."""
-    covered = set() if known is None else known.azimuths
-    here = 0 if known is None else _sector_of_agent(s, known, bins)
+    here, covered, is_open = 0, set(), np.zeros(bins.num_azimuths)
+    if known is not None:
+        away = s.camera_m - known.centroid_m
+        here = int(bins.azimuth_bin(float(np.arctan2(away[1], away[0]))))
+        covered, is_open = known.azimuths, s.open_sectors[known.object_id]
+    sectors = [(here + k) % bins.num_azimuths for k in range(bins.num_azimuths)]
     entries = {
         "known": float(known is not None),
         "visible": float(visible),
         **_place(s, None if known is None else known.centroid_m, scales),
         "azimuths_covered": len(covered) / bins.num_azimuths,
     }
-    for k in range(bins.num_azimuths):
-        entries[f"sector_{k}_covered"] = float((here + k) % bins.num_azimuths in covered)
-    is_open = None if known is None else s.open_sectors.get(known.object_id)
-    for k in range(bins.num_azimuths):
-        entries[f"sector_{k}_open"] = 0.0 if is_open is None else float(is_open[(here + k) % bins.num_azimuths])
+    entries |= {f"sector_{k}_covered": float(sector in covered) for k, sector in enumerate(sectors)}
+    entries |= {f"sector_{k}_open": float(is_open[sector]) for k, sector in enumerate(sectors)}
     return {f"{name}_{entry}": value for entry, value in entries.items()}
 
 
@@ -140,7 +137,7 @@ def _place(s: StateInputs, point_m: Float[np.ndarray, "3"] | None, scales: Obser
     """Horizontal range as a share of its reach, and the direction."""
     if point_m is None:
         return {"range": 0.0, "ahead": 0.0, "left": 0.0}
-    offset = point_m - _camera_m(s)
+    offset = point_m - s.camera_m
     bearing_rad = float(np.arctan2(offset[1], offset[0])) - s.yaw_rad
     range_m = float(np.hypot(offset[0], offset[1]))
     return {
@@ -148,16 +145,6 @@ def _place(s: StateInputs, point_m: Float[np.ndarray, "3"] | None, scales: Obser
         "ahead": float(np.cos(bearing_rad)),
         "left": float(np.sin(bearing_rad)),
     }
-
-
-def _camera_m(s: StateInputs) -> Float[np.ndarray, "3"]:
-    return np.zeros(3) if s.camera_m is None else s.camera_m
-
-
-def _sector_of_agent(s: StateInputs, known: KnownObject, bins: ViewBins) -> int:
-    """The azimuth sector around an object in which the agent stands."""
-    away = _camera_m(s) - known.centroid_m
-    return bins.azimuth_bin(float(np.arctan2(away[1], away[0])))
 
 
 def free_distances_m(

@@ -62,7 +62,7 @@ class SimulatedViewDetector:
 
     def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
         """See ``ViewDetector``."""
-        observed = scene.surfaces.observe(view.instance_map, view.camera.intrinsics, view.camera.camera_to_world)
+        observed = scene.surfaces.observe(view.instance_map, view.camera)
         luck = float(np.random.default_rng([entropy, 0, 1]).normal()) if self._spread else 0.0
         seen = SimulatedView(step_index, view.instance_map, view.frame.depth_m, tuple(observed), luck)
         return self._detector.detect(np.random.default_rng([entropy, step_index]), seen)

@@ -112,7 +112,7 @@ class Viewfinder:
         """The picture and its annotations."""
         frame = self.renderer.render(self.data, camera)
         instances: Int32[np.ndarray, "h w"] = self.instance_of_geom[frame.geom_id]
-        observed = self.surfaces.observe(instances, camera.intrinsics, camera.camera_to_world)
+        observed = self.surfaces.observe(instances, camera)
         seen = {entry.instance_id: entry.visible_share * (1.0 - entry.truncated_share) for entry in observed}
         annotations = []
         for instance in self.photo_set.objects:
@@ -127,10 +127,10 @@ class Viewfinder:
         """Looks at a small preview: are the subjects there, whole and not hidden, with nothing big before them?"""
         scale = PREVIEW_PX / camera.size[1]
         intrinsics = camera.intrinsics * np.array([[scale], [scale], [1.0]])
-        size = (round(camera.size[0] * scale), PREVIEW_PX)
-        frame = self.renderer.render(self.data, replace(camera, intrinsics=intrinsics, size=size), antialias=False)
+        small = replace(camera, intrinsics=intrinsics, size=(round(camera.size[0] * scale), PREVIEW_PX))
+        frame = self.renderer.render(self.data, small, antialias=False)
         instances = self.instance_of_geom[frame.geom_id]
-        observed = self.surfaces.observe(instances, intrinsics, camera.camera_to_world)
+        observed = self.surfaces.observe(instances, small)
         entries: dict[int, ObservedObject] = {entry.instance_id: entry for entry in observed}
         found = [entries.get(subject.instance_id) for subject in chosen]
         if any(e is None or e.visible_share < SUBJECT_VISIBLE or e.truncated_share > SUBJECT_CUT for e in found):

@@ -134,20 +134,15 @@ def _has_ceiling(model: mujoco.MjModel, data: mujoco.MjData, eye_m: float) -> bo
 
 def above(model: mujoco.MjModel, data: mujoco.MjData, height_m: float) -> Bool[np.ndarray, "ngeom"]:
     """Geoms that lie above a height, all of them."""
-    rotation = np.asarray(data.geom_xmat, float).reshape(-1, 3, 3)
-    centre, half = np.asarray(model.geom_aabb[:, :3], float), np.asarray(model.geom_aabb[:, 3:], float)
-    lowest = data.geom_xpos[:, 2] + np.einsum("ni,ni->n", rotation[:, 2], centre)
-    lowest -= np.einsum("ni,ni->n", np.abs(rotation[:, 2]), half)
-    return (lowest >= height_m) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    centre, half = _world_bounds(model, data)
+    return (centre[:, 2] - half[:, 2] >= height_m) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
 
 
 def floor_bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Smallest and largest x and y of what can be touched, else of everything; 10 m squared if all is endless."""
-    rotation = np.abs(np.asarray(data.geom_xmat, float).reshape(-1, 3, 3))
-    turned = np.asarray(data.geom_xmat, float).reshape(-1, 3, 3)
-    centre = data.geom_xpos + np.einsum("nij,nj->ni", turned, model.geom_aabb[:, :3])
-    half = np.einsum("nij,nj->ni", rotation, model.geom_aabb[:, 3:])
-    bounded = (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_bodyid != _agent_body(model))
+    centre, half = _world_bounds(model, data)
+    agent = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "agent")
+    bounded = (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_bodyid != agent)
     touched = bounded & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
     bounded = touched if touched.any() else bounded
     if not bounded.any():
@@ -155,8 +150,13 @@ def floor_bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Float[np.n
     return (centre - half)[bounded, :2].min(axis=0), (centre + half)[bounded, :2].max(axis=0)
 
 
-def _agent_body(model: mujoco.MjModel) -> int:
-    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "agent")
+def _world_bounds(
+    model: mujoco.MjModel, data: mujoco.MjData
+) -> tuple[Float[np.ndarray, "ngeom 3"], Float[np.ndarray, "ngeom 3"]]:
+    """Centres and half sides of upright boxes around all geoms."""
+    rotation = data.geom_xmat.reshape(-1, 3, 3)
+    centre = data.geom_xpos + np.einsum("nij,nj->ni", rotation, model.geom_aabb[:, :3])
+    return centre, np.einsum("nij,nj->ni", np.abs(rotation), model.geom_aabb[:, 3:])
 
 
 def overview_camera(

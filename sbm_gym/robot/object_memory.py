@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from labeling.core.geometry import project, unproject
+from labeling.core.geometry import unproject
 from labeling.core.types import CONFIDENT, Detection
+from labeling.core.views import Camera
+from sbm_gym.robot.line_of_sight import pixels_in_view
 
 Cell = tuple[int, int, int]
 """A view bin: azimuth, range and elevation index."""
@@ -52,8 +54,7 @@ class ViewBins:
         ranges_m = np.hypot(offsets[..., 0], offsets[..., 1])
         rings = np.searchsorted(self.range_edges_m, ranges_m, side="right") - 1
         layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[..., 2], ranges_m), side="right")
-        turns = (np.arctan2(offsets[..., 1], offsets[..., 0]) / (2.0 * np.pi)) % 1.0
-        azimuths = np.minimum((turns * self.num_azimuths).astype(np.int64), self.num_azimuths - 1)
+        azimuths = self.azimuth_bin(np.arctan2(offsets[..., 1], offsets[..., 0]))
         last = len(self.range_edges_m) - 2
         return (rings >= 0) & (rings <= last), (azimuths, np.clip(rings, 0, last), layers)
 
@@ -62,10 +63,12 @@ class ViewBins:
         """How many sectors, ranges and elevations are told apart."""
         return self.num_azimuths, len(self.range_edges_m) - 1, len(self.elevation_edges_rad) + 1
 
-    def azimuth_bin(self, azimuth_rad: float) -> int:
-        """The sector of an azimuth (of the camera as seen from the object, counter-clockwise from +X)."""
-        turn = (azimuth_rad / (2.0 * np.pi)) % 1.0
-        return min(int(turn * self.num_azimuths), self.num_azimuths - 1)
+    def azimuth_bin(self, azimuth_rad):
+        """The sector of azimuths, a number or an array (of the camera as seen from the object, counter-clockwise from
+        +X).
+        """
+        turns = (azimuth_rad / (2.0 * np.pi)) % 1.0
+        return np.minimum(np.floor(turns * self.num_azimuths).astype(np.int64), self.num_azimuths - 1)
 
 
 @dataclass(frozen=True)
@@ -127,12 +130,8 @@ class KnownObject:
         low, high = self._bounds()
         return high - low
 
-    def surrounds(self, point_m: Float[np.ndarray, "3"], margin_m: float) -> bool:
-        """Whether a point lies in the upright box around the seen part, grown by a margin on all sides."""
-        return bool(self.surround(point_m[None], margin_m)[0])
-
-    def surround(self, points_m: Float[np.ndarray, "n 3"], margin_m: float) -> Bool[np.ndarray, "n"]:
-        """``surrounds`` of several points."""
+    def surrounds(self, points_m: Float[np.ndarray, "n 3"], margin_m: float) -> Bool[np.ndarray, "n"]:
+        """Which points lie in the upright box around the seen part, grown by a margin on all sides."""
         low, high = self._bounds()
         return np.all((points_m >= low - margin_m) & (points_m <= high + margin_m), axis=1)
 
@@ -186,16 +185,14 @@ class ObjectMemory:
         self,
         detections: Sequence[Detection],
         depth_m: Float[np.ndarray, "h w"],
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
+        camera: Camera,
     ) -> MemoryUpdate:
         """Takes in one view.
 
         Args:
             detections: what the detector says about it; masks have the size of ``depth_m``.
             depth_m: z-depth, metres, 0 = no return.
-            intrinsics: K of the view.
-            camera_to_world: pose of the view from odometry.
+            camera: of the view; its pose is from odometry.
 
         Returns:
             What is new.
@@ -204,7 +201,7 @@ class ObjectMemory:
         confidence_now: dict[int, float] = {}
         unconfirmed = []
         for detection in sorted(detections, key=lambda d: -d.confidence):
-            points = mask_points(detection.mask, depth_m, intrinsics, camera_to_world, self.config)
+            points = mask_points(detection.mask, depth_m, camera, self.config)
             if points is None:
                 continue
             centroid_m = points.mean(axis=0)
@@ -219,7 +216,7 @@ class ObjectMemory:
                 unconfirmed.append((detection.confidence, points))
             if known is not None:
                 confidence_now.setdefault(known.object_id, detection.confidence)
-        visible, new_azimuths, new_cells = self._look(depth_m, intrinsics, camera_to_world)
+        visible, new_azimuths, new_cells = self._look(depth_m, camera)
         return MemoryUpdate(
             tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, tuple(unconfirmed)
         )
@@ -232,7 +229,7 @@ class ObjectMemory:
             share = self.config.merge_extent_share * (1.0 if same else self.config.other_category_factor)
             reach_m = max(self.config.merge_radius_m, share * float(known.extent_m[:2].max()))
             distance_m = float(np.linalg.norm(known.centroid_m - centroid_m))
-            close = distance_m <= reach_m or (same and known.surrounds(centroid_m, self.config.merge_radius_m))
+            close = distance_m <= reach_m or (same and known.surrounds(centroid_m[None], self.config.merge_radius_m)[0])
             if close and distance_m < best_distance_m:
                 best, best_distance_m = known, distance_m
         return best
@@ -258,15 +255,14 @@ class ObjectMemory:
             known.best_confidence, known.category = detection.confidence, detection.category
         return gain / max(1.0 - self.config.confident, 1e-6)
 
-    def _look(self, depth_m, intrinsics, camera_to_world) -> tuple[tuple[int, ...], int, int]:
+    def _look(self, depth_m: Float[np.ndarray, "h w"], camera: Camera) -> tuple[tuple[int, ...], int, int]:
         """Notes from where the known objects are seen; returns those visible, new azimuths and other new cells."""
         visible, new_azimuths, new_cells = [], 0, 0
         for known in self.objects:
-            share = visible_share(known, depth_m, intrinsics, camera_to_world, self.config.max_own_size_m)
-            if share < self.config.min_visible_share:
+            if visible_share(known, depth_m, camera, self.config.max_own_size_m) < self.config.min_visible_share:
                 continue
             visible.append(known.object_id)
-            cell = self.config.bins.cell(camera_to_world[:3, 3], known.centroid_m)
+            cell = self.config.bins.cell(camera.camera_to_world[:3, 3], known.centroid_m)
             if cell is None or cell in known.cells:
                 continue
             if cell[0] in known.azimuths:
@@ -278,11 +274,7 @@ class ObjectMemory:
 
 
 def mask_points(
-    mask: Bool[np.ndarray, "h w"],
-    depth_m: Float[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
-    config: MemoryConfig,
+    mask: Bool[np.ndarray, "h w"], depth_m: Float[np.ndarray, "h w"], camera: Camera, config: MemoryConfig
 ) -> Float[np.ndarray, "n 3"] | None:
     """World points of a detection's mask, None if it is too small, too far or without depth.
 
@@ -296,7 +288,8 @@ def mask_points(
     y, x = np.nonzero(chosen & (depth_m > 0.0) & (depth_m < config.max_depth_m))
     if len(x) < 3:
         return None
-    points = unproject(np.stack([x, y], axis=1).astype(float), depth_m[y, x].astype(float), intrinsics, camera_to_world)
+    pixels, seen_m = np.stack([x, y], axis=1).astype(float), depth_m[y, x].astype(float)
+    points = unproject(pixels, seen_m, camera.intrinsics, camera.camera_to_world)
     deviation = np.abs(points - points.mean(axis=0))
     kept = points[np.all(deviation <= 3.0 * points.std(axis=0) + 1e-9, axis=1)]
     return kept if len(kept) else points
@@ -305,8 +298,7 @@ def mask_points(
 def visible_share(
     known: KnownObject,
     depth_m: Float[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
+    camera: Camera,
     max_own_size_m: float = MemoryConfig.max_own_size_m,
 ) -> float:
     """Share of an object's remembered points that a view shows: in the picture, and nothing foreign before them.
@@ -315,17 +307,10 @@ def visible_share(
     hides its own front, so depth may fall short of a remembered point by the object's own size. What lies clearly
     behind a point means that the object is not there.
     """
-    height_px, width_px = depth_m.shape
-    pixels, point_depth_m = project(known.points_m, intrinsics, camera_to_world)
-    inside = point_depth_m > 0.05
-    x = np.rint(np.where(inside, pixels[:, 0], -1.0)).astype(np.int64)
-    y = np.rint(np.where(inside, pixels[:, 1], -1.0)).astype(np.int64)
-    inside &= (x >= 0) & (x < width_px) & (y >= 0) & (y < height_px)
-    if not inside.any():
-        return 0.0
-    seen_m = depth_m[y[inside], x[inside]]
+    _, pixels, point_depth_m = pixels_in_view(known.points_m, camera)
+    seen_m = depth_m[pixels]
     own_size_m = min(max_own_size_m, float(np.max(known.extent_m[:2])))
-    nearer_m = point_depth_m[inside] - seen_m
+    nearer_m = point_depth_m - seen_m
     agrees = (seen_m > 0.0) & (nearer_m < 0.15 + own_size_m) & (nearer_m > -0.3 - 0.5 * min(own_size_m, 1.0))
     return float(np.count_nonzero(agrees) / len(known.points_m))
 

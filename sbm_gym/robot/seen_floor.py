@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from labeling.core.geometry import project
+from labeling.core.views import Camera
+from sbm_gym.robot.line_of_sight import pixels_in_view
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 
@@ -34,11 +35,6 @@ class SeenFloor:
         """Depth images added so far."""
         self._pass_by(start_m, 0.75 * stride_m)
 
-    @property
-    def seen_share(self) -> float:
-        """Share of the floor that has been seen."""
-        return 1.0 - float(np.count_nonzero(self.unseen()) / max(1, len(self._cells)))
-
     def unseen(self, since: int = 0) -> Bool[np.ndarray, "my mx"]:
         """The cells of the floor that have not been seen.
 
@@ -47,33 +43,18 @@ class SeenFloor:
         """
         return self.is_floor & (self._seen_at < since)
 
-    def add(
-        self,
-        depth_m: Float[np.ndarray, "h w"],
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-    ) -> None:
+    def add(self, depth_m: Float[np.ndarray, "h w"], camera: Camera) -> None:
         """Notes the floor that a depth image shows: where it says nothing nearer stands before a place."""
         self.num_views += 1
-        self._pass_by(camera_to_world[:2, 3], self._blind_m(len(depth_m), intrinsics, camera_to_world))
-        points = np.concatenate([self._centres_m, np.zeros((len(self._centres_m), 1))], axis=1)
-        pixels, floor_m = project(points, intrinsics, camera_to_world)
-        height_px, width_px = depth_m.shape
-        shown = (floor_m > 0.05) & (floor_m < self._reach_m)
-        x = np.rint(np.where(shown, pixels[:, 0], -1.0)).astype(np.int64)
-        y = np.rint(np.where(shown, pixels[:, 1], -1.0)).astype(np.int64)
-        shown &= (x >= 0) & (x < width_px) & (y >= 0) & (y < height_px)
-        x, y, floor_m = x[shown], y[shown], floor_m[shown]
+        self._pass_by(camera.camera_to_world[:2, 3], self._blind_m(camera))
+        points_m = np.column_stack([self._centres_m, np.zeros(len(self._centres_m))])
+        shown, (rows, columns), floor_m = pixels_in_view(points_m, camera, max_depth_m=self._reach_m)
+        seen_m = depth_m[rows, columns]
         # The floor runs away from grazing eyes: one pixel up it is so much farther.
-        slope_m = floor_m**2 / (intrinsics[1, 1] * camera_to_world[2, 3])
-        returned = depth_m[y, x] > 0.0
-        visible = returned & (floor_m - depth_m[y, x] < 0.5 * self.cell_m + slope_m)
-        rows, columns = self._cells[np.flatnonzero(shown)[visible]].T
+        slope_m = floor_m**2 / (camera.intrinsics[1, 1] * camera.camera_to_world[2, 3])
+        visible = (seen_m > 0.0) & (floor_m - seen_m < 0.5 * self.cell_m + slope_m)
+        rows, columns = self._cells[shown[visible]].T
         self._seen_at[rows, columns] = self.num_views
-
-    def is_unseen(self, place_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether a place is floor that has not been seen."""
-        return bool(self.unseen()[self.cell(place_m)])
 
     def unseen_around(
         self,
@@ -119,11 +100,12 @@ class SeenFloor:
         """The middle of cells given by row and column."""
         return self._origin_m + self.cell_m * (cells[:, ::-1] + 0.5)
 
-    def _blind_m(self, height_px: int, intrinsics, camera_to_world) -> float:
+    def _blind_m(self, camera: Camera) -> float:
         """How far away the floor begins in the picture, two strides at most."""
-        down_rad = np.arctan(0.5 * height_px / intrinsics[1, 1]) - np.arcsin(np.clip(camera_to_world[2, 2], -1.0, 1.0))
+        up, height_m = camera.camera_to_world[2, 2:]
+        down_rad = np.arctan(0.5 * camera.size[0] / camera.intrinsics[1, 1]) - np.arcsin(np.clip(up, -1.0, 1.0))
         most_m = 2.0 * self.stride_m
-        return most_m if down_rad <= 0.0 else min(most_m, camera_to_world[2, 3] / float(np.tan(min(down_rad, 1.5))))
+        return most_m if down_rad <= 0.0 else min(most_m, height_m / float(np.tan(min(down_rad, 1.5))))
 
     def _pass_by(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> None:
         """Counts the floor around the robot's feet, which its camera cannot show, as seen."""

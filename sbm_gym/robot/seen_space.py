@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.geometry import unproject_depth
+from labeling.core.views import Camera
 from sbm_gym.robot.line_of_sight import unhidden
 
 HEIGHT_M = 3.0
@@ -27,15 +28,11 @@ class SeenSpace:
         size_m = np.array([high_m[0] - low_m[0], high_m[1] - low_m[1], HEIGHT_M]) + 2.0 * cell_m
         self._filled = np.zeros(tuple(np.ceil(size_m / cell_m).astype(int)), bool)
 
-    def add(
-        self,
-        depth_m: Float[np.ndarray, "h w"],
-        intrinsics: Float[np.ndarray, "3 3"],
-        camera_to_world: Float[np.ndarray, "4 4"],
-    ) -> None:
+    def add(self, depth_m: Float[np.ndarray, "h w"], camera: Camera) -> None:
         """Notes the surfaces of a depth image."""
-        points, _ = unproject_depth(depth_m, intrinsics, camera_to_world)
-        cells, inside = self._cells(points)
+        points_m, _ = unproject_depth(depth_m, camera.intrinsics, camera.camera_to_world)
+        cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)
+        inside = np.all((cells >= 0) & (cells < self._filled.shape), axis=1)
         self._filled[tuple(cells[inside].T)] = True
 
     def sees(
@@ -55,7 +52,3 @@ class SeenSpace:
     def grid(self) -> tuple[Bool[np.ndarray, "nx ny nz"], Float[np.ndarray, "3"], float]:
         """The filled cells, the grid's lower corner and the edge length of a cell."""
         return self._filled, self._origin_m, self._cell_m
-
-    def _cells(self, points_m: Float[np.ndarray, "n 3"]):
-        cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)
-        return cells, np.all((cells >= 0) & (cells < self._filled.shape), axis=1)

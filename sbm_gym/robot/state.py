@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.types import Detection
+from labeling.core.views import Camera
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
@@ -42,15 +43,6 @@ class RobotConfig:
     """Cell of the grid in which seen surfaces are remembered."""
 
 
-@dataclass(frozen=True)
-class DepthImage:
-    """A depth image and its camera."""
-
-    depth_m: Float[np.ndarray, "h w"]
-    """z-depth, 0 = no return."""
-    intrinsics: Float[np.ndarray, "3 3"]
-
-
 class RobotState:
     """Gathers what the robot's senses tell, view by view: a ``RobotKnowledge``, where its attributes are described."""
 
@@ -82,29 +74,31 @@ class RobotState:
     def observe(
         self,
         detections: Sequence[Detection],
-        detected_in: DepthImage,
-        seen: DepthImage,
-        camera_to_world: Float[np.ndarray, "4 4"],
+        detector_depth_m: Float[np.ndarray, "h w"],
+        detector_camera: Camera,
+        depth_m: Float[np.ndarray, "h2 w2"],
+        camera: Camera,
         yaw_rad: float,
     ) -> MemoryUpdate:
         """Takes in one view.
 
         Args:
             detections: what the detector says about it.
-            detected_in: depth of the picture that the detector was given.
-            seen: depth of the observed picture.
-            camera_to_world: pose of both, from odometry.
+            detector_depth_m: z-depth of the picture that the detector was given, 0 = no return.
+            detector_camera: of that picture; its pose is from odometry.
+            depth_m: z-depth of the observed picture.
+            camera: of that picture, at the same pose.
             yaw_rad: where the camera points.
 
         Returns:
             What is new.
         """
-        self._camera_to_world = camera_to_world
+        self._camera_to_world = camera.camera_to_world
         self._steps_left -= 1
-        update = self._memory.observe(detections, detected_in.depth_m, detected_in.intrinsics, camera_to_world)
-        self.view_history.add(update.unconfirmed, self.objects, camera_to_world)
-        self.seen_floor.add(seen.depth_m, seen.intrinsics, camera_to_world)
-        self.seen_space.add(seen.depth_m, seen.intrinsics, camera_to_world)
+        update = self._memory.observe(detections, detector_depth_m, detector_camera)
+        self.view_history.add(update.unconfirmed, self.objects, camera.camera_to_world)
+        self.seen_floor.add(depth_m, camera)
+        self.seen_space.add(depth_m, camera)
         self._refixate(update.visible, yaw_rad)
         return update
 

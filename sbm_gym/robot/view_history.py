@@ -88,7 +88,7 @@ class ViewHistory:
         for known in objects:
             reach_m = self._reach_m(float(np.max(known.extent_m)))
             is_part |= np.linalg.norm(centroids_m - known.centroid_m, axis=1) <= reach_m
-            is_part |= known.surround(centroids_m, self._config.merge_radius_m)
+            is_part |= known.surrounds(centroids_m, self._config.merge_radius_m)
         self.candidates = [one for one, part in zip(self.candidates, is_part, strict=True) if not part]
 
     def _reach_m(self, size_m: float) -> float:

@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.planning.frontiers import Frontiers
-from agents.planning.paths import advance, path_length_m
-from agents.planning.reachable import reachable_places
+from agents.planning.paths import advance, path_length_m, reachable_places
 from agents.planning.steering import move_and_look, wrap
 from agents.policies import registry
 from agents.policies.registry import POLICIES, make_policy
 from agents.policies.ring import _first_direction
 from labeling.core.errors import UsageError
-from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
+from labeling.core.geometry import look_at, unproject_depth
 from labeling.core.types import Detection
+from labeling.core.views import Camera
 from sbm_gym.robot.line_of_sight import unhidden
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
@@ -197,7 +197,7 @@ def test_seen_walls_block_the_line_of_sight_and_unseen_space_does_not():
     assert np.all(seen.sees(eyes, target, 0.3))
     # A wall at x = 1, seen from the origin.
     pose = look_at(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]))
-    seen.add(np.ones((60, 60), np.float32), intrinsics_from_fov(60, 60, np.pi / 2), pose)
+    seen.add(np.ones((60, 60), np.float32), Camera.from_fov(pose, (60, 60), np.pi / 2))
     assert seen.sees(eyes, target, 0.3).tolist() == [False, True]
 
 
@@ -219,66 +219,75 @@ def test_lines_of_sight_end_at_the_first_filled_cell(seed):
         assert free == (not filled[tuple(cells.T)].any())
 
 
+def is_unseen(floor: SeenFloor, place) -> bool:
+    return bool(floor.unseen()[floor.cell(place)])
+
+
+def seen_share(floor: SeenFloor) -> float:
+    return 1.0 - np.count_nonzero(floor.unseen()) / np.count_nonzero(floor.is_floor)
+
+
 def test_seen_floor_is_what_depth_shows_and_not_what_walls_hide():
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[1.0, 0.0, 0.05, 2.0, 0.0]]))
     floor = SeenFloor(room, np.array([-2.0, 0.0]), 0.5, 8.0)
-    before = floor.seen_share
+    before = seen_share(floor)
     # An eye 1.5 m high at x = -2 that looks level along +X at a floor of its own, and at a wall at x = 1.
     pose = look_at(np.array([-2.0, 0.0, 1.5]), np.array([0.0, 0.0, 1.5]))
-    intrinsics = intrinsics_from_fov(64, 64, np.pi / 2)
-    rows = (np.arange(64) - intrinsics[1, 2]) / intrinsics[1, 1]
+    camera = Camera.from_fov(pose, (64, 64), np.pi / 2)
+    rows = (np.arange(64) - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1]
     to_floor = np.where(rows > 0, 1.5 / np.maximum(rows, 1e-9), np.inf)
     depth = np.repeat(np.minimum(to_floor, 3.0)[:, None], 64, axis=1).astype(np.float32)
-    floor.add(depth, intrinsics, pose)
-    assert floor.seen_share > before
-    assert not floor.is_unseen(np.array([0.2, 0.0]))
-    assert floor.is_unseen(np.array([2.0, 0.0]))
-    assert floor.is_unseen(np.array([-2.0, 2.5]))
+    floor.add(depth, camera)
+    assert seen_share(floor) > before
+    assert not is_unseen(floor, np.array([0.2, 0.0]))
+    assert is_unseen(floor, np.array([2.0, 0.0]))
+    assert is_unseen(floor, np.array([-2.0, 2.5]))
     frontiers = Frontiers(floor)
     places = [frontier.place_m for frontier in frontiers.remaining()]
     assert places
-    assert all(floor.is_unseen(place) and frontiers.is_open(place) for place in places)
+    assert all(is_unseen(floor, place) and frontiers.is_open(place) for place in places)
     frontiers.note_failed_look(places[0])
     assert frontiers.is_open(places[0])
     frontiers.note_failed_look(places[0])
     assert not frontiers.is_open(places[0])
     # Giving up on a place is no news about the floor.
-    assert floor.is_unseen(places[0])
+    assert is_unseen(floor, places[0])
 
 
 def test_starting_over_counts_what_is_seen_from_then_on():
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.zeros((0, 5)))
     floor = SeenFloor(room, np.array([0.0, 0.0]), 0.5, 8.0)
-    frontiers, intrinsics = Frontiers(floor), intrinsics_from_fov(64, 64, np.pi / 2)
-    down = look_at(np.array([-1.0, 0.0, 1.5]), np.array([1.0, 0.0, 0.0]))
-    up = look_at(np.array([-1.0, 0.0, 1.5]), np.array([1.0, 0.0, 3.0]))
+    frontiers, eye = Frontiers(floor), np.array([-1.0, 0.0, 1.5])
+    down, up = (
+        Camera.from_fov(look_at(eye, np.array([1.0, 0.0, height])), (64, 64), np.pi / 2) for height in (0.0, 3.0)
+    )
     far = np.full((64, 64), 7.0, np.float32)
-    floor.add(far, intrinsics, down)
+    floor.add(far, down)
     ahead = np.array([1.0, 0.0])
     assert not frontiers.is_open(ahead)
-    share = floor.seen_share
+    share = seen_share(floor)
     frontiers.start_over()
     assert frontiers.is_open(ahead)
-    assert floor.seen_share == share
-    floor.add(far, intrinsics, up)
+    assert seen_share(floor) == share
+    floor.add(far, up)
     assert frontiers.is_open(ahead)
-    floor.add(far, intrinsics, down)
+    floor.add(far, down)
     assert not frontiers.is_open(ahead)
 
 
 def test_reachable_places_are_free_and_as_far_as_the_shortest_way():
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[0.0, 0.0, 0.1, 2.0, 0.0]]))
     start = np.array([-1.0, 0.3])
-    found = reachable_places(room, start, 0.5, 4.0)
-    assert np.array_equal(found.places_m[0], start)
-    assert all(room.is_free(place) for place in found.places_m)
-    assert found.lengths_m.max() <= 4.0
-    assert np.linalg.norm(found.places_m - start, axis=1).max() > 3.0
-    for place, way in list(zip(found.places_m, found.lengths_m, strict=True))[::97]:
+    places, lengths = reachable_places(room, start, 0.5, 4.0)
+    assert np.array_equal(places[0], start)
+    assert all(room.is_free(place) for place in places)
+    assert lengths.max() <= 4.0
+    assert np.linalg.norm(places - start, axis=1).max() > 3.0
+    for place, way in list(zip(places, lengths, strict=True))[::97]:
         shortest = path_length_m(room, start, place)
         assert 0.93 * shortest - 0.1 <= way <= 1.09 * shortest + 0.1
     # Just behind the wall is near by air and far on foot: out of reach.
-    assert np.linalg.norm(found.places_m - np.array([1.0, 0.3]), axis=1).min() > 0.5
+    assert np.linalg.norm(places - np.array([1.0, 0.3]), axis=1).min() > 0.5
 
 
 def test_look_points_the_camera_where_it_was_told():
@@ -306,12 +315,12 @@ def test_unseen_floor_around_a_place_is_counted_by_ring_and_direction():
     room = navigable_map(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), np.array([[0.0, 1.0, 0.1, 1.5, 0.0]]))
     floor = SeenFloor(room, np.array([-2.0, 0.0]), 0.5, 8.0)
     pose = look_at(np.array([-2.0, 0.0, 1.5]), np.array([-1.0, 0.5, 0.0]))
-    floor.add(np.full((60, 60), 2.0, np.float32), intrinsics_from_fov(60, 60, np.pi / 2), pose)
+    floor.add(np.full((60, 60), 2.0, np.float32), Camera.from_fov(pose, (60, 60), np.pi / 2))
     place, yaw, rings = np.array([-1.5, -0.5]), 0.4, ((0.0, 3.0), (3.0, 12.0))
     shares = floor.unseen_around(place, yaw, rings, 8)
     # By brute force, with points in place of the grid's cells.
     xy = np.random.default_rng(0).uniform(-3, 3, (20_000, 2))
-    unseen = np.array([point for point in xy if room.is_free(point) and floor.is_unseen(point)])
+    unseen = np.array([point for point in xy if room.is_free(point) and is_unseen(floor, point)])
     offsets = unseen - place
     strides, angles = np.hypot(*offsets.T) / 0.5, np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw
     for ring, (low, high) in enumerate(rings):
@@ -327,17 +336,18 @@ def test_unseen_floor_around_a_place_is_counted_by_ring_and_direction():
 def test_looked_at_keeps_candidates_until_they_are_confirmed():
     config = MemoryConfig()
     looked, memory = ViewHistory(config), ObjectMemory(config)
-    pose, intrinsics = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 0.5])), intrinsics_from_fov(80, 80, 1.57)
+    pose = look_at(np.array([0.0, 0.0, 1.0]), np.array([2.0, 0.0, 0.5]))
+    camera = Camera.from_fov(pose, (80, 80), 1.57)
     depth = np.full((80, 80), 2.0, np.float32)
     mask = np.zeros((80, 80), bool)
     mask[30:50, 30:50] = True
     for confidence in (0.4, 0.6, 0.5):
-        update = memory.observe([Detection(0, "chair", confidence, mask)], depth, intrinsics, pose)
+        update = memory.observe([Detection(0, "chair", confidence, mask)], depth, camera)
         looked.add(update.unconfirmed, memory.objects, pose)
     assert [one.confidence for one in looked.candidates] == [0.6]
     assert len(looked.candidates[0].looks) == 1
     sure = [Detection(0, "chair", 0.95, mask)]
-    looked.add(memory.observe(sure, depth, intrinsics, pose).unconfirmed, memory.objects, pose)
+    looked.add(memory.observe(sure, depth, camera).unconfirmed, memory.objects, pose)
     assert looked.candidates == []
     assert looked.tried(0) == memory.objects[0].cells
 

@@ -7,7 +7,7 @@ linear colour.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -37,14 +37,6 @@ _PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 _NOTHING = int(mujoco.mjtGeom.mjGEOM_NONE)
 
 
-@dataclass
-class _Open:
-    """What lives on the graphics card."""
-
-    context: GlContext
-    mjr: mujoco.MjrContext
-
-
 class GlRenderer:
     """Draws a compiled model with OpenGL. Implements ``sbm_gym.rendering.base.Renderer``.
 
@@ -66,7 +58,8 @@ class GlRenderer:
             raise ValueError(f"unknown shadow quality {shadows!r}; known: {', '.join(SHADOW_SIZES)}")
         self._model = model
         self._shadow_size = SHADOW_SIZES[quality]
-        self._open: _Open | None = None
+        self._context: GlContext | None = None
+        self._mjr: Any = None
         self._level: LightLevel | None = None
         self._kind = geom_kinds(model)
         self._is_two_sided = two_sided_meshes(model) & (self._kind != GLASS)
@@ -81,9 +74,9 @@ class GlRenderer:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
         self._geoms = self._scene.geoms
-        self._rgb = np.empty((0, 0, 3), np.uint8)
-        self._ids = np.empty((0, 0, 3), np.uint8)
-        self._raw_depth = np.empty((0, 0), np.float32)
+        # What is read back, kept from picture to picture: colours and ids, each with its depth.
+        self._rgb, self._far = np.empty((0, 0, 3), np.uint8), np.empty((0, 0), np.float32)
+        self._ids, self._raw_depth = np.empty((0, 0, 3), np.uint8), np.empty((0, 0), np.float32)
 
     def render(self, data: mujoco.MjData, camera: Camera, *, antialias: bool = True, colours: bool = True) -> Frame:
         """Draws the scene as it stands in ``data``; see ``Renderer.render``.
@@ -95,13 +88,12 @@ class GlRenderer:
         _check(camera)
         height_px, width_px = camera.size
         scale = SUPERSAMPLING if antialias and colours else 1
-        opened = self._get_open(scale * height_px, scale * width_px)
-        with opened.context.current():
+        with self._opened(scale * height_px, scale * width_px).current():
             self._place(data, camera)
-            geom_id, depth_m = self._draw_ids(opened, camera.size)
+            geom_id, depth_m = self._draw_ids(camera.size)
             if not colours:
                 return Frame(np.zeros((*camera.size, 3), np.uint8), depth_m, geom_id)
-            rgb = self._draw_colour(opened, data, camera, scale)
+            rgb = self._draw_colour(data, camera, scale)
         sky, haze_per_m = sky_of(self._model)
         if haze_per_m > 0.0:
             rgb = add_haze(rgb, depth_m, camera.intrinsics, sky, haze_per_m)
@@ -118,21 +110,19 @@ class GlRenderer:
         geoms = check_geoms(self._model, geom_ids)
         if not geoms & self._drawn:
             return np.zeros(camera.size, bool)
-        opened = self._get_open(*camera.size)
-        with opened.context.current():
+        with self._opened(*camera.size).current():
             self._place(data, camera)
-            geom_id, _ = self._draw_ids(opened, camera.size, only=geoms)
+            geom_id, _ = self._draw_ids(camera.size, only=geoms)
         return geom_id >= 0
 
     def close(self) -> None:
         """Frees the graphics card's memory; the next picture takes it again."""
-        if self._open is not None:
-            self._open.context.free()
-            self._open = None
+        context = getattr(self, "_context", None)  # not there where __init__ has failed
+        if context is not None:
+            context.free()
+            self._context = self._mjr = None
 
-    def __del__(self) -> None:
-        if getattr(self, "_open", None) is not None:
-            self.close()
+    __del__ = close
 
     @property
     def device_name(self) -> str:
@@ -141,20 +131,21 @@ class GlRenderer:
         Raises:
             NoOpenGlError: if there is no OpenGL on this machine.
         """
-        return self._get_open(1, 1).context.renderer_name
+        return self._opened(1, 1).renderer_name
 
-    def _get_open(self, height_px: int, width_px: int) -> _Open:
+    def _opened(self, height_px: int, width_px: int) -> GlContext:
         """The context, made if there is none, with room for a picture of this size."""
-        if self._open is None:
+        if self._context is None:
             context = GlContext()
             with context.current():
-                self._open = _Open(context, self._make_mjr(height_px, width_px))
-            context.own(self._open.mjr)
-        mjr = self._open.mjr
+                self._mjr = self._make_mjr(height_px, width_px)
+            context.own(self._mjr)
+            self._context = context
+        mjr = self._mjr
         if mjr.offWidth < width_px or mjr.offHeight < height_px:
-            with self._open.context.current():
+            with self._context.current():
                 mujoco.mjr_resizeOffscreen(max(width_px, mjr.offWidth), max(height_px, mjr.offHeight), mjr)
-        return self._open
+        return self._context
 
     def _make_mjr(self, height_px: int, width_px: int) -> mujoco.MjrContext:
         """Sends the model to the graphics card. MuJoCo reads the settings from the model, which gets its own back."""
@@ -217,7 +208,7 @@ class GlRenderer:
                 geom.rgba[3] = 1.0 - np.sqrt(1.0 - geom.rgba[3])
 
     def _draw_ids(
-        self, opened: _Open, size: tuple[int, int], only: set[int] | None = None
+        self, size: tuple[int, int], only: set[int] | None = None
     ) -> tuple[Int32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
         """Ids and depth of the surfaces behind glass. What is not in ``only`` is left out."""
         scene = self._scene
@@ -226,16 +217,14 @@ class GlRenderer:
             shown = self._kind[number] != GLASS and (only is None or number in only)
             self._geoms[index].segid = number if shown else -1
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
-        rectangle = mujoco.MjrRect(0, 0, size[1], size[0])
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, opened.mjr)
-        mujoco.mjr_render(rectangle, scene, opened.mjr)
+        rectangle = self._draw_scene(size)
         scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
         cut_out = [(index, number) for index, number in self._cut_out if self._geoms[index].segid >= 0]
         if cut_out:
-            self._draw_cut_out(opened.mjr, cut_out, as_ids=True)
+            self._draw_cut_out(cut_out, as_ids=True)
         if self._ids.shape[:2] != size:
             self._ids, self._raw_depth = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
-        mujoco.mjr_readPixels(self._ids, self._raw_depth, rectangle, opened.mjr)
+        mujoco.mjr_readPixels(self._ids, self._raw_depth, rectangle, self._mjr)
         colours = self._ids[::-1].astype(np.int32)
         geom_id = (colours[..., 0] + (colours[..., 1] << 8) + (colours[..., 2] << 16)) - 1
         raw = self._raw_depth[::-1]
@@ -245,25 +234,29 @@ class GlRenderer:
         depth_m[hit] = NEAR_M * FAR_M / (raw[hit].astype(float) * (FAR_M - NEAR_M) + NEAR_M)
         return geom_id, depth_m
 
-    def _draw_colour(self, opened: _Open, data, camera: Camera, scale: int) -> UInt8[np.ndarray, "h w 3"]:
+    def _draw_scene(self, size: tuple[int, int]) -> mujoco.MjrRect:
+        """Draws the scene with MuJoCo; returns the part of the buffer that holds the picture."""
+        rectangle = mujoco.MjrRect(0, 0, size[1], size[0])
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
+        mujoco.mjr_render(rectangle, self._scene, self._mjr)
+        return rectangle
+
+    def _draw_colour(self, data, camera: Camera, scale: int) -> UInt8[np.ndarray, "h w 3"]:
         import cv2
 
         scene = self._scene
         if self._level is None:
             self._level = light_level(self._model, data)
         shadows = self._shadow_size > 0
-        place_lights(self._model, data, scene, opened.mjr, camera.camera_to_world, self._level, shadows=shadows)
+        place_lights(self._model, data, scene, self._mjr, camera.camera_to_world, self._level, shadows=shadows)
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-        height, width = scale * camera.size[0], scale * camera.size[1]
-        rectangle = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, opened.mjr)
-        mujoco.mjr_render(rectangle, scene, opened.mjr)
+        size = scale * camera.size[0], scale * camera.size[1]
+        rectangle = self._draw_scene(size)
         if self._cut_out:
-            self._draw_cut_out(opened.mjr, self._cut_out, as_ids=False)
-        if self._rgb.shape[:2] != (height, width):
-            self._rgb = np.empty((height, width, 3), np.uint8)
-            self._far = np.empty((height, width), np.float32)
-        mujoco.mjr_readPixels(self._rgb, self._far, rectangle, opened.mjr)
+            self._draw_cut_out(self._cut_out, as_ids=False)
+        if self._rgb.shape[:2] != size:
+            self._rgb, self._far = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
+        mujoco.mjr_readPixels(self._rgb, self._far, rectangle, self._mjr)
         rgb = np.ascontiguousarray(self._rgb[::-1])
         if not self._has_skybox:
             self._add_sky(rgb, self._far[::-1] == 0.0, camera, scale)
@@ -282,7 +275,7 @@ class GlRenderer:
         directions = pixels @ pixel_to_world(camera).T
         rgb[rows, columns] = np.maximum(rgb[rows, columns], sky_colour(directions, sky_of(self._model)[0]))
 
-    def _draw_cut_out(self, mjr: mujoco.MjrContext, geoms: list[tuple[int, int]], *, as_ids: bool) -> None:
+    def _draw_cut_out(self, geoms: list[tuple[int, int]], *, as_ids: bool) -> None:
         """Draws meshes whose textures have holes, and cloth, into the picture that MuJoCo has just drawn.
 
         Holes are left out, and so is the side of cloth that faces away. Neither casts nor gets shadows.
@@ -322,12 +315,12 @@ class GlRenderer:
             texture = self._texture_of(geom)
             (GL.glEnable if texture >= 0 else GL.glDisable)(GL.GL_TEXTURE_2D)
             if texture >= 0:
-                GL.glBindTexture(GL.GL_TEXTURE_2D, int(mjr.texture[texture]))
+                GL.glBindTexture(GL.GL_TEXTURE_2D, int(self._mjr.texture[texture]))
             pose = np.eye(4, dtype=np.float32)
             pose[:3, :3], pose[:3, 3] = geom.mat, geom.pos
             GL.glPushMatrix()
             GL.glMultMatrixf(pose.T.copy())
-            GL.glCallList(mjr.baseMesh + geom.dataid)
+            GL.glCallList(self._mjr.baseMesh + geom.dataid)
             GL.glPopMatrix()
         GL.glPopAttrib()
 

@@ -68,7 +68,7 @@ def outcome(worlds, priorities: Priorities) -> dict[str, float]:
             {
                 "switches": np.count_nonzero(np.diff(targets)),
                 "cells": max((len(one.cells) - len(one.azimuths) for one in known), default=0),
-                "floor": inner.knowledge.seen_floor.seen_share,
+                "floor": -float(np.count_nonzero(inner.knowledge.seen_floor.unseen())),
                 "range": np.mean(ranges) if ranges else np.nan,
                 "goal": np.mean(goals),
             }

@@ -35,8 +35,7 @@ def views() -> list[tuple[SimulatedView, dict[int, str]]]:
                 env.knowledge.navigable.random_point(rng), rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.0)
             )
             view = env.simulation.draw(84, 84, antialias=False)
-            camera_to_world = env.scene.body.camera_to_world
-            observed = env.scene.surfaces.observe(view.instance_map, view.camera.intrinsics, camera_to_world)
+            observed = env.scene.surfaces.observe(view.instance_map, view.camera)
             seen = SimulatedView(len(found), view.instance_map, view.frame.depth_m, tuple(observed))
             found.append((seen, categories))
     return found

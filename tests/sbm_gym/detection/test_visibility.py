@@ -26,6 +26,10 @@ def draw(scene, pose, size_px=SIZE_PX, intrinsics=INTRINSICS):
     return scene.instance_of_geom[frame.geom_id]
 
 
+def observe(scene, pose):
+    return scene.surfaces.observe(draw(scene, pose), Camera(INTRINSICS, pose, (SIZE_PX, SIZE_PX)))
+
+
 def test_points_lie_on_the_surface_of_their_box(scene):
     for instance in scene.world.objects:
         geoms = scene.geoms_of_instance[instance.instance_id]
@@ -44,7 +48,7 @@ def test_visible_share_agrees_with_counted_pixels(scene):
         eye = np.append(scene.world.navigable.random_point(rng), 1.5)
         pose = look_at(eye, np.array([rng.uniform(-2, 2), rng.uniform(-2, 2), 0.5]))
         instance_map = draw(scene, pose)
-        observed = {o.instance_id: o for o in scene.surfaces.observe(instance_map, INTRINSICS, pose)}
+        observed = {o.instance_id: o for o in observe(scene, pose)}
         for instance in scene.world.objects:
             geoms = scene.geoms_of_instance[instance.instance_id]
             amodal = scene.renderer.amodal_mask(scene.data, geoms, Camera(INTRINSICS, pose, (SIZE_PX, SIZE_PX)))
@@ -60,14 +64,14 @@ def test_visible_share_agrees_with_counted_pixels(scene):
 def test_a_whole_object_is_not_truncated_and_one_half_out_is(scene):
     fridge = scene.world.objects[0]
     whole = look_at(np.array([2.0, 0.5, 1.5]), fridge.box_3d.centre_m)
-    (seen,) = [o for o in scene.surfaces.observe(draw(scene, whole), INTRINSICS, whole) if o.category == "fridge"]
+    (seen,) = [o for o in observe(scene, whole) if o.category == "fridge"]
     assert seen.truncated_share == 0.0
     # Turned away by 45 degrees, the picture's edge runs through the middle.
     turned = whole.copy()
     half_turn = np.deg2rad(45)
     spin = np.array([[np.cos(half_turn), -np.sin(half_turn), 0], [np.sin(half_turn), np.cos(half_turn), 0], [0, 0, 1]])
     turned[:3, :3] = spin @ whole[:3, :3]
-    (cut,) = [o for o in scene.surfaces.observe(draw(scene, turned), INTRINSICS, turned) if o.category == "fridge"]
+    (cut,) = [o for o in observe(scene, turned) if o.category == "fridge"]
     assert 0.25 < cut.truncated_share < 0.75
 
 
@@ -78,7 +82,7 @@ def test_azimuth_is_measured_from_the_front(scene, side, azimuth):
     box = scene.world.objects[0].box_3d
     eye = box.centre_m + box.rotation @ np.array([1.5 * side[0], 1.5 * side[1], 0.7])
     pose = look_at(eye, box.centre_m)
-    (seen,) = [o for o in scene.surfaces.observe(draw(scene, pose), INTRINSICS, pose) if o.category == "fridge"]
+    (seen,) = [o for o in observe(scene, pose) if o.category == "fridge"]
     assert np.cos(seen.azimuth_rad - azimuth) == pytest.approx(1.0, abs=1e-9)
     assert seen.elevation_rad == pytest.approx(np.arctan2(0.7, 1.5))
     assert seen.range_m == pytest.approx(np.hypot(0.7, 1.5))

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Detection
+from labeling.core.views import Camera
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory, ViewBins, mask_points, visible_share
 
 SIZE_PX = 96
@@ -34,10 +35,14 @@ def sphere_view(eye, centre, radius_m=0.4, blocker=None, target=None):
     return np.minimum(depth, front), depth < front, pose
 
 
+def camera_at(pose):
+    return Camera(INTRINSICS, pose, (SIZE_PX, SIZE_PX))
+
+
 def observe(memory, eye, centre, confidence=0.95, category="chair", **scene):
     depth, mask, pose = sphere_view(eye, centre, **scene)
     found = [Detection(0, category, confidence, mask)] if mask.any() and confidence > 0 else []
-    return memory.observe(found, depth, INTRINSICS, pose)
+    return memory.observe(found, depth, camera_at(pose))
 
 
 def ring_eye(angle, radius_m=1.4, height_m=1.5, centre=(0.0, 0.0)):
@@ -132,18 +137,18 @@ def test_an_object_that_is_gone_is_not_visible():
     memory = ObjectMemory()
     observe(memory, (1.4, 0.0, 1.5), (0.0, 0.0, 0.5))
     pose = look_at(np.array([1.4, 0.0, 1.5]), np.array([0.0, 0.0, 0.5]))
-    assert visible_share(memory.objects[0], np.full((SIZE_PX, SIZE_PX), FAR_M), INTRINSICS, pose) == 0.0
+    assert visible_share(memory.objects[0], np.full((SIZE_PX, SIZE_PX), FAR_M), camera_at(pose)) == 0.0
 
 
 def test_points_of_a_mask_lie_on_the_surface_and_stray_background_is_dropped():
     depth, mask, pose = sphere_view((1.5, 0.0, 1.2), (0.0, 0.0, 0.5))
-    points = mask_points(mask, depth, INTRINSICS, pose, MemoryConfig())
+    points = mask_points(mask, depth, camera_at(pose), MemoryConfig())
     assert points is not None
     assert np.allclose(np.linalg.norm(points - [0, 0, 0.5], axis=1), 0.4, atol=1e-6)
     spilled = mask.copy()
     y = int(np.argwhere(mask)[:, 0].mean())
     spilled[y - 1 : y + 2, :3] = True
-    clean = mask_points(spilled, depth, INTRINSICS, pose, MemoryConfig())
+    clean = mask_points(spilled, depth, camera_at(pose), MemoryConfig())
     assert clean is not None
     assert np.all(np.linalg.norm(clean - [0, 0, 0.5], axis=1) < 0.5)
 
@@ -152,9 +157,9 @@ def test_small_far_and_depthless_masks_are_dropped():
     depth, mask, pose = sphere_view((1.5, 0.0, 1.2), (0.0, 0.0, 0.5))
     tiny = np.zeros_like(mask)
     tiny[0, 0] = True
-    assert mask_points(tiny, depth, INTRINSICS, pose, MemoryConfig()) is None
-    assert mask_points(mask, depth * 0.0, INTRINSICS, pose, MemoryConfig()) is None
-    assert mask_points(mask, depth + 9.0, INTRINSICS, pose, MemoryConfig()) is None
+    assert mask_points(tiny, depth, camera_at(pose), MemoryConfig()) is None
+    assert mask_points(mask, depth * 0.0, camera_at(pose), MemoryConfig()) is None
+    assert mask_points(mask, depth + 9.0, camera_at(pose), MemoryConfig()) is None
 
 
 @given(st.floats(-20.0, 20.0), st.floats(0.5, 2.9), st.integers(0, 17))
