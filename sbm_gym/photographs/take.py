@@ -138,7 +138,7 @@ class Viewfinder:
         away = min(entry.range_m for entry in found if entry is not None)
         ids = [subject.instance_id for subject in chosen]
         # The floor before one's feet is no obstacle.
-        lower = np.arange(size[0])[:, None] > 0.7 * size[0]
+        lower = np.arange(small.size[0])[:, None] > 0.7 * small.size[0]
         near = (frame.depth_m > 0) & (frame.depth_m < NEARER * away) & ~np.isin(instances, ids) & ~lower
         return bool(near.mean() < IN_THE_WAY)
 
