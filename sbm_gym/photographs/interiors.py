@@ -172,8 +172,8 @@ def _taken(layout: Layout) -> list[tuple[int, float, float]]:
     taken = [(o.wall, o.start_m - 0.35, o.end_m + 0.35) for o in layout.room.openings]
     for wall in layout.room.walls():
         for piece in layout.placements:
-            relative = piece.box().corners() - wall.origin
-            if piece.box().high_m > 1.1 and (relative @ wall.normal).min() < 0.4:
+            relative = piece.box.corners() - wall.origin
+            if piece.box.high_m > 1.1 and (relative @ wall.normal).min() < 0.4:
                 along = relative @ wall.along
                 taken.append((wall.index, float(along.min()), float(along.max())))
     return taken

@@ -56,7 +56,7 @@ class SetBuilder:
         paint = VEHICLE_PAINT.get(card.model_id)
         colour = None if paint is None else {paint: (*draw_paint(self.rng), 1.0)}
         self.scene.furniture(body, self.library.load(card), colour)
-        self.solids.append(piece.box())
+        self.solids.append(piece.box)
         if card.category in CATEGORIES:
             instance = instance_of(piece, len(self.objects) + 1, name)
             self.objects.append(instance)

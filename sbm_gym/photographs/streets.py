@@ -38,7 +38,7 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     builder = SetBuilder(spec, library, rng)
     meshes = StaticMeshes(builder.scene, spec.worldbody.add_body(name="ground"))
     vehicles = _vehicles(category, library, rng)
-    back_m = max(vehicle.box().corners()[:, 1].max() for vehicle in vehicles)
+    back_m = max(vehicle.box.corners()[:, 1].max() for vehicle in vehicles)
     kind = str(rng.choice(["asphalt", "paving", "concrete", "grass", "gravel"], p=[0.5, 0.15, 0.12, 0.12, 0.11]))
     own = {"asphalt": materials.asphalt, "grass": materials.grass}
     ground = retinted(own[kind]() if kind in own else materials.material(kind), rng, 0.4)
@@ -50,7 +50,7 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     behind_m = edge_m + float(rng.uniform(3.0, 6.0))
     _backdrop(meshes, behind_m, is_street, rng)
     _around(meshes, rng)
-    _things(builder, meshes, [vehicle.box() for vehicle in vehicles], edge_m, behind_m)
+    _things(builder, meshes, [vehicle.box for vehicle in vehicles], edge_m, behind_m)
     meshes.build()
     for number, vehicle in enumerate(vehicles):
         builder.stand(vehicle, subject=number == 0 or rng.random() < 0.7)
@@ -80,7 +80,7 @@ def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator
             else:
                 x, y, turn = *rng.uniform(-12.0, 12.0, 2), rng.uniform(-np.pi, np.pi)
             vehicle = Placement(card, float(x), float(y), float(turn) + float(rng.normal(0.0, 0.02)))
-            if not any(overlap(vehicle.box(), other.box(), _GAP_M) for other in placed):
+            if not any(overlap(vehicle.box, other.box, _GAP_M) for other in placed):
                 placed.append(vehicle)
                 break
     return placed

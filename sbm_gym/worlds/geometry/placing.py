@@ -96,34 +96,31 @@ class Placement:
     on: "Placement | None" = None
     """What it stands or lies on, the floor if None."""
 
+    @functools.cached_property
     def box(self) -> Box:
         """The room the piece takes up."""
-        return self._box
-
-    @functools.cached_property
-    def _box(self) -> Box:
         width, depth, height = self.card.size_m
         return Box(self.x_m, self.y_m, width / 2, depth / 2, self.yaw_rad, self.z_m, self.z_m + height)
 
-    def at(self, right_m: float, back_m: float) -> Float[np.ndarray, "2"]:
+    def at(self, right_m: float, back_m: float) -> tuple[float, float]:
         """Floor position of a point given along the piece's own axes, from its middle."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return np.array([self.x_m + cos * right_m - sin * back_m, self.y_m + sin * right_m + cos * back_m])
+        return (
+            float(self.x_m + cos * right_m - sin * back_m),
+            float(self.y_m + sin * right_m + cos * back_m),
+        )
 
     def footprint(self, rectangles_m: Float[np.ndarray, "boxes 4"]) -> list[Box]:
         """The floor it covers, given the rectangles (min x, min y, max x, max y) that its model covers."""
-        found = []
-        for x0, y0, x1, y1 in rectangles_m:
-            x, y = self.at((x0 + x1) / 2, (y0 + y1) / 2)
-            found.append(Box(float(x), float(y), (x1 - x0) / 2, (y1 - y0) / 2, self.yaw_rad))
-        return found
+        return [
+            Box(*self.at((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0) / 2, (y1 - y0) / 2, self.yaw_rad)
+            for x0, y0, x1, y1 in rectangles_m
+        ]
 
-    def front_zone(self, depth_m: float, width_m: float | None = None) -> Box:
-        """The floor before the piece, as wide as the piece unless given."""
-        half_y = self.card.size_m[1] / 2
-        x, y = self.at(0.0, -half_y - depth_m / 2)
-        half_x = (self.card.size_m[0] if width_m is None else width_m) / 2
-        return Box(float(x), float(y), half_x, depth_m / 2, self.yaw_rad)
+    def front_zone(self, depth_m: float) -> Box:
+        """The floor before the piece, as wide as the piece."""
+        width, depth, _ = self.card.size_m
+        return Box(*self.at(0.0, -depth / 2 - depth_m / 2), width / 2, depth_m / 2, self.yaw_rad)
 
 
 @dataclass(frozen=True)
@@ -156,10 +153,10 @@ class Wall:
         # The front of a piece at yaw a looks along (sin a, -cos a).
         return float(np.arctan2(self.normal[0], -self.normal[1]))
 
-    def point(self, along_m: float, out_m: float) -> Float[np.ndarray, "2"]:
+    def point(self, along_m: float, out_m: float) -> tuple[float, float]:
         """A floor point given along the wall and out from it."""
         x, y, along_x, along_y, normal_x, normal_y = self._numbers
-        return np.array([x + along_m * along_x + out_m * normal_x, y + along_m * along_y + out_m * normal_y])
+        return float(x + along_m * along_x + out_m * normal_x), float(y + along_m * along_y + out_m * normal_y)
 
     def shadow(self, box: Box) -> tuple[float, float, float]:
         """Where a box begins and ends along the wall, and how far it keeps from it."""
@@ -226,18 +223,18 @@ class Layout:
         for opening in self.room.openings:
             if opening.kind != "window":
                 wall = walls[opening.wall]
-                x, y = wall.point(0.5 * (opening.start_m + opening.end_m), 0.55)
+                before = wall.point(0.5 * (opening.start_m + opening.end_m), 0.55)
                 half = 0.5 * (opening.end_m - opening.start_m) + 0.1
-                self.zones.append(Box(float(x), float(y), half, 0.55, wall.yaw_rad))
+                self.zones.append(Box(*before, half, 0.55, wall.yaw_rad))
 
     def fits(self, piece: Placement, margin_m: float = 0.03, ignore_zones: Iterable[Box] = ()) -> bool:
         """Whether a piece is inside the room and clear of every other piece, opening and zone."""
-        box = piece.box()
+        box = piece.box
         if not self._is_inside(box, 0.005) or box.high_m > self.room.height_m + 1e-6 or self._hides_opening(box):
             return False
         if any(overlap(box, leaf, max(margin_m, LEAF_GAP_M)) for leaf in self.room.leaves):
             return False
-        if any(overlap(box, other.box(), margin_m) for other in self.placements):
+        if any(overlap(box, other.box, margin_m) for other in self.placements):
             return False
         spared = list(ignore_zones)
         return not any(overlap(box, zone) for zone in self.zones if zone not in spared)
@@ -303,8 +300,7 @@ class Layout:
                 along = width / 2 + WALL_GAP_M + (slack if self.rng.random() < 0.5 else 0.0)
             else:
                 along = width / 2 + WALL_GAP_M + self.rng.uniform(0, slack)
-            x, y = wall.point(along, depth / 2 + gap_m)
-            piece = Placement(card, float(x), float(y), wall.yaw_rad, elevation_m)
+            piece = Placement(card, *wall.point(along, depth / 2 + gap_m), wall.yaw_rad, elevation_m)
             if not self.fits(piece, margin_m, ignore_zones):
                 continue
             zone = piece.front_zone(front_m)
@@ -353,14 +349,13 @@ class Layout:
         reach = np.abs(rotation(yaw_rad)) @ np.array(card.size_m[:2]) / 2
         if np.any(np.abs([right_m, back_m]) + reach > np.array(support.card.size_m[:2]) / 2 + 0.01):
             return None
-        x, y = support.at(right_m, back_m)
         z = support.z_m + support.card.size_m[2]
-        thing = Placement(card, float(x), float(y), support.yaw_rad + yaw_rad, z, support)
+        thing = Placement(card, *support.at(right_m, back_m), support.yaw_rad + yaw_rad, z, support)
         return self.add(thing) if self.fits(thing, margin_m=0.01, ignore_zones=self.zones) else None
 
     def is_clear(self, zone: Box) -> bool:
         """Whether a stretch of floor is inside the room and nothing stands on it."""
-        solid = (*self.room.leaves, *(piece.box() for piece in self.placements))
+        solid = (*self.room.leaves, *(piece.box for piece in self.placements))
         return self._is_inside(zone) and not any(overlap(zone, box) for box in solid)
 
     def _is_inside(self, box: Box, gap_m: float = 0.0) -> bool:

@@ -71,10 +71,10 @@ def _ways(room: Room, opening: Opening, turn_rad: float) -> Iterator[Box]:
 
 
 def _leaf(wall: Wall, along_m: float, out_m: float, way: tuple[float, float], half_m: float) -> Box:
-    x, y = wall.point(along_m + half_m * way[0], out_m + half_m * way[1])
+    middle = wall.point(along_m + half_m * way[0], out_m + half_m * way[1])
     direction = way[0] * wall.along + way[1] * wall.normal
     yaw = math.atan2(float(direction[1]), float(direction[0]))
-    return Box(float(x), float(y), half_m, 0.5 * LEAF_M, yaw, 0.0, LEAF_HEIGHT_M)
+    return Box(*middle, half_m, 0.5 * LEAF_M, yaw, 0.0, LEAF_HEIGHT_M)
 
 
 def _stands_clear(room: Room, own: Opening, leaf: Box) -> bool:

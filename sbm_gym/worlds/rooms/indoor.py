@@ -332,7 +332,7 @@ def _taken_wall(layout: Layout) -> list[tuple[int, float, float]]:
         for beside in [0.35 if o.kind == "window" else 0.08]
     ]
     for wall in layout.room.walls():
-        for box in (*layout.room.leaves, *(piece.box() for piece in layout.placements)):
+        for box in (*layout.room.leaves, *(piece.box for piece in layout.placements)):
             low, high, out = wall.shadow(box)
             if box.high_m > 1.2 and out < 0.3:
                 taken.append((wall.index, low, high))

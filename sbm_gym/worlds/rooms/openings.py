@@ -60,8 +60,7 @@ def draw_front_door(builder: SceneBuilder, wall: Wall, o: Opening, colour: Rgba,
     half = 0.5 * (o.end_m - o.start_m)
     # Its own x axis runs from the hinge to the handle.
     yaw = float(np.arctan2(-wall.along[1], -wall.along[0]))
-    box = Box(float(middle[0]), float(middle[1]), half, 0.02, yaw, 0.0, o.high_m)
-    hang_leaf(builder, f"door_{name}_front", box, colour, panels)
+    hang_leaf(builder, f"door_{name}_front", Box(*middle, half, 0.02, yaw, 0.0, o.high_m), colour, panels)
 
 
 def hang_leaf(builder: SceneBuilder, name: str, leaf: Box, colour: Rgba, panels: int) -> mujoco.MjsBody:

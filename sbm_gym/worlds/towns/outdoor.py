@@ -108,7 +108,7 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     navigable = _with_vehicles(still.free, low, parked, library)
     moved = _add_moved_vehicles(builder, library, len(objects) + 1, rng)
     left = tuple(spawn for spawn in spawns if spawn not in taken)
-    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box() for vehicle in parked), library)
+    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked), library)
     return World(name, spec, tuple(objects), navigable, stage=stage)
 
 
@@ -147,7 +147,7 @@ def _park_vehicles(
         if not choices or rng.random() > shares[spawn.kind]:
             continue
         vehicle = park(choices[int(rng.choice(len(choices), p=weights / weights.sum()))], spawn, rng)
-        if any(overlap(vehicle.box(), other.box(), 0.25) for other in parked):
+        if any(overlap(vehicle.box, other.box, 0.25) for other in parked):
             continue
         if approach_bearings(still, np.array([spawn.x_m, spawn.y_m])) < MIN_BEARINGS:
             continue
@@ -260,8 +260,8 @@ class TownStage:
             return None
         one = choices[int(rng.integers(len(choices)))]
         vehicle = park(one.card, spawn, rng)
-        boxes = (*self.parked, *(other.box() for _, other in others))
-        return None if any(overlap(vehicle.box(), box, 0.2) for box in boxes) else (one, vehicle)
+        boxes = (*self.parked, *(other.box for _, other in others))
+        return None if any(overlap(vehicle.box, box, 0.2) for box in boxes) else (one, vehicle)
 
     def _around(self, placed: Sequence[_Placed]) -> NavigableMap:
         """The part of the map around the first vehicle, with both in it."""

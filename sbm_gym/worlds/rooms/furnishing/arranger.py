@@ -129,9 +129,9 @@ class Arranger:
         if card is None or any(rug.card.use == use for rug in self.rugs):
             return
         x, y = piece.at(0.0, -piece.card.size_m[1] / 2 - (0.25 if use == "rug" else 0.1 + card.size_m[1] / 2))
-        turned = use == "rug" and bool(self.rng.random() < 0.8)
-        rug = Placement(card, float(x), float(y), piece.yaw_rad + (0.5 * np.pi if turned else 0.0))
-        x0, y0, x1, y1 = rug.box().bounds()
+        turned = use == "rug" and self.chance(0.8)
+        rug = Placement(card, x, y, piece.yaw_rad + (0.5 * np.pi if turned else 0.0))
+        x0, y0, x1, y1 = rug.box.bounds()
         low, high = np.array(self.layout.room.low_m) + 0.1, np.array(self.layout.room.high_m) - 0.1
         if np.any(high - low < [x1 - x0, y1 - y0]):
             return

@@ -48,8 +48,8 @@ def _nightstands(a: Arranger, bed: Placement, count: int) -> list[Placement]:
         along = middle + side * (bed.card.size_m[0] / 2 + card.size_m[0] / 2 + 0.06)
         # One gets up on the first side: floor as long as the bed, wider than the nightstand. The other may be narrow.
         wider = 0.1 if placed else 0.22
-        x, y = wall.point(along + side * (wider - 0.02), card.size_m[1] + 0.85)
-        floor = Box(float(x), float(y), card.size_m[0] / 2 + wider, 0.75 if not placed else 0.5, wall.yaw_rad)
+        middle_m = wall.point(along + side * (wider - 0.02), card.size_m[1] + 0.85)
+        floor = Box(*middle_m, card.size_m[0] / 2 + wider, 0.5 if placed else 0.75, wall.yaw_rad)
         if not a.layout.is_clear(floor):
             continue
         stand = a.layout.against_wall(card, walls=[wall.index], centre_m=float(along), tries=1)

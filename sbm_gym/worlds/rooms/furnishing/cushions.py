@@ -48,8 +48,7 @@ class _Shape:
 
 
 @functools.lru_cache(maxsize=64)
-def _shape(model_id: str, library: FurnitureLibrary, card: ModelCard) -> _Shape:
-    del model_id
+def _shape(library: FurnitureLibrary, card: ModelCard) -> _Shape:
     return _Shape(library.load(card))
 
 
@@ -59,7 +58,7 @@ def _underside(library: FurnitureLibrary, card: ModelCard) -> tuple[Float[np.nda
     half = np.array(card.size_m[:2]) / 2
     x, y = (np.arange(-h + STEP_M / 2, h, STEP_M) for h in half)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    low = _shape(card.model_id, library, card).bottom(points)
+    low = _shape(library, card).bottom(points)
     return points[np.isfinite(low)], low[np.isfinite(low)]
 
 
@@ -76,20 +75,9 @@ def _sunk_m(shape: _Shape, xy_m: Float[np.ndarray, "n 2"], z_m: Float[np.ndarray
     return float(np.percentile(carried, 98)) if len(carried) else 0.0
 
 
-def scatter_cushions(layout: Layout, library: FurnitureLibrary, support: Placement, count: int) -> list[Placement]:
-    """Lays cushions on a couch or bed: most lean against its back, some lie flat.
-
-    Args:
-        layout: the room; cushions are added to it.
-        library: where cushions come from.
-        support: the couch or bed.
-        count: how many at most.
-
-    Returns:
-        The cushions that found a place.
-    """
+def scatter_cushions(layout: Layout, library: FurnitureLibrary, support: Placement, count: int) -> None:
+    """Lays at most ``count`` cushions on a couch or bed: most lean against its back, some lie flat."""
     rng = layout.rng
-    placed: list[Placement] = []
     for _ in range(count):
         leaning = bool(rng.random() < 0.75)
         cards = library.models("leaning_cushion" if leaning else "cushion")
@@ -99,16 +87,15 @@ def scatter_cushions(layout: Layout, library: FurnitureLibrary, support: Placeme
         for _ in range(6):
             cushion = _drop(library, support, card, leaning, rng)
             if cushion is not None and _is_clear(layout, cushion):
-                placed.append(layout.add(cushion))
+                layout.add(cushion)
                 break
-    return placed
 
 
 def _drop(
     library: FurnitureLibrary, support: Placement, card: ModelCard, leaning: bool, rng: np.random.Generator
 ) -> Placement | None:
     """Drops a cushion somewhere on a support; None where there is no seat for it."""
-    shape = _shape(support.card.model_id, library, support.card)
+    shape = _shape(library, support.card)
     points, low = _underside(library, card)
     half = np.array(support.card.size_m[:2]) / 2
     reach = np.array(card.size_m[:2]) / 2
@@ -152,14 +139,13 @@ def _drop(
         at = 0
         if np.ptp(top[at]) > 0.05:
             return None
-    where = support.at(x, float(ys[at]))
     z = support.z_m + float(rest[at]) - SINK_M
-    return Placement(card, float(where[0]), float(where[1]), support.yaw_rad + turn, z, support)
+    return Placement(card, *support.at(x, float(ys[at])), support.yaw_rad + turn, z, support)
 
 
 def _is_clear(layout: Layout, cushion: Placement) -> bool:
-    box = cushion.box()
+    box = cushion.box
     corners = box.corners()
     if np.any(corners < np.array(layout.room.low_m)) or np.any(corners > np.array(layout.room.high_m)):
         return False
-    return not any(other is not cushion.on and overlap(box, other.box()) for other in layout.placements)
+    return not any(other is not cushion.on and overlap(box, other.box) for other in layout.placements)

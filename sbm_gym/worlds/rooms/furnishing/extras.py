@@ -1,6 +1,6 @@
 """Single pieces: what stores things, plants, lamps, what hangs on walls; and filling a room up with them."""
 
-from collections.abc import Callable
+from typing import Any
 
 from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
 from sbm_gym.worlds.rooms.furnishing.living_room import lounging
@@ -57,24 +57,22 @@ def radiator(a: Arranger) -> None:
             a.layout.against_wall(card, walls=[opening.wall], centre_m=middle, spread_m=0.2, tries=3)
 
 
-def fill(a: Arranger, target: int, extras: tuple[str, ...]) -> None:
-    """Adds single pieces until there are ``target`` objects, as far as there is room.
+EXTRAS: dict[str, tuple[Any, ...]] = {
+    "plant": (greening,),
+    "armchair": (lounging,),
+    "beanbag": (lounging, "beanbag"),
+    "shelf": (storing, "shelf"),
+    "chair": (lounging, "dining_chair"),
+    "desk": (working,),
+    "dresser": (storing, "dresser", ("small_plant",)),
+}
+"""What a room may be filled up with: a function and its arguments after the room."""
 
-    Args:
-        a: the room.
-        target: objects with a class, cushions aside.
-        extras: what may be added, keys of the table below.
-    """
-    ways: dict[str, Callable[[], None]] = {
-        "plant": lambda: greening(a),
-        "armchair": lambda: lounging(a),
-        "beanbag": lambda: lounging(a, "beanbag"),
-        "shelf": lambda: storing(a, "shelf"),
-        "chair": lambda: lounging(a, "dining_chair"),
-        "desk": lambda: working(a),
-        "dresser": lambda: storing(a, "dresser", ("small_plant",)),
-    }
+
+def fill(a: Arranger, target: int, extras: tuple[str, ...]) -> None:
+    """Adds single pieces, ``EXTRAS``, until there are ``target`` objects (cushions aside), as far as there is room."""
     for _ in range(10):
         if not extras or a.count() >= target:
             return
-        ways[extras[a.rng.integers(len(extras))]]()
+        furnish, *what = EXTRAS[extras[a.rng.integers(len(extras))]]
+        furnish(a, *what)

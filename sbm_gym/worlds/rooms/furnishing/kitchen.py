@@ -52,7 +52,7 @@ def _starts(a: Arranger) -> list[_Start]:
     """Corners, and the places beside doorways, door leaves and cabinets, in random order."""
     starts: list[_Start] = []
     room = a.layout.room
-    standing = [piece.box() for piece in a.layout.placements if piece.on is None and piece.z_m == 0.0]
+    standing = [piece.box for piece in a.layout.placements if piece.on is None and piece.z_m == 0.0]
     for wall in room.walls():
         low, high = [WALL_GAP_M], [wall.length_m - WALL_GAP_M]
         for opening in room.openings:

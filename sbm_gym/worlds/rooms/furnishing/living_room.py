@@ -1,5 +1,7 @@
 """Couches with what stands before them, televisions, and single seats."""
 
+from typing import Any
+
 import numpy as np
 
 from sbm_gym.worlds.geometry.placing import Placement
@@ -23,11 +25,10 @@ def sitting(a: Arranger, *, lounge: float = 0.6, television: bool = True, second
         scatter_cushions(a.layout, a.library, couch, int(a.rng.integers(2, 6)))
     zones = tuple(a.layout.zones)
     low = a.pick("coffee_table")
-    reach = couch.card.size_m[1] / 2
     table = None
     if low is not None and not a.full() and a.chance(0.85):
-        x, y = couch.at(a.rng.uniform(-0.15, 0.15), -(reach + 0.38 + low.size_m[1] / 2))
-        piece = Placement(low, float(x), float(y), couch.yaw_rad)
+        before = couch.at(a.rng.uniform(-0.15, 0.15), -(couch.card.size_m[1] / 2 + 0.38 + low.size_m[1] / 2))
+        piece = Placement(low, *before, couch.yaw_rad)
         if a.layout.fits(piece, ignore_zones=zones):
             table = a.layout.add(piece)
             a.decorate(table, ("table_thing", "small_plant"), 0.6)
@@ -59,50 +60,40 @@ def _seat_at(a: Arranger, use: str, table: Placement, couch: Placement) -> Place
         return None
     for side in a.rng.permutation([-1, 1]):
         away = table.card.size_m[0] / 2 + card.size_m[1] / 2 + a.rng.uniform(0.25, 0.45)
-        x, y = table.at(side * away, -0.1)
         # To its right (+x) the table lies at the left: the front must turn from -Y of the couch towards -x.
         yaw = couch.yaw_rad - side * (0.5 * np.pi)
         if use != "couch":
             yaw += side * a.rng.uniform(-0.5, 0.1)
-        piece = Placement(card, float(x), float(y), float(yaw))
+        piece = Placement(card, *table.at(side * away, -0.1), float(yaw))
         if a.layout.fits(piece, ignore_zones=a.layout.zones[-1:]):
             return a.layout.add(piece)
     return None
 
 
-def put_television(
-    a: Arranger, watcher: Placement | None = None, supports: tuple[str, ...] = ("tv_stand",)
-) -> Placement | None:
+def put_television(a: Arranger, watcher: Placement | None = None, supports: tuple[str, ...] = ("tv_stand",)) -> None:
     """A television on a low cabinet or on the wall, opposite ``watcher`` where that is possible."""
     if a.full():
-        return None
-    walls, centre, spread = None, None, 0.0
+        return
+    where: dict[str, Any] = {}
     if watcher is not None:
         opposite = a.layout.room.walls()[(a.wall_behind(watcher)[0].index + 2) % 4]
-        walls = [opposite.index]
         centre = float((np.array([watcher.x_m, watcher.y_m]) - opposite.origin) @ opposite.along)
-        spread = 0.5
+        where = {"walls": [opposite.index], "centre_m": centre, "spread_m": 0.5}
     on_wall = a.chance(0.35)
     for attempt in range(5):
         if attempt == 2:
-            walls, centre, spread, on_wall = None, None, 0.0, False
-        if on_wall:
-            card = a.pick("wall_tv")
-            if card is not None:
-                height = a.rng.uniform(0.95, 1.2)
-                hung = a.layout.against_wall(card, walls=walls, centre_m=centre, spread_m=spread, elevation_m=height)
-                if hung is not None:
-                    return hung
+            where, on_wall = {}, False
+        card = a.pick("wall_tv") if on_wall else None
+        if card is not None and a.layout.against_wall(card, elevation_m=a.rng.uniform(0.95, 1.2), **where):
+            return
         before = a.layout.mark()
         card, screen = a.pick(str(a.rng.choice(supports))), a.pick("tv")
-        stand = card and a.layout.against_wall(card, walls=walls, centre_m=centre, spread_m=spread)
+        stand = card and a.layout.against_wall(card, **where)
         if stand is None or screen is None:
             continue
-        placed = a.layout.on_top(screen, stand, 0.0, 0.02)
-        if placed is not None:
-            return placed
+        if a.layout.on_top(screen, stand, 0.0, 0.02):
+            return
         a.layout.undo(before)  # under a window, or too narrow: no place for a screen
-    return None
 
 
 def lounging(a: Arranger, use: str = "lounge_chair") -> None:

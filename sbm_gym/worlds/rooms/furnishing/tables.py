@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sbm_gym.worlds.geometry.placing import Placement
+from sbm_gym.worlds.geometry.placing import Placement, rotation
 from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
 
 QUARTERS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
@@ -50,10 +50,8 @@ def _seats(a: Arranger, table: Placement, count: int) -> None:
         turn, half, offset = places[index]
         # In the table's axes turned by ``turn``, the chair stands behind (+Y) and looks along -Y, at the table.
         away = half + chair.size_m[1] / 2 + a.rng.uniform(0.03, 0.10)
-        local = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [offset, away]
-        x, y = table.at(*local)
-        yaw = table.yaw_rad + turn + a.rng.normal(0, 0.08)
-        piece = Placement(chair, float(x), float(y), float(yaw))
+        x, y = table.at(*(rotation(turn) @ [offset, away]))
+        piece = Placement(chair, x, y, float(table.yaw_rad + turn + a.rng.normal(0, 0.08)))
         if a.layout.fits(piece, margin_m=0.02):
             a.layout.add(piece)
             seated += 1
@@ -68,7 +66,7 @@ def working(a: Arranger) -> None:
     if card is not None and not a.full():
         # The catalogue's desks show their front (drawers, modesty panel aside) to whoever sits there.
         x, y = desk.at(a.rng.uniform(-0.12, 0.12), -(desk.card.size_m[1] + card.size_m[1]) / 2 - 0.05)
-        piece = Placement(card, float(x), float(y), desk.yaw_rad + np.pi + a.rng.normal(0, 0.3))
+        piece = Placement(card, x, y, desk.yaw_rad + np.pi + a.rng.normal(0, 0.3))
         if a.layout.fits(piece, margin_m=0.01, ignore_zones=a.layout.zones):
             a.layout.add(piece)
     a.decorate(desk, ("desk_thing", "desk_lamp", "desk_thing"), 0.75)
