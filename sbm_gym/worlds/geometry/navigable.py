@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from sbm_gym.worlds.geometry import grid_kernels
 
 AGENT_RADIUS_M = 0.18
 """Radius of the agent's body, a pole."""
+BEARINGS = 18
+"""Directions from an object that are told apart. Source: the published code (yaw bins of 20 degrees)."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +40,21 @@ class NavigableMap:
         free[inside] = self.free[cells[..., 1][inside], cells[..., 0][inside]]
         return free
 
+    def free_around(
+        self, centre_m: Float[np.ndarray, "2"], distances_m: Sequence[float] | Float[np.ndarray, "distances"]
+    ) -> Bool[np.ndarray, "bearings distances"]:
+        """Which of the places around a point are free, in ``BEARINGS`` directions."""
+        bearings = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
+        directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+        return self.are_free(centre_m + directions[:, None] * np.array(distances_m)[:, None])
+
     def random_point(self, rng: np.random.Generator) -> Float[np.ndarray, "2"]:
         """A point drawn evenly from the largest connected part of the free space.
 
         Raises:
             ValueError: if nothing is free.
         """
-        cells = np.argwhere(self.largest_component)
-        if len(cells) == 0:
-            raise ValueError("the map has no free cell to draw a point from")
+        cells = self._connected_cells()
         i, j = cells[rng.integers(len(cells))]
         # Kept off the cell's very edges, so that rounding never puts the point into a neighbour.
         return self.origin_m + self.cell_m * (np.array([j, i]) + rng.uniform(1e-6, 1 - 1e-6, 2))
@@ -61,11 +70,14 @@ class NavigableMap:
         xy_m = np.asarray(xy_m, float)
         if self.is_free(xy_m):
             return xy_m.copy()
+        centres = self._centres_m(self._connected_cells())
+        return centres[int(np.argmin(np.sum((centres - xy_m) ** 2, axis=1)))]
+
+    def _connected_cells(self) -> Int[np.ndarray, "n 2"]:
         cells = np.argwhere(self.largest_component)
         if len(cells) == 0:
             raise ValueError("the map has no free cell")
-        centres = self._centres_m(cells)
-        return centres[int(np.argmin(np.sum((centres - xy_m) ** 2, axis=1)))]
+        return cells
 
     def line_is_free(self, a_m: Float[np.ndarray, "2"], b_m: Float[np.ndarray, "2"]) -> bool:
         """Whether the agent can go straight from ``a_m`` to ``b_m``: every cell on the way is free."""
@@ -103,9 +115,6 @@ class NavigableMap:
         while nodes[-1] != start:
             nodes.append(int(before[nodes[-1]]))
         way = np.concatenate([start_m[None], self._centres_m(self._free_cells[nodes[::-1]]), goal_m[None]])
-        return self._pull_straight(way)
-
-    def _pull_straight(self, way: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
         kept = [way[0]]
         for here, ahead in itertools.pairwise(way[1:]):
             if not self.line_is_free(kept[-1], ahead):
@@ -121,6 +130,10 @@ class NavigableMap:
         if count == 0:
             return np.zeros_like(self.free)
         return labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+
+    def connected(self) -> "NavigableMap":
+        """The map without places that cannot be reached from its largest connected part."""
+        return NavigableMap(self.largest_component, self.origin_m, self.cell_m)
 
     @functools.cached_property
     def _free_cells(self) -> Int[np.ndarray, "n 2"]:
@@ -166,7 +179,6 @@ def navigable_map(
     low_m: Float[np.ndarray, "2"],
     high_m: Float[np.ndarray, "2"],
     obstacles: Float[np.ndarray, "n 5"],
-    agent_radius_m: float = AGENT_RADIUS_M,
     cell_m: float = 0.05,
 ) -> NavigableMap:
     """The map of a rectangular floor with boxes on it.
@@ -177,14 +189,13 @@ def navigable_map(
         low_m: least (x, y) of the floor; beyond it are walls.
         high_m: greatest (x, y) of the floor.
         obstacles: for each box its centre x and y, its half sizes along its own axes, and its yaw (rad).
-        agent_radius_m: radius of the agent's body.
         cell_m: edge length of a cell.
     """
     low_m, high_m = np.asarray(low_m, float), np.asarray(high_m, float)
     nx, ny = np.maximum(np.ceil((high_m - low_m) / cell_m - 1e-9).astype(int), 1)
     x, y = low_m[0] + cell_m * (np.arange(nx) + 0.5), low_m[1] + cell_m * (np.arange(ny) + 0.5)
-    reach = agent_radius_m + cell_m * np.sqrt(0.5)  # the farthest point of a cell from its centre
-    wall = agent_radius_m + 0.5 * cell_m
+    reach = AGENT_RADIUS_M + cell_m * np.sqrt(0.5)  # the farthest point of a cell from its centre
+    wall = AGENT_RADIUS_M + 0.5 * cell_m
     free_x = (x - low_m[0] >= wall) & (high_m[0] - x >= wall)
     free_y = (y - low_m[1] >= wall) & (high_m[1] - y >= wall)
     free = free_y[:, None] & free_x[None]

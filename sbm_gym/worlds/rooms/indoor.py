@@ -1,12 +1,13 @@
 """Furnished homes and offices: from a name or a seed to a world."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.parametric.builtin import BuiltinLibrary
@@ -33,8 +34,6 @@ AGENT_HEIGHT_M = 1.6
 """What hangs higher than this is not in the agent's way."""
 RING_M = (1.0, 1.25, 1.5, 1.75, 2.0)
 """Distances from an object at which it is looked at. Source: thesis section 4.1 (1 to 2 m)."""
-BEARINGS = 18
-"""Directions from an object that are told apart. Source: the published code (yaw bins of 20 degrees)."""
 CELL_M = 0.05
 """Of the map of where one can stand."""
 MIN_BEARINGS = 2
@@ -51,6 +50,9 @@ MAX_LAMPS = 7
 """OpenGL's fixed pipeline knows eight lights."""
 
 
+_T = TypeVar("_T")
+
+
 @dataclass(frozen=True)
 class _Furnished:
     """One room with its furniture."""
@@ -58,10 +60,8 @@ class _Furnished:
     planned: PlannedRoom
     layout: Layout
     rugs: list[Placement]
-    missing: int
-    """Classes its kind needs that found no place."""
-    unmet: int
-    """Uses without a class that it should have and that found none."""
+    faults: tuple[int, int] = (0, 0)
+    """Classes its kind needs that found no place, and uses without a class that it should have and that found none."""
 
 
 def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
@@ -88,21 +88,17 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
 
         library = indoor_library()
     library = models_of_scene(library, held_out=name.startswith(("val/", "test/")), unseen_models=unseen_models)
+
     # A home in which something a room needs found no place is drawn again; the attempt is part of the seed.
-    best: tuple[FloorPlan, list[_Furnished]] | None = None
-    for attempt in range(PLAN_ATTEMPTS):
-        rng = np.random.default_rng((*source.seed, attempt))
+    def attempt(number: int) -> tuple[FloorPlan, list[_Furnished]]:
+        rng = np.random.default_rng((*source.seed, number))
         kinds = list(PROGRAMMES)
-        kind = source.kind or kinds[rng.integers(len(kinds))]
-        plan = draw_plan(kind, rng)
-        rooms = _furnish_all(plan, library, rng)
-        if best is None or _missing(rooms) < _missing(best[1]):
-            best = plan, rooms
-        if _missing(rooms) == 0:
-            break
-    assert best is not None
+        plan = draw_plan(source.kind or kinds[rng.integers(len(kinds))], rng)
+        return plan, _furnish_all(plan, library, rng)
+
+    home = _best(map(attempt, range(PLAN_ATTEMPTS)), lambda home: (sum(room.faults[0] for room in home[1]),))
     style_seed = int.from_bytes(hashlib.sha256(repr(source.seed).encode()).digest()[:8], "little")
-    return _assemble(name, *best, library, np.random.default_rng(style_seed))
+    return _assemble(name, *home, library, np.random.default_rng(style_seed))
 
 
 def build_room(
@@ -140,11 +136,17 @@ def build_room(
     furnish(layout, library)
     outer_x, outer_y = half_x + OUTER_WALL_M, half_y + OUTER_WALL_M
     plan = FloorPlan((planned,), (), (-outer_x, -outer_y, outer_x, outer_y))
-    return _assemble(name, plan, [_Furnished(planned, layout, [], 0, 0)], library, rng)
+    return _assemble(name, plan, [_Furnished(planned, layout, [])], library, rng)
 
 
-def _missing(rooms: list[_Furnished]) -> int:
-    return sum(room.missing for room in rooms)
+def _best(attempts: Iterable[_T], faults: Callable[[_T], tuple[int, ...]]) -> _T:
+    """The first attempt without faults, else the first of those with the fewest."""
+    made: list[_T] = []
+    for attempt in attempts:
+        made.append(attempt)
+        if not any(faults(attempt)):
+            break
+    return min(made, key=faults)
 
 
 def _furnish_all(plan: FloorPlan, library: FurnitureLibrary, rng: np.random.Generator) -> list[_Furnished]:
@@ -154,14 +156,8 @@ def _furnish_all(plan: FloorPlan, library: FurnitureLibrary, rng: np.random.Gene
     rooms = []
     for index in range(len(plan.rooms)):
         budget = int(left * area[index] / area[index:].sum())
-        best: _Furnished | None = None
-        for stream in rng.spawn(ROOM_ATTEMPTS):
-            furnished = _furnish(plan, index, library, stream, budget)
-            if best is None or (furnished.missing, furnished.unmet) < (best.missing, best.unmet):
-                best = furnished
-            if best.missing == best.unmet == 0:
-                break
-        assert best is not None
+        tries = (_furnish(plan, index, library, stream, budget) for stream in rng.spawn(ROOM_ATTEMPTS))
+        best = _best(tries, lambda room: room.faults)
         left -= sum(library.load(piece.card).num_triangles for piece in best.layout.placements)
         rooms.append(best)
     return rooms
@@ -178,7 +174,7 @@ def _furnish(
     kind = ROOM_KINDS[planned.kind]
     missing = set(kind.needed) - {piece.card.category for piece in layout.placements}
     unmet = set(kind.expected) - {piece.card.use for piece in layout.placements}
-    return _Furnished(planned, layout, rugs, len(missing), len(unmet))
+    return _Furnished(planned, layout, rugs, (len(missing), len(unmet)))
 
 
 def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: FurnitureLibrary) -> None:
@@ -194,10 +190,8 @@ def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: Fur
     open_floor = [(*room.low_m, *room.high_m), *(passage.through(margin) for passage in doorways)]
     walls = np.concatenate([_rows(complement(open_floor, (*low.tolist(), *high.tolist()))), obstacle_rows(room.leaves)])
     while True:
-        everything = navigable_map(
-            low, high, np.concatenate([walls, _obstacles(layout.placements, library)]), cell_m=CELL_M
-        )
-        navigable = NavigableMap(everything.largest_component, everything.origin_m, everything.cell_m)
+        solid = np.concatenate([walls, _obstacles(layout.placements, library)])
+        navigable = navigable_map(low, high, solid, cell_m=CELL_M).connected()
         shut = [passage for passage in doorways if not navigable.is_free(passage.middle_m)]
         hidden = [
             piece
@@ -224,15 +218,8 @@ def _rows(rectangles) -> Float[np.ndarray, "n 5"]:
     return np.concatenate([middle, half, np.zeros((len(r), 1))], axis=1)
 
 
-def ring_viewpoints(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> Bool[np.ndarray, "bearings radii"]:
-    """From which of ``BEARINGS`` directions and ``RING_M`` distances an object can be looked at."""
-    bearing = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
-    away = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)[:, None] * np.array(RING_M)[:, None]
-    return navigable.are_free(centre_m + away)
-
-
 def _can_be_looked_at(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> bool:
-    free = ring_viewpoints(navigable, centre_m)
+    free = navigable.free_around(centre_m, RING_M)
     return bool(free.sum() >= MIN_VIEWPOINTS and free.any(axis=1).sum() >= MIN_BEARINGS)
 
 
@@ -281,9 +268,8 @@ def _assemble(
                     builder.touched_box(body, rectangle, (0.0, piece.card.size_m[2]))
             if piece.card.category is not None:
                 objects.append(instance_of(piece, len(objects) + 1, body_name))
-    everywhere = navigable_map(np.array([x0, y0]), np.array([x1, y1]), np.concatenate(obstacles), cell_m=CELL_M)
-    # Pockets that cannot be reached are not free.
-    navigable = NavigableMap(everywhere.largest_component, everywhere.origin_m, everywhere.cell_m)
+    solid = np.concatenate(obstacles)
+    navigable = navigable_map(np.array([x0, y0]), np.array([x1, y1]), solid, cell_m=CELL_M).connected()
     return World(name, spec, tuple(objects), navigable)
 
 

@@ -91,9 +91,9 @@ def traffic_light(furnisher: Furnisher, xy: Float[np.ndarray, "2"], heading: Flo
 
 def bus_stop(furnisher: Furnisher, spawn: Spawn) -> None:
     """A glass shelter with a bench on the pavement beside a bus bay."""
-    ahead = np.array([np.cos(spawn.heading_rad), np.sin(spawn.heading_rad)])
+    ahead = spawn.ahead
     right = np.array([ahead[1], -ahead[0]])
-    middle = np.array([spawn.x_m, spawn.y_m]) + right * (spawn.width_m / 2 + 2.2)
+    middle = spawn.middle_m + right * (spawn.width_m / 2 + 2.2)
     half_length = 1.9
     x, y = (float(v) for v in middle + 0.1 * right)
     back = Box(x, y, half_length, 0.28, spawn.heading_rad)

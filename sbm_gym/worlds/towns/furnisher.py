@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
@@ -11,7 +10,7 @@ from sbm_gym.assets.models.model import FurnitureModel
 from sbm_gym.worlds.geometry.placing import Box, Placement, overlap, rotation, yaw_quaternion
 from sbm_gym.worlds.scene_builder import SceneBuilder
 from sbm_gym.worlds.static_meshes import StaticMeshes, prism
-from sbm_gym.worlds.towns.plan import KERB_M, Rect
+from sbm_gym.worlds.towns.plan import KERB_M
 
 MAX_TREES = 10
 """A crown is as heavy as three cars."""
@@ -90,14 +89,12 @@ class Furnisher:
         self.trees += 1
         return True
 
-    def post(
-        self, xy: Float[np.ndarray, "2"], radius_m: float, height_m: float, rgba=STEEL, z_m: float = KERB_M
-    ) -> bool:
+    def post(self, xy: Float[np.ndarray, "2"], radius_m: float, height_m: float, rgba=STEEL) -> bool:
         """An upright round post, unless something is in the way."""
         box = Box(float(xy[0]), float(xy[1]), radius_m, radius_m, 0.0)
         if not self.fits(box):
             return False
-        self.meshes.plain(prism(xy, radius_m, z_m, z_m + height_m), rgba, specular=0.2)
+        self.meshes.plain(prism(xy, radius_m, KERB_M, KERB_M + height_m), rgba, specular=0.2)
         self.block(box)
         return True
 
@@ -109,10 +106,3 @@ def stem_rectangle(model: FurnitureModel) -> Float[np.ndarray, "4"]:
     middle = np.median(low, axis=0)
     reach = np.clip(np.quantile(np.abs(low - middle), 0.95, axis=0), 0.08, MAX_STEM_M)
     return np.concatenate([middle - reach, middle + reach])
-
-
-def add_solid(spec: mujoco.MjSpec, builder: SceneBuilder, rect: Rect, height_m: float, name: str) -> Box:
-    """Makes the agent walk around an upright block."""
-    body = spec.worldbody.add_body(name=name)
-    builder.touched_box(body, np.array([rect.x0, rect.y0, rect.x1, rect.y1]), (0.0, height_m))
-    return rect.box

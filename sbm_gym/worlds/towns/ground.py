@@ -153,17 +153,14 @@ def _arrow(segment: Segment, tail_m: float, towards: float, across_m: float) -> 
 
 def _bay(meshes: StaticMeshes, spawn: Spawn) -> None:
     """White lines at both ends of a parking bay, and one along the lane."""
-    ahead = np.array([np.cos(spawn.heading_rad), np.sin(spawn.heading_rad)])
+    ahead, middle = spawn.ahead, spawn.middle_m
     left = np.array([-ahead[1], ahead[0]])
-    middle = np.array([spawn.x_m, spawn.y_m])
     half_length, half_width = spawn.length_m / 2, spawn.width_m / 2
-    in_street = spawn.width_m == PARKING_M
-    lines = []
-    if in_street:
-        lines += [(s * half_length, s * half_length, -half_width, half_width, 0.05, 0.0) for s in (-1, 1)]
+    if spawn.width_m == PARKING_M:  # beside a street
+        lines = [(s * half_length, s * half_length, -half_width, half_width, 0.05, 0.0) for s in (-1, 1)]
         lines.append((-half_length, half_length, half_width, half_width, 0.0, 0.05))
     else:
-        lines += [(-half_length, half_length, s * half_width, s * half_width, 0.0, 0.05) for s in (-1, 1)]
+        lines = [(-half_length, half_length, s * half_width, s * half_width, 0.0, 0.05) for s in (-1, 1)]
     quads = []
     for a0, a1, t0, t1, da, dt in lines:
         corners = ((a0 - da, t0 - dt), (a1 + da, t0 - dt), (a1 + da, t1 + dt), (a0 - da, t1 + dt))

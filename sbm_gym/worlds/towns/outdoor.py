@@ -22,7 +22,7 @@ from sbm_gym.worlds.geometry.placing import Box, Placement, obstacle_rows, overl
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import TOWNS
 from sbm_gym.worlds.static_meshes import StaticMeshes
-from sbm_gym.worlds.towns.furnisher import Furnisher, add_solid
+from sbm_gym.worlds.towns.furnisher import Furnisher
 from sbm_gym.worlds.towns.furniture import furnish_town
 from sbm_gym.worlds.towns.ground import build_ground
 from sbm_gym.worlds.towns.houses import build_houses, house_rows
@@ -39,7 +39,6 @@ NEARBY_M = 24.0
 """An episode takes place within this distance (along x and y) of its first vehicle."""
 START_CLEARANCE_M, START_DEPTH_M = 2.0, 7.0
 """Episodes start this far from the end of the first vehicle, and up to this much farther."""
-BEARINGS = 18
 MIN_BEARINGS = 8
 """A place from around which fewer of ``BEARINGS`` directions can be looked from is left empty."""
 MIN_APART_M = 3.0
@@ -90,16 +89,18 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     build_ground(meshes, plan, rng)
     houses = house_rows(plan, rng)
     build_houses(meshes, houses, rng)
-    solid = [
-        add_solid(spec, builder, house.rect, house.eaves_m, f"house_{number}") for number, house in enumerate(houses)
-    ]
-    furnisher = Furnisher(builder, meshes, library, rng, [spawn.area() for spawn in plan.spawns], list(solid))
+    for number, house in enumerate(houses):
+        r, body = house.rect, spec.worldbody.add_body(name=f"house_{number}")
+        builder.touched_box(body, np.array([r.x0, r.y0, r.x1, r.y1]), (0.0, house.eaves_m))
+    reserved, solid = [spawn.area() for spawn in plan.spawns], [house.rect.box for house in houses]
+    furnisher = Furnisher(builder, meshes, library, rng, reserved, solid)
     furnish_town(furnisher, plan)
     meshes.build()
     walkable = plan.walkable
     low, high = np.array([walkable.x0, walkable.y0]), np.array([walkable.x1, walkable.y1])
     still = navigable_map(low, high, obstacle_rows(furnisher.obstacles), cell_m=CELL_M)
-    spawns = [spawn for spawn in plan.spawns if _in_the_open(spawn, furnisher.obstacles)]
+    blocked = {s for s in plan.spawns if any(overlap(s.area(), solid, 0.05) for solid in furnisher.obstacles)}
+    spawns = [spawn for spawn in plan.spawns if spawn not in blocked]
     parked, taken = _park_vehicles(plan, spawns, still, library, rng)
     objects: list[ObjectInstance] = []
     for number, vehicle in enumerate(parked, start=1):
@@ -110,12 +111,6 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     left = tuple(spawn for spawn in spawns if spawn not in taken)
     stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked), library)
     return World(name, spec, tuple(objects), navigable, stage=stage)
-
-
-def _in_the_open(spawn: Spawn, obstacles: Sequence[Box]) -> bool:
-    """Whether nothing of the street furniture stands where the vehicle would."""
-    area = spawn.area()
-    return not any(overlap(area, obstacle, 0.05) for obstacle in obstacles)
 
 
 def _park_vehicles(
@@ -149,7 +144,7 @@ def _park_vehicles(
         vehicle = park(choices[int(rng.choice(len(choices), p=weights / weights.sum()))], spawn, rng)
         if any(overlap(vehicle.box, other.box, 0.25) for other in parked):
             continue
-        if approach_bearings(still, np.array([spawn.x_m, spawn.y_m])) < MIN_BEARINGS:
+        if approach_bearings(still, spawn.middle_m) < MIN_BEARINGS:
             continue
         if library.triangles(vehicle.card) > HEAVY_TRIANGLES:
             heavy.add(vehicle.card.model_id)
@@ -160,10 +155,8 @@ def _park_vehicles(
 
 def approach_bearings(navigable: NavigableMap, centre_m: Float[np.ndarray, "2"]) -> int:
     """From how many of ``BEARINGS`` directions a vehicle can be looked at from 3 to 15 m away."""
-    bearings = np.arange(BEARINGS) * (2 * np.pi / BEARINGS)
-    directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
-    away = np.arange(RING_M[0], RING_M[1], 0.5)[:, None] * directions[:, None]
-    return int(np.count_nonzero(navigable.are_free(centre_m + away).any(axis=1)))
+    free = navigable.free_around(centre_m, np.arange(*RING_M, 0.5))
+    return int(np.count_nonzero(free.any(axis=1)))
 
 
 @dataclass(frozen=True)
@@ -287,8 +280,7 @@ def _with_vehicles(
     rim = 2 * CELL_M
     size_m = CELL_M * np.array(free.shape[::-1])
     around = navigable_map(origin_m - rim, origin_m + size_m + rim, rows, cell_m=CELL_M).free[2:-2, 2:-2]
-    navigable = NavigableMap(free & around, origin_m, CELL_M)
-    return NavigableMap(navigable.largest_component, origin_m, CELL_M)
+    return NavigableMap(free & around, origin_m, CELL_M).connected()
 
 
 def _within(

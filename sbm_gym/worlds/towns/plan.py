@@ -88,6 +88,16 @@ class Spawn:
         """Yaw of a model whose front looks along -Y at yaw 0."""
         return self.heading_rad + 0.5 * np.pi
 
+    @property
+    def middle_m(self) -> Float[np.ndarray, "2"]:
+        """Its middle."""
+        return np.array([self.x_m, self.y_m])
+
+    @property
+    def ahead(self) -> Float[np.ndarray, "2"]:
+        """Where the vehicle's front points, as a unit vector."""
+        return np.array([np.cos(self.heading_rad), np.sin(self.heading_rad)])
+
     def area(self) -> Box:
         """The floor that the place covers."""
         return Box(self.x_m, self.y_m, self.length_m / 2, self.width_m / 2, self.heading_rad)

@@ -35,8 +35,8 @@ def park(card: ModelCard, spawn: Spawn, rng: np.random.Generator) -> Placement:
         right = float(rng.uniform(-0.3, 0.3))
     if width > spawn.width_m:
         right = -(width - spawn.width_m) / 2 - 0.1
-    heading = np.array([np.cos(spawn.heading_rad), np.sin(spawn.heading_rad)])
-    x, y = np.array([spawn.x_m, spawn.y_m]) + ahead * heading + right * np.array([heading[1], -heading[0]])
+    heading = spawn.ahead
+    x, y = spawn.middle_m + ahead * heading + right * np.array([heading[1], -heading[0]])
     turned = float(np.clip(rng.normal(0.0, 0.015), -0.03, 0.03))
     return Placement(card, float(x), float(y), spawn.yaw_rad + turned, spawn.z_m)
 

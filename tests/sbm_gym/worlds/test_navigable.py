@@ -128,7 +128,7 @@ def test_a_disc_on_a_free_point_touches_nothing(seed):
     boxes = np.column_stack(
         [rng.uniform(low, high, (4, 2)), rng.uniform(0.05, 0.5, (4, 2)), rng.uniform(-np.pi, np.pi, 4)]
     )
-    grid = navigable_map(low, high, boxes, agent_radius_m=0.18)
+    grid = navigable_map(low, high, boxes)
     points = rng.uniform(low, high, (300, 2))
     free = points[[grid.is_free(point) for point in points]]
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -143,7 +143,7 @@ def test_a_disc_on_a_free_point_touches_nothing(seed):
 
 
 def test_an_empty_floor_is_free_up_to_the_radius():
-    grid = navigable_map(np.array([0.0, 0.0]), np.array([4.0, 3.0]), np.zeros((0, 5)), agent_radius_m=0.18)
+    grid = navigable_map(np.array([0.0, 0.0]), np.array([4.0, 3.0]), np.zeros((0, 5)))
     assert grid.free.mean() > 0.75
     assert grid.is_free(np.array([0.25, 0.25]))
     assert not grid.is_free(np.array([0.17, 1.0]))
