@@ -315,5 +315,5 @@ def _roof(meshes: StaticMeshes, house: House, rng: np.random.Generator) -> None:
     meshes.tiled(np.array(slopes)[..., axes], materials.roof_tiles(_ROOFS[int(rng.integers(len(_ROOFS)))]))
     meshes.tiled(np.array(gables)[..., axes], house.wall)
     stack = np.array([r.x0 + 0.25 * r.size_m[0], r.y0 + 0.4 * r.size_m[1]])
-    chimney = box_quads([*(stack - 0.4), top], [*(stack + 0.4), peak + 0.6])
+    chimney = box_quads(np.append(stack - 0.4, top), np.append(stack + 0.4, peak + 0.6))
     meshes.tiled(chimney, materials.material("brick", (112, 66, 56)))
