@@ -121,7 +121,7 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
             scores, right = scores + more[0], right + more[1]
     spec = network.spec
     if config.calibrate != "none":
-        spec = spec.with_calibration(fit_calibration(scores, right))
+        spec = replace(spec, calibration=fit_calibration(scores, right))
     history = json.loads((config.out / HISTORY_FILE).read_text(encoding="utf-8"))
     about = {
         "trained_on": f"{config.count} rendered photographs, seed {config.seed}",

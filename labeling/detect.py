@@ -117,19 +117,14 @@ def _digest(content: str | bytes) -> str:
 def _image_ids(folder: Path, episode: "Episode") -> dict[int, int]:
     """Image id of each view: that of ``ground_truth.json``, or the position of its frame in the recording."""
     from labeling.formats.checked_json import read_json
+    from labeling.io.coco import view_of_image
 
     truth = read_json(folder / TRUTH_FILE) if (folder / TRUTH_FILE).is_file() else None
-    if truth is not None and truth.has("images"):
-        ids = {
-            Path(image.text("file_name").replace("\\", "/")).as_posix(): image.integer("id")
-            for image in truth.list_of("images")
-        }
-        missing = [name for name in episode.file_names if name not in ids]
-        if missing:
-            raise UsageError(f"{folder / TRUTH_FILE}: images: does not list {missing[0]}, so its detections have no id")
-    else:
-        ids = {name: position for position, name in enumerate(episode.frame_names or episode.file_names)}
-    return {view: ids[name] for view, name in enumerate(episode.file_names)}
+    ids = {view: number for number, view in view_of_image(truth, episode).items() if view is not None}
+    missing = [name for view, name in enumerate(episode.file_names) if view not in ids]
+    if missing:
+        raise UsageError(f"{folder / TRUTH_FILE}: images: does not list {missing[0]}, so its detections have no id")
+    return ids
 
 
 def _category_ids(

@@ -138,10 +138,7 @@ def print_table(metrics: dict[str, Any]) -> None:
             if name in metrics[method]["per_class"]:
                 # Text, not a string: brackets in a category name are no markup.
                 add_row(method, Text(name), metrics[method]["per_class"][name])
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
-    console.print(table)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
     labels = metrics.get("pseudo_labels")
     if labels is not None and labels["amodal_mask_ap50"] is not None:
         print(

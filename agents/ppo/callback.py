@@ -1,5 +1,6 @@
 """What happens beside training: progress, curves, validation, checkpoints."""
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -7,7 +8,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.ppo.training_state import Progress
 from agents.rollouts.episode_statistics import TERM_PREFIX, means
-from labeling.runtime.interrupts import StopRequest
 
 
 class TrainingCallback(BaseCallback):
@@ -23,7 +23,7 @@ class TrainingCallback(BaseCallback):
         eval_every: int,
         validate: Callable[[], dict[str, float] | None],
         save: Callable[[bool], None],
-        request: StopRequest,
+        request: threading.Event,
         say: Callable[[str], None],
         progress_bar: Callable[..., Any],
     ) -> None:
@@ -59,7 +59,7 @@ class TrainingCallback(BaseCallback):
         infos = self.locals["infos"]
         self._episodes += [info["episode_statistics"] for info in infos if "episode_statistics" in info]
         self._bar.update(self.training_env.num_envs)
-        self.stopped = self._request.stop
+        self.stopped = self._request.is_set()
         return not self.stopped
 
     def _on_rollout_end(self) -> None:

@@ -96,7 +96,7 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
 
         def validated() -> dict[str, float] | None:
             policy = MostLikelyAction(model.policy)
-            return validate(policy, validation_env, settings.options.eval_episodes, lambda: request.stop)
+            return validate(policy, validation_env, settings.options.eval_episodes, request.is_set)
 
         callback = TrainingCallback(progress, settings.options.eval_every, validated, save, request, say, progress_bar)
         model.learn(hyperparameters.n_timesteps - progress.steps, callback=callback, reset_num_timesteps=False)

@@ -93,12 +93,6 @@ def look_at(eye: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"]) -> Floa
     return camera_to_world
 
 
-def pixel_grid(height_px: int, width_px: int) -> Float[np.ndarray, "n 2"]:
-    """The (x, y) coordinates of all pixel centres, row by row, float64."""
-    x, y = np.meshgrid(np.arange(width_px, dtype=float), np.arange(height_px, dtype=float))
-    return np.stack([x.ravel(), y.ravel()], axis=1)
-
-
 def unproject(
     pixels: Float[np.ndarray, "n 2"],
     depth_m: Float[np.ndarray, "n"],

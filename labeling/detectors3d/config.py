@@ -1,9 +1,9 @@
 """Settings of training a frustum PointNet."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from labeling.core.errors import UsageError
-from labeling.runtime.ranges import NonNegative, Positive, Share, check_ranges
+from labeling.runtime.ranges import NonNegative, Positive, Range, Settings, Share
 from labeling.training.config import TrainingConfig
 
 
@@ -13,7 +13,7 @@ class Train3dConfig(TrainingConfig):
 
     iterations: Positive[int] = 10_000
     """Batches at most; training stops earlier when validation is flat."""
-    batch_size: Positive[int] = 32
+    batch_size: Annotated[int, Range("be 2 or more, as batches are normalised", lambda size: size >= 2)] = 32
     """Source: thesis 5.2.2."""
     learning_rate: Positive[float] = 1e-3
     """Of Adam; falls to a hundredth along a cosine. Source: thesis 5.2.2."""
@@ -30,19 +30,9 @@ class Train3dConfig(TrainingConfig):
     workers: NonNegative[int] = 0
     """Processes that prepare batches."""
 
-    def check(self) -> None:
-        """Refuses settings that make no sense.
-
-        Raises:
-            UsageError: naming the setting.
-        """
-        super().check()
-        if self.batch_size < 2:
-            raise UsageError("--batch-size must be 2 or more: batches are normalised")
-
 
 @dataclass(frozen=True)
-class Augment3dConfig:
+class Augment3dConfig(Settings):
     """How strongly frustums are changed while training; all zeros leave them as they are."""
 
     flip: Share[float] = 0.5
@@ -55,14 +45,6 @@ class Augment3dConfig:
     """The frustum moves along its axis by up to this share of its distance. Source: the same (there metres)."""
     noise_m: NonNegative[float] = 0.0
     """Standard deviation of Gaussian noise on every point."""
-
-    def check(self) -> None:
-        """Refuses settings that make no sense.
-
-        Raises:
-            UsageError: naming the setting.
-        """
-        check_ranges(self)
 
 
 NO_AUGMENTATION_3D = Augment3dConfig(flip=0.0, box_shift=0.0, box_scale=0.0, range_shift=0.0)

@@ -37,14 +37,12 @@ class FrustumDetector:
         for one in detections:
             if one.category not in spec.categories or not one.mask.any():
                 continue
-            frustum = make_frustum(
+            depth_m, camera, rng = (
                 episode.depth_m[one.view_index],
-                episode.intrinsics[one.view_index],
-                episode.camera_to_world[one.view_index],
-                box_xyxy(one.mask),
-                spec.num_points,
+                episode.camera(one.view_index),
                 np.random.default_rng(0),
             )
+            frustum = make_frustum(depth_m, camera, box_xyxy(one.mask), spec.num_points, rng)
             if len(frustum.points) >= MIN_POINTS:
                 frustums.append(frustum)
                 kept.append(one)

@@ -170,13 +170,13 @@ def make_frustum_sample(
         return None
     x, y, width, height = box_xywh(mask)
     wide = (x - MARGIN * width, y - MARGIN * height, x + (1 + MARGIN) * width, y + (1 + MARGIN) * height)
-    intrinsics, pose = episode.intrinsics[view], episode.camera_to_world[view]
-    frustum = make_frustum(episode.depth_m[view], intrinsics, pose, wide, KEPT_POINTS, rng)
+    camera = episode.camera(view)
+    frustum = make_frustum(episode.depth_m[view], camera, wide, KEPT_POINTS, rng)
     columns, rows = frustum.pixels.T.astype(int)
     local_box = frustum.from_world(box)
     inside = np.abs((frustum.points - local_box.centre_m) @ local_box.rotation) <= 0.5 * BEYOND_BOX * box.extent_m
     foreground = mask[rows, columns] & np.all(inside, axis=1)
     if np.count_nonzero(foreground) < MIN_POINTS:
         return None
-    rays = horizontal_rays(intrinsics, pose)
-    return FrustumSample(category, frustum, foreground, (x, y, x + width, y + height), box, weight, rays)
+    box_xyxy = x, y, x + width, y + height
+    return FrustumSample(category, frustum, foreground, box_xyxy, box, weight, horizontal_rays(camera))

@@ -6,6 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from labeling.core.detector import DetectorError
 from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
 from labeling.training.weights import load_weights, read_header, save_weights
@@ -37,14 +39,8 @@ def load_network(path: Path) -> FrustumNet:
 
 def _spec(text: str, path: Path) -> FrustumSpec:
     try:
-        content = json.loads(text)
-        spec = FrustumSpec(
-            categories=tuple(str(name) for name in content["categories"]),
-            sizes_m=tuple((float(a), float(b), float(c)) for a, b, c in content["sizes_m"]),
-            width=float(content["width"]),
-            num_points=int(content["num_points"]),
-        )
-    except (ValueError, KeyError, TypeError) as error:
+        spec = msgspec.json.decode(text, type=FrustumSpec)
+    except msgspec.MsgspecError as error:
         raise DetectorError(f"{path}: the description of its network is damaged ({error})") from None
     sizes = [side for template in spec.sizes_m for side in template]
     if not (

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Float32
 
 from labeling.core.geometry import unproject
 from labeling.core.types import Box3d
+from labeling.core.views import Camera
 
 MAX_RANGE_M = 50.0
 """Depth beyond this is not used. Source: field notes (published code of SbM)."""
@@ -43,8 +44,7 @@ class Frustum:
 
 def make_frustum(
     depth_m: Float32[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
+    camera: Camera,
     box_xyxy: tuple[float, float, float, float],
     most: int,
     rng: np.random.Generator,
@@ -53,8 +53,7 @@ def make_frustum(
 
     Args:
         depth_m: z-depth, 0 = no return.
-        intrinsics: K of the view.
-        camera_to_world: pose of the view.
+        camera: of the view.
         box_xyxy: left, top, right, bottom in pixels; what lies outside of the view is cut off.
         most: points to keep, chosen evenly.
         rng: chooses.
@@ -72,9 +71,9 @@ def make_frustum(
         chosen = rng.choice(len(y), most, replace=False)
         y, x = y[chosen], x[chosen]
     pixels = np.stack([x + columns.start, y + rows.start], axis=1).astype(float)
-    points = unproject(pixels, window[y, x].astype(float), intrinsics, camera_to_world)
-    eye = np.asarray(camera_to_world[:3, 3], float)
-    azimuth = azimuth_of_pixel(box_centre(box_xyxy), horizontal_rays(intrinsics, camera_to_world))
+    points = unproject(pixels, window[y, x].astype(float), camera.intrinsics, camera.camera_to_world)
+    eye = np.asarray(camera.camera_to_world[:3, 3], float)
+    azimuth = azimuth_of_pixel(box_centre(box_xyxy), horizontal_rays(camera))
     local = (points - eye) @ rotation_about_z(azimuth)
     return Frustum(local.astype(np.float32), pixels.astype(np.float32), eye, azimuth)
 
@@ -104,11 +103,9 @@ def box_centre(box_xyxy: tuple[float, float, float, float]) -> tuple[float, floa
     return 0.5 * (box_xyxy[0] + box_xyxy[2]) - 0.5, 0.5 * (box_xyxy[1] + box_xyxy[3]) - 0.5
 
 
-def horizontal_rays(
-    intrinsics: Float[np.ndarray, "3 3"], camera_to_world: Float[np.ndarray, "4 4"]
-) -> Float[np.ndarray, "2 3"]:
+def horizontal_rays(camera: Camera) -> Float[np.ndarray, "2 3"]:
     """What turns a pixel (x, y, 1) into the horizontal part of its ray in the world."""
-    return camera_to_world[:2, :3] @ np.linalg.inv(intrinsics)
+    return camera.camera_to_world[:2, :3] @ np.linalg.inv(camera.intrinsics)
 
 
 def azimuth_of_pixel(pixel: tuple[float, float], rays: Float[np.ndarray, "2 3"]) -> float:

@@ -1,6 +1,7 @@
 """Compares detector and pseudo-labels with ground truth, on the same views."""
 
 import platform
+import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from hotcoco import mask as coco_mask
 from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_unknown_categories
 from labeling.io.label_set import LabelSet, View, read_label_set
 from labeling.metrics.average_precision import mean_of
-from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, MAX_DETECTIONS, average_precision
+from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, average_precision
 from labeling.metrics.matching import Kind, MaskInstance, Match, match, mean_iou
 from labeling.runtime.provenance import package_versions
 
@@ -28,27 +29,7 @@ FIGURES = {
 LIBRARIES = ("seeing-by-moving", "hotcoco", "numpy")
 """What the figures depend on, beside Python."""
 
-PROTOCOL = {
-    "average_precision": (
-        "COCO: predictions ranked by confidence, greedy matching per view and category, 101 recall points, all object "
-        f"sizes, at most {MAX_DETECTIONS} predictions per category and view; ap50 and ap30 at IoU .5 and .3, ap over "
-        "IoU .50:.05:.95; categories without ground truth stay out of the mean. *_all_point: area under the monotone "
-        "precision-recall curve (Padilla et al.)"
-    ),
-    "mean_iou": (
-        "mask IoU averaged over all ground-truth instances that are not ignored; predictions are assigned one to one "
-        "per view and category so that the sum of IoU is greatest, whatever their confidence; an instance that nothing "
-        "overlaps counts 0. mean_iou_matched: only over instances that something overlaps"
-    ),
-    "boxes": "the tightest box around each mask",
-    "ignored": (
-        "ground truth marked ignored (COCO iscrowd) is neither rewarded nor punished; ground truth and labels without "
-        "a visible pixel are left out of the modal figures; so are categories that the detector has no name for. "
-        "Labels marked ignored are no predictions: neither right nor wrong, and what they cover is not found by them"
-    ),
-    "detector": "all detections of the episodes at every confidence, on the views the label set covers",
-    "amodal": "pseudo-labels' whole-object masks against ground truth's, on views where that is known for all objects",
-}
+PROTOCOL = tomllib.loads(Path(__file__).with_name("protocol.toml").read_text())
 """How the figures come about; written beside them."""
 
 

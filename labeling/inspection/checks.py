@@ -9,11 +9,10 @@ import numpy as np
 
 from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import EpisodeFormatError, LabelFormatError
-from labeling.core.masks import box_xywh, fill_polygons
-from labeling.core.rle import decode_mask
+from labeling.core.masks import box_xywh
 from labeling.core.types import Box3d
 from labeling.formats.checked_json import Json, read_json
-from labeling.io.coco import read_box_3d
+from labeling.io.coco import read_mask, read_valid_box_3d
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.label_set import stated_dataset
 
@@ -98,12 +97,10 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
             yield f"{record.where('category_id')}: there is no category {category_id}"
         known.used.add(names.get(category_id, ""))
         yield from _check_score(record, "score")
-        box = read_box_3d(record)
-        if not np.all(box.extent_m > 0):
-            yield f"{record.where('extent')}: must be above 0 m on every side, not {box.extent_m.tolist()}"
-            continue
-        if not np.allclose(box.rotation.T @ box.rotation, np.eye(3), atol=1e-3):
-            yield f"{record.where('rotation')}: is no rotation"
+        try:
+            box = read_valid_box_3d(record)
+        except EpisodeFormatError as error:
+            yield str(error)
             continue
         for other, other_episode, category, other_box in found:
             if other_episode != episode:
@@ -170,14 +167,10 @@ def _check_mask(record: Json, size: tuple[int, int], masks: dict[int, np.ndarray
     left, top, width, height = record.array("bbox", (4,)).tolist()
     if left < 0 or top < 0 or left + width > width_px or top + height > height_px:
         yield f"{record.where('bbox')}: {[left, top, width, height]} leaves the picture of {width_px}x{height_px}"
-    segmentation = record.get("segmentation").value
-    if isinstance(segmentation, dict) and segmentation.get("size") != [height_px, width_px]:
-        yield f"{record.where('segmentation.size')}: must be the picture's {[height_px, width_px]} (height, width)"
-        return
     try:
-        mask = fill_polygons(segmentation, size) if isinstance(segmentation, list) else decode_mask(segmentation)
-    except ValueError as error:
-        yield f"{record.where('segmentation')}: {error}"
+        mask = read_mask(record, "segmentation", size)
+    except EpisodeFormatError as error:
+        yield str(error)
         return
     masks[record.integer("id")] = mask
     area = int(np.count_nonzero(mask))

@@ -134,11 +134,11 @@ def read_detections(file: Json, table: CategoryTable, episode: "Episode", images
         images: a COCO file whose ``images`` map image ids to colour files; without one an image id is the index of
             the view.
     """
-    view_of_image = _view_of_image(images, episode)
+    views = view_of_image(images, episode)
     detections = []
     for record in file.items():
         score = read_score(record)
-        view = image_of(record, view_of_image)
+        view = image_of(record, views)
         if view is not None:
             mask = read_mask(record, "segmentation", episode.size)
             detections.append(Detection(view, table.name(record), score, mask))
@@ -179,12 +179,12 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
     """Reads COCO instances. ``instance_id``, ``amodal_segmentation`` and ``box_3d`` are this project's additions; where
     the instance is not named, objects of one category are taken to be one object per view in order of appearance.
     """
-    view_of_image = _view_of_image(file, episode)
+    views = view_of_image(file, episode)
     seen: dict[tuple[int, int], int] = {}
     ids: dict[tuple[int, int], int] = {}
     labels = []
     for record in file.list_of("annotations"):
-        view, category_id = image_of(record, view_of_image), record.integer("category_id")
+        view, category_id = image_of(record, views), record.integer("category_id")
         if view is None:
             continue
         if record.has("instance_id"):
@@ -226,7 +226,7 @@ def read_valid_box_3d(record: Json) -> Box3d:
     return box
 
 
-def _view_of_image(images: Json | None, episode: "Episode") -> dict[int, int | None]:
+def view_of_image(images: Json | None, episode: "Episode") -> dict[int, int | None]:
     """Maps image ids to views, by colour file name where a COCO file lists them, else by the frame's position.
 
     Frames of the recording that the episode leaves out map to None.

@@ -1,14 +1,15 @@
 """One labelled episode as a label set keeps it under ``episodes/``: typed in memory, JSON at the border.
 
-The fields of a record are those of its JSON, in this order; a field that is None by default is left out.
+The fields of a record are those of its JSON, in this order; a field that is None by default is left out. msgspec reads
+records back.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 from jaxtyping import Bool
 
@@ -123,17 +124,6 @@ class EpisodeRecord:
     ignored: tuple[IgnoredRecord, ...]
 
 
-_PARTS = {
-    "objects": ObjectRecord,
-    "labels": LabelRecord,
-    "ignored": IgnoredRecord,
-    "sources": Source,
-    "modal": MaskRecord,
-    "amodal": MaskRecord,
-}
-"""What the JSON objects of a field become."""
-
-
 def episode_record(
     episode: "Episode", labels: "EpisodeLabels", fingerprint: str, sources: str = "", notes: Sequence[str] = ()
 ) -> EpisodeRecord:
@@ -176,34 +166,10 @@ def as_json(record: Any) -> Any:
     return [as_json(one) for one in record] if isinstance(record, list | tuple) else record
 
 
-def from_json(kind: type, content: dict[str, Any]) -> Any:
-    """The inverse of ``as_json``.
-
-    Args:
-        kind: of record.
-        content: JSON values.
-
-    Raises:
-        TypeError: if a field is missing or unknown, or holds something else.
-    """
-    values = {}
-    for name, value in content.items():
-        part = _PARTS.get(name)
-        if part and isinstance(value, list):
-            value = tuple(from_json(part, one) for one in value)
-        elif part and isinstance(value, dict):
-            value = from_json(part, value)
-        elif name in ("notes", "file_names", "categories", "bbox"):
-            value = tuple(value)
-        values[name] = value
-    return kind(**values)
-
-
 def read_record(path: Path, fingerprint: str) -> EpisodeRecord | None:
     """The record of a finished episode, if there is one that can be read and has this fingerprint."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        fits = isinstance(content, dict) and content.get("fingerprint") == fingerprint
-        return from_json(EpisodeRecord, content) if fits else None
-    except (OSError, ValueError, RecursionError, AttributeError, TypeError):
+        record = msgspec.json.decode(path.read_bytes(), type=EpisodeRecord)
+    except (OSError, msgspec.MsgspecError, RecursionError):
         return None  # labelled again
+    return record if record.fingerprint == fingerprint else None

@@ -4,31 +4,23 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
 from multiprocessing import resource_tracker
 
 TERMINATED = 128 + signal.SIGTERM
 """Exit code of a process that was told to end."""
 
 
-@dataclass
-class StopRequest:
-    """Whether someone has asked to stop."""
-
-    stop: bool = False
-
-
 @contextlib.contextmanager
-def graceful_interrupt() -> Iterator[StopRequest]:
-    """Yields a request that the first Ctrl-C makes; the second one interrupts at once, as usual."""
-    request = StopRequest()
+def graceful_interrupt() -> Iterator[threading.Event]:
+    """Yields an event that the first Ctrl-C sets; the second one interrupts at once, as usual."""
+    request = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield request
         return
     before = signal.getsignal(signal.SIGINT)
 
     def note(number: int, frame: object) -> None:
-        request.stop = True
+        request.set()
         signal.signal(signal.SIGINT, before)
 
     signal.signal(signal.SIGINT, note)

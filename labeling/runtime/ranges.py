@@ -16,7 +16,7 @@ class Range:
 
     words: str
     """Completes "--setting must ..."."""
-    allows: Callable[[float], bool]
+    allows: Callable[[Any], bool]
 
 
 Positive = Annotated[Number, Range("be above 0", lambda value: 0 < value < math.inf)]
@@ -27,6 +27,15 @@ PictureHeight = Annotated[int, Range("be at least 32 pixels", lambda value: valu
 Share = Annotated[Number, Range("lie in [0, 1]", lambda value: 0 <= value <= 1)]
 PositiveShare = Annotated[Number, Range("lie above 0 and at most at 1", lambda value: 0 < value <= 1)]
 ShareBelowOne = Annotated[Number, Range("be at least 0 and below 1", lambda value: 0 <= value < 1)]
+Interval = Annotated[tuple[Number, Number], Range("be a range above 0: low, then high", lambda v: 0 < v[0] <= v[1])]
+
+
+class Settings:
+    """Base of dataclasses of settings, some of whose fields are annotated with a range."""
+
+    def check(self) -> None:
+        """Refuses settings outside of their ranges; see ``check_ranges``."""
+        check_ranges(self)
 
 
 def check_ranges(settings: Any) -> None:

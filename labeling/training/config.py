@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from labeling.runtime.ranges import NonNegative, Positive, check_ranges
+from labeling.runtime.ranges import NonNegative, Positive, Settings
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
+class TrainingConfig(Settings):
     """How long and how fast a network learns."""
 
     iterations: Positive[int] = 1000
@@ -18,11 +18,3 @@ class TrainingConfig:
     validate_every: Positive[int] = 500
     """Batches between validations."""
     seed: NonNegative[int] = 0
-
-    def check(self) -> None:
-        """Refuses settings that make no sense.
-
-        Raises:
-            UsageError: naming the setting.
-        """
-        check_ranges(self)

@@ -2,8 +2,10 @@
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import msgspec
 
 from labeling.core.detector import DetectorError
 
@@ -53,10 +55,6 @@ class NetworkSpec:
         scale = min(scale, self.long_side_px / long)
         return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
-    def with_calibration(self, calibration: Calibration) -> "NetworkSpec":
-        """The same network with other confidences."""
-        return replace(self, calibration=calibration)
-
     def as_json(self) -> str:
         """The spec as text; ``from_json`` reads it."""
         return json.dumps({"format": FORMAT, **asdict(self)})
@@ -76,16 +74,9 @@ class NetworkSpec:
             content = json.loads(text)
             if content.pop("format") != FORMAT:
                 raise ValueError("written by another version of this program")
-            spec = cls(
-                architecture=str(content["architecture"]),
-                categories=tuple(content["categories"]),
-                short_side_px=(int(content["short_side_px"][0]), int(content["short_side_px"][1])),
-                long_side_px=int(content["long_side_px"]),
-                calibration=Calibration(**{k: float(v) for k, v in content["calibration"].items()}),
-                about=dict(content["about"]),
-            )
+            spec = msgspec.convert(content, cls)
             spec.check()
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, msgspec.ValidationError) as error:
             raise DetectorError(
                 f"{where}: does not say what network it holds ({type(error).__name__}: {error})"
             ) from None
@@ -99,8 +90,6 @@ class NetworkSpec:
         """
         if self.architecture not in ARCHITECTURES:
             raise ValueError(f"unknown architecture {self.architecture!r}; known: {', '.join(ARCHITECTURES)}")
-        if not all(isinstance(name, str) for name in self.categories):
-            raise ValueError("categories are names")
         if not self.names:
             raise ValueError("a detector needs at least one category")
         twice = sorted({name for name in self.names if self.names.count(name) > 1})

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from labeling.evaluation.compare import FIGURES, Evaluation, categories_by_presence
-from labeling.evaluation.report.templates import template
+from labeling.evaluation.report.pictures import template
 from labeling.evaluation.report.view_panels import draw_views
 from labeling.formats.atomic import atomic_file
 
@@ -23,16 +23,13 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
         max_views: views shown at most.
         max_worst: of those, how many for the worst cases.
     """
-    metrics, shown = evaluation.metrics, draw_views(evaluation, max_views, max_worst)
+    metrics = evaluation.metrics
     page = template("report.html.jinja").render(
         name=Path(metrics["dataset"]).resolve().name,
         metrics=metrics,
         figures=FIGURES,
         categories=categories_by_presence(metrics)[0],
-        thumbnails=shown.thumbnails,
-        worst=shown.worst,
-        views=shown.views,
-        views_of_episode=shown.of_episode,
+        **draw_views(evaluation, max_views, max_worst),
         episodes=_episode_rows(metrics["views"], [episode.name for episode in evaluation.episodes]),
         max_episode_rows=MAX_EPISODE_ROWS,
         provenance=_provenance(metrics),

@@ -1,17 +1,18 @@
 """Pictures of a report: small JPEGs of the views, and outlines of masks as SVG paths with tags."""
 
 import base64
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from labeling.evaluation.report.templates import template
-
 if TYPE_CHECKING:
+    from jinja2 import Template
     from markupsafe import Markup
 
 THUMBNAIL_AREA_PX = 320 * 240
@@ -42,6 +43,15 @@ class Overlay:
     tooltip: str
     dashed: bool = False
     """For what does not count: predictions without a partner, ignored ground truth."""
+
+
+@functools.cache
+def template(name: str) -> "Template":
+    """A Jinja2 template of the folder ``templates``; what is put into it is escaped unless it is markup."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    loader = FileSystemLoader(Path(__file__).with_name("templates"))
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined).get_template(name)
 
 
 def thumbnail_size(height_px: int, width_px: int) -> tuple[int, int]:

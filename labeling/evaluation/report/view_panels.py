@@ -1,7 +1,7 @@
 """The views of a report: which to show, and detections, pseudo-labels and ground truth of each side by side."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from labeling.core.episode import Episode
 from labeling.core.rle import decode_mask
 from labeling.evaluation.compare import Case, Evaluation
 from labeling.evaluation.records import EpisodeRecords
-from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, Thumbnail, panel, thumbnail
+from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
 from labeling.metrics.matching import MaskInstance, instances_of, match
@@ -20,19 +20,6 @@ MAX_DRAWN = 16
 """Predictions drawn in one panel; a detector at every confidence may have a hundred."""
 
 MAX_VIEWS_AN_EPISODE = 6
-
-
-@dataclass(frozen=True)
-class ShownViews:
-    """What the report shows of the views."""
-
-    views: dict[View, dict[str, Any]]
-    """View -> ``panels`` of detector, pseudo-labels and ground truth, and the IoU of its ``objects``."""
-    thumbnails: tuple[Thumbnail, ...]
-    worst: tuple[Case, ...]
-    """One case a view, the worst first."""
-    of_episode: dict[str, tuple[View, ...]]
-    """Episode -> views shown in its section."""
 
 
 def choose_worst(cases: Sequence[Case], most: int) -> tuple[Case, ...]:
@@ -62,19 +49,23 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
 
 
-def draw_views(evaluation: Evaluation, max_views: int, max_worst: int) -> ShownViews:
+def draw_views(evaluation: Evaluation, max_views: int, max_worst: int) -> dict[str, Any]:
     """Reads the pictures of the views to be shown and draws them.
 
     Args:
         evaluation: what to show.
         max_views: views drawn at most, in all.
         max_worst: of those, how many for the worst cases.
+
+    Returns:
+        What the template shows: by view the ``panels`` of detector, pseudo-labels and ground truth, and the IoU of its
+        ``objects``; thumbnails; one case a view, the worst first; and by episode the views shown in its section.
     """
     worst = choose_worst(evaluation.cases, min(max_worst, max_views))
     of_episode = choose_views(evaluation.episodes, max_views - len(worst))
     wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
     compared: dict[View, dict[str, Any]] = {}
-    thumbnails: list[Thumbnail] = []
+    thumbnails = []
     for number, records in enumerate(progress_bar(evaluation.episodes, "episode", desc="drawing")):
         views = [view for view in records.views if view in wanted]
         if not views:
@@ -85,7 +76,7 @@ def draw_views(evaluation: Evaluation, max_views: int, max_worst: int) -> ShownV
             image_id = f"e{number}v{view[1]}"
             thumbnails.append(thumbnail(image_id, episode.rgb[view[1]]))
             compared[view] = _compare(episode, records, view, [item for item in labels if item.image == view], image_id)
-    return ShownViews(compared, tuple(thumbnails), worst, of_episode)
+    return {"views": compared, "thumbnails": thumbnails, "worst": worst, "views_of_episode": of_episode}
 
 
 def _compare(

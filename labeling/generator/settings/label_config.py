@@ -7,11 +7,11 @@ from typing import Literal
 
 from labeling.core.types import CONFIDENT
 from labeling.generator.settings.published_defects import PublishedDefects
-from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, Share, check_ranges
+from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, Settings, Share
 
 
 @dataclass(frozen=True)
-class LabelConfig:
+class LabelConfig(Settings):
     """Settings of label generation.
 
     Example:
@@ -134,11 +134,3 @@ class LabelConfig:
     """Seed of the sampling of training points."""
     published: PublishedDefects = field(default_factory=PublishedDefects)
     """Defects of the published code."""
-
-    def check(self) -> None:
-        """Refuses settings that make no sense.
-
-        Raises:
-            UsageError: naming the setting.
-        """
-        check_ranges(self)

@@ -63,13 +63,22 @@ class FrameList:
     """What was left out, and why."""
 
 
-def frame_list(found: Sequence[tuple[str, Frame | str]], reasons: Sequence[str]) -> FrameList:
+def frame_list(found: Sequence[tuple[str, Frame | str]], reasons: Sequence[str], problem: str, hint: str) -> FrameList:
     """The frames of a recording, with one note for each reason why some were left out.
 
     Args:
         found: colour file, and its frame or the reason why it cannot be used, such as "without depth".
         reasons: in the order of the notes.
+        problem: what is wrong if no frame can be used.
+        hint: what to do then.
+
+    Raises:
+        EpisodeFormatError: if no frame can be used.
     """
+    frames = [frame for _, frame in found if isinstance(frame, Frame)]
+    if not frames:
+        counts = ", ".join(f"{sum(frame == reason for _, frame in found)} {reason}" for reason in reasons)
+        raise EpisodeFormatError(f"{problem} ({counts}); {hint}")
     notes = []
     for reason in reasons:
         names = [name for name, frame in found if frame == reason]
@@ -77,7 +86,7 @@ def frame_list(found: Sequence[tuple[str, Frame | str]], reasons: Sequence[str])
             more = f" and {len(names) - 3} more" if len(names) > 3 else ""
             plural = "s" if len(names) > 1 else ""
             notes.append(f"left out {len(names)} frame{plural} {reason}: {', '.join(names[:3])}{more}")
-    return FrameList(tuple(name for name, _ in found), [frame for _, frame in found if isinstance(frame, Frame)], notes)
+    return FrameList(tuple(name for name, _ in found), frames, notes)
 
 
 def file_inside(folder: Path, relative: str, extensions: Sequence[str] = ()) -> Path:

@@ -59,13 +59,8 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
             distortion=_distortion(transforms, record),
         )
         found.append((name, frame))
-    listed = frame_list(found, [NO_DEPTH])
-    if not listed.frames:
-        raise records[0].error(
-            "is missing, as in every frame; labels need depth, so export the recording with its depth pictures",
-            "depth_file_path",
-        )
-    return listed
+    problem = f"{records[0].where('depth_file_path')}: is missing, as in every frame"
+    return frame_list(found, [NO_DEPTH], problem, "labels need depth, so export the recording with its depth pictures")
 
 
 def _inside(folder: Path, record: Json, name: str, extensions: tuple[str, ...]) -> Path:

@@ -42,27 +42,20 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     for stem, file in colour.items():
         name = file.relative_to(folder).as_posix()
         pose = _pose(poses[stem]) if stem in poses else None
-        if stem not in depth or pose is None:
-            found.append((name, no_pose if stem in depth else no_depth))
-            continue
-        frame = Frame(
-            name=name,
-            colour_file=file,
-            depth_file=depth[stem],
-            depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-            camera_to_world=pose,
-            camera=functools.partial(_checked_size, camera, camera_file),
-            depth_intrinsics=depth_camera,
-        )
+        frame: Frame | str = no_pose if stem in depth else no_depth
+        if stem in depth and pose is not None:
+            frame = Frame(
+                name=name,
+                colour_file=file,
+                depth_file=depth[stem],
+                depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
+                camera_to_world=pose,
+                camera=functools.partial(_checked_size, camera, camera_file),
+                depth_intrinsics=depth_camera,
+            )
         found.append((name, frame))
-    listed = frame_list(found, [no_depth, no_pose])
-    if not listed.frames:
-        without_depth = sum(frame == no_depth for _, frame in found)
-        raise EpisodeFormatError(
-            f"{folder}: none of the {len(colour)} pictures in color/ has both depth and a pose of the same number "
-            f"({without_depth} without depth, {len(found) - without_depth} without a pose or with tracking lost)"
-        )
-    return listed
+    problem = f"{folder}: none of the {len(colour)} pictures in color/ has both depth and a pose"
+    return frame_list(found, [no_depth, no_pose], problem, "files of one view have the same number in their names")
 
 
 def _checked_size(intrinsics: Float[np.ndarray, "3 3"], file: Path, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:

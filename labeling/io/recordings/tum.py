@@ -35,27 +35,19 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     found: list[tuple[str, Frame | str]] = []
     for index, name in enumerate(colour):
         pose = pose_at(colour_s[index], trajectory_s, trajectory, config.max_gap_s)
-        if partner[index] < 0 or pose is None:
-            found.append((name, no_depth if partner[index] < 0 else no_pose))
-            continue
-        frame = Frame(
-            name=name,
-            colour_file=folder / name,
-            depth_file=folder / depth[partner[index]],
-            depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-            camera_to_world=pose,
-            camera=lambda size: camera,
-        )
+        frame: Frame | str = no_depth if partner[index] < 0 else no_pose
+        if partner[index] >= 0 and pose is not None:
+            frame = Frame(
+                name=name,
+                colour_file=folder / name,
+                depth_file=folder / depth[partner[index]],
+                depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
+                camera_to_world=pose,
+                camera=lambda size: camera,
+            )
         found.append((name, frame))
-    listed = frame_list(found, [no_depth, no_pose])
-    if not listed.frames:
-        without_depth = sum(frame == no_depth for _, frame in found)
-        raise EpisodeFormatError(
-            f"{folder / 'rgb.txt'}: none of its {len(colour)} pictures has depth and a pose within "
-            f"{config.max_gap_s:g} s ({without_depth} without depth, {len(found) - without_depth} without pose); "
-            "compare the time stamps, or raise --max-gap-s"
-        )
-    return listed
+    problem = f"{folder / 'rgb.txt'}: none of its {len(colour)} pictures has depth and a pose close in time"
+    return frame_list(found, [no_depth, no_pose], problem, "compare the time stamps, or raise --max-gap-s")
 
 
 def associate(first_s: Float64[np.ndarray, "n"], second_s: Float64[np.ndarray, "m"], max_gap_s: float) -> np.ndarray:

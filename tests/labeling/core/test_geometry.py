@@ -12,7 +12,6 @@ from labeling.core.geometry import (
     invert_rigid,
     is_rigid,
     look_at,
-    pixel_grid,
     project,
     transform_points,
     unproject,
@@ -152,10 +151,6 @@ def test_look_at_puts_the_target_in_the_middle_and_up_up(eye, target):
 def test_look_at_refuses_directions_without_heading(target):
     with pytest.raises(ValueError, match="look_at"):
         look_at(np.array([0.0, 0.0, 1.0]), np.array(target, float))
-
-
-def test_pixel_grid_runs_row_by_row():
-    assert pixel_grid(2, 3).tolist() == [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]
 
 
 @given(rigid_transforms(), st.integers(0, 2**32 - 1))

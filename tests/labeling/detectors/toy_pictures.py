@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 
 from labeling.core.rle import encode_mask
+from labeling.detectors.data.augment_config import AugmentConfig
 
 CATEGORIES = ("ball", "box")
+NO_AUGMENTATION = AugmentConfig(flip=0.0, scale=(1.0, 1.0), crop=0.0, colour=0.0, blur=0.0, noise=0.0)
 
 
 def draw(seed: int, side: int = 64, objects: int = 2) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:

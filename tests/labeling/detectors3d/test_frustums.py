@@ -8,6 +8,7 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import UsageError
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Box3d
+from labeling.core.views import Camera
 from labeling.detectors3d.config import NO_AUGMENTATION_3D, Augment3dConfig
 from labeling.detectors3d.frustum_dataset import augmented, resample_points
 from labeling.detectors3d.frustum_samples import make_frustum_sample
@@ -25,7 +26,7 @@ def wall(distance_m: float) -> np.ndarray:
 
 def cut(depth, pose, box_xyxy, most=10_000):
     left, top, right, bottom = map(float, box_xyxy)
-    return make_frustum(depth, K, pose, (left, top, right, bottom), most, np.random.default_rng(0))
+    return make_frustum(depth, Camera(K, pose, depth.shape), (left, top, right, bottom), most, np.random.default_rng(0))
 
 
 def test_the_middle_of_the_2d_box_lies_straight_ahead():

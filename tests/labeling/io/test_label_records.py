@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,7 +14,6 @@ from labeling.io.label_records import (
     ObjectRecord,
     as_json,
     episode_record,
-    from_json,
     read_record,
 )
 
@@ -40,7 +40,7 @@ def record() -> EpisodeRecord:
 def test_a_record_is_read_as_it_was_written(record: EpisodeRecord, tmp_path) -> None:
     write_json(tmp_path / "room.json", as_json(record))
     assert read_record(tmp_path / "room.json", "mark") == record
-    assert from_json(EpisodeRecord, json.loads(json.dumps(as_json(record)))) == record
+    assert msgspec.json.decode(json.dumps(as_json(record)), type=EpisodeRecord) == record
 
 
 def test_masks_are_those_of_the_labels(record: EpisodeRecord) -> None:
@@ -56,9 +56,9 @@ def test_masks_are_those_of_the_labels(record: EpisodeRecord) -> None:
 def test_what_is_shared_says_where_from_and_nothing_else_does(record: EpisodeRecord) -> None:
     assert "source_episode" not in as_json(record.labels[0])
     shared = replace(record.labels[0], source_episode="other")
-    assert from_json(LabelRecord, as_json(shared)) == shared
+    assert msgspec.convert(as_json(shared), LabelRecord) == shared
     one = replace(record.objects[0], shared_from={"episode": "other", "instance_id": 4})
-    assert from_json(ObjectRecord, as_json(one)) == one
+    assert msgspec.convert(as_json(one), ObjectRecord) == one
     np.testing.assert_array_equal(one.box_3d.extent_m, [1, 2, 3])
 
 

@@ -12,9 +12,9 @@ from labeling.runtime.interrupts import TERMINATED, exit_on_sigterm, graceful_in
 def test_the_first_interrupt_is_a_request_and_the_second_interrupts() -> None:
     before = signal.getsignal(signal.SIGINT)
     with graceful_interrupt() as request:
-        assert not request.stop
+        assert not request.is_set()
         os.kill(os.getpid(), signal.SIGINT)
-        assert request.stop
+        assert request.is_set()
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) == before
@@ -33,7 +33,7 @@ def test_other_threads_leave_signals_alone() -> None:
 
     def work() -> None:
         with graceful_interrupt() as request, exit_on_sigterm():
-            seen.append((request.stop, signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)))
+            seen.append((request.is_set(), signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)))
 
     thread = threading.Thread(target=work)
     thread.start()

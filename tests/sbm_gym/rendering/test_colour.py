@@ -4,10 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.core.geometry import intrinsics_from_fov, look_at, pixel_grid
+from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.views import Camera
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.rendering.tables.textures import BYTE_TO_LINEAR, build_texture_store, srgb_decode, srgb_encode
+
+from .pixels import pixel_grid
 
 SIZE_PX = 64
 INTRINSICS = intrinsics_from_fov(SIZE_PX, SIZE_PX, np.deg2rad(60))

@@ -4,9 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from labeling.core.geometry import intrinsics_from_fov, look_at, pixel_grid
+from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.views import Camera
 from sbm_gym.rendering.rays.renderer import RaysRenderer
+
+from .pixels import pixel_grid
 
 SIZE_PX = 64
 INTRINSICS = intrinsics_from_fov(SIZE_PX, SIZE_PX, np.deg2rad(70))

@@ -23,13 +23,13 @@ from labeling.detectors.data.annotated_pictures import (
     with_annotations,
 )
 from labeling.detectors.data.augment import Sample, augment
-from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
+from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, to_target
 from labeling.training.checkpoint import Progress
 from labeling.training.loop import TrainingTask
 
-from ..toy_pictures import CATEGORIES, draw, write_coco_folder
+from ..toy_pictures import CATEGORIES, NO_AUGMENTATION, draw, write_coco_folder
 
 # Reading -------------------------------------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ import torch
 from labeling.core.errors import SbmError, UsageError
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import read_pictures, with_annotations
-from labeling.detectors.data.augment_config import NO_AUGMENTATION, AugmentConfig
+from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.training import FinetuneTask
 from labeling.detectors.networks.calibration import calibrated, fit_calibration, outcomes
@@ -24,7 +24,7 @@ from labeling.metrics.matching import MaskInstance
 from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
 from labeling.training.loop import train
 
-from ..toy_pictures import CATEGORIES, write_coco_folder
+from ..toy_pictures import CATEGORIES, NO_AUGMENTATION, write_coco_folder
 
 SPEC = NetworkSpec("compact", CATEGORIES, short_side_px=(64, 320))
 PLAIN = replace(NO_AUGMENTATION, short_side_px=(64, 320))
