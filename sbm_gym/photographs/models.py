@@ -10,7 +10,7 @@ from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.classes import COCO_CATEGORIES, OUTDOOR_CATEGORIES, USES, VEHICLE_PAINT
 from sbm_gym.assets.models.model import FurnitureModel, Surface
 from sbm_gym.assets.parametric.builtin import BUILTIN, RECIPES, builtin_card, builtin_model
-from sbm_gym.assets.reserved import kept_apart, reserved_models
+from sbm_gym.assets.scene_models import kept_apart, reserved_models
 
 SPLITS = ("train", "val")
 CATEGORIES = COCO_CATEGORIES + OUTDOOR_CATEGORIES

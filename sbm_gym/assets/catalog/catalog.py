@@ -1,5 +1,6 @@
 """Sweet Home 3D furniture libraries: where they are, and what their catalogues say."""
 
+import itertools
 import os
 import re
 from collections.abc import Sequence
@@ -33,12 +34,8 @@ class CatalogEntry:
     archive: Path
     model_path: str
     """OBJ file, or zip archive with one, within the library."""
-    shelf: str
-    """The catalogue's own category, such as ``Living room``."""
     size_m: tuple[float, float, float]
     """Width, depth and height."""
-    elevation_m: float
-    """Height of its underside above the floor, for things that hang."""
     top_m: float | None
     """Height of the top that other things can stand on; None where nothing can."""
     model_rotation: tuple[float, ...]
@@ -102,14 +99,9 @@ def read_library(path: Path) -> Library:
         content_hash = archive.content_hash()
     name = properties.get("name", path.stem)
     licence = " ".join(properties.get("license", "unknown licence").split())
-    entries = []
-    number = 1
-    while f"name#{number}" in properties:
-        entry = _entry(properties, number, path, name, licence)
-        if entry is not None:
-            entries.append(entry)
-        number += 1
-    return Library(path, name, licence, licence_text, content_hash, tuple(entries))
+    listed = itertools.takewhile(lambda number: f"name#{number}" in properties, itertools.count(1))
+    entries = (_entry(properties, number, path, name, licence) for number in listed)
+    return Library(path, name, licence, licence_text, content_hash, tuple(e for e in entries if e is not None))
 
 
 def _entry(properties: dict[str, str], number: int, path: Path, library: str, licence: str) -> CatalogEntry | None:
@@ -133,25 +125,19 @@ def _entry(properties: dict[str, str], number: int, path: Path, library: str, li
     size_m = (length_m("width"), length_m("depth"), length_m("height"))
     if min(size_m) <= 0:
         raise ArchiveError(f"{path.name}: the size of entry {number} must be positive, not {size_m} m")
+    top_m = length_m("dropOnTopElevation", text("height"))
     return CatalogEntry(
         model_id=text("id", f"{library}#{number}"),
         name=text("name"),
         library=library,
         archive=path,
         model_path=model_path,
-        shelf=text("category"),
         size_m=size_m,
-        elevation_m=length_m("elevation", "0"),
-        top_m=_top(length_m("dropOnTopElevation", text("height"))),
+        top_m=top_m if top_m > 0 else None,  # catalogues give -1 where nothing can stand on a piece
         model_rotation=tuple(_rotation(text("modelRotation"), path, number).ravel().tolist()),
         creator=text("creator", "unknown"),
         licence=text("license", licence),
     )
-
-
-def _top(elevation_m: float) -> float | None:
-    """Catalogues give -1 where nothing can stand on a piece."""
-    return elevation_m if elevation_m > 0 else None
 
 
 def _rotation(text: str, path: Path, number: int) -> Float[np.ndarray, "3 3"]:

@@ -48,22 +48,6 @@ class FurnitureLibrary(Protocol):
         ...
 
 
-class SelectedModels:
-    """Some models of another library: subclasses say which by ``models``."""
-
-    def __init__(self, library: FurnitureLibrary):
-        """Selects from ``library``."""
-        self._library = library
-
-    def load(self, card: ModelCard) -> FurnitureModel:
-        """The model of a card that ``models`` gave."""
-        return self._library.load(card)
-
-    def triangles(self, card: ModelCard) -> int:
-        """How many triangles the model of a card has."""
-        return self._library.triangles(card)
-
-
 class Home3dLibrary:
     """The mapped models of Sweet Home 3D furniture libraries."""
 
@@ -122,17 +106,10 @@ class Home3dLibrary:
 
 
 def _card(entry: CatalogEntry, use: str) -> ModelCard:
-    return ModelCard(
-        model_id=entry.model_id,
-        use=use,
-        category=USES[use].category,
-        size_m=entry.size_m,
-        top_m=entry.top_m,
-        name=entry.name,
-        creator=entry.creator,
-        licence=entry.licence,
-        library=entry.library,
-    )
+    known = {
+        key: getattr(entry, key) for key in ("model_id", "size_m", "top_m", "name", "creator", "licence", "library")
+    }
+    return ModelCard(use=use, category=USES[use].category, **known)
 
 
 @functools.cache

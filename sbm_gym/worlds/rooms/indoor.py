@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.parametric.builtin import BuiltinLibrary
-from sbm_gym.assets.unseen import models_of_scene
+from sbm_gym.assets.scene_models import indoor_library, models_of_scene
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Layout, Placement, Room, obstacle_rows
 from sbm_gym.worlds.rooms.fittings import hang_lamps, hang_pictures, lay_rug
@@ -83,11 +83,7 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
         MissingAssetsError: if the furniture is not installed.
     """
     name, source = INTERIORS.resolve(scene)
-    if library is None:
-        from sbm_gym.assets.mixed import indoor_library
-
-        library = indoor_library()
-    library = models_of_scene(library, held_out=name.startswith(("val/", "test/")), unseen_models=unseen_models)
+    library = models_of_scene(library or indoor_library(), name.startswith(("val/", "test/")), unseen_models)
 
     # A home in which something a room needs found no place is drawn again; the attempt is part of the seed.
     def attempt(number: int) -> tuple[FloorPlan, list[_Furnished]]:

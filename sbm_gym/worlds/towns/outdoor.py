@@ -15,8 +15,7 @@ from jaxtyping import Bool, Float
 
 from labeling.core.errors import MissingAssetsError
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
-from sbm_gym.assets.mixed import town_library
-from sbm_gym.assets.unseen import models_of_scene
+from sbm_gym.assets.scene_models import models_of_scene, town_library
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Box, Placement, obstacle_rows, overlap, yaw_quaternion
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
@@ -74,9 +73,8 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
         MissingAssetsError: if there are no models of vehicles.
     """
     name, source = TOWNS.resolve(scene)
-    library = models_of_scene(
-        library or town_library(), held_out=name.startswith(("town/val/", "town/test/")), unseen_models=unseen_models
-    )
+    held_out = name.startswith(("town/val/", "town/test/"))
+    library = models_of_scene(library or town_library(), held_out, unseen_models)
     rng = np.random.default_rng(source.seed)
     plan = draw_plan(rng)
     spec = mujoco.MjSpec()

@@ -5,13 +5,11 @@ import pytest
 
 from labeling.core.errors import UsageError
 from sbm_gym.assets.catalog.library import default_library
-from sbm_gym.assets.mixed import FROM_SEEDS, indoor_library
-from sbm_gym.assets.models.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, USES
+from sbm_gym.assets.models.classes import COCO_CATEGORIES, FROM_SEEDS, NOVEL_CATEGORIES, USES
 from sbm_gym.assets.parametric.builtin import RECIPES, BuiltinLibrary, builtin_card, builtin_model
 from sbm_gym.assets.parametric.parts.paints import plain
 from sbm_gym.assets.parametric.parts.shapes import Kit, corner_normals
-from sbm_gym.assets.reserved import worlds_library
-from sbm_gym.assets.unseen import PartLibrary, held_out
+from sbm_gym.assets.scene_models import held_out, indoor_library, models_of_scene, worlds_library
 
 SEEDS = range(6)
 
@@ -132,7 +130,7 @@ def test_catalogues_are_joined_by_what_they_lack():
 
 @pytest.mark.parametrize("library", [indoor_library(), BuiltinLibrary(3, variants=24)], ids=["mixed", "builtin"])
 def test_parts_share_no_model_and_cover_all(library):
-    training, rest = PartLibrary(library, training=True), PartLibrary(library, training=False)
+    training, rest = (models_of_scene(library, held_out_scene, unseen_models=True) for held_out_scene in (False, True))
     for use, described in USES.items():
         a, b = ({card.model_id for card in part.models(use)} for part in (training, rest))
         everything = {card.model_id for card in library.models(use)}

@@ -33,7 +33,6 @@ def test_the_catalogue_is_read(library):
         "CC0 1.0",
     )
     assert entry.size_m == pytest.approx((0.6, 0.4, 0.9))
-    assert entry.elevation_m == pytest.approx(0.12)
     assert entry.top_m == pytest.approx(0.9)
     assert library.licence_text == "Do what you like."
 

@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from sbm_gym.assets.catalog.library import default_library
-from sbm_gym.assets.mixed import FROM_SEEDS, MixedLibrary, indoor_library
-from sbm_gym.assets.models.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, OUTDOOR_CATEGORIES, USES
+from sbm_gym.assets.models.classes import COCO_CATEGORIES, FROM_SEEDS, NOVEL_CATEGORIES, OUTDOOR_CATEGORIES, USES
 from sbm_gym.assets.parametric.builtin import BuiltinLibrary
-from sbm_gym.assets.reserved import ENOUGH_MODELS, RESERVED_SHARE, kept_apart, worlds_library
-from sbm_gym.assets.unseen import too_small
+from sbm_gym.assets.scene_models import (
+    ENOUGH_MODELS,
+    RESERVED_SHARE,
+    MixedLibrary,
+    indoor_library,
+    kept_apart,
+    too_small,
+    worlds_library,
+)
 from sbm_gym.photographs.models import BUILTIN_SEEDS, SPLITS, PhotographLibrary, catalogue_models
 from sbm_gym.worlds.towns.outdoor import MOVED_VEHICLES
 

@@ -11,9 +11,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sbm_gym.assets.mixed import indoor_library
 from sbm_gym.assets.models.classes import COCO_CATEGORIES, NOVEL_CATEGORIES, categories
-from sbm_gym.assets.unseen import held_out, too_small
+from sbm_gym.assets.scene_models import held_out, indoor_library, too_small
 from sbm_gym.scenes.world_sources import world_source
 from sbm_gym.worlds.geometry.navigable import BEARINGS
 from sbm_gym.worlds.rooms.indoor import MAX_TRIANGLES, MIN_BEARINGS, RING_M, build_indoor

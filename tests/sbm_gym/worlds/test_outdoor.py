@@ -17,7 +17,7 @@ from sbm_gym.assets.catalog.foliage import thin_foliage
 from sbm_gym.assets.catalog.home3d import convert
 from sbm_gym.assets.catalog.library import default_library
 from sbm_gym.assets.models.classes import OUTDOOR_CATEGORIES
-from sbm_gym.assets.unseen import held_out
+from sbm_gym.assets.scene_models import held_out
 from sbm_gym.worlds.splits import INTERIORS, TOWNS
 from sbm_gym.worlds.towns.outdoor import build_outdoor
 from sbm_gym.worlds.towns.plan import draw_plan
