@@ -4,10 +4,12 @@ import ctypes
 import functools
 import gc
 import os
+import resource
 import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from jaxtyping import install_import_hook
@@ -31,9 +33,28 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-GROWTH_BYTES = 100 * 2**20
+GROWTH_BYTES = 50 * 2**20
 """By how much a worker may grow before memory is collected."""
+MIB = 2**20
 resident_before = 0
+peaks: dict[str, int] = {}
+"""By how many bytes each test raised the greatest memory of this process."""
+
+
+def pytest_collection_finish() -> None:
+    """Leaves what has been imported so far out of every later search for garbage."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Notes by how much a test raises the greatest memory of this process."""
+    before = peak_bytes()
+    result = yield
+    if peak_bytes() > before:
+        peaks[item.nodeid] = peak_bytes() - before
+    return result
 
 
 @pytest.hookimpl(wrapper=True)
@@ -44,9 +65,37 @@ def pytest_runtest_teardown() -> Iterator[None]:
         give_memory_back()
 
 
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Workers of pytest-xdist send their peaks to the process that reports."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["memory"] = peak_bytes(), peaks
+
+
+workers: dict[str, tuple[int, dict[str, int]]] = {}
+"""Greatest memory of each worker that has ended, and which tests raised it, by the worker's name."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Takes what a worker sent; one that crashed sends nothing."""
+    if "memory" in getattr(node, "workeroutput", {}):
+        workers[node.gateway.id] = node.workeroutput["memory"]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Says how much memory each worker took, and which tests raised it most."""
+    if not workers:
+        return
+    found = ", ".join(f"{peak / 2**30:.2f} GB" for _, (peak, _) in sorted(workers.items()))
+    terminalreporter.write_line(f"peak memory per worker: {found}; raised most by")
+    raised = [(grown, test, name) for name, (_, peaks) in workers.items() for test, grown in peaks.items()]
+    for grown, test, name in sorted(raised, reverse=True)[:5]:
+        terminalreporter.write_line(f"{grown / MIB:6.0f} MB in {name}: {test}")
+
+
 @pytest.fixture(scope="module", autouse=True)
 def caches_are_emptied(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Empties a test module's own caches after its last test.
+    """Empties a test module's own caches after its last test, and those that furniture and worlds keep models in.
 
     Set up before the other fixtures of a module, and so taken down after them.
     """
@@ -54,7 +103,12 @@ def caches_are_emptied(request: pytest.FixtureRequest) -> Iterator[None]:
     for value in vars(request.module).values():
         if isinstance(value, functools._lru_cache_wrapper) and value.__module__ == request.module.__name__:
             value.cache_clear()
-    give_memory_back()
+    for name in [name for name in sys.modules if name.startswith(("sbm_gym.assets.", "sbm_gym.worlds."))]:
+        for value in vars(sys.modules[name]).values():
+            if isinstance(value, functools._lru_cache_wrapper) and value.cache_parameters()["maxsize"]:
+                value.cache_clear()
+    if resident_bytes() > resident_before + GROWTH_BYTES:
+        give_memory_back()
 
 
 def give_memory_back() -> None:
@@ -70,6 +124,12 @@ def resident_bytes() -> int:
     """Memory of this process; 0 where the system does not tell it."""
     sizes = Path("/proc/self/statm")
     return int(sizes.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if sizes.exists() else 0
+
+
+def peak_bytes() -> int:
+    """Greatest memory of this process so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 @pytest.fixture(scope="session")

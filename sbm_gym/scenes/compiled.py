@@ -49,6 +49,7 @@ class Scene:
 
     name: str
     world: World
+    """Its ``spec`` is empty: what a model was compiled from takes as much memory as the model, and is done with."""
     model: mujoco.MjModel
     data: mujoco.MjData
     body: AgentBody
@@ -80,12 +81,13 @@ def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> S
 
     Args:
         name: name of the scene.
-        world: a world that has no agent yet.
+        world: a world that has no agent yet; its ``spec`` gets one.
         renderer: one of ``RENDERERS``.
         body: the agent's body.
     """
     add_agent(world.spec, body)
     model = world.spec.compile()
+    world = replace(world, spec=mujoco.MjSpec())
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return Scene(

@@ -79,7 +79,8 @@ class Home3dLibrary:
                 f"the furniture libraries found ({found}) hold none of the models rooms are made of: "
                 "run `sudo apt-get install sweethome3d-furniture`"
             )
-        self._load = functools.lru_cache(maxsize=512)(lambda model_id: self._models[model_id].load())
+        # More than a scene has: loading one anew takes milliseconds, and keeps half a megabyte.
+        self._load = functools.lru_cache(maxsize=128)(lambda model_id: self._models[model_id].load())
         self._triangles = functools.cache(lambda model_id: self._models[model_id].num_triangles())
 
     def models(self, use: str) -> tuple[ModelCard, ...]:
@@ -114,5 +115,5 @@ def _card(entry: CatalogEntry, use: str) -> ModelCard:
 
 @functools.cache
 def default_library() -> Home3dLibrary:
-    """The library of this process: catalogues are read once, and models stay in memory."""
+    """The library of this process: catalogues are read once, and the models used last stay in memory."""
     return Home3dLibrary()

@@ -197,8 +197,11 @@ def line_up(start, stop, count, first, shadow_rays, together):
         shadow_rays: (blocks, m, 6) float32.
         together: (sum of count, 6) float32; written.
     """
+    # Assigning slices would do, but numba compiles that for seconds.
     for block in range(start, stop):
-        together[first[block] : first[block] + count[block]] = shadow_rays[block, : count[block]]
+        for ray in range(count[block]):
+            for part in range(6):
+                together[first[block] + ray, part] = shadow_rays[block, ray, part]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

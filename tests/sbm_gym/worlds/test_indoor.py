@@ -328,6 +328,7 @@ def test_the_agent_touches_nothing_where_the_map_is_free(name):
     assert not world(name).navigable.is_free(outside)
 
 
+@pytest.mark.slow
 def test_every_class_has_ten_instances_in_training_and_some_to_spare():
     found = [instance.category for name in INTERIORS.of_split("train") for instance in world(name).objects]
     counts = {category: found.count(category) for category in COCO_CATEGORIES + NOVEL_CATEGORIES}
