@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from agents.rollouts.run_episode import EpisodeSpec
 
 RECORD = "policy_pictures_{}.json"
+FIGURES = ("return", "objects", "sectors", "collisions")
 MAX_FILM_MB = 3
 FRAME_MS, LAST_FRAME_MS = 350, 1500
 FILM_COLOURS = (256, 128, 64)
@@ -66,26 +67,27 @@ def run(config: PolicyPicturesConfig) -> None:
     from labeling.formats.atomic import write_json
     from labeling.runtime.provenance import experiment_provenance
 
-    _check(config)
+    names = [label(policy) for policy in config.policies]
+    if config.episodes < 1 or config.seed < 0:
+        raise UsageError(f"--episodes must be at least 1 and --seed at least 0, not {config.episodes}, {config.seed}")
+    if not names or len(set(names)) < len(names):
+        raise UsageError("--policies must name one policy or more, each once")
     name = config.env.rpartition("/")[2]
     policies = {policy: make_policy(policy, config.env) for policy in config.policies}
     episodes = []
     with contextlib.closing(make_env(config.env, config.split, config.detector)) as env:
-        scenes, film_px = inner_env(env).scene_names, _film_size(inner_env(env).profile.capture_size)
+        scenes, (height, width) = inner_env(env).scene_names, inner_env(env).profile.capture_size
         specs = [episode_spec(scenes, config.seed, number) for number in range(config.episodes)]
         for spec in specs:
             records = {label(policy): run_episode(env, chosen, spec, None)[0] for policy, chosen in policies.items()}
             picture = f"policies_ways_{name}_{spec.seed}_{spec.episode}.png"
             draw_trajectories(inner_env(env), records, config.out / picture)
             print(config.out / picture)
-            kept = ("return", "objects", "sectors", "collisions")
-            figures = {
-                policy: {figure: record["figures"][figure] for figure in kept} for policy, record in records.items()
-            }
+            figures = {policy: {name: one["figures"][name] for name in FIGURES} for policy, one in records.items()}
             about = {"scene": spec.scene, "seed": spec.seed, "episode": spec.episode}
             episodes.append({**about, "picture": picture, "figures": figures})
     film, last = f"policies_film_{name}.gif", config.policies[-1]
-    frames = filmed(config, last, specs[0], film_px)
+    frames = filmed(config, last, specs[0], FILM_PX["wide" if width > 1.5 * height else "square"])
     write_film(frames, config.out / film)
     print(config.out / film)
     content = {
@@ -103,14 +105,6 @@ def run(config: PolicyPicturesConfig) -> None:
     }
     write_json(config.results / RECORD.format(name), content)
     print(config.results / RECORD.format(name))
-
-
-def _check(config: PolicyPicturesConfig) -> None:
-    if config.episodes < 1 or config.seed < 0:
-        raise UsageError(f"--episodes must be at least 1 and --seed at least 0, not {config.episodes}, {config.seed}")
-    names = [label(policy) for policy in config.policies]
-    if not names or len(set(names)) < len(names):
-        raise UsageError("--policies must name one policy or more, each once")
 
 
 def label(policy: str) -> str:
@@ -156,10 +150,6 @@ def filmed(
     wide = width_px > height_px
     gap = np.full((GAP_PX, width_px, 3) if wide else (height_px, GAP_PX, 3), 255, np.uint8)
     return [np.concatenate([above, gap, ahead], axis=0 if wide else 1) for above, ahead in zip(*seen, strict=True)]
-
-
-def _film_size(capture_size: tuple[int, int]) -> tuple[int, int]:
-    return FILM_PX["wide" if capture_size[1] > 1.5 * capture_size[0] else "square"]
 
 
 def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> None:

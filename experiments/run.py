@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from experiments.cache.registry import Experiment, experiments
+from experiments.cache.registry import experiments
 from experiments.cache.stages import RunContext, Scale
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
@@ -47,6 +47,8 @@ def run(config: RunConfig) -> None:
         SbmError: if there is no such experiment, or it cannot run.
     """
     from experiments.pages.markdown import write_page
+    from labeling.formats.atomic import write_json
+    from labeling.runtime.provenance import experiment_provenance
 
     known = experiments()
     if config.name == "list":
@@ -57,27 +59,20 @@ def run(config: RunConfig) -> None:
         raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(known)}")
     if config.seeds < 1 or config.workers < 0:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
+    chosen = known[config.name]
     if not config.report:
-        _run_one(known[config.name], config)
-    for page in known[config.name].pages:
+        context = RunContext(
+            scale=config.scale,
+            seeds=tuple(range(config.seeds)),
+            workers=config.workers or len(os.sched_getaffinity(0)),
+            cache=config.cache,
+        )
+        results, path = chosen.run(context), config.results / f"{config.name}.json"
+        about = {"experiment": config.name, "description": chosen.description, "scale": config.scale}
+        write_json(path, {**about, "seeds": list(context.seeds), **experiment_provenance(), **results})
+        print(path)
+    for page in chosen.pages:
         print(*write_page(page, config.results, config.docs), sep="\n")
-
-
-def _run_one(experiment: Experiment, config: RunConfig) -> None:
-    from labeling.formats.atomic import write_json
-    from labeling.runtime.provenance import experiment_provenance
-
-    context = RunContext(
-        scale=config.scale,
-        seeds=tuple(range(config.seeds)),
-        workers=config.workers or len(os.sched_getaffinity(0)),
-        cache=config.cache,
-    )
-    results = experiment.run(context)
-    path = config.results / f"{config.name}.json"
-    about = {"experiment": config.name, "description": experiment.description, "scale": config.scale}
-    write_json(path, {**about, "seeds": list(context.seeds), **experiment_provenance(), **results})
-    print(path)
 
 
 main = make_main("experiments.run", RunConfig, run)

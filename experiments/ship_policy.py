@@ -1,5 +1,6 @@
 """Makes a trained policy the one that comes with the project: ``python -m experiments.ship_policy RUN``."""
 
+import contextlib
 import hashlib
 import re
 import shutil
@@ -7,11 +8,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from agents.network.files import BEST, POLICY_FILE, STATE_FILE
+from agents.network.files import POLICY_FILE, STATE_FILE
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
@@ -23,8 +24,6 @@ SUFFIXES = (".safetensors", ".json")
 RECORD = "policy_training_{}.json"
 """Name of the record of a training run, by env without namespace."""
 ENV_NAME = re.compile(r"[A-Za-z0-9_]+-v\d+")
-
-Point = TypeVar("Point")
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,9 @@ def run(config: ShipConfig) -> None:
     folder = config.run / config.checkpoint
     files = checkpoint_files(config.run, config.checkpoint)
     origin = origin_of(folder)
-    name = _env_name(origin, folder)
+    name = str(origin.get("env")).rpartition("/")[2]  # names folders
+    if not ENV_NAME.fullmatch(name):
+        raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
     record = training_record(config.run, origin, files)
     with atomic_folder(config.weights / name) as temporary:
         for file in files:
@@ -67,7 +68,7 @@ def run(config: ShipConfig) -> None:
     print(f"{config.weights / name}\n{config.results / RECORD.format(name)}")
 
 
-def checkpoint_files(run_folder: Path, checkpoint: str = BEST) -> list[Path]:
+def checkpoint_files(run_folder: Path, checkpoint: str) -> list[Path]:
     """The files of a checkpoint of a run.
 
     Raises:
@@ -105,6 +106,9 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
         SbmError: if the run keeps no history.
     """
     from agents.network.files import HISTORY_FILE, SETTINGS_FILE
+    from agents.policies.registry import make_policy
+    from agents.ppo.envs import EnvConfig, make_env
+    from agents.ppo.validation import validate
     from experiments.tables.trained_policies import training_command
     from labeling.formats.checked_json import read_json
     from labeling.runtime.provenance import experiment_provenance
@@ -113,6 +117,9 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
     rollouts, validations = history["rollouts"], history["validations"]
     if not validations:
         raise UsageError(f"{folder / HISTORY_FILE}: has no validation; train on with --resume {folder}")
+    with contextlib.closing(make_env(EnvConfig(settings["env"], settings["detector"]), "val")) as env:
+        reference = validate(make_policy(REFERENCE, settings["env"]), env, settings["eval_episodes"])
+    assert reference is not None
     return {
         "env": settings["env"],
         "command": training_command(settings),
@@ -121,7 +128,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
         "validations": [_short(one) for one in validations],
         "rollouts": [_short(one) for one in thinned(rollouts, MAX_POINTS)],
         "rollouts_in_all": len(rollouts),
-        "references": {REFERENCE: _short(reference_figures(settings))},
+        "references": {REFERENCE: _short(reference)},
         "checkpoint": {
             **{name: value for name, value in origin.items() if name not in ("command", "hyperparameters")},
             "sha256": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},
@@ -131,26 +138,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
     }
 
 
-def reference_figures(settings: dict[str, Any]) -> dict[str, float]:
-    """Figures of ``ring`` on the validation episodes of a run.
-
-    Args:
-        settings: of the run.
-    """
-    import contextlib
-
-    from agents.policies.registry import make_policy
-    from agents.ppo.envs import EnvConfig, make_env
-    from agents.ppo.validation import validate
-
-    policy = make_policy(REFERENCE, settings["env"])
-    with contextlib.closing(make_env(EnvConfig(settings["env"], settings["detector"]), "val")) as env:
-        statistics = validate(policy, env, settings["eval_episodes"])
-    assert statistics is not None
-    return statistics
-
-
-def thinned(points: Sequence[Point], count: int) -> list[Point]:
+def thinned(points: Sequence[Any], count: int) -> list[Any]:
     """At most so many points, evenly spread, with the first and the last."""
     if len(points) <= count:
         return list(points)
@@ -159,14 +147,6 @@ def thinned(points: Sequence[Point], count: int) -> list[Point]:
 
 def _short(figures: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in figures.items()}
-
-
-def _env_name(origin: dict[str, Any], best: Path) -> str:
-    """The env's id without namespace, which names folders."""
-    name = str(origin.get("env")).rpartition("/")[2]
-    if not ENV_NAME.fullmatch(name):
-        raise UsageError(f"{best}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
-    return name
 
 
 main = make_main("experiments.ship_policy", ShipConfig, run)

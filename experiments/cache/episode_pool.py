@@ -58,23 +58,16 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     from agents.rollouts.collect_config import CollectConfig
     from agents.rollouts.recorder import collect_episodes
 
-    settings = {
-        "env": pool.env,
-        "split": pool.split,
-        "seed": pool.seed,
-        "policy": pool.policy,
-        "detector": pool.detector,
-        "episodes_per_scene": pool.episodes_per_scene,
-    }
+    settings = asdict(pool)
+    name, episodes = settings.pop("name"), settings.pop("episodes")
     depends_on = [
         {**settings, "policy": policy_key(pool.policy, pool.env)},
         experiment_versions(),
         code_digest(collect_episodes),
         detector_digest(pool.detector),
     ]
-    name = f"{pool.name}-{digest(*depends_on)}"
-    out = context.cache / "episodes" / name
-    return collect_episodes(CollectConfig(out=out, episodes=pool.episodes, workers=context.workers, **settings))
+    out = context.cache / "episodes" / f"{name}-{digest(*depends_on)}"
+    return collect_episodes(CollectConfig(out=out, episodes=episodes, workers=context.workers, **settings))
 
 
 def link_dataset(name: str, episodes: Mapping[str, Path], context: RunContext) -> list[Path]:

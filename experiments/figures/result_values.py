@@ -1,10 +1,24 @@
-"""Figures out of the results of tables: by row, by round, and how much of a gap is closed."""
+"""Figures out of the results of tables (by row, by round, and how much of a gap is closed), and those of the thesis."""
 
 import statistics
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from experiments.figures.thesis_values import MEANS
+import yaml
+
+_THESIS = yaml.safe_load(Path(__file__).with_name("thesis_values.yaml").read_text(encoding="utf-8"))
+MEANS: dict[str, dict[str, dict[str, float]]] = _THESIS["means"]
+"""What the thesis reports over all categories, in points of AP, by table, row and figure ("ap50", "ap30")."""
+PER_CLASS: dict[str, dict[str, dict[str, dict[str, float]]]] = _THESIS["per_class"]
+"""By table, row, figure and category."""
+BOXES_3D: dict[str, float] = _THESIS["boxes_3d"]
+"""AP of 3-D boxes at .25, streets, by row."""
+
+
+def of_category(table: str, row: str, figure: str, category: str) -> float | None:
+    """What the thesis reports of one category, if anything."""
+    return PER_CLASS.get(table, {}).get(row, {}).get(figure, {}).get(category)
 
 
 def values(row: Mapping[str, Any], figure: str, category: str | None = None) -> list[float]:
@@ -52,8 +66,7 @@ def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> flo
         gap: one of its ``gaps``.
         figure: "ap50" or "ap30".
     """
-    before, ours, ceiling = (statistics.fmean(found) for found in _gap_rows(content, gap, figure))
-    return _share(before, ours, ceiling)
+    return _share(*(statistics.fmean(found) for found in _gap_rows(content, gap, figure)))
 
 
 def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:
@@ -75,5 +88,4 @@ def thesis_gap_share(name: str, gap: Gap, figure: str = "ap50") -> float | None:
     theirs = MEANS.get(name, {})
     if not all(row in theirs for row in gap):
         return None
-    before, ours, ceiling = (theirs[row][figure] for row in gap)
-    return (ours - before) / (ceiling - before)
+    return _share(*(theirs[row][figure] for row in gap))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.figures.thesis_values import BOXES_3D
+from experiments.figures.result_values import BOXES_3D
 from experiments.pages.markdown import mean_std, table
 
 PICTURE = "results_table_5_5.png"

@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 
 from experiments.cache.worlds import WORLDS
-from experiments.figures.result_values import gap_share, gap_shares, loop_values, thesis_gap_share, values
-from experiments.figures.thesis_values import MEANS, of_category
+from experiments.figures.result_values import (
+    MEANS,
+    gap_share,
+    gap_shares,
+    loop_values,
+    of_category,
+    thesis_gap_share,
+    values,
+)
 from experiments.pages.boxes import MASK_SOURCES, boxes_section
 from experiments.pages.boxes import PICTURE as BOXES_PICTURE
 from experiments.pages.markdown import Pictures, mean_std, plural, points, read_result, render, table

@@ -1,7 +1,7 @@
 """The thesis' table 5.5 in our worlds, and the same indoors: 3-D boxes without a human label, on unseen scenes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,23 +28,12 @@ SCALES_M = (0.03, 0.1, 0.3, 1.0)
 """Distances over which LDLS weighs neighbours, of which its tuned row takes the best. As published: 1 m."""
 
 
-@dataclass(frozen=True)
-class Size:
-    """How a scale trains."""
-
-    train: Train3dConfig
-    augment: Augment3dConfig
-
-
-SIZES: dict[Scale, Size] = {
-    "smoke": Size(
-        Train3dConfig(iterations=4, batch_size=4, num_points=64, width=0.1, validate_every=2), Augment3dConfig()
-    ),
-    "quick": Size(
-        Train3dConfig(iterations=1000, num_points=512, width=0.5, validate_every=100, patience=0), Augment3dConfig()
-    ),
-    "full": Size(Train3dConfig(iterations=20_000, validate_every=500), Augment3dConfig()),
+TRAIN: dict[Scale, Train3dConfig] = {
+    "smoke": Train3dConfig(iterations=4, batch_size=4, num_points=64, width=0.1, validate_every=2),
+    "quick": Train3dConfig(iterations=1000, num_points=512, width=0.5, validate_every=100, patience=0),
+    "full": Train3dConfig(iterations=20_000, validate_every=500),
 }
+AUGMENT = Augment3dConfig()
 
 
 @experiment(
@@ -58,21 +47,20 @@ def run(context: RunContext) -> dict[str, Any]:
     Returns:
         By world: the episodes, and by row and by where masks come from the figures of each seed.
     """
-    size = SIZES[context.scale]
+    train = TRAIN[context.scale]
     return {
-        "settings": {"train": asdict(size.train), "augment": asdict(size.augment), "ldls_scales_m": SCALES_M},
+        "settings": {"train": asdict(train), "augment": asdict(AUGMENT), "ldls_scales_m": SCALES_M},
         "finder": DETECTOR,
-        "worlds": {world: one_world(world, size, context) for world in WORLDS},
+        "worlds": {world: _one_world(world, train, context) for world in WORLDS},
     }
 
 
-def one_world(world: str, size: Size, context: RunContext) -> dict[str, Any]:
-    """One world."""
+def _one_world(world: str, train: Train3dConfig, context: RunContext) -> dict[str, Any]:
     sets = TrainingSets(world, context)
     subsets: tuple[Subset, ...] = ("learn", "choose", TEST_SUBSET)
     episodes = {subset: sets.episodes(subset) for subset in subsets}
     categories = known_categories()
-    jobs = [train_job(title, sets, seed, categories, size) for seed in context.seeds for title in (OURS, CEILING)]
+    jobs = [train_job(title, sets, seed, categories, train) for seed in context.seeds for title in (OURS, CEILING)]
     networks = train_detectors_3d(jobs, context)
     ldls_ap25 = ldls_ap25_by_scale(world, episodes["choose"], categories, context)
     detectors: dict[str, list[tuple[int | None, str]]] = {
@@ -118,20 +106,22 @@ def best_ldls(ap25: Mapping[float, float]) -> str:
     return f"ldls:{max(ap25, key=lambda scale: ap25[scale])}"
 
 
-def train_job(title: str, sets: TrainingSets, seed: int, categories: tuple[str, ...], size: Size) -> TrainJob3d:
+def train_job(
+    title: str, sets: TrainingSets, seed: int, categories: tuple[str, ...], train: Train3dConfig
+) -> TrainJob3d:
     """The training of the frustum PointNet of a row."""
     subsets: tuple[Subset, Subset] = ("learn", "choose")
     if title == OURS:
         learn, choose = (sets.labels(subset, "sbm", seed) for subset in subsets)
     else:
         learn, choose = (sets.episodes(subset)[0].parent for subset in subsets)
-    return TrainJob3d(learn, choose, categories, size.train, size.augment, seed, f"{title} of {sets.world}")
+    return TrainJob3d(learn, choose, categories, train, AUGMENT, seed, f"{title} of {sets.world}")
 
 
 def sbm_network(world: str, seed: int, context: RunContext) -> tuple[str, tuple[str, ...]]:
     """The frustum PointNet that was trained on SbM labels, and its categories."""
     categories = known_categories()
-    job = train_job(OURS, TrainingSets(world, context), seed, categories, SIZES[context.scale])
+    job = train_job(OURS, TrainingSets(world, context), seed, categories, TRAIN[context.scale])
     return train_detectors_3d([job], context)[0], categories
 
 

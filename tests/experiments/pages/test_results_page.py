@@ -8,8 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.figures.result_values import gap_share, gap_shares, thesis_gap_share, values
-from experiments.figures.thesis_values import MEANS, PER_CLASS, of_category
+from experiments.figures.result_values import (
+    MEANS,
+    PER_CLASS,
+    gap_share,
+    gap_shares,
+    of_category,
+    thesis_gap_share,
+    values,
+)
 from experiments.pages.markdown import write_page
 from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results
 from experiments.results_page import main

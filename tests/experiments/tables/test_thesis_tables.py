@@ -12,7 +12,7 @@ from experiments.ablations import label_modes
 from experiments.cache.registry import experiments
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import WORLDS
-from experiments.figures.thesis_values import MEANS
+from experiments.figures.result_values import MEANS
 from experiments.run import main
 from experiments.tables.thesis_tables import TABLES, Table, only, over_shared_categories
 from experiments.tables.training_sets import (
