@@ -62,9 +62,8 @@ def run(config: PictureConfig) -> None:
         sure = [one for one in seen if one.confidence >= MIN_CONFIDENCE]
         found = {name: detector.lift(episode, sure) for name, detector in detectors.items()}
         panels.append((episode, view, found, true_boxes(episode, view, categories)))
-        drawn.append(
-            {"episode": episode.name, "view": view, "boxes": {name: len(some) for name, some in found.items()}}
-        )
+        counts = {name: len(some) for name, some in found.items()}
+        drawn.append({"episode": episode.name, "view": view, "boxes": counts})
     picture = config.docs / "pictures" / f"{RECORD.format(config.world)}.png"
     draw(panels, picture)
     record = config.results / f"{RECORD.format(config.world)}.json"

@@ -1,8 +1,8 @@
 """Labels of one recorded episode under given settings, and how good they are."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Hashable, Sequence
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,9 +65,7 @@ def score_all(
 
 def true_instances(folders: Sequence[Path]) -> "list[MaskInstance]":
     """What there is to find in all episodes."""
-    from labeling.io.episodes import read_episode
-
-    return [truth for folder in folders for truth in _truths(read_episode(folder), folder.name)]
+    return [truth for folder in folders for truth in known_truths(_read(folder), folder.name)]
 
 
 def pooled_figures(truths: "Sequence[MaskInstance]", scored: Sequence[Scored]) -> dict[str, float | None]:
@@ -96,7 +94,8 @@ def _score(job: tuple[Path, LabelConfig | None]) -> dict[str, Any]:
         labels = propagate(episode, episode.detections, config)
         seconds, objects = time.process_time() - started, len(labels.objects)
         predictions, whole = instances_of(name, labels.labels), instances_of(name, labels.labels, "amodal")
-    figures, amodal_truths = _figures(predictions, _truths(episode, name)), _truths(episode, name, amodal=True)
+    figures = _figures(predictions, known_truths(episode, name))
+    amodal_truths = known_truths(episode, name, amodal=True)
     figures["amodal_mean_iou"] = mean_iou(amodal_truths, match(whole, amodal_truths)).mean_iou if whole else None
     records = [[one.image[1], one.category, one.rle["size"], one.rle["counts"], one.confidence] for one in predictions]
     return {"figures": figures, "cpu_s": seconds, "objects": objects, "predictions": records}
@@ -109,11 +108,10 @@ def _scored(record: dict[str, Any], folder: Path) -> Scored:
         MaskInstance((folder.name, view), category, {"size": size, "counts": counts}, confidence)
         for view, category, size, counts, confidence in record["predictions"]
     )
-    known = {one.name: record[one.name] for one in fields(Scored) if one.name != "predictions"}
-    return Scored(**known, predictions=predictions)
+    return Scored(**{**record, "predictions": predictions})
 
 
-def _truths(episode: "Episode", name: str, amodal: bool = False) -> "list[MaskInstance]":
+def known_truths(episode: "Episode", name: Hashable, amodal: bool = False) -> "list[MaskInstance]":
     """Ground truth of the categories that the detector has a name for, as ``labeling.evaluate`` takes it."""
     from labeling.metrics.matching import instances_of
 
@@ -128,9 +126,5 @@ def _figures(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstan
 
     ap = average_precision(predictions, truths, (0.5, 0.3)).mean
     iou = mean_iou(truths, match(predictions, truths))
-    return {
-        "mask_ap50": ap[0.5],
-        "mask_ap30": ap[0.3],
-        "mean_iou": iou.mean_iou,
-        "mean_iou_matched": iou.mean_iou_matched,
-    }
+    means = {"mean_iou": iou.mean_iou, "mean_iou_matched": iou.mean_iou_matched}
+    return {"mask_ap50": ap[0.5], "mask_ap30": ap[0.3], **means}

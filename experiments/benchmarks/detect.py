@@ -10,8 +10,6 @@ import numpy as np
 from jaxtyping import UInt8
 
 from experiments.benchmarks.rows import Row, log, median_seconds, timed
-from labeling.core.detector import DetectorError
-from labeling.detectors.registry import COMPACT_FILE
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -37,6 +35,8 @@ def measure(quick: bool) -> Iterator[Row]:
     """
     import torch
 
+    from labeling.detectors.registry import load_detector
+
     log(f"torch {torch.__version__}, {torch.get_num_threads()} threads")
     repeats = 1 if quick else 7
     noise = np.random.default_rng(0)
@@ -57,18 +57,7 @@ def measure(quick: bool) -> Iterator[Row]:
     pictures = noise.integers(0, 256, (1, size, size, 3), dtype=np.uint8)
     seconds, _ = _per_frame(_random("maskrcnn_resnet50_fpn", enlarged=True), pictures, 1)
     yield Row(f"{BASELINE}, {size}x{size} enlarged to 800x800 as torchvision does", "-", seconds, None)
-    if COMPACT_FILE.is_file():
-        yield from _in_a_room(repeats)
-
-
-def _in_a_room(repeats: int) -> Iterator[Row]:
-    from labeling.detectors.registry import load_detector
-
-    try:
-        detector = load_detector("compact", "cpu", BATCH)
-    except DetectorError as error:
-        yield Row(f"compact with its own weights: {error}", "-", 0.0, None)
-        return
+    detector = load_detector("compact", "cpu", BATCH)
     for size, limit in LIMITS_S.items():
         seconds, found = _per_frame(detector, _views(size), repeats)
         what = f"compact {size}x{size}, batch {BATCH}, views of a room: {found:g} detections a frame"

@@ -86,13 +86,10 @@ def record(room: Room, num_views: int, num_true: int) -> Episode:
 
 def first_views(episode: Episode, count: int) -> Episode:
     """The episode as if it had ended after so many views."""
+    of_views = ("rgb", "depth_m", "intrinsics", "camera_to_world", "file_names")
     return replace(
         episode,
-        rgb=episode.rgb[:count],
-        depth_m=episode.depth_m[:count],
-        intrinsics=episode.intrinsics[:count],
-        camera_to_world=episode.camera_to_world[:count],
-        file_names=episode.file_names[:count],
+        **{name: getattr(episode, name)[:count] for name in of_views},
         detections=tuple(one for one in episode.detections or () if one.view_index < count),
         ground_truth=tuple(one for one in episode.ground_truth or () if one.view_index < count),
     )

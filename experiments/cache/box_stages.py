@@ -109,16 +109,14 @@ class BoxEvaluation:
     masks: MaskSource
     categories: tuple[str, ...]
 
-    def key(self) -> str:
-        """Changes with all that decides the outcome."""
-        names = [folder.parent.name + "/" + folder.name for folder in self.episodes]
-        weights = load_detector_3d(self.detector).digest
-        return digest(self.world, names, weights, self.masks, list(self.categories), code_digest(_score))
-
 
 def score_boxes(evaluations: Sequence[BoxEvaluation], context: RunContext) -> list[dict[str, Any]]:
     """AP of boxes, one record for each evaluation."""
-    jobs = [(one.key(), one) for one in evaluations]
+    code, jobs = code_digest(_score), []
+    for one in evaluations:
+        names = [folder.parent.name + "/" + folder.name for folder in one.episodes]
+        weights = load_detector_3d(one.detector).digest
+        jobs.append((digest(one.world, names, weights, one.masks, list(one.categories), code), one))
     return cached("box_scores", _score, jobs, context, "scoring 3-D detectors")
 
 
@@ -140,28 +138,25 @@ def _score(evaluation: BoxEvaluation) -> dict[str, Any]:
     truths: list[BoxInstance] = []
     for folder in evaluation.episodes:
         episode = read_episode(folder)
-        found += instances(
-            episode, detector.lift(episode, detections(episode, evaluation.masks, evaluation.categories))
-        )
+        boxes = detector.lift(episode, detections(episode, evaluation.masks, evaluation.categories))
+        found += [_instance(episode, one, one.box, confidence=one.confidence) for one in boxes]
         truths += true_instances(episode, evaluation.categories)
     space, bird = (average_precision_3d(found, truths, kind=kind) for kind in ("3d", "bev"))
     edges = EDGES_M[evaluation.world]
     by_range = average_precision_by_range(found, truths, edges)
     counts = {name: sum(one.category == name and not one.ignore for one in truths) for name in evaluation.categories}
+    percent = {t: f"ap{round(100 * t)}" for t in space.mean}
     return {
-        **{f"ap{round(100 * t)}": value for t, value in space.mean.items()},
-        **{f"bird_ap{round(100 * t)}": value for t, value in bird.mean.items()},
-        **{
-            f"per_class_ap{round(100 * t)}": {name: of_class[t] for name, of_class in space.per_class.items()}
-            for t in space.mean
-        },
+        **{percent[t]: value for t, value in space.mean.items()},
+        **{f"bird_{percent[t]}": value for t, value in bird.mean.items()},
+        **{f"per_class_{percent[t]}": {name: ap[t] for name, ap in space.per_class.items()} for t in space.mean},
         "instances": {name: count for name, count in counts.items() if count},
         "by_range": [
             {
                 "from_m": low,
                 "to_m": high,
                 "objects": sum(low <= one.range_m < high and not one.ignore for one in truths),
-                **{f"ap{round(100 * t)}": value for t, value in ap.mean.items()},
+                **{percent[t]: value for t, value in ap.mean.items()},
             }
             for (low, high), ap in by_range.items()
         ],
@@ -179,11 +174,6 @@ def detections(episode: "Episode", masks: MaskSource, categories: Sequence[str])
         for one in episode.ground_truth or ()
         if one.category in categories and one.modal.any() and not one.ignore
     ]
-
-
-def instances(episode: "Episode", boxes: "Sequence[Detection3d]") -> "list[BoxInstance]":
-    """Boxes as the metrics want them."""
-    return [_instance(episode, one, one.box, confidence=one.confidence) for one in boxes]
 
 
 def true_instances(episode: "Episode", categories: Sequence[str]) -> "list[BoxInstance]":

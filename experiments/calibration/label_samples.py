@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from tqdm import tqdm
 
+from experiments.ablations.label_scores import known_truths
 from labeling.core.episode import Episode
 from labeling.core.errors import UsageError
 from labeling.core.masks import mask_iou
@@ -62,7 +63,7 @@ def samples_of(datasets: Sequence[Path], seed: int) -> Samples:
         visible = [one for one in found.labels if one.modal.any()]
         rest += [(one.confidence, *_compared(one, episode)) for one in visible]
         masks += instances_of(number, visible)
-        truths += _truths(episode, number)
+        truths += known_truths(episode, number)
         origins.append(_origin(episode))
     if not rest:
         raise UsageError("the label generator finds nothing in these episodes")
@@ -79,11 +80,6 @@ def _compared(label: PseudoLabel, episode: Episode) -> tuple[float, bool]:
     ]
     best = max(ious, default=(0.0, False))
     return best if best[0] > 0 else (0.0, False)
-
-
-def _truths(episode: Episode, number: int) -> list[MaskInstance]:
-    known = episode.metadata.get("detector_categories")
-    return instances_of(number, (t for t in episode.ground_truth or () if known is None or t.category in known))
 
 
 def _origin(episode: Episode) -> str:

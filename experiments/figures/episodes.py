@@ -1,6 +1,6 @@
 """Figures of what the agent saw, what was made of it, and how."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,10 +56,7 @@ def draw_label_steps(episodes: Sequence[Episode], path: Path) -> None:
     episode, label, detection = _greatest_gain(episodes)
     view, source = label.view_index, label.source_view_index
     panels: list[tuple[str, UInt8[np.ndarray, "h w 3"]]] = [
-        (
-            f"source: {label.category} {label.source_confidence:.2f}",
-            _outlined(episode.rgb[source], [detection.mask]),
-        ),
+        (f"source: {label.category} {label.source_confidence:.2f}", _outlined(episode.rgb[source], [detection.mask])),
         ("seeds: safe object, safe background", _seeds(episode.rgb[source], detection)),
         ("unary, in another view", _probability(episode, label, replace(LabelConfig(), iterations=0))),
         ("after the CRF", _probability(episode, label, LabelConfig())),
@@ -83,18 +80,16 @@ def draw_labels(episodes: Sequence[Episode], path: Path) -> None:
     """
     figure, axes = plt.subplots(3, len(episodes), figsize=(3.3 * len(episodes), 10.1), dpi=DPI, squeeze=False)
     for column, episode in enumerate(episodes):
-        labels = _labels(episode)
+        labels = propagate(episode, episode.detections)
         view = max(range(episode.num_views), key=lambda v: _gain(episode, labels, v))
+        detections = [one for one in episode.detections or () if one.confidence >= MIN_DRAWN_CONFIDENCE]
         truth = [t for t in episode.ground_truth or () if t.view_index == view and not t.ignore]
-        rows: list[tuple[str, Sequence[Detection | PseudoLabel | GroundTruth]]] = [
-            (
-                f"detector (confidence ≥ {MIN_DRAWN_CONFIDENCE})",
-                [d for d in episode.detections or () if d.view_index == view and d.confidence >= MIN_DRAWN_CONFIDENCE],
-            ),
-            ("pseudo-labels", [m for m in labels.labels if m.view_index == view and m.modal.any()]),
-            ("ground truth", truth),
-        ]
-        for row, (name, items) in enumerate(rows):
+        rows: dict[str, Sequence[Detection | PseudoLabel | GroundTruth]] = {
+            f"detector (confidence ≥ {MIN_DRAWN_CONFIDENCE})": [one for one in detections if one.view_index == view],
+            "pseudo-labels": [m for m in labels.labels if m.view_index == view and m.modal.any()],
+            "ground truth": truth,
+        }
+        for row, (name, items) in enumerate(rows.items()):
             _show(axes[row, column], named(episode.rgb[view], items, truth))
             axes[row, column].set_title(name, fontsize=9, pad=3)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.975, bottom=0.005, wspace=0.02, hspace=0.08)
@@ -123,48 +118,38 @@ def _draw_way(axes: Axes, episode: Episode) -> None:
     axes.set_title("the way from above; green: a confident view", fontsize=8, pad=3)
 
 
-def _labels(episode: Episode, config: LabelConfig | None = None) -> EpisodeLabels:
-    return propagate(episode, episode.detections, config)
-
-
-def _gain(episode: Episode, labels: EpisodeLabels, view: int) -> float:
-    """Sum over the objects of a view of how much better the best label fits than the best detection."""
-    gain = 0.0
-    for truth in episode.ground_truth or ():
-        if truth.view_index != view or truth.ignore:
-            continue
-        made = [m.modal for m in labels.labels if m.view_index == view and m.category == truth.category]
-        found = [d.mask for d in episode.detections or () if d.view_index == view and d.category == truth.category]
-        gain += _best_iou(made, truth.modal) - _best_iou(found, truth.modal)
-    return gain
+def _masks(items: Iterable[Detection | PseudoLabel | GroundTruth], view: int, category: str) -> list[np.ndarray]:
+    """Modal masks of a category in a view."""
+    some = [one for one in items if (one.view_index, one.category) == (view, category)]
+    return [one.mask if isinstance(one, Detection) else one.modal for one in some]
 
 
 def _best_iou(masks: Sequence[Bool[np.ndarray, "h w"]], truth: Bool[np.ndarray, "h w"]) -> float:
     return max((mask_iou(mask, truth) for mask in masks), default=0.0)
 
 
+def _gain(episode: Episode, labels: EpisodeLabels, view: int) -> float:
+    """Sum over the objects of a view of how much better the best label fits than the best detection."""
+    gain = 0.0
+    for truth in episode.ground_truth or ():
+        if truth.view_index == view and not truth.ignore:
+            made, found = (_masks(some or (), view, truth.category) for some in (labels.labels, episode.detections))
+            gain += _best_iou(made, truth.modal) - _best_iou(found, truth.modal)
+    return gain
+
+
 def _greatest_gain(episodes: Sequence[Episode]) -> tuple[Episode, PseudoLabel, Detection]:
     """The label that most exceeds what the detector says of the same object in the same view, and its source."""
     best: tuple[float, Episode, PseudoLabel, Detection] | None = None
     for episode in episodes:
-        for label in _labels(episode).labels:
-            sources = [
-                d
-                for d in episode.detections or ()
-                if (d.view_index, d.confidence) == (label.source_view_index, label.source_confidence)
-            ]
-            truths = [
-                t.modal
-                for t in episode.ground_truth or ()
-                if t.view_index == label.view_index and t.category == label.category
-            ]
+        detections = episode.detections or ()
+        for label in propagate(episode, detections).labels:
+            came_from = label.source_view_index, label.source_confidence
+            sources = [one for one in detections if (one.view_index, one.confidence) == came_from]
             if not sources or label.view_index == label.source_view_index:
                 continue
-            found = [
-                d.mask
-                for d in episode.detections or ()
-                if d.view_index == label.view_index and d.category == label.category
-            ]
+            found = _masks(detections, label.view_index, label.category)
+            truths = _masks(episode.ground_truth or (), label.view_index, label.category)
             score = max((mask_iou(label.modal, t) - _best_iou(found, t) for t in truths), default=0.0)
             # A sliver may gain as much as a large object, but shows nothing to a reader.
             score *= min(1.0, np.count_nonzero(label.modal) / (0.1 * label.modal.size))
@@ -177,13 +162,9 @@ def _greatest_gain(episodes: Sequence[Episode]) -> tuple[Episode, PseudoLabel, D
 
 def _probability(episode: Episode, label: PseudoLabel, config: LabelConfig) -> UInt8[np.ndarray, "h w 3"]:
     """Probability of a label's object, as colours over the view."""
-    cloud = (labels := _labels(episode, config)).cloud
-    view = label.view_index
-    matching = [
-        k
-        for k, one in enumerate(labels.objects)
-        if one.category == label.category and one.sources[0].view_index == label.source_view_index
-    ]
+    labels = propagate(episode, episode.detections, config)
+    cloud, view, came_from = labels.cloud, label.view_index, (label.category, label.source_view_index)
+    matching = [k for k, one in enumerate(labels.objects) if (one.category, one.sources[0].view_index) == came_from]
     size_m = 1.5 * voxel_edge_m(labels.scale, config) if labels.scale else 0.0
     drawn = splat(cloud.points, episode.camera(view), size_m)
     probability = cloud.probability[:, matching[0]] if matching else np.zeros(len(cloud.points))

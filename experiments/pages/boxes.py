@@ -42,15 +42,15 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
     means = []
     for row in found["rows"]:
         thesis = BOXES_3D.get(row["name"]) if (world, row["boxes"]) == ("streets", "recorded") else None
-        cells = [_over_seeds(row, "ap25"), "-" if thesis is None else f"{thesis:.2f}"]
-        cells += [_over_seeds(row, "ap50"), _over_seeds(row, "bird_ap25")]
+        cells = [mean_std(_values(row, "ap25")), "-" if thesis is None else f"{thesis:.2f}"]
+        cells += [mean_std(_values(row, "ap50")), mean_std(_values(row, "bird_ap25"))]
         means.append([row["name"], MASK_SOURCES[row["boxes"]], *cells])
     scales, of_truth = found["ldls_ap25_by_scale_m"], [row for row in found["rows"] if row["boxes"] == "told"]
     counts, bins = of_truth[0]["runs"][0]["instances"], of_truth[0]["runs"][0]["by_range"]
-    by_category = [[row["name"], *(_over_seeds(row, "per_class_ap25", one) for one in counts)] for row in of_truth]
-    by_range = [
-        [row["name"], *(_over_seeds(row, "by_range", k, "ap25") for k, _ in enumerate(bins))] for row in of_truth
-    ]
+    by_category, by_range = [], []
+    for row in of_truth:
+        by_category.append([row["name"], *(mean_std(_values(row, "per_class_ap25", one)) for one in counts)])
+        by_range.append([row["name"], *(mean_std(_values(row, "by_range", k, "ap25")) for k, _ in enumerate(bins))])
     ranges = [f"{one['from_m']:g} to {one['to_m']:g} m ({one['objects']})" for one in bins]
     return {
         **found,
@@ -85,10 +85,6 @@ def _targets(of_seeds: Sequence[Mapping[str, Mapping[str, float | None]]]) -> li
             cells.append(form.format(np.mean(known)) if known else "-")
         rows.append(cells)
     return rows
-
-
-def _over_seeds(row: Mapping[str, Any], *place: str | int) -> str:
-    return mean_std(_values(row, *place))
 
 
 def _values(row: Mapping[str, Any], *place: str | int) -> list[float]:

@@ -18,10 +18,7 @@ PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png"
 SPLITS = {"train": "training", "val": "validation", "test": "test"}
 PERCENT = 100
 EARNED = {
-    "return": ("return", 1),
-    "discovery": ("discovery", 1),
-    "diversity": ("diversity", 1),
-    "objects": ("objects", 1),
+    **{name: (name, 1) for name in ("return", "discovery", "diversity", "objects")},
     "sectors": ("sectors seen", 1),
     "collisions": ("collisions", 1),
     "path_m": ("path (m)", 1),
@@ -102,13 +99,10 @@ def _compared(world: Mapping[str, Any], base: str) -> dict[str, Any]:
     labelled = {policy: found for policy, found in world["policies"].items() if found["labels"] is not None}
     views, early = max(labelled[base]["labels"], key=int), labelled[base]["early"]
     if early is not None:
-        rows = [
-            [
-                f"`{policy}`",
-                *(interval(found["early"]["difference"][name], factor) for name, (_, factor) in EARLY.items()),
-            ]
-            for policy, found in labelled.items()
-        ]
+        rows = []
+        for policy, found in labelled.items():
+            differences = found["early"]["difference"]
+            rows.append([f"`{policy}`", *(interval(differences[name], factor) for name, (_, factor) in EARLY.items())])
         early = {**early, "table": table(["", *(heading for heading, _ in EARLY.values())], rows)}
     labels = figures_table(LABELLED, {policy: found["labels"][views] for policy, found in labelled.items()})
     return {"earned": _earned(world), "labels": labels, "views": views, "early": early}

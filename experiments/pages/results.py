@@ -54,18 +54,13 @@ ROUND_COLUMNS = (
 """Where the columns of a loop's table stand in the record of a round."""
 LABEL_NAMES = {"sbm": "SbM labels", "shared": "shared SbM labels"}
 """What the detector of pictures before and after was fine-tuned on."""
-SEEN_ON = {
-    "learn": "training scenes",
-    "choose": "training scenes",
-    "test": "unseen test scenes",
-    "wide": "more unseen scenes",
+SUBSETS = {
+    "learn": ("training scenes", "to learn from"),
+    "choose": ("training scenes", "to choose the best network by"),
+    "test": ("unseen test scenes", "of unseen scenes to test on"),
+    "wide": ("more unseen scenes", "of more unseen scenes to test on"),
 }
-PURPOSES = {
-    "learn": "to learn from",
-    "choose": "to choose the best network by",
-    "test": "of unseen scenes to test on",
-    "wide": "of more unseen scenes to test on",
-}
+"""Where the views of a subset of episodes are, and what it is for."""
 Contents = Mapping[str, Mapping[str, Any]]
 
 
@@ -143,7 +138,7 @@ def table_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """One table: means, the gap that is closed, and categories."""
     pools = content["pools"].items()
     return {
-        "episodes": [f"{plural(pool['episodes'], 'episode')} {PURPOSES[part]}" for part, pool in pools],
+        "episodes": [f"{plural(pool['episodes'], 'episode')} {SUBSETS[part][1]}" for part, pool in pools],
         "fine_tuned": any(row["teacher"] is not None for row in content["rows"]),
         "means": _means(name, content),
         "gaps": [one for gap in content["gaps"] if (one := _gap(name, content, gap))],
@@ -156,7 +151,7 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for row in content["rows"]:
         thesis = MEANS.get(name, {}).get(row["name"], {})
-        cells = [row["name"], SEEN_ON[row["part"]]]
+        cells = [row["name"], SUBSETS[row["part"]][0]]
         for figure in ("ap50", "ap30"):
             cells += [mean_std(values(row, figure)), f"{thesis[figure]:.1f}" if figure in thesis else "-"]
         rows.append(cells)

@@ -151,13 +151,8 @@ def warp_sample(
     before, after = sample.masks.sum(axis=(1, 2)) * scale**2, masks.sum(axis=(1, 2))
     too_little_left = (after < MIN_SHARE_LEFT * before) | (after < MIN_PIXELS)
     there = after > 0
-    return Sample(
-        rgb=out,
-        masks=masks[there],
-        labels=sample.labels[there],
-        weights=sample.weights[there],
-        ignore=(sample.ignore | too_little_left)[there],
-    )
+    ignore = (sample.ignore | too_little_left)[there]
+    return Sample(out, masks[there], sample.labels[there], sample.weights[there], ignore)
 
 
 def mosaic(parts: Sequence[tuple[tuple[int, int], Sample]], side_px: int) -> Sample:
@@ -175,14 +170,10 @@ def mosaic(parts: Sequence[tuple[tuple[int, int], Sample]], side_px: int) -> Sam
         placed = np.zeros((len(part.masks), side_px, side_px), bool)
         placed[:, top : top + height, left : left + width] = part.masks
         masks.append(placed)
-    views = [part for _, part in parts]
-    return Sample(
-        rgb=rgb,
-        masks=np.concatenate(masks),
-        labels=np.concatenate([view.labels for view in views]),
-        weights=np.concatenate([view.weights for view in views]),
-        ignore=np.concatenate([view.ignore for view in views]),
+    labels, weights, ignore = (
+        np.concatenate([getattr(part, name) for _, part in parts]) for name in ("labels", "weights", "ignore")
     )
+    return Sample(rgb, np.concatenate(masks), labels, weights, ignore)
 
 
 def compress_jpeg(rgb: UInt8[np.ndarray, "h w 3"], quality: int) -> UInt8[np.ndarray, "h w 3"]:

@@ -68,11 +68,8 @@ class Bin:
 def find_objects(episode: Episode, detector: Detector) -> list[ObjectView]:
     """What a detector finds of every object in every view of an episode with ground truth."""
     known = None if detector.categories is None else set(detector.categories)
-    truths = [
-        t
-        for t in episode.ground_truth or ()
-        if not t.ignore and t.box_3d is not None and (not known or t.category in known)
-    ]
+    with_box = [t for t in episode.ground_truth or () if not t.ignore and t.box_3d is not None]
+    truths = [t for t in with_box if not known or t.category in known]
     found = instances_of(episode.name, run_detector(detector, episode))
     wanted = [MaskInstance((episode.name, t.view_index), t.category, encode_mask(t.modal)) for t in truths]
     right = [m.iou >= RIGHT_IOU for m in match(found, wanted)]
@@ -82,16 +79,9 @@ def find_objects(episode: Episode, detector: Detector) -> list[ObjectView]:
         assert truth.box_3d is not None
         eye = episode.camera_to_world[truth.view_index][:3, 3]
         whole = truth.modal if truth.amodal is None else truth.amodal
-        objects.append(
-            ObjectView(
-                category=truth.category,
-                side=seen_from_deg(truth.box_3d, eye),
-                visible=np.count_nonzero(truth.modal) / max(np.count_nonzero(whole), 1),
-                distance=float(np.linalg.norm(eye - truth.box_3d.centre_m)),
-                found=is_found,
-                confident=is_sure,
-            )
-        )
+        side, distance = seen_from_deg(truth.box_3d, eye), float(np.linalg.norm(eye - truth.box_3d.centre_m))
+        visible = np.count_nonzero(truth.modal) / max(np.count_nonzero(whole), 1)
+        objects.append(ObjectView(truth.category, side, visible, distance, is_found, is_sure))
     return objects
 
 

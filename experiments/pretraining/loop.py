@@ -138,7 +138,7 @@ class PretrainTask(MaskRcnnTask):
                 return
 
     def _share_of_training(self, progress: Progress) -> float:
-        """How much of training is over, after adding the time since the last look at the clock."""
+        """``share_of_training``, after adding the time since the last look at the clock."""
         now = time.monotonic()
         progress.minutes += min(now - self._last, _LONGEST_STEP_S) / 60
         self._last = now
@@ -176,13 +176,7 @@ def share_of_training(progress: Progress, config: PretrainConfig) -> float:
 
 
 def side_of(share: float, step: int, config: PretrainConfig) -> int:
-    """Side of the square views of a batch, pixels.
-
-    Args:
-        share: of training that is over.
-        step: number of the batch.
-        config: settings.
-    """
+    """Side of the square views of a batch, pixels, by the share of training that is over and the batch's number."""
     phase = min(int(share * len(config.sides)), len(config.sides) - 1)
     choices = config.sides[phase]
     return choices[int(np.random.default_rng((config.seed, 4, step)).integers(len(choices)))]

@@ -136,7 +136,7 @@ class _SeedRun:
 
     def collect(self, number: int) -> "TrainJob | None":
         """Collects and labels; returns the fine-tuning to do, None if the loop has stopped."""
-        from experiments.cache.detector_stages import make_labels, score_labels
+        from experiments.cache.detector_stages import TrainJob, make_labels, score_labels
         from experiments.cache.episode_pool import link_dataset
 
         if self.stopped is not None:
@@ -154,7 +154,10 @@ class _SeedRun:
         self.stopped = collapse_reason(self._statistics)
         if self.stopped is not None:
             return None
-        return self._train_job(*(_for_purpose(purpose, self._episodes, pictures) for purpose in PURPOSES))
+        size, title = TRAIN_SIZES[self._context.scale], f"the labels of {len(self.rounds)} rounds"
+        learn, choose = (_for_purpose(purpose, self._episodes, pictures) for purpose in PURPOSES)
+        replay, augment = self._sets.photographs()[0], size.augment[self._sets.world]
+        return TrainJob(self._detector, learn, choose, replay, size.train, augment, self.seed, title)
 
     def deploy(self, detector: str, scores: dict[str, Any]) -> None:
         """Goes on with another detector, which has these scores."""
@@ -167,26 +170,12 @@ class _SeedRun:
 
         world, found = self._sets.world, {}
         for place, (purpose, count) in enumerate(zip(PURPOSES, self._size.episodes[world], strict=True)):
-            pool = EpisodePool(
-                f"{world}_round_{purpose}",
-                WORLDS[world],
-                self._loop.split,
-                count,
-                FIRST_POOL_SEED + 1000 * self.seed + 2 * number + place,
-                self._detector,
-                POLICY,
-                self._loop.episodes_per_scene,
-            )
+            name, seed = f"{world}_round_{purpose}", FIRST_POOL_SEED + 1000 * self.seed + 2 * number + place
+            guided = (self._detector, POLICY, self._loop.episodes_per_scene)
+            pool = EpisodePool(name, WORLDS[world], self._loop.split, count, seed, *guided)
             for folder in record(pool, self._context):
                 found[f"{number:02d}-{purpose}-{digest(folder.parent.name)[:8]}-{folder.name}"] = folder
         return found
-
-    def _train_job(self, learn: "Sequence[AnnotatedPicture]", choose: "Sequence[AnnotatedPicture]") -> "TrainJob":
-        from experiments.cache.detector_stages import TrainJob
-
-        size, replay = TRAIN_SIZES[self._context.scale], self._sets.photographs()[0]
-        augment, title = size.augment[self._sets.world], f"the labels of {len(self.rounds)} rounds"
-        return TrainJob(self._detector, learn, choose, replay, size.train, augment, self.seed, title)
 
 
 def pictures_by_episode(labels: Path) -> "dict[str, list[AnnotatedPicture]]":

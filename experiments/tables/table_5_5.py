@@ -79,14 +79,13 @@ def _one_world(world: str, train: Train3dConfig, context: RunContext) -> dict[st
         {"name": row, "boxes": masks, "runs": [{"seed": seed, **next(scores)} for seed, _ in detectors[row]]}
         for row, masks in wanted
     ]
+    labels = [sets.labels("learn", "sbm", seed) for seed in context.seeds]
     return {
         "categories": list(categories),
         "pools": {subset: sets.pool_record(subset) for subset in subsets},
         "ldls_ap25_by_scale_m": {str(scale): ap25 for scale, ap25 in ldls_ap25.items()},
         "rows": rows,
-        "targets": score_box_targets(
-            [sets.labels("learn", "sbm", seed) for seed in context.seeds], episodes["learn"], context
-        ),
+        "targets": score_box_targets(labels, episodes["learn"], context),
         "training": histories(networks, jobs),
     }
 

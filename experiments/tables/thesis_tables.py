@@ -1,11 +1,13 @@
 """The thesis' tables in two dimensions, in our worlds: ``thesis_tables.yaml`` says what each row is."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
+from tqdm import tqdm
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
@@ -58,7 +60,9 @@ class Table:
         sets = TrainingSets(self.world, context)
         detectors = self._detectors(sets, context.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
-        for seed, row in _with_progress(context.seeds, self.rows):
+        every = [(seed, row) for seed in context.seeds for row in self.rows]
+        for seed, row in (bar := tqdm(every, desc="rows", unit="row", file=sys.stderr)):
+            bar.set_postfix_str(f"seed {seed}: {row.name}")
             rows[row.name].append({"seed": seed, **self._scores(sets, row, seed, detectors[row.student(seed)])})
         rows = over_shared_categories(rows)
         subsets: dict[Subset, None] = dict.fromkeys(subset for row in self.rows for subset in _subsets(row))
@@ -69,14 +73,8 @@ class Table:
             "pools": {subset: sets.pool_record(subset) for subset in subsets},
             "settings": sets.settings(any(row.new_categories for row in self.rows)),
             "rows": [
-                {
-                    "name": row.name,
-                    "part": row.subset,
-                    "labels": row.labels,
-                    "teacher": row.teacher,
-                    "runs": rows[row.name],
-                }
-                for row in self.rows
+                {"name": one.name, "part": one.subset, "labels": one.labels, "teacher": one.teacher, "runs": runs}
+                for one, runs in zip(self.rows, rows.values(), strict=True)
             ],
         }
 
@@ -128,19 +126,6 @@ def over_shared_categories(rows: dict[str, list[dict[str, Any]]]) -> dict[str, l
 
 def _subsets(row: Row) -> tuple[Subset, ...]:
     return (row.subset,) if row.teacher is None else ("learn", "choose", row.subset)
-
-
-def _with_progress(seeds: Sequence[int], rows: Sequence[Row]) -> Iterator[tuple[int, Row]]:
-    """Rows seed by seed, with a progress bar."""
-    import sys
-
-    from tqdm import tqdm
-
-    every = [(seed, row) for seed in seeds for row in rows]
-    with tqdm(every, desc="rows", unit="row", file=sys.stderr) as bar:
-        for seed, row in bar:
-            bar.set_postfix_str(f"seed {seed}: {row.name}")
-            yield seed, row
 
 
 def read_table(content: Mapping[str, Any]) -> Table:
