@@ -110,9 +110,8 @@ def _device() -> str:
         context = GlContext()
     except NoOpenGlError:
         return "none"
-    name = context.renderer_name
     context.free()
-    return name
+    return context.renderer_name
 
 
 def scene_costs(quick: bool) -> Iterator[Row]:

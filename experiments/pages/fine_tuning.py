@@ -50,7 +50,7 @@ def _runs(world: Mapping[str, Any], teacher: str) -> list[Mapping[str, Any]]:
 def _world(name: str, world: Mapping[str, Any]) -> dict[str, Any]:
     before = world["before"]
     ap50 = {category: ap for category, ap in before["validation"]["per_class_ap50"].items() if ap is not None}
-    means, per_category = [["before", *(points(before[part][figure]) for part, figure in COLUMNS)]], []
+    means = [["before", *(points(before[part][figure]) for part, figure in COLUMNS)]]
     per_category = [["before", *(points(ap50[category]) for category in sorted(ap50))]]
     for teacher, words in TEACHERS.items():
         runs = _runs(world, teacher)
@@ -58,11 +58,11 @@ def _world(name: str, world: Mapping[str, Any]) -> dict[str, Any]:
         means.append([f"after {words}", *map(mean_range, figures)])
         of_category = {c: np.mean([run["validation"]["per_class_ap50"][c] for run in runs]) for c in sorted(ap50)}
         per_category.append([f"after {words}", *(points(float(ap)) for ap in of_category.values())])
-    pools = {part: world["pools"][part] for part in ("learn", "choose", "val")}
+    pools = world["pools"].items()
     return {
         "name": name,
-        "episodes": {part: pool["episodes"] for part, pool in pools.items()},
-        "scenes": {part: len(set(pool["scenes"])) for part, pool in pools.items()},
+        "episodes": {part: pool["episodes"] for part, pool in pools},
+        "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
         "detector_ap50": points(world["labels"][0]["detector"]["mask_ap50"]),
         "labels_ap50": mean_range([100 * one["pseudo_labels"]["mask_ap50"] for one in world["labels"]]),
         "gap_closed": gap_closed(world),

@@ -47,7 +47,8 @@ def page(
         "label-generator.md.jinja",
         ablation=ablation and _ablation(ablation),
         modes=modes and _modes(modes),
-        speed=speed and _speed(speed),
+        speed=speed and {**speed, "rows": [row_of(row).cells("**missed**") for row in speed["rows"]]},
+        speed_picture=SPEED_PICTURE,
     )
 
 
@@ -152,11 +153,3 @@ def _levels(results: Mapping[str, Any], pools: Sequence[str], figures: Sequence[
         for name, found in results.items()
     ]
     return table([corner, *headings], rows, "---:")
-
-
-# Speed ---------------------------------------------------------------------------------------------------------------
-
-
-def _speed(content: Mapping[str, Any]) -> dict[str, Any]:
-    rows = [row_of(row).cells("**missed**") for row in content["rows"]]
-    return {"machine": content["machine"], "rows": rows, "picture": SPEED_PICTURE}

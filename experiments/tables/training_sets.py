@@ -24,13 +24,8 @@ if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
 Subset = Literal["learn", "choose", "val", "test", "wide"]
-SPLITS: dict[Subset, Literal["train", "val", "test", "wide"]] = {
-    "learn": "train",
-    "choose": "train",
-    "val": "val",
-    "test": "test",
-    "wide": "wide",
-}
+Split = Literal["train", "val", "test", "wide"]
+SPLITS: dict[Subset, Split] = {"learn": "train", "choose": "train", "val": "val", "test": "test", "wide": "wide"}
 """To learn from, to choose the best network by, to report on: validation scenes, the thesis' few test scenes, and many
 more. Nothing learns from the last three."""
 NOVEL = ("cushion", "nightstand", "shelf", "beanbag")
