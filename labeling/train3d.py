@@ -46,9 +46,9 @@ def run(command: Train3dCommand) -> dict[str, Any]:
         SbmError: if labels or settings are at fault.
     """
     from labeling.detectors.registry import choose_device
+    from labeling.detectors3d.frustum_detector import load_network
     from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
     from labeling.detectors3d.frustum_training import FrustumTask, evaluate
-    from labeling.detectors3d.frustum_weights import load_network
     from labeling.formats.atomic import write_json
     from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train

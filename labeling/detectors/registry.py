@@ -5,8 +5,7 @@ from pathlib import Path
 from labeling.core.detector import Detector, DetectorError
 from labeling.core.errors import UsageError
 
-WEIGHTS_FOLDER = Path(__file__).with_name("weights")
-COMPACT_FILE = WEIGHTS_FOLDER / "compact.safetensors"
+COMPACT_FILE = Path(__file__).with_name("weights") / "compact.safetensors"
 DEFAULT = "compact"
 NAMES = ("compact", "maskrcnn_resnet50_fpn")
 KINDS = (*NAMES, "onnx:FILE", "package.module:function", "the folder of a labeling.finetune run")

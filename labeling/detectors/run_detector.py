@@ -1,6 +1,5 @@
 """Runs a detector on the views of an episode."""
 
-from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -10,22 +9,19 @@ from labeling.core.types import Detection
 from labeling.detectors.registry import load_detector, run_weights
 
 
-def run_detector(
-    detector: Detector, episode: Episode, progress: Callable[[Iterable[int]], Iterable[int]] = iter
-) -> tuple[Detection, ...]:
+def run_detector(detector: Detector, episode: Episode) -> tuple[Detection, ...]:
     """Looks at every view.
 
     Args:
         detector: any.
         episode: the views.
-        progress: wraps the sequence of batches, to draw a progress bar.
 
     Raises:
         DetectorError: naming the view, if the detector fails or returns something else than detections.
     """
     detections: list[Detection] = []
     size = detector.batch_size
-    for start in progress(range(0, episode.num_views, size)):
+    for start in range(0, episode.num_views, size):
         views = range(start, min(start + size, episode.num_views))
         try:
             found = detector.detect(episode.rgb[start : views.stop], episode.depth_m[start : views.stop])

@@ -1,19 +1,27 @@
-"""A frustum PointNet as a 3-D detector."""
+"""A frustum PointNet as a 3-D detector, and on disk with its spec in the header."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 import torch
 
+from labeling.core.detector import DetectorError
 from labeling.core.episode import Episode
 from labeling.core.masks import box_xyxy
 from labeling.core.types import Detection
 from labeling.detectors3d.base import Detection3d
 from labeling.detectors3d.frustum_dataset import resample_points
-from labeling.detectors3d.frustum_pointnet import FrustumNet
+from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
 from labeling.detectors3d.frustums import make_frustum
 from labeling.detectors3d.upright_boxes import decode_box
+from labeling.training.weights import load_weights, read_header, save_weights
 
+SPEC_KEY, ABOUT_KEY = "frustum_net", "about"
 MIN_POINTS = 8
 """A frustum of fewer points gets no box."""
 BATCH_SIZE = 32
@@ -69,3 +77,42 @@ def _mean_probability(logits: torch.Tensor) -> torch.Tensor:
     own = (logits > 0).to(probability.dtype)
     count = own.sum(dim=1)
     return torch.where(count > 0, (probability * own).sum(dim=1) / count.clamp(min=1), probability.amax(dim=1))
+
+
+def save_network(path: Path, network: FrustumNet, about: Mapping[str, Any]) -> None:
+    """Writes a network atomically.
+
+    Args:
+        path: of the file.
+        network: what to write.
+        about: where it comes from, as JSON.
+    """
+    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
+
+
+def load_network(path: Path) -> FrustumNet:
+    """Reads a network, on the CPU, in evaluation mode.
+
+    Raises:
+        DetectorError: if the file is missing, damaged, or holds something else.
+    """
+    network = FrustumNet(_spec(read_header(path, SPEC_KEY, "labeling.train3d"), path))
+    load_weights(path, network, f"a frustum PointNet for {', '.join(network.spec.categories)}")
+    return network.eval()
+
+
+def _spec(text: str, path: Path) -> FrustumSpec:
+    try:
+        spec = msgspec.json.decode(text, type=FrustumSpec)
+    except msgspec.MsgspecError as error:
+        raise DetectorError(f"{path}: the description of its network is damaged ({error})") from None
+    sizes = [side for template in spec.sizes_m for side in template]
+    if not (
+        spec.categories
+        and len(spec.sizes_m) == len(spec.categories)
+        and all(0 < side < float("inf") for side in sizes)
+        and 0 < spec.width <= 8
+        and 0 < spec.num_points <= 1_000_000
+    ):
+        raise DetectorError(f"{path}: the description of its network makes no sense")
+    return spec

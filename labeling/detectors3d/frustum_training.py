@@ -12,11 +12,10 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import UsageError
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 from labeling.detectors3d.frustum_dataset import FrustumDataset, collate, unaugmented
-from labeling.detectors3d.frustum_detector import BATCH_SIZE
+from labeling.detectors3d.frustum_detector import BATCH_SIZE, save_network
 from labeling.detectors3d.frustum_losses import FrustumBatch, frustum_losses
 from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
 from labeling.detectors3d.frustum_samples import FrustumSample, category_names, median_sizes
-from labeling.detectors3d.frustum_weights import save_network
 from labeling.detectors3d.upright_boxes import decode_box
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
@@ -36,12 +35,11 @@ class BoxScores:
     """Of the object's points among the frustum's."""
 
 
-class FrustumTask(loop.TrainingTask[FrustumBatch]):
+class FrustumTask(loop.TrainingTask[FrustumBatch, FrustumNet]):
     """Training a frustum PointNet from random weights."""
 
     config: Train3dConfig
     dataset: FrustumDataset
-    network: FrustumNet
     score_name = "mean_iou"
 
     def __init__(

@@ -42,18 +42,11 @@ def read_records(
         EpisodeFormatError: if the dataset holds no episode.
         UsageError: if no labelled episode has ground truth.
     """
-    labelled = {episode for episode, _ in labels.sizes}
-    found = False
-    without_truth, unlabelled = [], []
-    unseen = set(labelled)
     config = recording_config(labels.provenance)
-    folders = find_episodes(dataset, config)
-    for folder in progress(folders):
-        name = folder.resolve().name
-        if name not in labelled:
-            unlabelled.append(name)
-            continue
-        unseen.discard(name)
+    folders = {folder.resolve().name: folder for folder in find_episodes(dataset, config)}
+    labelled = {episode for episode, _ in labels.sizes}
+    found, without_truth = False, []
+    for folder in progress([folder for name, folder in folders.items() if name in labelled]):
         try:
             episode = with_source_detections(read_episode(folder, config), labels.folder, labels.provenance)
         except EpisodeFormatError as error:
@@ -67,10 +60,10 @@ def read_records(
     if without_truth:
         notes.append(f"left out, no ground_truth.json: {_listing(without_truth)}")
     if found:
-        if unlabelled:
+        if unlabelled := [name for name in folders if name not in labelled]:
             notes.append(f"in the dataset but not in the label set, left out: {_listing(unlabelled)}")
-        if unseen:
-            notes.append(f"labelled but not in the dataset, left out: {_listing(sorted(unseen))}")
+        if unseen := sorted(labelled - folders.keys()):
+            notes.append(f"labelled but not in the dataset, left out: {_listing(unseen)}")
         return
     if without_truth:
         raise UsageError(

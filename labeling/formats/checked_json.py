@@ -10,8 +10,6 @@ import numpy as np
 
 from labeling.core.errors import EpisodeFormatError
 
-_REQUIRED = object()
-
 
 @dataclass(frozen=True)
 class Json:
@@ -67,9 +65,9 @@ class Json:
             raise self.error(f"must be Unicode text, not {_kind(value)}", name) from None
         return value
 
-    def number(self, name: str, default: Any = _REQUIRED, above: int | float | None = None) -> float:
-        """A finite number, above a bound if one is given."""
-        if default is not _REQUIRED and not self.has(name):
+    def number(self, name: str, default: float | None = None, above: int | float | None = None) -> float:
+        """A finite number, above a bound if one is given; it must be there if it has no default."""
+        if default is not None and not self.has(name):
             return float(default)
         value = self.get(name).value
         # Compared, not converted: a whole number may be too large for a float.

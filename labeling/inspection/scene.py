@@ -60,21 +60,18 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
             for number, (box, tint) in enumerate(zip(found, tints, strict=True), start=1):
                 title = f"{number} {names_of.get(box.integer('category_id'), '?')} {box.number('score'):.2f}"
                 objects.append(SceneObject(number, title, read_box_3d(box), tuple(tint)))
-            scenes.append(_scene(folder, name, tuple(objects), _cameras(folder, summary, name)))
+            file = cloud_file(folder, name)
+            try:
+                cloud = read_ply(file)
+            except (OSError, ValueError) as error:
+                raise LabelFormatError(f"{file}: cannot be read ({error})") from None
+            points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float)
+            colours = np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1)
+            labels, cameras = np.asarray(cloud["label"], np.int32), _cameras(folder, summary, name)
+            scenes.append(LabelledScene(name, points, colours, labels, tuple(objects), cameras))
         return scenes
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
-
-
-def _scene(folder: Path, name: str, objects: tuple[SceneObject, ...], cameras: tuple[Camera, ...]) -> LabelledScene:
-    file = cloud_file(folder, name)
-    try:
-        cloud = read_ply(file)
-    except (OSError, ValueError) as error:
-        raise LabelFormatError(f"{file}: cannot be read ({error})") from None
-    points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float)
-    colours = np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1)
-    return LabelledScene(name, points, colours, np.asarray(cloud["label"], np.int32), objects, cameras)
 
 
 def _cameras(folder: Path, summary: Json, name: str) -> tuple[Camera, ...]:

@@ -97,7 +97,7 @@ def _naming(segmentation: Json, size: tuple[int, int]) -> Iterator[Json]:
 
 def read_score(record: Json, default: float | None = None) -> float:
     """A confidence in [0, 1]."""
-    score = record.number("score") if default is None else record.number("score", default)
+    score = record.number("score", default)
     if not 0.0 <= score <= 1.0:
         raise record.error(f"a score lies in [0, 1], not {score:g}", "score")
     return score

@@ -1,14 +1,6 @@
 """Episodes on disk: posed RGB-D views of one scene, with detections and ground truth where known.
 
-An episode is a folder any RGB-D tool can open (docs/data-formats.md)::
-
-    transforms.json      nerfstudio convention: fl_x fl_y cx cy w h, depth_unit_scale_factor, and per frame file_path,
-                         depth_file_path and transform_matrix (camera to world, OpenGL camera axes)
-    rgb/NNN.png          colour, 8 bit
-    depth/NNN.png        z-depth, 16 bit, in units of depth_unit_scale_factor metres (default 0.001), 0 = no return
-    detections.json      optional: COCO results (list) with RLE masks and scores
-    ground_truth.json    optional: COCO instances, modal and amodal masks, 3-D boxes
-    episode.json         optional: where it came from (world, seed, policy, versions, actions, reward terms, categories)
+An episode is a folder that any RGB-D tool can open; docs/data-formats.md tells of its files.
 """
 
 from collections.abc import Sequence
@@ -147,7 +139,12 @@ def write_episode(folder: Path, episode: Episode) -> None:
                 }
             )
         write_json(temporary / TRANSFORMS_FILE, _transforms(episode, frames))
-        ids = {name: index + 1 for index, name in enumerate(_all_categories(episode))}
+        # The declared categories, then any others that occur.
+        named = [
+            *episode.categories,
+            *(one.category for one in (*(episode.detections or ()), *(episode.ground_truth or ()))),
+        ]
+        ids = {name: number for number, name in enumerate(dict.fromkeys(named), start=1)}
         if episode.detections is not None:
             write_json(temporary / DETECTIONS_FILE, [detection_record(d, ids) for d in episode.detections])
         if episode.ground_truth is not None:
@@ -221,12 +218,6 @@ def _transforms(episode: Episode, frames: list[dict]) -> dict:
 def _intrinsics_record(intrinsics: Float[np.ndarray, "3 3"]) -> dict:
     k = intrinsics.tolist()
     return {"fl_x": k[0][0], "fl_y": k[1][1], "cx": k[0][2], "cy": k[1][2]}
-
-
-def _all_categories(episode: Episode) -> list[str]:
-    """The declared categories, then any others that occur, in order of first appearance."""
-    labels = [*(episode.detections or ()), *(episode.ground_truth or ())]
-    return list(dict.fromkeys([*episode.categories, *(label.category for label in labels)]))
 
 
 def detection_record(detection: Detection, ids: dict[str, int]) -> dict[str, Any]:

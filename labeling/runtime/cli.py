@@ -58,14 +58,11 @@ def run_command(
         with exit_on_sigterm():
             run(config)
         sys.stdout.flush()
-    except SbmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except ModuleNotFoundError as error:
-        missing = missing_extra(error, prog)
-        if missing is None:
+    except (SbmError, ModuleNotFoundError) as error:
+        told = error if isinstance(error, SbmError) else missing_extra(error, prog)
+        if told is None:
             raise
-        print(f"error: {missing}", file=sys.stderr)
+        print(f"error: {told}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("interrupted; the same command goes on with what is missing", file=sys.stderr)

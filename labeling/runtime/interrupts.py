@@ -3,8 +3,9 @@
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
+from typing import Any
 
 TERMINATED = 128 + signal.SIGTERM
 """Exit code of a process that was told to end."""
@@ -13,21 +14,14 @@ TERMINATED = 128 + signal.SIGTERM
 @contextlib.contextmanager
 def graceful_interrupt() -> Iterator[threading.Event]:
     """Yields an event that the first Ctrl-C sets; the second one interrupts at once, as usual."""
-    request = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
-    before = signal.getsignal(signal.SIGINT)
+    request, before = threading.Event(), signal.getsignal(signal.SIGINT)
 
     def note(number: int, frame: object) -> None:
         request.set()
         signal.signal(signal.SIGINT, before)
 
-    signal.signal(signal.SIGINT, note)
-    try:
+    with _handled(signal.SIGINT, note):
         yield request
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager
@@ -45,17 +39,22 @@ def hold_back_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@contextlib.contextmanager
-def exit_on_sigterm() -> Iterator[None]:
+def exit_on_sigterm() -> contextlib.AbstractContextManager[None]:
     """SIGTERM ends the program as an error does: temporary files are removed and worker processes ended."""
+    return _handled(signal.SIGTERM, raise_exit)
+
+
+@contextlib.contextmanager
+def _handled(number: int, handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Signals go to a handler until the block ends; other threads than the main one cannot say so."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, raise_exit)
+    before = signal.signal(number, handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
 
 
 def raise_exit(*_: object) -> None:

@@ -156,7 +156,7 @@ def _run_in_processes(
     due, most_early = 0, 4 * workers.limit
     try:
         while True:
-            while workers.can_begin() and len(early) < most_early and (given := next(waiting, None)):
+            while len(workers.busy) < workers.limit and len(early) < most_early and (given := next(waiting, None)):
                 workers.begin(*given)
             if not workers.busy:
                 return
@@ -182,10 +182,6 @@ class _Workers:
         self._processes: dict[connection.Connection, SpawnProcess] = {}
         self.busy: dict[connection.Connection, tuple[int, Any]] = {}
         """Number of the job and job, by the pipe to its worker."""
-
-    def can_begin(self) -> bool:
-        """Whether a worker is free."""
-        return len(self.busy) < self.limit
 
     def begin(self, number: int, job: Any) -> None:
         """Gives a job to a free worker."""

@@ -1,6 +1,6 @@
 """Curves of a training run for TensorBoard."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,3 @@ def open_tensorboard(folder: Path, step: int, say: Callable[[str], None]) -> Any
         say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
         return None
     return SummaryWriter(str(folder), purge_step=step + 1)
-
-
-def draw_figures(writer: Any, group: str, figures: Mapping[str, Any], step: int) -> None:
-    """Draws those of the figures that are fractional numbers, as ``group/name``; nothing if ``writer`` is None."""
-    for name, value in figures.items():
-        if writer is not None and isinstance(value, float):
-            writer.add_scalar(f"{group}/{name}", value, step)

@@ -5,7 +5,6 @@ optimizer steps, running average, validation, the best network, curves, and chec
 is the stretch between two validations, as in torchvision's references/detection.
 """
 
-import functools
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,17 +20,17 @@ from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_json
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import TrainingConfig
-from labeling.training.curves import draw_figures, open_tensorboard
+from labeling.training.curves import open_tensorboard
 from labeling.training.files import CONFIG_FILE, WEIGHTS_FILE
 
-Batch = TypeVar("Batch")
+Batch, Net = TypeVar("Batch"), TypeVar("Net", bound=nn.Module)
 
 
-class TrainingTask(ABC, Generic[Batch]):
+class TrainingTask(ABC, Generic[Batch, Net]):
     """What a training consists of, apart from the loop. Whoever makes one sets the attributes without a default."""
 
     config: TrainingConfig
-    network: nn.Module
+    network: Net
     """Trained in place, on its device."""
     optimizer: torch.optim.Optimizer
     """Of the network's parameters; a group with a ``share`` learns at that share of the learning rate."""
@@ -45,7 +44,7 @@ class TrainingTask(ABC, Generic[Batch]):
     """Data and settings that a run must share to go on from a checkpoint; written into ``train.json``."""
     about: Mapping[str, Any] = MappingProxyType({})
     """Where the network comes from; written into ``train.json``."""
-    averaged: nn.Module | None = None
+    averaged: Net | None = None
     """Running average of the network's weights, which is validated and kept in its place; None: the network itself."""
     average: float = 0.0
     """Decay of that average per batch."""
@@ -110,7 +109,7 @@ class TrainingTask(ABC, Generic[Batch]):
         return {"iteration": progress.iteration}
 
     @property
-    def candidate(self) -> nn.Module:
+    def candidate(self) -> Net:
         """The network that is validated and kept."""
         return self.network if self.averaged is None else self.averaged
 
@@ -147,7 +146,12 @@ def train(
         say(f"going on from step {progress.iteration}")
     write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(task.about)})
     writer = open_tensorboard(out / "tensorboard", progress.iteration, say)
-    draw = functools.partial(draw_figures, writer)
+
+    def draw(group: str, figures: Mapping[str, Any], step: int) -> None:
+        for name, value in figures.items():
+            if writer is not None and isinstance(value, float):
+                writer.add_scalar(f"{group}/{name}", value, step)
+
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
     while not task.is_finished(progress):
         batches = task.batches(progress)

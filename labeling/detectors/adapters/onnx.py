@@ -1,23 +1,7 @@
 """Any exported detector, through ONNX Runtime: ``onnx:FILE``, with a small JSON beside it (``FILE`` with ``.json``).
 
-The network takes one picture, (1, 3, h, w) float32, and gives n candidates, with or without a leading axis of 1:
-
-=========== ============================================================================================================
-``boxes``   (n, 4), left, top, right, bottom in pixels of the input (or, with ``"boxes": "unit"``, shares of it)
-``scores``  (n,) with ``labels``; or (n, categories), of which the best counts
-``labels``  (n,), number of the category, from ``first_label``
-``masks``   optional: (n, m, m) or (n, 1, m, m) probabilities over each box (``"masks": "box"``), or over the whole
-            input (``"masks": "picture"``). Without it, masks come from colour and depth inside the boxes
-=========== ============================================================================================================
-
-The JSON, with its defaults; only ``categories`` is needed::
-
-    {"categories": ["chair", ...], "first_label": 1, "size": [h, w] (default: the network's own, else the picture's),
-     "multiple_of": 1, "resize": "stretch" | "pad", "colour": "rgb" | "bgr", "divide_by": 255, "mean": [0, 0, 0],
-     "std": [1, 1, 1], "boxes": "pixels" | "unit", "masks": "box" | "picture", "min_score": 0.05, "nms_iou": null,
-     "outputs": {"boxes": "boxes", "scores": "scores", "labels": "labels", "masks": "masks"}}
-
-Candidates that overlap are taken to be suppressed already, unless ``nms_iou`` is given.
+docs/detectors.md says what the network must give and what the JSON may hold. Candidates that overlap are taken to be
+suppressed already, unless ``nms_iou`` is given.
 """
 
 import hashlib
@@ -44,7 +28,7 @@ MAX_CANDIDATES = 100
 
 @dataclass(frozen=True)
 class OnnxConfig:
-    """What the JSON says; see the module."""
+    """What the JSON says."""
 
     categories: tuple[str, ...]
     first_label: int = 1
@@ -74,18 +58,6 @@ _READERS: dict[str, Callable[[Json, str], Any]] = {
     **dict.fromkeys(("mean", "std"), lambda file, name: tuple(file.array(name, (3,)).tolist())),
     "size": lambda file, name: tuple(int(side) for side in file.array(name, (2,))),
 }
-
-
-def read_config(path: Path) -> OnnxConfig:
-    """Reads the JSON.
-
-    Raises:
-        DetectorError: naming file and field.
-    """
-    try:
-        return _config(read_json(path))
-    except EpisodeFormatError as error:
-        raise DetectorError(str(error)) from None
 
 
 def _config(file: Json) -> OnnxConfig:
@@ -126,7 +98,10 @@ class OnnxDetector:
             raise DetectorError(
                 f"{name}: needs {beside} with the names of its categories (docs/detectors.md: what else it may hold)"
             )
-        self.config = read_config(beside)
+        try:
+            self.config = _config(read_json(beside))
+        except EpisodeFormatError as error:
+            raise DetectorError(str(error)) from None
         self.categories = tuple(dict.fromkeys(name for name in self.config.categories if name))
         self.digest = hashlib.sha256(path.read_bytes() + beside.read_bytes()).hexdigest()
         self._session = _session(path, name)

@@ -1,13 +1,5 @@
-"""Annotated pictures to train on and to score detectors with. Four things on disk are read, told apart by their files:
-
-==================================  =============================================================================
-a label set                         a folder that ``labeling.generate`` wrote (``instances_modal.json``); pictures are
-                                    those of its dataset, and the score of a label is its weight
-an episode, or a dataset of them    folders with ``ground_truth.json`` and the pictures it names
-a COCO folder ("photographs")       a folder with ``annotations.json`` and the pictures that it names, relative to
-                                    ``images/`` if there is such a folder, else to the folder itself
-any COCO file                       ``FILE.json``; pictures as above, relative to its folder
-==================================  =============================================================================
+"""Annotated pictures to train on and to score detectors with: label sets, episodes with ground truth, COCO folders and
+COCO files, told apart by their files (docs/detectors.md).
 
 All are COCO instances: ``images`` (``id file_name width height``), ``categories`` (``id name``) and ``annotations``
 (``image_id category_id segmentation``, RLE or polygons; a person's, or of a detector with a ``score`` in [0, 1]).

@@ -21,21 +21,13 @@ from labeling.training.checkpoint import Progress
 from labeling.training.schedule import learning_rate
 
 
-class MaskRcnnTask(loop.TrainingTask[Batch]):
+class MaskRcnnTask(loop.TrainingTask[Batch, Network]):
     """What fine-tuning and pre-training share: a Mask R-CNN, its losses, and a running average of its weights."""
-
-    network: Network
-    averaged: Network | None
 
     def __init__(self, network: Network, average: float) -> None:
         """Takes a network on its device, and the decay of its running average per batch; 0: none."""
         self.network, self.average = channels_last(network), average
         self.averaged = copy.deepcopy(network).requires_grad_(False).eval() if average else None
-
-    @property
-    def candidate(self) -> Network:
-        """The network that is validated and kept."""
-        return self.averaged or self.network
 
     def losses(self, batch: Batch, step: int) -> dict[str, torch.Tensor]:
         """Of proposals and heads; anchors are sampled as the number of the step says."""

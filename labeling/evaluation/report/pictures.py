@@ -5,7 +5,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -60,25 +60,13 @@ def thumbnail_size(height_px: int, width_px: int) -> tuple[int, int]:
     return max(1, round(height_px * scale)), max(1, round(width_px * scale))
 
 
-@dataclass(frozen=True)
-class Thumbnail:
-    """A small picture of a view."""
-
-    image_id: str
-    """Of the SVG element that holds it."""
-    height_px: int
-    width_px: int
-    data_uri: str
-    """A JPEG, as a ``data:`` address."""
-
-
-def thumbnail(image_id: str, rgb: UInt8[np.ndarray, "h w 3"]) -> Thumbnail:
-    """A small picture of a view, to stand in an SVG element of this id."""
+def thumbnail(image_id: str, rgb: UInt8[np.ndarray, "h w 3"]) -> dict[str, Any]:
+    """A small picture of a view, to stand in an SVG element of this id: its size, and a JPEG as a ``data:`` address."""
     height_px, width_px = thumbnail_size(*rgb.shape[:2])
     small = cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA)
     _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     data_uri = "data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode("ascii")
-    return Thumbnail(image_id, height_px, width_px, data_uri)
+    return {"image_id": image_id, "height_px": height_px, "width_px": width_px, "data_uri": data_uri}
 
 
 def mask_path(mask: Bool[np.ndarray, "h w"], scale: float) -> str:

@@ -12,7 +12,7 @@ from labeling.core.errors import SbmError
 from labeling.core.types import Box3d
 from labeling.detectors3d.config import NO_AUGMENTATION_3D, Train3dConfig
 from labeling.detectors3d.frustum_dataset import collate, unaugmented
-from labeling.detectors3d.frustum_detector import FrustumDetector
+from labeling.detectors3d.frustum_detector import FrustumDetector, load_network, save_network
 from labeling.detectors3d.frustum_losses import FrustumBatch, corners, frustum_losses
 from labeling.detectors3d.frustum_pointnet import (
     HEADINGS,
@@ -25,7 +25,6 @@ from labeling.detectors3d.frustum_pointnet import (
 )
 from labeling.detectors3d.frustum_samples import median_sizes
 from labeling.detectors3d.frustum_training import FrustumTask, evaluate
-from labeling.detectors3d.frustum_weights import load_network, save_network
 from labeling.detectors3d.frustums import rotation_about_z
 from labeling.detectors3d.upright_boxes import decode_box
 from labeling.training.loop import train

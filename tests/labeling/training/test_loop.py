@@ -12,7 +12,7 @@ from labeling.training.config import TrainingConfig
 from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE
 
 
-class Line(loop.TrainingTask[torch.Tensor]):
+class Line(loop.TrainingTask[torch.Tensor, torch.nn.Module]):
     """Learns 3 x with noise from torch's generator, so that exact resume needs its state."""
 
     def __init__(self, config: TrainingConfig, average: float = 0.0, scores: list[float] | None = None) -> None:

@@ -221,7 +221,7 @@ def test_thumbnails_are_small_and_keep_their_shape(height_px, width_px):
 def test_thumbnails_hold_the_picture():
     rgb = np.zeros((480, 640, 3), np.uint8)
     rgb[:, :320] = (200, 30, 60)
-    kind, content = thumbnail("view", rgb).data_uri.split(",")
+    kind, content = thumbnail("view", rgb)["data_uri"].split(",")
     assert kind == "data:image/jpeg;base64"
     decoded = cv2.imdecode(np.frombuffer(base64.b64decode(content), np.uint8), cv2.IMREAD_COLOR)
     assert decoded is not None
