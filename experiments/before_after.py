@@ -79,7 +79,7 @@ def compare_views(episodes: Sequence[Path], before: "Detector", after: "Detector
     """What two detectors find in all views of episodes with ground truth."""
     from tqdm import tqdm
 
-    from labeling.detectors.run_detector import run_detector
+    from labeling.core.detector import run_detector
     from labeling.io.episodes import read_episode
 
     found, both = [], (before, after)

@@ -73,7 +73,7 @@ def detect_episode(
     Raises:
         SbmError: if the episode is malformed, the detector fails, or there are other detections.
     """
-    from labeling.detectors.run_detector import run_detector
+    from labeling.core.detector import run_detector
     from labeling.formats.atomic import write_json
     from labeling.formats.checked_json import read_json
     from labeling.io.episodes import detection_record, read_episode

@@ -71,7 +71,7 @@ def detect_episode(
     Raises:
         SbmError: if the episode is malformed or has no detections, or a detector fails.
     """
-    from labeling.detectors.run_detector import run_detector
+    from labeling.core.detector import run_detector
     from labeling.io.episodes import box_3d_record, read_episode
 
     path = folder / DETECTIONS_3D_FILE

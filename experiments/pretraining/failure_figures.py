@@ -12,11 +12,10 @@ from matplotlib.axes import Axes
 
 from experiments.figures.style import save
 from experiments.pretraining.world_views import CONFIDENT
-from labeling.core.detector import Detector
+from labeling.core.detector import Detector, run_detector
 from labeling.core.episode import Episode
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
-from labeling.detectors.run_detector import run_detector
 from labeling.formats.atomic import atomic_file
 from labeling.metrics.matching import MaskInstance, instances_of, match
 

@@ -19,7 +19,7 @@ from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.weights import save_network
 from labeling.detectors.scoring import evaluate
 from labeling.runtime.ranges import Positive, Share, ShareBelowOne
-from labeling.training import schedule
+from labeling.training import loop
 from labeling.training.checkpoint import Progress
 from labeling.training.config import TrainingConfig
 
@@ -147,7 +147,7 @@ class PretrainTask(MaskRcnnTask):
     def learning_rate(self, progress: Progress) -> float:
         """Warm-up, then cosine over all steps or all of the time."""
         share, config = self._share_of_training(progress), self.config
-        return schedule.learning_rate(config.learning_rate, progress.iteration, config.warmup, share)
+        return loop.scheduled_rate(config.learning_rate, progress.iteration, config.warmup, share)
 
     def position(self, progress: Progress) -> dict[str, float]:
         """Steps and minutes."""

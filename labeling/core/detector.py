@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
+from labeling.core.episode import Episode
 from labeling.core.errors import SbmError
 from labeling.core.masks import box_xyxy
 from labeling.core.types import Detection
@@ -16,9 +17,10 @@ class DetectorError(SbmError):
     """A detector failed, its files are damaged, or it returned something else than detections.
 
     Example:
-        >>> from labeling.core.errors import SbmError
-        >>> issubclass(DetectorError, SbmError)
-        True
+            >>> from labeling.core.episode import Episode
+    from labeling.core.errors import SbmError
+            >>> issubclass(DetectorError, SbmError)
+            True
     """
 
 
@@ -96,3 +98,29 @@ def stack_detections(
         boxes_xyxy=np.array([box_xyxy(mask) for mask in masks], np.float32).reshape(-1, 4),
         masks=masks,
     )
+
+
+def run_detector(detector: Detector, episode: Episode) -> tuple[Detection, ...]:
+    """Looks at every view.
+
+    Args:
+        detector: any.
+        episode: the views.
+
+    Raises:
+        DetectorError: naming the view, if the detector fails or returns something else than detections.
+    """
+    detections: list[Detection] = []
+    size = detector.batch_size
+    for start in range(0, episode.num_views, size):
+        views = range(start, min(start + size, episode.num_views))
+        try:
+            found = detector.detect(episode.rgb[start : views.stop], episode.depth_m[start : views.stop])
+        except DetectorError as error:
+            names = episode.file_names[start]
+            if len(views) > 1:
+                names += f" to {episode.file_names[views[-1]]}"
+            raise DetectorError(f"detector {detector.name} on {names} of {episode.name}: {error}") from error
+        for view, one in zip(views, found, strict=True):
+            detections.extend(one.as_detections(view))
+    return tuple(detections)

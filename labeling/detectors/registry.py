@@ -1,5 +1,6 @@
 """Detectors by name."""
 
+from functools import lru_cache
 from pathlib import Path
 
 from labeling.core.detector import Detector, DetectorError
@@ -63,6 +64,22 @@ package.module:function, the folder of a labeling.finetune run
     from labeling.detectors.adapters.function import FunctionDetector
 
     return FunctionDetector(name)
+
+
+def detector_by_name(name: str) -> Detector:
+    """The detector of this name; loaded once, and again when its weights have changed.
+
+    Raises:
+        SbmError: if there is none, or its files are missing or damaged.
+    """
+    weights = run_weights(name)
+    stamp = weights.stat() if weights.is_file() else None
+    return _loaded(name, stamp and (stamp.st_mtime_ns, stamp.st_size))
+
+
+@lru_cache(maxsize=2)
+def _loaded(name: str, stamp: tuple[int, int] | None) -> Detector:
+    return load_detector(name)
 
 
 def load_named_network(name: str):

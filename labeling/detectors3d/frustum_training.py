@@ -19,7 +19,6 @@ from labeling.detectors3d.frustum_samples import FrustumSample, category_names, 
 from labeling.detectors3d.upright_boxes import decode_box
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
-from labeling.training.schedule import learning_rate
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ class FrustumTask(loop.TrainingTask[FrustumBatch, FrustumNet]):
     def learning_rate(self, progress: Progress) -> float:
         """Falls along a cosine."""
         share = progress.iteration / self.config.iterations
-        return learning_rate(self.config.learning_rate, progress.iteration, progress=share)
+        return loop.scheduled_rate(self.config.learning_rate, progress.iteration, progress=share)
 
     def validate(self, progress: Progress) -> dict[str, Any]:
         """Overlap of boxes."""

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from labeling.core.detector import run_detector
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.types import Detection
-from labeling.detectors.run_detector import detector_by_name, run_detector
+from labeling.detectors.registry import detector_by_name
 from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
 from labeling.generator.detection_pooling import pool_detections

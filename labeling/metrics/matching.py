@@ -132,10 +132,9 @@ def match(predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstan
         One match for every ground-truth instance, in their order.
     """
     groups: dict[tuple[Any, str], tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
-    for index, item in enumerate(predictions):
-        groups[item.image, item.category][0].append(index)
-    for index, item in enumerate(ground_truth):
-        groups[item.image, item.category][1].append(index)
+    for side, items in enumerate((predictions, ground_truth)):
+        for index, item in enumerate(items):
+            groups[item.image, item.category][side].append(index)
     found: dict[int, Match] = {}
     for candidates, truths in groups.values():
         counted = [index for index in truths if not ground_truth[index].ignore]

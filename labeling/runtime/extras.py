@@ -3,17 +3,12 @@
 import tomllib
 from pathlib import Path
 
-from labeling.core.errors import SbmError
-
 _TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 EXTRAS: dict[str, str] = _TABLES["of_import"]
+"""For every import that plain ``pip install seeing-by-moving`` does not bring, the extra that does."""
 
 
-class MissingExtraError(SbmError, ModuleNotFoundError):
-    """An optional part of the project is not installed; the message names the extra."""
-
-
-def missing_extra(error: ModuleNotFoundError, program: str) -> MissingExtraError | None:
+def missing_extra(error: ModuleNotFoundError, program: str) -> str | None:
     """The sentence for whoever lacks an extra; None if the missing module belongs to none of them.
 
     >>> print(missing_extra(ModuleNotFoundError(name="gymnasium"), "python -m agents.train"))
@@ -30,4 +25,4 @@ def missing_extra(error: ModuleNotFoundError, program: str) -> MissingExtraError
     whole = _TABLES["of_package"].get(package)
     if whole is not None and extra in whole["includes"]:
         extra = whole["extra"]
-    return MissingExtraError(f"{program} needs the extra {extra!r}: pip install 'seeing-by-moving[{extra}]'")
+    return f"{program} needs the extra {extra!r}: pip install 'seeing-by-moving[{extra}]'"

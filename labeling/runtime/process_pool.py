@@ -198,7 +198,10 @@ class _Workers:
             try:
                 value, error = pipe.recv()
             except (EOFError, ConnectionError):
-                code = self._remove(pipe)  # negative: number of a signal
+                process = self._processes.pop(pipe)
+                process.join()
+                pipe.close()
+                code = process.exitcode  # negative: number of a signal
                 words = f"a worker process ended with exit code {code}; memory may have run out (try fewer --workers)"
                 value, error = None, WorkerDiedError(words)
             outcomes.append(Outcome(*self.busy.pop(pipe), value, error))
@@ -225,12 +228,6 @@ class _Workers:
         theirs.close()
         self._processes[ours] = process
         return ours
-
-    def _remove(self, pipe: connection.Connection) -> int | None:
-        process = self._processes.pop(pipe)
-        process.join()
-        pipe.close()
-        return process.exitcode
 
 
 def _serve(work: Work[Any, Any], pipe: connection.Connection) -> None:

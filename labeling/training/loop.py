@@ -6,6 +6,7 @@ is the stretch between two validations, as in torchvision's references/detection
 """
 
 import json
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -23,7 +24,10 @@ from labeling.training.config import TrainingConfig
 from labeling.training.curves import open_tensorboard
 from labeling.training.files import CONFIG_FILE, WEIGHTS_FILE
 
-Batch, Net = TypeVar("Batch"), TypeVar("Net", bound=nn.Module)
+RATE_FLOOR = 0.01
+"""Where the cosine of a learning rate ends, as a share of the highest rate."""
+Batch = TypeVar("Batch")
+Net = TypeVar("Net", bound=nn.Module)
 
 
 class TrainingTask(ABC, Generic[Batch, Net]):
@@ -223,6 +227,26 @@ def train_one_epoch(
         progress.iteration += 1
         on_step(step, values)
     return {name: value / max(1, progress.iteration - first) for name, value in sums.items()}
+
+
+def scheduled_rate(
+    highest: float, step: int, warmup: int = 0, progress: float = 0.0, schedule: str = "cosine"
+) -> float:
+    """A learning rate that rises linearly during the warm-up; then falls along a cosine to a hundredth, or stays.
+
+    Args:
+        highest: rate at the end of the warm-up.
+        step: number of the batch, from 0.
+        warmup: batches over which the rate rises.
+        progress: share of training that is over; of 1 and more, all of it.
+        schedule: "cosine" or "constant".
+
+    Source: Loshchilov and Hutter 2017, "SGDR: Stochastic Gradient Descent with Warm Restarts" (without restarts).
+    """
+    rate = highest * (min(1.0, (step + 1) / warmup) if warmup else 1.0)
+    if schedule == "constant":
+        return rate
+    return rate * (RATE_FLOOR + (1 - RATE_FLOOR) * 0.5 * (1 + math.cos(math.pi * min(1.0, progress))))
 
 
 @torch.no_grad()

@@ -107,8 +107,7 @@ def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDet
         weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
         return SimulatedViewDetector(weaker)
     from labeling.core.errors import UsageError
-    from labeling.detectors.registry import check_name
-    from labeling.detectors.run_detector import detector_by_name
+    from labeling.detectors.registry import check_name, detector_by_name
 
     try:
         check_name(detector)

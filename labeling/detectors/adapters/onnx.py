@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float32, UInt8
 
 from labeling.core.detector import DetectorError, PictureDetections
 from labeling.core.errors import EpisodeFormatError
+from labeling.core.masks import MASK_THRESHOLD, paste_mask
 from labeling.detectors.adapters.depth_masks import mask_in_box
 from labeling.detectors.adapters.function import first_line
 from labeling.detectors.data.augment import resize_picture
@@ -215,8 +216,6 @@ class OnnxDetector:
     def _mask(
         self, mask: np.ndarray, box: np.ndarray, box_in_picture: np.ndarray, scale: np.ndarray, size: tuple[int, int]
     ) -> Bool[np.ndarray, "h w"]:
-        from labeling.detectors.networks.mask_pasting import MASK_THRESHOLD, paste_mask
-
         if self.config.masks == "box":
             return paste_mask(np.ascontiguousarray(mask), (box / np.tile(scale, 2)).astype(np.float32), size)
         tall, wide = max(1, round(size[0] * float(scale[1]))), max(1, round(size[1] * float(scale[0])))

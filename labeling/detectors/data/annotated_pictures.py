@@ -53,13 +53,9 @@ class AnnotatedPicture:
         """
         import cv2
 
-        try:
-            content = np.fromfile(self.file, np.uint8)
-        except OSError as error:
-            raise EpisodeFormatError(f"{self.file}: cannot be read ({error})") from None
-        picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
-        if picture is None:
-            raise EpisodeFormatError(f"{self.file}: is not a picture that can be read")
+        from labeling.io.recordings.pictures import read_picture
+
+        picture = read_picture(self.file, cv2.IMREAD_COLOR)
         if picture.shape[:2] != self.size:
             raise EpisodeFormatError(
                 f"{self.file}: is {picture.shape[:2]} pixels (height, width), but {self.size} stated"

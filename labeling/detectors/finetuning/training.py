@@ -18,7 +18,6 @@ from labeling.detectors.networks.weights import save_network
 from labeling.detectors.scoring import evaluate
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
-from labeling.training.schedule import learning_rate
 
 
 class MaskRcnnTask(loop.TrainingTask[Batch, Network]):
@@ -100,7 +99,7 @@ class FinetuneTask(MaskRcnnTask):
     def learning_rate(self, progress: Progress) -> float:
         """Warm-up, then constant or cosine over all iterations."""
         config, step = self.config, progress.iteration
-        return learning_rate(config.learning_rate, step, config.warmup, step / config.iterations, config.schedule)
+        return loop.scheduled_rate(config.learning_rate, step, config.warmup, step / config.iterations, config.schedule)
 
     def validate(self, progress: Progress) -> dict[str, Any]:
         """AP of masks and boxes."""

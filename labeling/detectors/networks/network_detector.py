@@ -5,9 +5,9 @@ import torch
 from jaxtyping import Float32, UInt8
 
 from labeling.core.detector import PictureDetections
+from labeling.core.masks import paste_mask
 from labeling.detectors.data.augment import resize_picture
 from labeling.detectors.networks.calibration import calibrated
-from labeling.detectors.networks.mask_pasting import paste_mask
 from labeling.detectors.networks.mask_rcnn import STRIDE, Network, fused
 
 

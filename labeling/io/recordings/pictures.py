@@ -18,7 +18,7 @@ def read_colour(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     Raises:
         EpisodeFormatError: naming the file.
     """
-    image = _read_picture(path)
+    image = read_picture(path)
     if image.dtype != np.uint8:
         raise EpisodeFormatError(f"{path}: colour must have 8 bits a channel, not {image.dtype}")
     if image.ndim == 2:
@@ -33,7 +33,7 @@ def read_depth(path: Path, depth_unit_m: float) -> Float32[np.ndarray, "h w"]:
     Raises:
         EpisodeFormatError: naming the file.
     """
-    units = _read_array(path) if path.suffix.lower() == ".npy" else _read_picture(path)
+    units = _read_array(path) if path.suffix.lower() == ".npy" else read_picture(path)
     if units.ndim != 2 or (units.dtype != np.uint16 and path.suffix.lower() != ".npy"):
         raise EpisodeFormatError(f"{path}: depth must be a single-channel 16-bit PNG, not {units.dtype} {units.shape}")
     # In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
@@ -44,10 +44,8 @@ def read_depth(path: Path, depth_unit_m: float) -> Float32[np.ndarray, "h w"]:
 
 def same_view(depth_size: tuple[int, int], colour_size: tuple[int, int]) -> bool:
     """Whether two sizes (height, width) can be one picture at two resolutions: one factor, rounded to whole pixels."""
-    low, high = zip(
-        *(((d - 0.5) / c, (d + 0.5) / c) for d, c in zip(depth_size, colour_size, strict=True)), strict=True
-    )
-    return max(low) < min(high)
+    depth, colour = np.array([depth_size, colour_size])
+    return bool(((depth - 0.5) / colour).max() < ((depth + 0.5) / colour).min())
 
 
 def enlarge_depth(depth_m: Float32[np.ndarray, "dh dw"], size: tuple[int, int]) -> Float32[np.ndarray, "h w"]:
@@ -79,9 +77,8 @@ def register_depth(
     inside, index = [], []
     for axis, (new, old) in enumerate(zip(size[::-1], depth_m.shape[::-1], strict=True)):
         ray = (np.arange(new) - intrinsics[axis, 2]) / intrinsics[axis, axis]
-        pixel = np.rint(np.clip(ray * depth_intrinsics[axis, axis] + depth_intrinsics[axis, 2], -2, old + 1)).astype(
-            int
-        )
+        place = ray * depth_intrinsics[axis, axis] + depth_intrinsics[axis, 2]
+        pixel = np.rint(np.clip(place, -2, old + 1)).astype(int)
         inside.append((pixel >= 0) & (pixel < old))
         index.append(np.clip(pixel, 0, old - 1))
     return np.where(np.outer(inside[1], inside[0]), depth_m[np.ix_(index[1], index[0])], np.float32(0))
@@ -115,8 +112,12 @@ def size_text(image: np.ndarray) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"
 
 
-def _read_picture(path: Path) -> np.ndarray:
-    """Reads a picture as it is stored; a truncated file is an error, not a picture with a grey half."""
+def read_picture(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
+    """Reads a picture, by default as it is stored; a truncated file is an error, not a picture with a grey half.
+
+    Raises:
+        EpisodeFormatError: naming the file.
+    """
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -126,7 +127,7 @@ def _read_picture(path: Path) -> np.ndarray:
     if content[:3] == b"\xff\xd8\xff" and b"\xff\xd9" not in content[-1024:]:
         raise EpisodeFormatError(f"{path}: the JPEG is truncated ({len(content)} bytes); copy or export it again")
     try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
     except cv2.error:
         image = None
     if image is None:

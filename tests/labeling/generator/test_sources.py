@@ -12,13 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.core.detector import DetectorError
+from labeling.core.detector import DetectorError, run_detector
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.masks import fill_polygons
 from labeling.detectors.adapters.function import load_function
 from labeling.detectors.registry import load_detector
-from labeling.detectors.run_detector import run_detector
 from labeling.generate import main
 from labeling.generator.detection_pooling import pool_detections
 from labeling.generator.sources import detections_record, with_source_detections

@@ -5,7 +5,7 @@ import pytest
 
 from labeling.core.detector import stack_detections
 from labeling.core.geometry import unproject_depth
-from labeling.detectors import run_detector as detector_call
+from labeling.detectors import registry
 from sbm_gym.env.fixation_env import FixationEnv
 
 from ..box_rooms import BoxRooms
@@ -32,7 +32,7 @@ class Stripes:
 @pytest.fixture
 def stripes(monkeypatch):
     detector = Stripes()
-    monkeypatch.setattr(detector_call, "detector_by_name", lambda name: detector)
+    monkeypatch.setattr(registry, "detector_by_name", lambda name: detector)
     return detector
 
 

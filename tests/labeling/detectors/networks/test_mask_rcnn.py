@@ -9,8 +9,8 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from labeling.core.detector import DetectorError
+from labeling.core.masks import paste_mask
 from labeling.detectors.networks.efficientnet_lite import EfficientNetLite0, load_imagenet_weights
-from labeling.detectors.networks.mask_pasting import paste_mask
 from labeling.detectors.networks.mask_rcnn import build_network, fused, with_categories
 from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.spec import Calibration, NetworkSpec
