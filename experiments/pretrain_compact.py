@@ -106,7 +106,7 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     from labeling.detectors.networks.weights import load_network, save_network
     from labeling.detectors.scoring import detect_all
     from labeling.formats.atomic import write_json
-    from labeling.training.files import HISTORY_FILE
+    from labeling.training.config import HISTORY_FILE
 
     raw = NetworkDetector(network, "compact")
     splits: tuple[Literal["train", "val"], ...] = ("train", "val")

@@ -62,7 +62,7 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.scoring import evaluate
     from labeling.formats.atomic import write_json
-    from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
+    from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train
 
     check_name(command.detector)
@@ -150,11 +150,7 @@ def _categories(
     learn: "list[AnnotatedPicture]",
     validation: "list[AnnotatedPicture]",
 ) -> tuple[str, ...]:
-    """The categories that the trained detector is to have.
-
-    Raises:
-        UsageError: if there would be nothing to learn, or nothing to validate on.
-    """
+    """The categories that the trained detector is to have; refuses where there is nothing to learn or validate on."""
     from labeling.detectors.data.annotated_pictures import category_names
 
     annotated = category_names(learn)

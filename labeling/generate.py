@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import tyro
 
 from labeling.core.errors import SbmError, UsageError
@@ -85,9 +86,7 @@ def run(config: GenerateConfig) -> None:
         **describe(config.label),
         "share_scenes": config.share_scenes,
         "recording": asdict(config.recording),
-        "sources": {
-            name: str(value) if isinstance(value, Path) else value for name, value in asdict(config.sources).items()
-        },
+        "sources": msgspec.to_builtins(config.sources, enc_hook=str),
     }
     write_label_set(config.out, config.dataset, config.label, results, about)
     _report(config, results)

@@ -50,7 +50,7 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
     from labeling.detectors3d.frustum_training import FrustumTask, evaluate
     from labeling.formats.atomic import write_json
-    from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
+    from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train
 
     command.train.check()

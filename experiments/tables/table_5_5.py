@@ -137,7 +137,7 @@ def known_categories() -> tuple[str, ...]:
 def histories(networks: Sequence[str], jobs: Sequence[TrainJob3d]) -> list[dict[str, Any]]:
     """Validation curves."""
     from labeling.formats.checked_json import read_json
-    from labeling.training.files import HISTORY_FILE
+    from labeling.training.config import HISTORY_FILE
 
     found = []
     for folder, job in zip(networks, jobs, strict=True):

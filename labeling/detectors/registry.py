@@ -117,7 +117,7 @@ def is_run(name: str) -> bool:
 
 def run_weights(name: str) -> Path:
     """Where the weights of a run lie."""
-    from labeling.training.files import WEIGHTS_FILE
+    from labeling.training.config import WEIGHTS_FILE
 
     path = Path(name)
     return path if path.suffix == ".safetensors" else path / WEIGHTS_FILE

@@ -17,7 +17,7 @@ from labeling.core.types import Detection
 from labeling.detectors3d.base import Detection3d
 from labeling.detectors3d.frustum_dataset import resample_points
 from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
-from labeling.detectors3d.frustums import make_frustum
+from labeling.detectors3d.frustums import Frustum, make_frustum
 from labeling.detectors3d.upright_boxes import decode_box
 from labeling.training.weights import load_weights, read_header, save_weights
 
@@ -41,32 +41,27 @@ class FrustumDetector:
         The confidence is the 2-D detection's times the mean probability of the points that were taken for the object's.
         """
         spec = self._network.spec
-        frustums, kept = [], []
+        kept: list[tuple[Detection, Frustum]] = []
         for one in detections:
-            if one.category not in spec.categories or not one.mask.any():
-                continue
-            depth_m, camera, rng = (
-                episode.depth_m[one.view_index],
-                episode.camera(one.view_index),
-                np.random.default_rng(0),
-            )
-            frustum = make_frustum(depth_m, camera, box_xyxy(one.mask), spec.num_points, rng)
-            if len(frustum.points) >= MIN_POINTS:
-                frustums.append(frustum)
-                kept.append(one)
+            if one.category in spec.categories and one.mask.any():
+                depth_m, camera = episode.depth_m[one.view_index], episode.camera(one.view_index)
+                rng = np.random.default_rng(0)
+                frustum = make_frustum(depth_m, camera, box_xyxy(one.mask), spec.num_points, rng)
+                if len(frustum.points) >= MIN_POINTS:
+                    kept.append((one, frustum))
         found: list[Detection3d] = []
         for start in range(0, len(kept), BATCH_SIZE):
-            some = range(start, min(start + BATCH_SIZE, len(kept)))
-            chosen = [resample_points(len(frustums[i].points), spec.num_points, np.random.default_rng(0)) for i in some]
-            points = np.stack([frustums[i].points[order] for i, order in zip(some, chosen, strict=True)])
-            numbers = torch.tensor([spec.categories.index(kept[i].category) for i in some])
+            some = kept[start : start + BATCH_SIZE]
+            clouds = [frustum.points for _, frustum in some]
+            chosen = [resample_points(len(points), spec.num_points, np.random.default_rng(0)) for points in clouds]
+            points = np.stack([points[order] for points, order in zip(clouds, chosen, strict=True)])
+            numbers = torch.tensor([spec.categories.index(one.category) for one, _ in some])
             with torch.inference_mode():
                 output = self._network(torch.from_numpy(points).to(self._device), numbers.to(self._device))
                 boxes = self._network.boxes(output).cpu().numpy()
                 trust = _mean_probability(output.logits).cpu().numpy()
-            for i, box, share in zip(some, boxes, trust, strict=True):
-                world = frustums[i].to_world(decode_box(box))
-                one = kept[i]
+            for (one, frustum), box, share in zip(some, boxes, trust, strict=True):
+                world = frustum.to_world(decode_box(box))
                 found.append(Detection3d(one.view_index, one.category, one.confidence * float(share), world))
         return found
 

@@ -26,7 +26,7 @@ def load_detector_3d(name: str, device: str | None = None) -> Detector3d:
         raise UsageError(f"there is no 3-D detector {name!r}; give {LDLS}, or the folder of a labeling.train3d run")
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_detector import FrustumDetector, load_network
-    from labeling.training.files import WEIGHTS_FILE
+    from labeling.training.config import WEIGHTS_FILE
     from labeling.training.weights import file_digest
 
     path = Path(name) / WEIGHTS_FILE

@@ -2,19 +2,19 @@
 
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from labeling.core.detector import Detector
 from labeling.core.errors import UsageError
+from labeling.detectors.data.annotated_pictures import read_pictures
+from labeling.detectors.scoring import detect_all
+from labeling.evaluation.compare import PROTOCOL, SCHEMA_VERSION, figures
+from labeling.io.episodes import find_episodes, read_episode
 from labeling.metrics.matching import MaskInstance, instances_of, match
 from labeling.runtime.cli import progress_bar
 
-if TYPE_CHECKING:
-    from labeling.core.detector import Detector
 
-SCHEMA_VERSION = 1
-
-
-def score_detector(path: Path, detector: "Detector") -> dict[str, Any]:
+def score_detector(path: Path, detector: Detector) -> dict[str, Any]:
     """Runs a detector and compares what it finds with ground truth.
 
     Args:
@@ -24,9 +24,6 @@ def score_detector(path: Path, detector: "Detector") -> dict[str, Any]:
     Returns:
         ``counts``, ``notes``, and under ``detector`` the figures of ``labeling.evaluation.compare``.
     """
-    from labeling.detectors.data.annotated_pictures import read_pictures
-    from labeling.detectors.scoring import detect_all
-
     pictures = read_pictures(path, "val")
     truths, found = detect_all(detector, pictures, functools.partial(progress_bar, desc="evaluating"))
     stated = {one.category for picture in pictures for one in picture.annotations}
@@ -43,8 +40,6 @@ def score_episodes(path: Path) -> dict[str, Any]:
     Raises:
         SbmError: if no episode has both.
     """
-    from labeling.io.episodes import find_episodes, read_episode
-
     truths: list[MaskInstance] = []
     found: list[MaskInstance] = []
     known: set[str] | None = set()
@@ -80,8 +75,6 @@ def score_episodes(path: Path) -> dict[str, Any]:
 def _metrics(
     truths: list[MaskInstance], found: list[MaskInstance], pictures: int, unknown: list[str], path: Path, name: str
 ) -> dict[str, Any]:
-    from labeling.evaluation.compare import PROTOCOL, figures
-
     if not any(not one.ignore for one in truths):
         raise UsageError(f"{path}: holds no object of a category that {name} has a name for")
     notes = [f"left out, categories that the detector has no name for: {', '.join(unknown)}"] if unknown else []

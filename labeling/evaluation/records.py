@@ -79,7 +79,6 @@ def read_records(
 
 
 def _records(folder: Path, episode: Episode, labels: LabelSet) -> EpisodeRecords:
-    """What evaluation needs of an episode, on the views that were labelled."""
     views = tuple((episode.name, view) for view in range(episode.num_views) if (episode.name, view) in labels.sizes)
     for name, view in (key for key in labels.sizes if key[0] == episode.name):
         if not 0 <= view < episode.num_views:
@@ -155,6 +154,5 @@ def note_missing(episodes: Sequence[EpisodeRecords], labels: LabelSet, notes: li
 
 
 def _listing(names: Sequence[str], most: int = 5) -> str:
-    """A few names and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -157,7 +157,6 @@ def write_episode(folder: Path, episode: Episode) -> None:
 
 
 def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Episode:
-    """Adds what the optional files know."""
     from labeling.io.coco import CategoryTable, read_detections, read_ground_truth
 
     found = {name: read_json(folder / name) for name in OPTIONAL_FILES if (folder / name).is_file()}

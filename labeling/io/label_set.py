@@ -117,7 +117,6 @@ def stated_dataset(folder: Path, summary: Json) -> Path | None:
 
 
 def _read_instances(path: Path) -> tuple[dict[View, tuple[int, int]], list[MaskInstance]]:
-    """Reads one COCO instances file."""
     file = read_json(path)
     table = CategoryTable.from_files([file])
     view_of_image: dict[int, View] = {}

@@ -104,11 +104,7 @@ def _coco_evaluate(
 
 
 def _picture_sizes(items: Sequence[MaskInstance]) -> dict[Any, list[int]]:
-    """Height and width of each picture, from any of its masks.
-
-    Raises:
-        ValueError: if two masks of one picture differ in size.
-    """
+    """Height and width of each picture, from any of its masks; refuses masks of one picture that differ in size."""
     sizes: dict[Any, list[int]] = {}
     for item in items:
         size = list(item.rle["size"])

@@ -11,7 +11,7 @@ import torch
 
 from labeling.core.errors import SbmError, UsageError
 from labeling.formats.atomic import atomic_file, write_json
-from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE
+from labeling.training.config import CHECKPOINT_FILE, HISTORY_FILE
 
 
 @dataclass

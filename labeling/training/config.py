@@ -1,8 +1,19 @@
-"""Settings that all trainings share."""
+"""Settings that all trainings share, and the names of the files in their folders."""
 
 from dataclasses import dataclass
 
 from labeling.runtime.ranges import NonNegative, Positive, Settings
+
+WEIGHTS_FILE = "detector.safetensors"
+"""The best network, with its spec in the header."""
+CHECKPOINT_FILE = "checkpoint.pt"
+"""What a killed run goes on from."""
+HISTORY_FILE = "history.json"
+"""Losses and validation figures, one record for each validation."""
+CONFIG_FILE = "train.json"
+"""Settings, data and versions."""
+RESULTS_FILE = "results.json"
+"""Figures before and after."""
 
 
 @dataclass(frozen=True)

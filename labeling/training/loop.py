@@ -20,9 +20,8 @@ from torch.utils.data import DataLoader, Dataset
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_json
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
-from labeling.training.config import TrainingConfig
+from labeling.training.config import CONFIG_FILE, WEIGHTS_FILE, TrainingConfig
 from labeling.training.curves import open_tensorboard
-from labeling.training.files import CONFIG_FILE, WEIGHTS_FILE
 
 RATE_FLOOR = 0.01
 """Where the cosine of a learning rate ends, as a share of the highest rate."""

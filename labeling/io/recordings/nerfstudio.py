@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import flip_camera_axes, intrinsics_matrix, is_rigid
 from labeling.formats.checked_json import Json, read_json
 from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, file_inside, frame_list
@@ -65,16 +64,14 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
 
 def _inside(folder: Path, record: Json, name: str, extensions: tuple[str, ...]) -> Path:
     """The file a frame refers to, which may be named without its extension."""
+    relative = record.text(name)
     try:
-        return file_inside(folder, record.text(name), extensions)
-    except EpisodeFormatError:
-        raise
+        return file_inside(folder, relative, extensions)
     except ValueError as error:
         raise record.error(str(error), name) from None
 
 
 def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-    """K of a frame."""
     holder = functools.partial(_holder, transforms, record)
     height_px, width_px = size
     for name, side in (("w", width_px), ("h", height_px)):

@@ -15,7 +15,7 @@ from experiments.tables.never_ending import LabelStatistics as Statistics
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
 from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
-from labeling.training.files import CONFIG_FILE
+from labeling.training.config import CONFIG_FILE
 
 STEADY = Statistics(3.0, 0.7, {"chair": 0.6, "table": 0.4})
 

@@ -30,7 +30,7 @@ from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotat
 from labeling.io.episodes import read_episode, write_episode
 from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
-from labeling.training.files import CONFIG_FILE
+from labeling.training.config import CONFIG_FILE
 
 from ...labeling.synthetic_room import make_episode
 

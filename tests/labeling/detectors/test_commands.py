@@ -18,7 +18,7 @@ from labeling.evaluate import main as evaluate
 from labeling.finetune import main as finetune
 from labeling.generate import main as generate
 from labeling.io.episodes import read_episode
-from labeling.training.files import RESULTS_FILE, WEIGHTS_FILE
+from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
 
 from .toy_pictures import write_coco_folder
 

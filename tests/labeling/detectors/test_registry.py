@@ -20,7 +20,7 @@ from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import save_network
 from labeling.detectors.registry import check_name, load_detector, load_named_network
-from labeling.training.files import WEIGHTS_FILE
+from labeling.training.config import WEIGHTS_FILE
 
 from ..synthetic_room import make_episode
 from .toy_pictures import draw

@@ -8,8 +8,7 @@ import torch
 from labeling.core.errors import SbmError, UsageError
 from labeling.training import loop
 from labeling.training.checkpoint import Progress, load_checkpoint
-from labeling.training.config import TrainingConfig
-from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE
+from labeling.training.config import CHECKPOINT_FILE, HISTORY_FILE, TrainingConfig
 
 
 class Line(loop.TrainingTask[torch.Tensor, torch.nn.Module]):

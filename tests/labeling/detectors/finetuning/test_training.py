@@ -21,7 +21,7 @@ from labeling.detectors.networks.spec import Calibration, NetworkSpec
 from labeling.detectors.networks.weights import load_network
 from labeling.detectors.scoring import evaluate
 from labeling.metrics.matching import MaskInstance
-from labeling.training.files import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
+from labeling.training.config import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
 from labeling.training.loop import train
 
 from ..toy_pictures import CATEGORIES, NO_AUGMENTATION, write_coco_folder
