@@ -86,9 +86,7 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     return results
 
 
-def train_val_split_by_object(
-    samples: "list[FrustumSample]",
-) -> "tuple[list[FrustumSample], list[FrustumSample]]":
+def train_val_split_by_object(samples: "list[FrustumSample]") -> "tuple[list[FrustumSample], list[FrustumSample]]":
     """Splits samples into training and validation; all views of an object lie on one side. Objects are told apart by
     their boxes.
     """

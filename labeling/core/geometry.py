@@ -106,9 +106,7 @@ def unproject(
 
 
 def unproject_depth(
-    depth_m: Float[np.ndarray, "h w"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
+    depth_m: Float[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], camera_to_world: Float[np.ndarray, "4 4"]
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
     """World points of all pixels of a depth image that have a return (depth > 0), row by row.
 
@@ -122,9 +120,7 @@ def unproject_depth(
 
 
 def project(
-    points: Float[np.ndarray, "n 3"],
-    intrinsics: Float[np.ndarray, "3 3"],
-    camera_to_world: Float[np.ndarray, "4 4"],
+    points: Float[np.ndarray, "n 3"], intrinsics: Float[np.ndarray, "3 3"], camera_to_world: Float[np.ndarray, "4 4"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
     """Pixel coordinates (x, y) and z-depths of world points. Source: thesis equation A.1.
 

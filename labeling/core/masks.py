@@ -12,11 +12,10 @@ MASK_THRESHOLD = 0.5
 
 def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:
     """Tightest box around a mask as COCO writes it: left, top, width, height in pixels; zeros for an empty mask."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if len(rows) == 0:
-        return (0.0, 0.0, 0.0, 0.0)
-    left, top, right, bottom = (float(edge) for edge in (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1))
-    return (left, top, right - left, bottom - top)
+    import cv2
+
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return (float(left), float(top), float(width), float(height))
 
 
 def box_xyxy(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:

@@ -63,10 +63,10 @@ def check_rle(rle: Any) -> None:
     if not isinstance(rle, dict) or "size" not in rle or "counts" not in rle:
         raise ValueError("an RLE is an object with 'size' and 'counts'")
     size, counts = rle["size"], rle["counts"]
-    if not (isinstance(size, list | tuple) and len(size) == 2 and all(_is_whole(s) and s > 0 for s in size)):
+    if not (isinstance(size, list | tuple) and len(size) == 2 and all(type(s) is int and s > 0 for s in size)):
         raise ValueError(f"RLE size must be [height, width] in pixels, not {size!r}")
     if isinstance(counts, list):
-        if not all(_is_whole(run) and run >= 0 for run in counts) or sum(counts) != size[0] * size[1]:
+        if not all(type(run) is int and run >= 0 for run in counts) or sum(counts) != size[0] * size[1]:
             raise ValueError(f"RLE runs do not fill {size[0]}x{size[1]} pixels")
         return
     if not isinstance(counts, str | bytes):
@@ -79,11 +79,6 @@ def check_rle(rle: Any) -> None:
     covered = _total_run_length(text.encode("ascii"))
     if covered != size[0] * size[1]:
         raise ValueError(f"RLE runs cover {covered} pixels, but its size is {size[0]}x{size[1]}")
-
-
-def _is_whole(value: object) -> bool:
-    """Whether this is a whole number; true and false are none, though Python counts them as such."""
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _total_run_length(counts: bytes) -> int:

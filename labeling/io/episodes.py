@@ -126,7 +126,7 @@ def write_episode(folder: Path, episode: Episode) -> None:
         2.0
     """
     with atomic_folder(folder) as temporary:
-        frames = []
+        frames, cameras_differ = [], bool(np.any(episode.intrinsics != episode.intrinsics[0]))
         for view in range(episode.num_views):
             rgb_name, depth_name = f"rgb/{view:03d}.png", f"depth/{view:03d}.png"
             write_png(temporary / rgb_name, episode.rgb[view])
@@ -136,9 +136,18 @@ def write_episode(folder: Path, episode: Episode) -> None:
                     "file_path": rgb_name,
                     "depth_file_path": depth_name,
                     "transform_matrix": flip_camera_axes(episode.camera_to_world[view]).tolist(),
+                    **(_intrinsics_record(episode.intrinsics[view]) if cameras_differ else {}),
                 }
             )
-        write_json(temporary / TRANSFORMS_FILE, _transforms(episode, frames))
+        transforms = {
+            "camera_model": "PINHOLE",
+            "w": episode.size[1],
+            "h": episode.size[0],
+            **_intrinsics_record(episode.intrinsics[0]),
+            "depth_unit_scale_factor": DEPTH_UNIT_M,
+            "frames": frames,
+        }
+        write_json(temporary / TRANSFORMS_FILE, transforms)
         # The declared categories, then any others that occur.
         named = [
             *episode.categories,
@@ -197,21 +206,6 @@ def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion |
 def _depth_to_units(depth_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
     units = np.rint(depth_m.astype(np.float64) / DEPTH_UNIT_M)
     return np.where((units > 0) & (units <= np.iinfo(np.uint16).max), units, 0).astype(np.uint16)
-
-
-def _transforms(episode: Episode, frames: list[dict]) -> dict:
-    height_px, width_px = episode.size
-    if np.any(episode.intrinsics != episode.intrinsics[0]):
-        for frame, intrinsics in zip(frames, episode.intrinsics, strict=True):
-            frame.update(_intrinsics_record(intrinsics))
-    return {
-        "camera_model": "PINHOLE",
-        "w": width_px,
-        "h": height_px,
-        **_intrinsics_record(episode.intrinsics[0]),
-        "depth_unit_scale_factor": DEPTH_UNIT_M,
-        "frames": frames,
-    }
 
 
 def _intrinsics_record(intrinsics: Float[np.ndarray, "3 3"]) -> dict:

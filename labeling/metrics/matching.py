@@ -63,9 +63,7 @@ class MeanIou:
 
 
 def instances_of(
-    episode: Any,
-    found: Iterable[Detection | GroundTruth | PseudoLabel],
-    part: Literal["modal", "amodal"] = "modal",
+    episode: Any, found: Iterable[Detection | GroundTruth | PseudoLabel], part: Literal["modal", "amodal"] = "modal"
 ) -> list[MaskInstance]:
     """What was found in the views of an episode, as the metrics see it; what has no pixel is left out.
 

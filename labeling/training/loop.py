@@ -123,10 +123,7 @@ class TrainingTask(ABC, Generic[Batch, Net]):
 
 
 def train(
-    task: TrainingTask,
-    out: Path,
-    say: Callable[[str], None] = print,
-    bar: Callable[..., Iterable[Any]] | None = None,
+    task: TrainingTask, out: Path, say: Callable[[str], None] = print, bar: Callable[..., Iterable[Any]] | None = None
 ) -> Progress:
     """Trains, and keeps the best network in the run's folder; goes on where a killed run stopped.
 

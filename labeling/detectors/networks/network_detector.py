@@ -15,12 +15,7 @@ class NetworkDetector:
     """Runs a network."""
 
     def __init__(
-        self,
-        network: Network,
-        name: str,
-        digest: str = "",
-        device: str | torch.device = "cpu",
-        batch_size: int = 8,
+        self, network: Network, name: str, digest: str = "", device: str | torch.device = "cpu", batch_size: int = 8
     ) -> None:
         self.name, self.digest, self.batch_size = name, digest, batch_size
         self.spec, self.categories = network.spec, network.spec.names

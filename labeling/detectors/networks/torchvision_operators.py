@@ -20,9 +20,9 @@ _SCHEMAS = (
     "nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor",
     "roi_align(Tensor input, Tensor rois, float spatial_scale, int pooled_height, int pooled_width, "
     "int sampling_ratio, bool aligned) -> Tensor",
+    # torchvision describes this one to the tracer on import, whether or not it can be called.
+    "qnms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor",
 )
-# torchvision describes this one to the tracer on import, whether or not it can be called.
-_DECLARED_ONLY = ("qnms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor",)
 
 
 def compiled_operators_load() -> bool:
@@ -163,7 +163,7 @@ def _line(start: torch.Tensor, size: torch.Tensor, pixels: int, samples: int) ->
 def _define() -> torch.library.Library:
     """Registers the operators under torchvision's names, and makes torchvision believe that they are compiled."""
     fragment = torch.library.Library("torchvision", "FRAGMENT")
-    for schema in (*_SCHEMAS, *_DECLARED_ONLY):
+    for schema in _SCHEMAS:
         fragment.define(schema)
     fragment.impl("nms", nms, "CPU")
     # Made of differentiable operators, which give it its gradient.
