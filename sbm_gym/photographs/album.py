@@ -13,6 +13,7 @@ import numpy as np
 from labeling.core.errors import UsageError
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
+from labeling.detectors.data.annotated_pictures import ANNOTATIONS_FILE, PICTURES_FOLDER
 from labeling.formats.atomic import atomic_folder, write_json, write_png
 from labeling.formats.checked_json import read_json
 from labeling.runtime.process_pool import map_jobs
@@ -20,19 +21,12 @@ from labeling.runtime.run_folder import claim_run_folder
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
 from sbm_gym.photographs.take import Photograph
 
-ANNOTATIONS_FILE, SETTINGS_FILE, PICTURES_FOLDER, SET_FILE = (
-    "annotations.json",
-    "photographs.json",
-    "images",
-    "set.json",
-)
+SETTINGS_FILE, SET_FILE = "photographs.json", "set.json"
 PER_SET = 6
 """Photographs taken of one set, at most."""
 INDOOR_SHARE = 0.65
-INDOOR = {
-    **{"chair": 0.8, "couch": 1.5, "plant": 0.9, "tv": 1.6, "fridge": 1.4, "bed": 1.6, "table": 0.8, "toilet": 1.5},
-    **{"dining": 1.0, "desk": 0.5},
-}
+INDOOR = {"chair": 0.8, "couch": 1.5, "plant": 0.9, "tv": 1.6, "fridge": 1.4, "bed": 1.6, "table": 0.8, "toilet": 1.5}
+INDOOR |= {"dining": 1.0, "desk": 0.5}
 """Themes of sets indoors, and how often each is drawn."""
 OUTDOOR = {"car": 0.6, "truck": 1.0, "bus": 1.0, "motorcycle": 1.0, "bicycle": 1.0}
 """Likewise outdoors, where cars keep all others company."""
@@ -48,12 +42,7 @@ class AlbumSettings:
     builtin: bool
     """Only models made from seeds."""
 
-    def check(self) -> None:
-        """Refuses settings that make no sense.
-
-        Raises:
-            UsageError: naming the setting.
-        """
+    def __post_init__(self) -> None:
         if self.split not in SPLITS:
             raise UsageError(f"there is no split {self.split!r}; known: {', '.join(SPLITS)}")
         if self.seed < 0:
@@ -76,7 +65,6 @@ def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int =
     """
     from tqdm import tqdm
 
-    settings.check()
     if count < 1 or workers < 1:
         raise UsageError(f"--count and --workers must be at least 1, not {count} and {workers}")
     if not settings.builtin:

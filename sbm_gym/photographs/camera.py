@@ -6,7 +6,7 @@ from jaxtyping import Float
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Box3d
 from labeling.core.views import Camera
-from sbm_gym.photographs.sets import PhotoSet
+from sbm_gym.photographs.sets import PhotoScene
 from sbm_gym.worlds.geometry.placing import Box, overlap
 
 FRAMING = (0.2, 0.95)
@@ -30,7 +30,7 @@ def draw_azimuth(rng: np.random.Generator) -> float:
 
 
 def draw_camera(
-    photo_set: PhotoSet, subject: Box3d, size_px: tuple[int, int], rng: np.random.Generator
+    photo_set: PhotoScene, subject: Box3d, size_px: tuple[int, int], rng: np.random.Generator
 ) -> Camera | None:
     """Draws a view of a subject; None if there is no place to take it from.
 
@@ -48,7 +48,8 @@ def draw_camera(
     wide = abs(np.cos(azimuth)) * subject.extent_m[0] + abs(np.sin(azimuth)) * subject.extent_m[1]
     deep = abs(np.sin(azimuth)) * subject.extent_m[0] + abs(np.cos(azimuth)) * subject.extent_m[1]
     share = float(rng.uniform(*FRAMING))
-    fov = float(rng.uniform(*photo_set.fov_rad))
+    fov_rad = np.deg2rad(photo_set.fov_deg)
+    fov = float(rng.uniform(*fov_rad))
     # Largest of the two sides, in picture widths at one metre's distance.
     side = max(wide, subject.extent_m[2] * width_px / height_px)
     wanted = max(side / (2.0 * np.tan(fov / 2) * share) + deep / 2, deep / 2 + MIN_RANGE_M)
@@ -59,7 +60,7 @@ def draw_camera(
     if distance < wanted:
         # A wider field shows as much from nearer.
         fov = 2.0 * np.arctan(side / (2.0 * share * (distance - deep / 2)))
-        if fov > photo_set.fov_rad[1] * 1.1:
+        if fov > fov_rad[1] * 1.1:
             return None
     eye_z = float(rng.uniform(*photo_set.eye_m))
     highest = subject.centre_m[2] + np.tan(MAX_ELEVATION_RAD) * distance
@@ -76,20 +77,20 @@ def draw_camera(
 
 def _rotation(axis: int, angle_rad: float) -> Float[np.ndarray, "3 3"]:
     turned = np.eye(3)
-    a, b = [k for k in range(3) if k != axis]
-    sign = -1.0 if axis == 1 else 1.0
-    cos, sin = np.cos(angle_rad), sign * np.sin(angle_rad)
-    turned[a, a], turned[a, b], turned[b, a], turned[b, b] = cos, -sin, sin, cos
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    turned[a, a] = turned[b, b] = np.cos(angle_rad)
+    turned[b, a] = np.sin(angle_rad)
+    turned[a, b] = -turned[b, a]
     return turned
 
 
-def _reach(photo_set: PhotoSet, start, way, wanted_m: float) -> float:
+def _reach(photo_set: PhotoScene, start, way, wanted_m: float) -> float:
     """How far from an object, up to ``wanted_m``, a camera can be: on the floor of the set and in no piece."""
     x0, y0, x1, y1 = photo_set.floor_m
     for distance in np.arange(wanted_m, 0.0, -0.1):
         x, y = start + distance * way
         if x0 <= x <= x1 and y0 <= y <= y1:
             here = Box(float(x), float(y), BODY_M, BODY_M, 0.0, photo_set.eye_m[0], photo_set.eye_m[1])
-            if not any(overlap(here, solid) for solid in photo_set.solids):
+            if not any(overlap(here, solid) for solid in photo_set.pieces.solids):
                 return float(distance)
     return 0.0

@@ -7,7 +7,7 @@ import numpy as np
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.assets.models import surfaces
-from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
+from sbm_gym.photographs.sets import PhotoScene, SetBuilder, retinted
 from sbm_gym.worlds.geometry.placing import Layout, Opening, Room
 from sbm_gym.worlds.rooms.fittings import hang_pictures, lay_rug
 from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
@@ -67,7 +67,7 @@ THEMES: dict[str, tuple[tuple[float, Callable[[Arranger], object]], ...]] = {
 _DISTRACTORS = ("shelf", "dresser", "cupboard", "bin", "floor_lamp", "nightstand", "beanbag", "office_cabinet")
 
 
-def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) -> PhotoSet:
+def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) -> PhotoScene:
     """Draws a set indoors.
 
     Args:
@@ -97,15 +97,9 @@ def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) ->
         lay_rug(builder.scene, builder.scene.place(f"rug_{number}", rug), rug.card.size_m, rng)
     for piece in layout.placements:
         builder.stand(piece)
-    margin = 0.15
     (x0, y0), (x1, y1) = room.low_m, room.high_m
-    return builder.photo_set(
-        theme,
-        floor_m=(x0 + margin, y0 + margin, x1 - margin, y1 - margin),
-        ceiling_m=room.height_m - 0.3,
-        eye_m=(0.7, 1.65),
-        fov_deg=(42.0, 74.0),
-    )
+    floor_m = (x0 + 0.15, y0 + 0.15, x1 - 0.15, y1 - 0.15)
+    return PhotoScene(theme, builder, floor_m, room.height_m - 0.3, eye_m=(0.7, 1.65), fov_deg=(42.0, 74.0))
 
 
 def _room(theme: str, rng: np.random.Generator) -> Room:
@@ -172,8 +166,7 @@ def _taken(layout: Layout) -> list[tuple[int, float, float]]:
     taken = [(o.wall, o.start_m - 0.35, o.end_m + 0.35) for o in layout.room.openings]
     for wall in layout.room.walls():
         for piece in layout.placements:
-            relative = piece.box.corners() - wall.origin
-            if piece.box.high_m > 1.1 and (relative @ wall.normal).min() < 0.4:
-                along = relative @ wall.along
-                taken.append((wall.index, float(along.min()), float(along.max())))
+            low, high, out = wall.shadow(piece.box)
+            if piece.box.high_m > 1.1 and out < 0.4:
+                taken.append((wall.index, low, high))
     return taken

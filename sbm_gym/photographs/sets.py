@@ -15,28 +15,6 @@ from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.world import ObjectInstance
 
 
-@dataclass(frozen=True)
-class PhotoSet:
-    """Objects before a backdrop, and where a photographer can stand."""
-
-    name: str
-    spec: mujoco.MjSpec
-    objects: tuple[ObjectInstance, ...]
-    """Those that have a class; all else has no name."""
-    subjects: tuple[ObjectInstance, ...]
-    """Objects that pictures may be about."""
-    solids: tuple[Box, ...]
-    """Where no camera can be."""
-    floor_m: tuple[float, float, float, float]
-    """Where the photographer can stand: min x, min y, max x, max y."""
-    ceiling_m: float
-    """Cameras stay below."""
-    eye_m: tuple[float, float]
-    """Least and greatest height of cameras."""
-    fov_rad: tuple[float, float]
-    """Least and greatest horizontal field of view."""
-
-
 class SetBuilder:
     """Puts pieces into a set and keeps account of its objects."""
 
@@ -45,8 +23,11 @@ class SetBuilder:
         self.scene = SceneBuilder(spec)
         self.library, self.rng = library, rng
         self.objects: list[ObjectInstance] = []
+        """Those that have a class; all else has no name."""
         self.subjects: list[ObjectInstance] = []
+        """Objects that pictures may be about."""
         self.solids: list[Box] = []
+        """Where no camera can be."""
 
     def stand(self, piece: Placement, subject: bool = True) -> None:
         """Stands a model in the set; it is an object if photographs name its class."""
@@ -63,26 +44,22 @@ class SetBuilder:
             if subject:
                 self.subjects.append(instance)
 
-    def photo_set(
-        self,
-        name: str,
-        floor_m: tuple[float, float, float, float],
-        ceiling_m: float,
-        eye_m: tuple[float, float],
-        fov_deg: tuple[float, float],
-    ) -> PhotoSet:
-        """The set with all that stands in it; arguments as the fields of ``PhotoSet``."""
-        return PhotoSet(
-            name=name,
-            spec=self.scene.spec,
-            objects=tuple(self.objects),
-            subjects=tuple(self.subjects),
-            solids=tuple(self.solids),
-            floor_m=floor_m,
-            ceiling_m=ceiling_m,
-            eye_m=eye_m,
-            fov_rad=(np.deg2rad(fov_deg[0]), np.deg2rad(fov_deg[1])),
-        )
+
+@dataclass(frozen=True)
+class PhotoScene:
+    """Objects before a backdrop, and where a photographer can stand."""
+
+    name: str
+    pieces: SetBuilder
+    """What stands in it."""
+    floor_m: tuple[float, float, float, float]
+    """Where the photographer can stand: min x, min y, max x, max y."""
+    ceiling_m: float
+    """Cameras stay below."""
+    eye_m: tuple[float, float]
+    """Least and greatest height of cameras."""
+    fov_deg: tuple[float, float]
+    """Least and greatest horizontal field of view."""
 
 
 def draw_paint(rng: np.random.Generator) -> tuple[float, float, float]:

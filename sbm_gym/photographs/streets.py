@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
-from sbm_gym.photographs.sets import PhotoSet, SetBuilder, retinted
+from sbm_gym.photographs.sets import PhotoScene, SetBuilder, retinted
 from sbm_gym.worlds.geometry.placing import Box, Placement, overlap
 from sbm_gym.worlds.static_meshes import StaticMeshes, box_quads
 from sbm_gym.worlds.towns import materials
@@ -25,7 +25,7 @@ _AROUND_M = 60.0
 _GAP_M = 0.5
 
 
-def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -> PhotoSet:
+def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -> PhotoScene:
     """Draws a set outdoors.
 
     Args:
@@ -55,7 +55,7 @@ def street(category: str, library: FurnitureLibrary, rng: np.random.Generator) -
     for number, vehicle in enumerate(vehicles):
         builder.stand(vehicle, subject=number == 0 or rng.random() < 0.7)
     floor_m = (-26.0, -26.0, 26.0, behind_m - 0.5)
-    return builder.photo_set(category, floor_m, ceiling_m=5.0, eye_m=(1.1, 1.75), fov_deg=(36.0, 70.0))
+    return PhotoScene(category, builder, floor_m, ceiling_m=5.0, eye_m=(1.1, 1.75), fov_deg=(36.0, 70.0))
 
 
 def _vehicles(category: str, library: FurnitureLibrary, rng: np.random.Generator) -> list[Placement]:

@@ -1,5 +1,6 @@
 """Taking photographs of a set, with the mask of every object that an annotator would see."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,9 +10,9 @@ from jaxtyping import Bool, Int32, UInt8
 
 from labeling.core.types import Box3d
 from labeling.core.views import Camera
-from sbm_gym.detection.visibility import ObjectSurfaces, ObservedObject
+from sbm_gym.detection.visibility import ObjectSurfaces
 from sbm_gym.photographs.camera import draw_camera
-from sbm_gym.photographs.sets import PhotoSet
+from sbm_gym.photographs.sets import PhotoScene
 from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.worlds.world import ObjectInstance
 
@@ -52,7 +53,7 @@ class Photograph:
     annotations: tuple[Annotation, ...]
 
 
-def take_photographs(photo_set: PhotoSet, count: int, size_px: int, rng: np.random.Generator) -> list[Photograph]:
+def take_photographs(photo_set: PhotoScene, count: int, size_px: int, rng: np.random.Generator) -> list[Photograph]:
     """Takes photographs of a set.
 
     Args:
@@ -61,32 +62,25 @@ def take_photographs(photo_set: PhotoSet, count: int, size_px: int, rng: np.rand
         size_px: side of a square picture; others have as many pixels.
         rng: source of randomness.
     """
-    if not photo_set.subjects:
+    if not photo_set.pieces.subjects:
         return []
-    model = photo_set.spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    view = Viewfinder(photo_set, model, data, RaysRenderer(model))
-    taken = []
-    for _ in range(count):
-        camera = view.find(size_px, rng)
-        if camera is not None:
-            taken.append(view.take(camera))
-    return taken
+    view = Viewfinder(photo_set)
+    cameras = (view.find(size_px, rng) for _ in range(count))
+    return [view.take(camera) for camera in cameras if camera is not None]
 
 
-@dataclass
 class Viewfinder:
     """A compiled set and its renderer."""
 
-    photo_set: PhotoSet
-    model: mujoco.MjModel
-    data: mujoco.MjData
-    renderer: RaysRenderer
-
-    def __post_init__(self) -> None:
-        objects = self.photo_set.objects
-        self.surfaces = ObjectSurfaces(self.model, self.data, objects, self.photo_set.name)
+    def __init__(self, photo_set: PhotoScene):
+        """Compiles ``photo_set``."""
+        self.photo_set = photo_set
+        self.model = photo_set.pieces.scene.spec.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self.renderer = RaysRenderer(self.model)
+        objects = photo_set.pieces.objects
+        self.surfaces = ObjectSurfaces(self.model, self.data, objects, photo_set.name)
         instance_of_body = np.zeros(self.model.nbody, np.int32)
         for instance in objects:
             instance_of_body[self.model.body(instance.body_name).id] = instance.instance_id
@@ -95,7 +89,7 @@ class Viewfinder:
 
     def find(self, size_px: int, rng: np.random.Generator) -> Camera | None:
         """A view in which its subjects are seen well; None if none was found."""
-        subjects = self.photo_set.subjects
+        subjects = self.photo_set.pieces.subjects
         weights = np.array([_WEIGHT.get(subject.category, 2.0) for subject in subjects])
         for _ in range(TRIES):
             chosen = [subjects[int(rng.choice(len(subjects), p=weights / weights.sum()))]]
@@ -115,10 +109,9 @@ class Viewfinder:
         observed = self.surfaces.observe(instances, camera)
         seen = {entry.instance_id: entry.visible_share * (1.0 - entry.truncated_share) for entry in observed}
         annotations = []
-        for instance in self.photo_set.objects:
+        for instance in self.photo_set.pieces.objects:
             mask = instances == instance.instance_id
-            area = np.count_nonzero(mask)
-            if area:
+            if area := np.count_nonzero(mask):
                 ignore = area < SMALLEST_SHARE * mask.size or seen.get(instance.instance_id, 0.0) < LEAST_VISIBLE
                 annotations.append(Annotation(instance.category, instance.model_name, mask, bool(ignore)))
         return Photograph(frame.rgb, tuple(annotations))
@@ -131,12 +124,12 @@ class Viewfinder:
         frame = self.renderer.render(self.data, small, antialias=False)
         instances = self.instance_of_geom[frame.geom_id]
         observed = self.surfaces.observe(instances, small)
-        entries: dict[int, ObservedObject] = {entry.instance_id: entry for entry in observed}
-        found = [entries.get(subject.instance_id) for subject in chosen]
-        if any(e is None or e.visible_share < SUBJECT_VISIBLE or e.truncated_share > SUBJECT_CUT for e in found):
-            return False
-        away = min(entry.range_m for entry in found if entry is not None)
         ids = [subject.instance_id for subject in chosen]
+        found = [entry for entry in observed if entry.instance_id in ids]
+        whole = all(e.visible_share >= SUBJECT_VISIBLE and e.truncated_share <= SUBJECT_CUT for e in found)
+        if len(found) < len(chosen) or not whole:
+            return False
+        away = min(entry.range_m for entry in found)
         # The floor before one's feet is no obstacle.
         lower = np.arange(small.size[0])[:, None] > 0.7 * small.size[0]
         near = (frame.depth_m > 0) & (frame.depth_m < NEARER * away) & ~np.isin(instances, ids) & ~lower
@@ -156,13 +149,12 @@ def _neighbour(subject: ObjectInstance, others: Sequence[ObjectInstance]) -> lis
 
 def _around(chosen: Sequence[ObjectInstance]) -> Box3d:
     """A box in the axes of the first subject around all of them."""
-    first = chosen[0].box_3d
-    if len(chosen) == 1:
+    boxes = [instance.box_3d for instance in chosen]
+    first = boxes[0]
+    if len(boxes) == 1:
         return first
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
-    corners = np.concatenate(
-        [o.box_3d.centre_m + (signs * o.box_3d.extent_m) @ np.asarray(o.box_3d.rotation).T for o in chosen]
-    )
-    local = corners @ first.rotation
+    signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    corners = [box.centre_m + (signs * box.extent_m) @ np.asarray(box.rotation).T for box in boxes]
+    local = np.concatenate(corners) @ first.rotation
     low, high = local.min(axis=0), local.max(axis=0)
     return Box3d(first.rotation @ (0.5 * (low + high)), high - low, first.rotation)

@@ -18,7 +18,6 @@ from sbm_gym.photographs.interiors import THEMES, interior
 from sbm_gym.photographs.models import CATEGORIES, PhotographLibrary
 from sbm_gym.photographs.streets import USES, street
 from sbm_gym.photographs.take import Viewfinder
-from sbm_gym.rendering.rays.renderer import RaysRenderer
 from sbm_gym.worlds.world import GEOM_GROUP_VISUAL
 
 SMALL = AlbumSettings(split="train", seed=1, size_px=64, builtin=True)
@@ -30,17 +29,10 @@ def builtin_set(theme: str, seed: int = 0):
     return (interior if theme in THEMES else street)(theme, library, rng), rng
 
 
-def viewfinder(photo_set) -> Viewfinder:
-    model = photo_set.spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    return Viewfinder(photo_set, model, data, RaysRenderer(model))
-
-
 @pytest.mark.parametrize("theme", ["dining", "bed", "bicycle"])
 def test_masks_are_what_mujocos_own_rays_hit(theme):
     photo_set, rng = builtin_set(theme)
-    view = viewfinder(photo_set)
+    view = Viewfinder(photo_set)
     camera = view.find(96, rng)
     assert camera is not None
     picture = view.take(camera)
@@ -52,7 +44,7 @@ def test_masks_are_what_mujocos_own_rays_hit(theme):
         names[number] = annotation
     groups = np.zeros(6, np.uint8)
     groups[: GEOM_GROUP_VISUAL + 1] = 1
-    bodies = {view.model.body(o.body_name).id: o for o in photo_set.objects}
+    bodies = {view.model.body(o.body_name).id: o for o in photo_set.pieces.objects}
     places = [np.argwhere(owner == number) for number in range(len(names) + 1)]
     right = total = 0
     for number, pixels in enumerate(places):
@@ -70,8 +62,8 @@ def test_masks_are_what_mujocos_own_rays_hit(theme):
 @pytest.mark.parametrize("theme", [*THEMES, *USES])
 def test_subjects_are_seen_whole_from_their_front(theme):
     photo_set, rng = builtin_set(theme, 1)
-    assert all(o.category in CATEGORIES for o in photo_set.objects)
-    view = viewfinder(photo_set)
+    assert all(o.category in CATEGORIES for o in photo_set.pieces.objects)
+    view = Viewfinder(photo_set)
     camera = view.find(64, rng)
     assert camera is not None, "no view of it"
     x, y, z = camera.camera_to_world[:3, 3]
@@ -94,7 +86,7 @@ def test_nobody_takes_pictures_of_backs(seed):
 def test_cameras_look_level_at_their_subject(seed):
     photo_set, _ = _SET
     rng = np.random.default_rng(seed)
-    subject = photo_set.subjects[0].box_3d
+    subject = photo_set.pieces.subjects[0].box_3d
     camera = draw_camera(photo_set, subject, (64, 80), rng)
     if camera is None:
         return
