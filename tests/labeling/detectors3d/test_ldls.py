@@ -55,12 +55,13 @@ def test_only_the_largest_part_stays():
 def test_boxes_of_plain_boxes_that_are_seen_well():
     """A single view sees two sides and the top: LDLS' boxes are near the truth, and never much larger."""
     episode = boxed_room(3)
-    found = Ldls(LdlsConfig(stride=1)).lift(episode, found_in(episode))
+    told = [one for one in found_in(episode) if one.view_index < 2]
+    found = Ldls(LdlsConfig(stride=1)).lift(episode, told)
     overlaps = [
         max(box_iou_3d(one.box, box) for true, box in known_of(episode) if true.view_index == one.view_index)
         for one in found
     ]
-    assert len(found) == len(found_in(episode))
+    assert len(found) == len(told)
     assert np.median(overlaps) > 0.4
     assert all(0 < one.confidence <= 0.9 for one in found)
 
