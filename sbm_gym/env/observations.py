@@ -7,16 +7,7 @@ from gymnasium import spaces
 from jaxtyping import Float, UInt8
 
 from sbm_gym.env.simulation import Simulation
-from sbm_gym.env.state_vector import (
-    OTHERS,
-    ROOM_SCALES,
-    UNSEEN_DIRECTIONS,
-    UNSEEN_STRIDES,
-    StateInputs,
-    free_distances_m,
-    state_names,
-    state_vector,
-)
+from sbm_gym.env.state_vector import ROOM_SCALES, state_names, state_vector
 from sbm_gym.robot.object_memory import KnownObject, ViewBins
 from sbm_gym.scenes.profiles import ObservationScales
 
@@ -47,34 +38,11 @@ def observation(simulation: Simulation, scales: ObservationScales) -> dict[str, 
         simulation: after its latest look.
         scales: lengths that the observation is scaled by.
     """
-    robot, body, update = simulation.robot, simulation.scene.body, simulation.update
-    target = robot.target
-    others = [known for known in robot.objects if known is not target]
-    others.sort(key=lambda known: float(np.linalg.norm((known.centroid_m - body.camera_to_world[:3, 3])[:2])))
-    told = others[:OTHERS] + ([] if target is None else [target])
-    inputs = StateInputs(
-        yaw_rad=body.yaw_rad,
-        tilt_rad=body.tilt_rad,
-        camera_m=body.camera_to_world[:3, 3],
-        target=target,
-        target_visible=target is not None and target.object_id in update.visible,
-        target_confidence_now=0.0 if target is None else update.confidence_now.get(target.object_id, 0.0),
-        others=tuple((known, known.object_id in update.visible) for known in others[:OTHERS]),
-        open_sectors={known.object_id: robot.open_sectors(known) for known in told},
-        candidates=tuple(robot.view_history.candidates),
-        num_confirmed=len(robot.objects),
-        collided=simulation.collided,
-        time_left=max(0.0, 1.0 - simulation.step_index / simulation.num_views),
-        free_m=free_distances_m(robot.navigable, body.position_m, body.yaw_rad, scales.free_reach_m),
-        unseen=robot.seen_floor.unseen_around(
-            body.position_m, body.yaw_rad, tuple(UNSEEN_STRIDES.values()), UNSEEN_DIRECTIONS
-        ),
-    )
     frame = simulation.view.frame
     return {
         "rgb": frame.rgb.copy(),
         "depth": encode_depth(frame.depth_m, scales.depth_level_m),
-        "state": state_vector(inputs, robot.view_bins, scales),
+        "state": state_vector(simulation, scales),
     }
 
 
