@@ -1,5 +1,6 @@
 """The whole of an evaluation: run the episodes that are missing, sum up, write, draw, print."""
 
+import contextlib
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -56,7 +57,7 @@ def evaluate_policies(config: EvaluateConfig, reuse: Path | None = None) -> dict
     """
     _check(config)
     evaluator = Evaluator(config)
-    try:
+    with contextlib.closing(evaluator.env):
         settings = {name: getattr(config, name) for name in DECISIVE_SETTINGS}
         if config.labels:
             settings["views"] = list(VIEW_COUNTS)
@@ -79,8 +80,6 @@ def evaluate_policies(config: EvaluateConfig, reuse: Path | None = None) -> dict
         write_json(config.out / RESULT_FILE, content)
         print_tables(content)
         _draw(evaluator, content, records, specs)
-    finally:
-        evaluator.close()
     return content
 
 
@@ -102,10 +101,6 @@ class Evaluator:
         self.env = make_env(config.env, config.split, config.detector)
         self.scenes = inner_env(self.env).scene_names
         """Names of the scenes of the split."""
-
-    def close(self) -> None:
-        """Frees the env."""
-        self.env.close()
 
     def path(self, spec: EpisodeSpec, policy: str) -> Path:
         """Where the result of an episode lies."""

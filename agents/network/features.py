@@ -94,17 +94,12 @@ def _picture_encoder(before: int, height: int, width: int, channels: Sequence[in
 
 
 def _check(space: spaces.Space) -> None:
-    wanted = f"a Dict of {', '.join(KEYS)}: pictures 3 x h x w and 1 x h x w of uint8, and a vector"
-    if not isinstance(space, spaces.Dict) or set(space.spaces) != set(KEYS):
-        raise ValueError(f"observations must be {wanted}; not {space}")
-    rgb, depth, state = (space[name] for name in KEYS)
-    fits = (
-        all(isinstance(part, spaces.Box) and part.shape is not None for part in (rgb, depth, state))
-        and (rgb.dtype, depth.dtype) == (np.uint8, np.uint8)
-        and len(rgb.shape or ()) == 3
-        and rgb.shape == (3, *(depth.shape or ())[1:])
-        and (depth.shape or (0,))[0] == 1
-        and len(state.shape or ()) == 1
-    )
+    parts = space.spaces if isinstance(space, spaces.Dict) else {}
+    fits = set(parts) == set(KEYS) and all(isinstance(part, spaces.Box) for part in parts.values())
+    if fits:
+        rgb, depth, state = (np.empty(parts[name].shape, parts[name].dtype) for name in KEYS)
+        fits = rgb.dtype == depth.dtype == np.uint8 and (rgb.ndim, state.ndim) == (3, 1)
+        fits = fits and (len(rgb), depth.shape) == (3, (1, *rgb.shape[1:]))
     if not fits:
+        wanted = f"a Dict of {', '.join(KEYS)}: pictures 3 x h x w and 1 x h x w of uint8, and a vector"
         raise ValueError(f"observations must be {wanted}; not {space}")

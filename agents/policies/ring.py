@@ -15,7 +15,7 @@ Source: thesis 4.2 and A.2.2.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from agents.planning.paths import advance, path_length_m
 from agents.planning.steering import bearing_rad, move_action, wrap
@@ -91,7 +91,7 @@ class Ring(RobotPolicy):
             self._goal = self._next_goal(target, position_m)
         if self._goal is None:
             target = self._next_object(info) or target
-            self._goal = self._next_goal(target, position_m) or (-1, self._any_ring_point(target, position_m))
+            self._goal = self._next_goal(target, position_m) or (-1, self._any_ring_point(target))
         step_m = advance(self._map, position_m, self._goal[1], self.robot.stride_m)
         if step_m is None:
             self._give_up(target["object_id"], self._goal[0])
@@ -122,7 +122,9 @@ class Ring(RobotPolicy):
         if not left:
             return None
         if np.linalg.norm(position_m - target["centroid_m"][:2]) > self.robot.ring_m[1] + self.robot.stride_m:
-            return self._nearest(places, sectors, left, position_m)
+            # From afar: the place at the end of the shortest path, of the nearest one of each sector that is left.
+            nearest = [(sector, self._place_in(places[sectors == sector], position_m)) for sector in left]
+            return min(nearest, key=lambda goal: (path_length_m(self._map, position_m, goal[1]), goal[0]))
         count = self.robot.view_bins.num_azimuths
         here = int(self.robot.view_bins.azimuth_bin(bearing_rad(target["centroid_m"][:2], position_m)))
         goals = {}
@@ -143,24 +145,6 @@ class Ring(RobotPolicy):
         start_m = self._map.nearest_free(position_m)
         near = [place for place in places[distances_m <= self.robot.stride_m] if self._map.line_is_free(start_m, place)]
         return near[int(self.rng.integers(len(near)))] if near else places[int(np.argmin(distances_m))]
-
-    def _nearest(
-        self,
-        places: Float[np.ndarray, "n 2"],
-        sectors: Int[np.ndarray, "n"],
-        left: list[int],
-        position_m: Float[np.ndarray, "2"],
-    ) -> tuple[int, Float[np.ndarray, "2"]]:
-        """From afar: the place at the end of the shortest path, of the nearest one of each sector that is left."""
-        best = min(
-            (
-                (path_length_m(self._map, position_m, place_m), sector, place_m)
-                for sector in left
-                for place_m in [self._place_in(places[sectors == sector], position_m)]
-            ),
-            key=lambda option: option[:2],
-        )
-        return best[1], best[2]
 
     def _ring(self, target: dict[str, Any]):
         """Navigable, non-obstructed places around an object, and the sector of each."""
@@ -193,7 +177,7 @@ class Ring(RobotPolicy):
                 return known
         return None
 
-    def _any_ring_point(self, target: dict[str, Any], position_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    def _any_ring_point(self, target: dict[str, Any]) -> Float[np.ndarray, "2"]:
         """Somewhere else on the ring, for views at other ranges once every sector has been seen."""
         places, _ = self._ring(target)
         if len(places) == 0:

@@ -18,15 +18,13 @@ from sbm_gym.env.simulation import Simulation, SimulationConfig
 from sbm_gym.env.state_vector import state_names
 from sbm_gym.env.view_detectors import make_detector
 from sbm_gym.env.viewer_window import ViewerWindow, check_screen, screen_available
+from sbm_gym.registration import MAX_EPISODE_STEPS
 from sbm_gym.rendering.third_person import ThirdPersonView
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
 from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
 from sbm_gym.scenes.world_sources import world_source
-
-NUM_VIEWS = 25
-"""Views of an episode (thesis 5.1.1)."""
 
 
 class FixationEnv(gym.Env, EzPickle):
@@ -262,7 +260,7 @@ class FixationEnv(gym.Env, EzPickle):
         """Steps of an episode."""
         if self._num_views is not None:
             return self._num_views
-        return (self.spec.max_episode_steps if self.spec is not None else None) or NUM_VIEWS
+        return (self.spec.max_episode_steps if self.spec is not None else None) or MAX_EPISODE_STEPS
 
     @property
     def categories(self) -> tuple[str, ...]:

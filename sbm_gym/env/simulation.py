@@ -10,7 +10,7 @@ from labeling.core.views import Camera
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
 from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
-from sbm_gym.rendering.third_person import AgentTrace, ShownObject
+from sbm_gym.rendering.third_person import AgentTrace
 from sbm_gym.robot.object_memory import MemoryUpdate
 from sbm_gym.robot.state import RobotConfig, RobotState
 from sbm_gym.scenes.compiled import Scene
@@ -108,20 +108,7 @@ class Simulation:
 
     def trace(self) -> AgentTrace:
         """What a picture from outside shows of the robot."""
-        target = self.robot.target
-        return AgentTrace(
-            camera=self.view.camera,
-            path_m=tuple(self._places_m),
-            objects=tuple(
-                ShownObject(
-                    known.centroid_m,
-                    float(np.max(known.extent_m)),
-                    f"{known.category} {known.best_confidence:.2f}",
-                    known is target,
-                )
-                for known in self.robot.objects
-            ),
-        )
+        return AgentTrace(self.view.camera, tuple(self._places_m), tuple(self.robot.objects), self.robot.target)
 
     def _displacement_m(self, forward_left: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
         """World displacement of a move command, at most one stride long."""

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, UInt8
 from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.tables.lights import clear_haze
+from sbm_gym.robot.object_memory import KnownObject
 
 HEADROOM_M = 0.3
 """What begins this far above the agent's camera is taken off: ceilings, lamps, roofs."""
@@ -31,23 +32,15 @@ _PATH, _FRUSTUM, _FOUND, _TARGET = (255, 190, 40), (255, 120, 20), (60, 160, 255
 
 
 @dataclass(frozen=True)
-class ShownObject:
-    """An object that the agent knows."""
-
-    centroid_m: Float[np.ndarray, "3"]
-    extent_m: float
-    label: str
-    is_target: bool = False
-
-
-@dataclass(frozen=True)
 class AgentTrace:
     """What is to be shown of an agent."""
 
     camera: Camera
     path_m: Sequence[Float[np.ndarray, "2"]] = ()
     """Where it stood at every view, the present place last."""
-    objects: Sequence[ShownObject] = field(default=())
+    objects: Sequence[KnownObject] = ()
+    target: KnownObject | None = None
+    """The one of them that it fixates."""
 
 
 class ThirdPersonView:
@@ -196,7 +189,7 @@ class _Overlay:
         path = np.array([[*place, 0.03] for place in trace.path_m]).reshape(-1, 3)
         self._line(path, _PATH, dots=True)
         for known in trace.objects:
-            self._object(known)
+            self._object(known, _TARGET if known is trace.target else _FOUND)
         for line in frustum_lines(trace.camera):
             self._line(line, _FRUSTUM)
 
@@ -220,23 +213,23 @@ class _Overlay:
         for pixel in pixels if dots else ():
             cv2.circle(self._picture, tuple(pixel.tolist()), 16 * (self._width + 1), colour, -1, cv2.LINE_AA, shift=4)
 
-    def _object(self, known: ShownObject) -> None:
+    def _object(self, known: KnownObject, colour: tuple[int, int, int]) -> None:
         import cv2
 
-        colour = _TARGET if known.is_target else _FOUND
+        label = f"{known.category} {known.best_confidence:.2f}"
         around = np.linspace(0.0, 2.0 * np.pi, 33)[:, None]
-        radius = 0.5 * max(known.extent_m, 0.2)
+        radius = 0.5 * max(float(np.max(known.extent_m)), 0.2)
         ring = known.centroid_m + radius * np.concatenate([np.cos(around), np.sin(around), 0 * around], axis=1)
         self._line(ring, colour)
-        pixels = self._pixels(np.asarray(known.centroid_m)[None])
+        pixels = self._pixels(known.centroid_m[None])
         if pixels is None:
             return
         scale = max(0.3, min(self._picture.shape[:2]) / 900)
-        (width, height), _ = cv2.getTextSize(known.label, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+        (width, height), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
         x, y = (pixels[0] // 16).tolist()
         at = (int(np.clip(x - width // 2, 1, max(self._picture.shape[1] - width - 1, 1))), y + height // 2)
         for thickness, shade in ((3, (0, 0, 0)), (1, (255, 255, 255))):
-            cv2.putText(self._picture, known.label, at, cv2.FONT_HERSHEY_SIMPLEX, scale, shade, thickness, cv2.LINE_AA)
+            cv2.putText(self._picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, scale, shade, thickness, cv2.LINE_AA)
 
 
 def frustum_lines(camera: Camera, depth_m: float = FRUSTUM_M) -> list[Float[np.ndarray, "n 3"]]:
