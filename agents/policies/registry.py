@@ -14,13 +14,8 @@ POLICIES = {
     "spin": "agents.policies.spin:Spin",
 }
 """The hand-written ones: name -> module and class. A policy that is added here is known to all commands."""
-GREEDY = "next_best_view"
-"""Goes by this name alone, or with a colon and what it values."""
-TRAINED = "ppo"
-"""The trained policy of an env, or, with a colon and a path, any other one."""
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 """Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""
-BUILTIN = "Builtin"
 
 
 def make_policy(name: str, env_id: str | None = None) -> Policy:
@@ -39,7 +34,7 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
         'NextBestView'
     """
     kind, colon, argument = name.partition(":")
-    if kind == GREEDY and colon:
+    if kind == "next_best_view" and colon:
         from agents.policies.next_best_view import NextBestView
 
         return NextBestView(argument)
@@ -78,7 +73,7 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
         UsageError: if it is one, and there is nothing there.
     """
     kind, colon, path = name.partition(":")
-    if kind != TRAINED:
+    if kind != "ppo":
         return None
     if colon:
         if not path or not Path(path).exists():
@@ -88,7 +83,7 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
         raise UsageError("policy 'ppo' is a trained one for each env, and no env is given; give ppo:CHECKPOINT")
     env_name = env_id.rpartition("/")[2]
     # Builtin furniture makes no difference to a robot's observations and actions.
-    folders = [WEIGHTS / env_name, WEIGHTS / env_name.replace(BUILTIN, "")]
+    folders = [WEIGHTS / env_name, WEIGHTS / env_name.replace("Builtin", "")]
     folder = next((folder for folder in folders if folder.is_dir()), None)
     if folder is None:
         shipped = sorted(path.name for path in WEIGHTS.glob("*") if path.is_dir())

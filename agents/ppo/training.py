@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from agents.network.checkpoint import write_policy
@@ -20,7 +21,6 @@ from agents.ppo.callback import TrainingCallback
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import make_env, make_vec_env
 from agents.ppo.run_settings import RunSettings, claim_run, resolve_settings
-from agents.ppo.tensorboard import make_logger
 from agents.ppo.training_state import Progress, normalization_of, restore_training, write_training_state
 from agents.ppo.validation import MostLikelyAction, validate
 from labeling.core.errors import SbmError, UsageError
@@ -28,6 +28,7 @@ from labeling.detectors.registry import choose_device
 from labeling.formats.atomic import atomic_folder, write_json
 from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.provenance import simulation_provenance
+from labeling.training.curves import open_tensorboard
 
 
 def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Callable[..., Any]) -> Progress:
@@ -82,7 +83,8 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
             return progress
         # Environments cannot be put back into the middle of an episode: they start new ones, other than those before.
         env.seed(int(np.random.SeedSequence([seed, progress.steps]).generate_state(1)[0] % 2**31))
-        model.set_logger(make_logger(folder / TENSORBOARD_FOLDER, progress.steps, say))
+        curves = open_tensorboard(folder / TENSORBOARD_FOLDER, progress.steps, say)
+        model.set_logger(Logger(None, [] if curves is None else [_Curves(curves)]))
         origin = simulation_provenance()
 
         def save(is_best: bool) -> None:
@@ -106,6 +108,13 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
         raise KeyboardInterrupt
     say(f"policy: {folder / BEST} (return {progress.best:.2f} on validation scenes, at step {progress.best_steps})")
     return progress
+
+
+class _Curves(TensorBoardOutputFormat):
+    """Draws from a step on; the constructor of Stable-Baselines3 would keep what lies after it."""
+
+    def __init__(self, writer: Any) -> None:
+        self.writer, self._is_closed = writer, False
 
 
 def _check_network(settings: RunSettings, env: gym.Env) -> None:

@@ -211,7 +211,8 @@ class FixationEnv(gym.Env, EzPickle):
         self._simulation = Simulation(scene, self._config, self._detector, entropy, position_m, yaw_rad, self.num_views)
         terms = dict.fromkeys(reward_terms(self._simulation.update, False, self._weights), 0.0)
         self._show_human()
-        return self._observation(), observations.info(self._simulation, terms)
+        observation = observations.observation(self._simulation, self.profile.scales)
+        return observation, observations.info(self._simulation, terms)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Moves, looks, detects.
@@ -229,7 +230,8 @@ class FixationEnv(gym.Env, EzPickle):
         # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
         truncated = simulation.step_index >= self.num_views and (self._num_views is not None or self.spec is None)
         self._show_human()
-        return self._observation(), float(sum(terms.values())), False, truncated, observations.info(simulation, terms)
+        observation = observations.observation(simulation, self.profile.scales)
+        return observation, float(sum(terms.values())), False, truncated, observations.info(simulation, terms)
 
     def render(self) -> np.ndarray | None:
         """The current view, without aliasing, as ``render_mode`` says; None if there is none, or it is a window."""
@@ -320,9 +322,6 @@ class FixationEnv(gym.Env, EzPickle):
             return position_m, yaw_rad
         start = checked_start(options["start"], scene.world.navigable)
         return start[:2], float(start[2]) if len(start) == 3 else yaw_rad
-
-    def _observation(self) -> dict[str, np.ndarray]:
-        return observations.observation(self.simulation, self.profile.scales)
 
     def _view_from_outside(self) -> np.ndarray:
         scene = self.scene

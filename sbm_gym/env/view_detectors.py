@@ -32,7 +32,6 @@ class View:
 class ViewDetector(Protocol):
     """Detects objects in views of a scene."""
 
-    name: str
     categories: tuple[str, ...]
     """What it can say, as far as it is known."""
     needs_detail: bool
@@ -53,7 +52,7 @@ class ViewDetector(Protocol):
 class SimulatedViewDetector:
     """The simulated detector, which is told what is in view. Looking twice at a view is no help."""
 
-    name, needs_detail = SIMULATED, False
+    needs_detail = False
 
     def __init__(self, config: SimulatedDetectorConfig) -> None:
         self._detector = SimulatedDetector(config)
@@ -74,8 +73,7 @@ class PictureDetector:
     needs_detail = True
 
     def __init__(self, detector: Detector) -> None:
-        self._detector = detector
-        self.name, self.categories = detector.name, detector.categories or ()
+        self._detector, self.categories = detector, detector.categories or ()
 
     def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
         """See ``ViewDetector``.

@@ -3,6 +3,7 @@
 import atexit
 import ctypes
 import functools
+import importlib
 import os
 import platform
 import weakref
@@ -118,13 +119,7 @@ def _loads(library: str) -> bool:
 
 
 def _context_class(kind: str) -> Any:
-    if kind == "egl":
-        from mujoco.egl import GLContext
-    elif kind == "osmesa":
-        from mujoco.osmesa import GLContext
-    else:
-        from mujoco import GLContext
-    return GLContext
+    return importlib.import_module("mujoco" if kind == "default" else f"mujoco.{kind}").GLContext
 
 
 def _advice(kind: str, error: Exception | None) -> str:
