@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.ranges import Count, PictureHeight, Settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,7 +28,7 @@ CARDS_PER_ROW = 8
 
 
 @dataclass(frozen=True)
-class PreviewConfig:
+class PreviewConfig(Settings):
     """Writes contact sheets as PNG: every scene from above and from four places, both renderers side by side, and
     every furniture model of every class.
     """
@@ -40,9 +41,9 @@ class PreviewConfig:
     """Kinds of worlds, such as indoor; all of them if not given."""
     split: str | None = None
     """Only scenes of this split: train, val, test, wide or endless."""
-    scenes: int | None = None
+    scenes: Count | None = None
     """At most so many scenes of each kind of world."""
-    size: int = 240
+    size: PictureHeight = 240
     """Height of a picture of a scene, pixels."""
 
 
@@ -63,10 +64,7 @@ def run(config: PreviewConfig) -> list[Path]:
         unknown = [entry for entry in given if entry not in known]
         if unknown:
             raise UsageError(f"there is no {name} {unknown[0]!r}; known: {', '.join(known)}")
-    if config.scenes is not None and config.scenes < 1:
-        raise UsageError(f"--scenes must be at least 1, not {config.scenes}")
-    if config.size < 32:
-        raise UsageError(f"pictures of {config.size} pixels show nothing; take 32 or more")
+    config.check()
     sources = {kind: world_source(kind) for kind in config.worlds or WORLDS}
     written: list[Path] = []
     with tqdm(unit="picture", mininterval=0.5) as bar:

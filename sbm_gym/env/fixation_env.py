@@ -19,11 +19,11 @@ from sbm_gym.env.state_vector import state_names
 from sbm_gym.env.view_detectors import make_detector
 from sbm_gym.env.viewer_window import ViewerWindow, check_screen, screen_available
 from sbm_gym.registration import MAX_EPISODE_STEPS
-from sbm_gym.rendering.third_person import ThirdPersonView
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
 from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
+from sbm_gym.scenes.third_person import ThirdPersonView
 from sbm_gym.scenes.world_sources import world_source
 
 

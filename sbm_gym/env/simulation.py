@@ -10,10 +10,10 @@ from labeling.core.views import Camera
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
 from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
-from sbm_gym.rendering.third_person import AgentTrace
 from sbm_gym.robot.object_memory import MemoryUpdate
 from sbm_gym.robot.state import RobotConfig, RobotState
 from sbm_gym.scenes.compiled import Scene
+from sbm_gym.scenes.third_person import AgentTrace
 
 GAZES = ("fixate", "free")
 

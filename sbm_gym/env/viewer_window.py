@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from labeling.core.errors import SbmError
-from sbm_gym.rendering.third_person import AgentTrace, frustum_lines
+from sbm_gym.scenes.third_person import AgentTrace, frustum_lines
 
 _PATH_RGBA = np.array([1.0, 0.75, 0.15, 1.0], np.float32)
 _FRUSTUM_RGBA = np.array([1.0, 0.45, 0.1, 1.0], np.float32)

@@ -8,7 +8,7 @@ from labeling.core.geometry import look_at
 from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.rays.renderer import RaysRenderer
-from sbm_gym.rendering.third_person import FIELD_OF_VIEW_RAD, floor_bounds, opened_model
+from sbm_gym.scenes.third_person import FIELD_OF_VIEW_RAD, floor_bounds, opened_model
 from sbm_gym.worlds.world import World
 
 TRIAL_PX = (24, 48)

@@ -10,7 +10,7 @@ from labeling.core.views import Camera
 from sbm_gym.env import viewer_window
 from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.env.viewer_window import NoScreenError, draw_lines
-from sbm_gym.rendering.third_person import above, frustum_lines, overview_camera
+from sbm_gym.scenes.third_person import above, frustum_lines, overview_camera
 
 from ..box_rooms import BoxRooms
 
