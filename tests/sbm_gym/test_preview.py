@@ -115,7 +115,7 @@ def test_contact_sheets_place_pictures_row_by_row():
     [
         (["--what", "dreams"], "known: scenes, renderers, assets"),
         (["--worlds", "moon"], "indoor"),
-        (["--size", "2"], "32 or more"),
+        (["--size", "2"], "--size must be at least 32 pixels"),
         (["--scenes", "0"], "--scenes must be at least 1"),
     ],
 )
