@@ -6,6 +6,7 @@ the first convolution.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -94,7 +95,7 @@ def _picture_encoder(before: int, height: int, width: int, channels: Sequence[in
 
 
 def _check(space: spaces.Space) -> None:
-    parts = space.spaces if isinstance(space, spaces.Dict) else {}
+    parts: dict[str, Any] = space.spaces if isinstance(space, spaces.Dict) else {}
     fits = set(parts) == set(KEYS) and all(isinstance(part, spaces.Box) for part in parts.values())
     if fits:
         rgb, depth, state = (np.empty(parts[name].shape, parts[name].dtype) for name in KEYS)

@@ -1,6 +1,6 @@
 """The ``state`` observation: what the robot knows, as numbers from -1 to 1."""
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -62,7 +62,7 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         bearing_rad = np.arctan2(y, x) - body.yaw_rad
         return np.hypot(x, y) / scales.range_reach_m, np.cos(bearing_rad), np.sin(bearing_rad)
 
-    def of_object(known: KnownObject | None) -> Sequence[float]:
+    def of_object(known: KnownObject | None) -> list[Any]:
         if known is None:
             return np.zeros(6 + 2 * count).tolist()
         away = camera_m - known.centroid_m
@@ -72,7 +72,7 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         visible = known.object_id in update.visible
         return [1.0, visible, *place(known.centroid_m), len(known.azimuths) / count, *sectors]
 
-    def of_candidate(one: Candidate | None) -> Sequence[float]:
+    def of_candidate(one: Candidate | None) -> list[Any]:
         return [0.0] * 5 if one is None else [one.confidence, *place(one.centroid_m), len(one.looks) / MANY_LOOKS]
 
     others = [known for known in robot.objects if known is not target]
