@@ -93,7 +93,7 @@ def interior(theme: str, library: FurnitureLibrary, rng: np.random.Generator) ->
     build_shell(builder.scene, room, _finish(theme, rng), rng, "room", curtains=bool(not bare and rng.random() < 0.5))
     hang_pictures(builder.scene, room, _taken(layout), rng, most=1 if bare else 3)
     _light(spec, room, rng)
-    for number, rug in enumerate(arranger.rugs):
+    for number, rug in enumerate(layout.rugs):
         lay_rug(builder.scene, builder.scene.place(f"rug_{number}", rug), rug.card.size_m, rng)
     for piece in layout.placements:
         builder.stand(piece)

@@ -184,6 +184,8 @@ class Room:
     openings: tuple[Opening, ...] = ()
     leaves: tuple[Box, ...] = ()
     """Door leaves that stand open in it."""
+    kind: str = ""
+    """What it is for, a key of ``ROOM_KINDS``; empty if that does not matter."""
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -217,6 +219,8 @@ class Layout:
     placements: list[Placement] = field(default_factory=list)
     zones: list[Box] = field(default_factory=list)
     """Floor that nothing solid may stand on: before doors, fridges, toilets."""
+    rugs: list[Placement] = field(default_factory=list)
+    """Rugs have no height to collide with; they lie under what stands on them."""
 
     def __post_init__(self) -> None:
         walls = self.room.walls()

@@ -1,8 +1,9 @@
 """Floor plans: rooms of several kinds in one rectangle, joined by doorways that one can walk through."""
 
+import itertools
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -61,14 +62,6 @@ PROGRAMMES: dict[str, list[list[str]]] = _TABLES["homes"]
 
 
 @dataclass(frozen=True)
-class PlannedRoom:
-    """One room of a plan."""
-
-    kind: str
-    room: Room
-
-
-@dataclass(frozen=True)
 class Passage:
     """An opening in the wall between two rooms; its leaf, if it has one, stands open in one of them."""
 
@@ -94,14 +87,14 @@ class Passage:
 class FloorPlan:
     """Rooms and the passages between them."""
 
-    rooms: tuple[PlannedRoom, ...]
+    rooms: tuple[Room, ...]
     passages: tuple[Passage, ...]
     bounds: Rectangle
     """All rooms and the outer walls."""
 
     def open_rectangles(self) -> list[Rectangle]:
         """Floor that one can walk on: rooms and passages."""
-        rooms = [(*planned.room.low_m, *planned.room.high_m) for planned in self.rooms]
+        rooms = [(*room.low_m, *room.high_m) for room in self.rooms]
         return rooms + [passage.rectangle for passage in self.passages]
 
     def solid_rectangles(self) -> list[Rectangle]:
@@ -243,42 +236,41 @@ def _doorways(
 ) -> list[tuple[int, int, tuple[int, float, float, float], float]] | None:
     """Which rooms are joined, where, and how wide; None if some room cannot be."""
     shared = {}
-    for i in range(len(cells)):
-        for j in range(i + 1, len(cells)):
-            wall = _shared(cells[i][1], cells[j][1])
-            if wall is not None and wall[3] - wall[2] >= 0.95 + INNER_WALL_M + 2 * CORNER_M:
-                shared[i, j] = wall
+    for (i, (_, a)), (j, (_, b)) in itertools.combinations(enumerate(cells), 2):
+        wall = _shared(a, b)
+        if wall is not None and wall[3] - wall[2] >= 0.95 + INNER_WALL_M + 2 * CORNER_M:
+            shared[i, j] = wall
     public = [i for i, (kind, _) in enumerate(cells) if ROOM_KINDS[kind].public]
+
+    def is_open(i: int, j: int) -> bool:
+        """Whether a kitchen opens to a living room."""
+        kinds = {cells[i][0], cells[j][0]}
+        return "living_room" in kinds and bool(kinds & {"kitchen", "kitchen_diner"})
+
     joined: list[tuple[int, int]] = []
-    # Public rooms first, from a random one on, until all hang together.
+    # Public rooms first, until all hang together; halls join what they touch.
     reached = {public[0]}
     while len(reached) < len(public):
         edges = [(i, j) for i, j in shared if i in public and j in public and (i in reached) != (j in reached)]
         if not edges:
             return None
-        # Halls join what they touch; kitchens open to living rooms.
-        edges.sort(key=lambda edge: "hall" not in (cells[edge[0]][0], cells[edge[1]][0]))
-        i, j = edges[0]
-        joined.append((i, j))
-        reached |= {i, j}
-    for i, j in shared:
-        kinds = {cells[i][0], cells[j][0]}
-        if (i, j) not in joined and "living_room" in kinds and kinds & {"kitchen", "kitchen_diner"}:
-            joined.append((i, j))
+        joined.append(min(edges, key=lambda edge: "hall" not in (cells[edge[0]][0], cells[edge[1]][0])))
+        reached |= set(joined[-1])
+    joined += [pair for pair in shared if pair not in joined and is_open(*pair)]
     for index, (kind, _) in enumerate(cells):
         if index in public:
             continue
-        doors = [(i, j) for i, j in shared if index in (i, j) and (j if i == index else i) in public]
-        doors.sort(key=lambda door: _preference(kind, cells[door[1] if door[0] == index else door[0]][0]))
-        if not doors:
+        others = [j if i == index else i for i, j in shared if index in (i, j)]
+        others = [other for other in others if other in public]
+        if not others:
             return None
-        joined.append(doors[0])
+        other = min(others, key=lambda other: _preference(kind, cells[other][0]))
+        joined.append((min(index, other), max(index, other)))
     found = []
     for i, j in joined:
-        kinds = {cells[i][0], cells[j][0]}
         wide = float(np.round(rng.uniform(0.88, 1.0), 2))
         length = shared[i, j][3] - shared[i, j][2]
-        if "living_room" in kinds and kinds & {"kitchen", "kitchen_diner"} and rng.random() < 0.6:
+        if is_open(i, j) and rng.random() < 0.6:
             wide = float(np.round(min(rng.uniform(1.3, 2.0), length - INNER_WALL_M - 2 * CORNER_M), 2))
         found.append((i, j, shared[i, j], wide))
     return found
@@ -295,7 +287,8 @@ def _build(cells, doorways, height: float, whole: Rectangle, rng: np.random.Gene
     half = 0.5 * INNER_WALL_M
     inner = [(c[0] + half, c[1] + half, c[2] - half, c[3] - half) for _, c in cells]
     openings: list[list[Opening]] = [[] for _ in cells]
-    bare = [Room((r[0], r[1]), (r[2], r[3]), height) for r in inner]
+    kinds = [kind for kind, _ in cells]
+    bare = [Room((r[0], r[1]), (r[2], r[3]), height, kind=kind) for r, kind in zip(inner, kinds, strict=True)]
     passages = []
     for i, j, (axis, at, low, high), wide in doorways:
         slack = (high - low) - INNER_WALL_M - 2 * CORNER_M - wide
@@ -317,15 +310,11 @@ def _build(cells, doorways, height: float, whole: Rectangle, rng: np.random.Gene
         # Worktops and taps fit below kitchen windows; bathrooms have small ones high up.
         sill = {"bathroom": 1.35, "kitchen": 1.2, "kitchen_diner": 1.2}.get(kind, float(rng.choice([0.85, 0.95])))
         _windows(ROOM_KINDS[kind], bare[index], openings[index], outer[index], rng, sill)
-    furnishable = [
-        Room(room.low_m, room.high_m, height, tuple(found)) for room, found in zip(bare, openings, strict=True)
-    ]
-    kinds = [kind for kind, _ in cells]
-    furnishable = hang_leaves(furnishable, [_leaf_wish(kinds, i, j) for i, j, _, _ in doorways], rng)
-    rooms = tuple(PlannedRoom(kind, room) for kind, room in zip(kinds, furnishable, strict=True))
+    rooms = [replace(room, openings=tuple(found)) for room, found in zip(bare, openings, strict=True)]
+    rooms = hang_leaves(rooms, [_leaf_wish(kinds, i, j) for i, j, _, _ in doorways], rng)
     edge = OUTER_WALL_M - half
     bounds = (whole[0] - edge, whole[1] - edge, whole[2] + edge, whole[3] + edge)
-    return FloorPlan(rooms, tuple(passages), bounds)
+    return FloorPlan(tuple(rooms), tuple(passages), bounds)
 
 
 def _leaf_wish(kinds: Sequence[str], i: int, j: int) -> tuple[int, int, float]:

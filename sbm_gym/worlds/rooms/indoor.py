@@ -1,8 +1,7 @@
 """Furnished homes and offices: from a name or a seed to a world."""
 
 import hashlib
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 import mujoco
@@ -20,7 +19,6 @@ from sbm_gym.worlds.rooms.floor_plan import (
     PROGRAMMES,
     ROOM_KINDS,
     FloorPlan,
-    PlannedRoom,
     complement,
     draw_plan,
 )
@@ -53,17 +51,6 @@ MAX_LAMPS = 7
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class _Furnished:
-    """One room with its furniture."""
-
-    planned: PlannedRoom
-    layout: Layout
-    rugs: list[Placement]
-    faults: tuple[int, int] = (0, 0)
-    """Classes its kind needs that found no place, and uses without a class that it should have and that found none."""
-
-
 def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
     """Builds a furnished home or office.
 
@@ -86,13 +73,13 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
     library = models_of_scene(library or indoor_library(), name.startswith(("val/", "test/")), unseen_models)
 
     # A home in which something a room needs found no place is drawn again; the attempt is part of the seed.
-    def attempt(number: int) -> tuple[FloorPlan, list[_Furnished]]:
+    def attempt(number: int) -> tuple[FloorPlan, list[Layout]]:
         rng = np.random.default_rng((*source.seed, number))
         kinds = list(PROGRAMMES)
         plan = draw_plan(source.kind or kinds[rng.integers(len(kinds))], rng)
         return plan, _furnish_all(plan, library, rng)
 
-    home = _best(map(attempt, range(PLAN_ATTEMPTS)), lambda home: (sum(room.faults[0] for room in home[1]),))
+    home = _best(map(attempt, range(PLAN_ATTEMPTS)), lambda home: (sum(_faults(layout)[0] for layout in home[1]),))
     style_seed = int.from_bytes(hashlib.sha256(repr(source.seed).encode()).digest()[:8], "little")
     return _assemble(name, *home, library, np.random.default_rng(style_seed))
 
@@ -127,12 +114,12 @@ def build_room(
     """
     rng = np.random.default_rng(seed)
     half_x, half_y = 0.5 * size_m[0], 0.5 * size_m[1]
-    planned = PlannedRoom(kind, Room((-half_x, -half_y), (half_x, half_y), height_m=2.6))
-    layout, library = Layout(planned.room, rng), library or BuiltinLibrary(seed)
+    room = Room((-half_x, -half_y), (half_x, half_y), height_m=2.6, kind=kind)
+    layout, library = Layout(room, rng), library or BuiltinLibrary(seed)
     furnish(layout, library)
     outer_x, outer_y = half_x + OUTER_WALL_M, half_y + OUTER_WALL_M
-    plan = FloorPlan((planned,), (), (-outer_x, -outer_y, outer_x, outer_y))
-    return _assemble(name, plan, [_Furnished(planned, layout, [])], library, rng)
+    plan = FloorPlan((room,), (), (-outer_x, -outer_y, outer_x, outer_y))
+    return _assemble(name, plan, [layout], library, rng)
 
 
 def _best(attempts: Iterable[_T], faults: Callable[[_T], tuple[int, ...]]) -> _T:
@@ -145,37 +132,39 @@ def _best(attempts: Iterable[_T], faults: Callable[[_T], tuple[int, ...]]) -> _T
     return min(made, key=faults)
 
 
-def _furnish_all(plan: FloorPlan, library: FurnitureLibrary, rng: np.random.Generator) -> list[_Furnished]:
+def _furnish_all(plan: FloorPlan, library: FurnitureLibrary, rng: np.random.Generator) -> list[Layout]:
     """Furnishes every room of a plan, each with its share of the triangles that are left."""
-    area = np.array([np.prod(planned.room.size_m) for planned in plan.rooms])
+    area = np.array([np.prod(room.size_m) for room in plan.rooms])
     left = MAX_TRIANGLES
-    rooms = []
+    layouts: list[Layout] = []
     for index in range(len(plan.rooms)):
         budget = int(left * area[index] / area[index:].sum())
         tries = (_furnish(plan, index, library, stream, budget) for stream in rng.spawn(ROOM_ATTEMPTS))
-        best = _best(tries, lambda room: room.faults)
-        left -= sum(library.load(piece.card).num_triangles for piece in best.layout.placements)
-        rooms.append(best)
-    return rooms
+        layouts.append(_best(tries, _faults))
+        left -= sum(library.load(piece.card).num_triangles for piece in layouts[-1].placements)
+    return layouts
 
 
 def _furnish(
     plan: FloorPlan, index: int, library: FurnitureLibrary, rng: np.random.Generator, max_triangles: int
-) -> _Furnished:
+) -> Layout:
     """Furnishes one room once."""
-    planned = plan.rooms[index]
-    layout = Layout(planned.room, rng)
-    rugs = furnish(planned.kind, layout, library, max_triangles)
+    layout = Layout(plan.rooms[index], rng)
+    furnish(layout, library, max_triangles)
     _make_approachable(plan, index, layout, library)
-    kind = ROOM_KINDS[planned.kind]
-    missing = set(kind.needed) - {piece.card.category for piece in layout.placements}
-    unmet = set(kind.expected) - {piece.card.use for piece in layout.placements}
-    return _Furnished(planned, layout, rugs, (len(missing), len(unmet)))
+    return layout
+
+
+def _faults(layout: Layout) -> tuple[int, int]:
+    """How many classes found no place that a room of its kind needs, and how many uses without a class."""
+    kind, cards = ROOM_KINDS[layout.room.kind], [piece.card for piece in layout.placements]
+    missing = set(kind.needed) - {card.category for card in cards}
+    return len(missing), len(set(kind.expected) - {card.use for card in cards})
 
 
 def _make_approachable(plan: FloorPlan, index: int, layout: Layout, library: FurnitureLibrary) -> None:
     """Takes pieces out of a room until its doorways are joined and every object can be looked at from several sides."""
-    room = plan.rooms[index].room
+    room = layout.room
     doorways = [passage for passage in plan.passages if index in passage.rooms]
     margin = 0.5
     # Its cells are cells of the whole home's map.
@@ -231,7 +220,7 @@ def _is_touched(piece: Placement) -> bool:
 
 
 def _assemble(
-    name: str, plan: FloorPlan, rooms: list[_Furnished], library: FurnitureLibrary, rng: np.random.Generator
+    name: str, plan: FloorPlan, layouts: list[Layout], library: FurnitureLibrary, rng: np.random.Generator
 ) -> World:
     """Turns furnished rooms into MuJoCo geometry."""
     spec = mujoco.MjSpec()
@@ -244,16 +233,16 @@ def _assemble(
     spec.stat.extent = max(3.0, 0.5 * float(np.hypot(x1 - x0, y1 - y0)))
     spec.stat.center = [0.0, 0.0, 1.0]
     builder = SceneBuilder(spec)
-    build_walls(builder, plan, rooms[0].planned.room.height_m)
+    build_walls(builder, plan, plan.rooms[0].height_m)
     style = draw_style(rng)
-    lamps = _lamps([room.planned for room in rooms])
+    lamps = _lamps(plan.rooms)
     obstacles = [_rows(plan.solid_rectangles())]
     objects: list[ObjectInstance] = []
     pieces = 0
-    for number, room in enumerate(rooms):
-        _finish_room(builder, room, number, style, lamps[number], library, rng)
-        obstacles += [obstacle_rows(room.planned.room.leaves), _obstacles(room.layout.placements, library)]
-        for piece in room.layout.placements:
+    for number, layout in enumerate(layouts):
+        _finish_room(builder, layout, number, style, lamps[number], library, rng)
+        obstacles += [obstacle_rows(layout.room.leaves), _obstacles(layout.placements, library)]
+        for piece in layout.placements:
             body_name = f"{piece.card.category or piece.card.use}_{pieces:03d}"
             pieces += 1
             body = builder.place(body_name, piece)
@@ -269,10 +258,10 @@ def _assemble(
     return World(name, spec, tuple(objects), navigable)
 
 
-def _lamps(rooms: list[PlannedRoom]) -> list[int]:
+def _lamps(rooms: Sequence[Room]) -> list[int]:
     """How many lamps each room has: large rooms two, as long as there are no more than ``MAX_LAMPS`` in all."""
     counts = [1] * len(rooms)
-    area = np.array([np.prod(planned.room.size_m) for planned in rooms])
+    area = np.array([np.prod(room.size_m) for room in rooms])
     for index in np.argsort(-area):
         if area[index] > 17.0 and sum(counts) < MAX_LAMPS:
             counts[index] = 2
@@ -281,7 +270,7 @@ def _lamps(rooms: list[PlannedRoom]) -> list[int]:
 
 def _finish_room(
     builder: SceneBuilder,
-    furnished: _Furnished,
+    layout: Layout,
     number: int,
     style: Style,
     lamps: int,
@@ -289,15 +278,13 @@ def _finish_room(
     rng: np.random.Generator,
 ) -> None:
     """Adds what belongs to the room itself: its surfaces, lamps, pictures and rugs."""
-    planned, layout = furnished.planned, furnished.layout
-    name = f"room_{number}_{planned.kind}"
-    curtains = ROOM_KINDS[planned.kind].curtains and rng.random() < 0.75
-    build_shell(builder, planned.room, draw_finish(planned.kind, style, rng), rng, name, curtains)
-    hang_lamps(builder, planned.room, rng, f"lamps_{number}", lamps)
-    hang_pictures(
-        builder, planned.room, _taken_wall(layout), rng, f"pictures_{number}", ROOM_KINDS[planned.kind].pictures
-    )
-    for index, rug in enumerate(furnished.rugs):
+    room, kind = layout.room, ROOM_KINDS[layout.room.kind]
+    name = f"room_{number}_{room.kind}"
+    curtains = kind.curtains and rng.random() < 0.75
+    build_shell(builder, room, draw_finish(room.kind, style, rng), rng, name, curtains)
+    hang_lamps(builder, room, rng, f"lamps_{number}", lamps)
+    hang_pictures(builder, room, _taken_wall(layout), rng, f"pictures_{number}", kind.pictures)
+    for index, rug in enumerate(layout.rugs):
         body = builder.place(f"rug_{number}_{index}", rug)
         if rng.random() < 0.6:
             builder.furniture(body, library.load(rug.card))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary
-from sbm_gym.worlds.geometry.placing import Layout, Placement
+from sbm_gym.worlds.geometry.placing import Layout
 from sbm_gym.worlds.rooms.floor_plan import ROOM_KINDS
 from sbm_gym.worlds.rooms.furnishing.arranger import Arranger
 from sbm_gym.worlds.rooms.furnishing.bathroom import bathing
@@ -153,21 +153,17 @@ FURNISH = {groups.__name__.removeprefix("_"): groups for groups in _GROUPS}
 """What furnishes each kind of room."""
 
 
-def furnish(kind: str, layout: Layout, library: FurnitureLibrary, max_triangles: int) -> list[Placement]:
-    """Furnishes a room of a kind.
+def furnish(layout: Layout, library: FurnitureLibrary, max_triangles: int) -> None:
+    """Furnishes an empty room as its kind asks.
 
     Args:
-        kind: a key of ``ROOM_KINDS``.
-        layout: the empty room; its placements are filled.
+        layout: the room; its placements are filled.
         library: where the furniture comes from.
         max_triangles: of all pieces together.
-
-    Returns:
-        The rugs, which lie under what stands on them.
     """
     area_m2 = float(np.prod(layout.room.size_m))
     arranger = Arranger(layout, library, max_triangles, max_objects=int(np.clip(round(0.7 * area_m2), 3, 14)))
-    FURNISH[kind](arranger)
-    fill(arranger, round(area_m2 * float(arranger.rng.uniform(*OBJECTS_PER_M2))), ROOM_KINDS[kind].extras)
+    FURNISH[layout.room.kind](arranger)
+    target = round(area_m2 * float(arranger.rng.uniform(*OBJECTS_PER_M2)))
+    fill(arranger, target, ROOM_KINDS[layout.room.kind].extras)
     radiator(arranger)
-    return arranger.rugs

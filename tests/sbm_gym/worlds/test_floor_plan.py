@@ -64,14 +64,14 @@ def test_doorways_are_openings_of_both_rooms_and_wide_enough(kind, seed):
         x0, y0, x1, y1 = passage.rectangle
         assert max(x1 - x0, y1 - y0) >= 0.85
         for index in passage.rooms:
-            room = plan.rooms[index].room
+            room = plan.rooms[index]
             gaps = []
             for opening in room.openings:
                 if opening.kind == "passage":
                     wall = room.walls()[opening.wall]
                     gaps.append(wall.point(0.5 * (opening.start_m + opening.end_m), 0.0))
             assert min(np.linalg.norm(gap - passage.middle_m) for gap in gaps) < 0.07
-    doors = [o for planned in plan.rooms for o in planned.room.openings if o.kind == "door"]
+    doors = [o for room in plan.rooms for o in room.openings if o.kind == "door"]
     assert len(doors) == 1
 
 
@@ -79,9 +79,9 @@ def test_doorways_are_openings_of_both_rooms_and_wide_enough(kind, seed):
 @given(st.sampled_from(list(PROGRAMMES)), st.integers(0, 2**32 - 1))
 def test_openings_stay_inside_their_walls_and_apart(kind, seed):
     plan = draw_plan(kind, np.random.default_rng(seed))
-    for planned in plan.rooms:
-        for wall in planned.room.walls():
-            spans = sorted((o.start_m, o.end_m) for o in planned.room.openings if o.wall == wall.index)
+    for room in plan.rooms:
+        for wall in room.walls():
+            spans = sorted((o.start_m, o.end_m) for o in room.openings if o.wall == wall.index)
             assert all(0 < a < b < wall.length_m for a, b in spans)
             assert all(b < c for (_, b), (c, _) in itertools.pairwise(spans))
 
@@ -96,8 +96,8 @@ def test_all_kinds_of_rooms_can_be_furnished():
 def test_door_leaves_stand_beside_their_doorway_clear_of_windows_and_doorways(kind, seed):
     plan = draw_plan(kind, np.random.default_rng(seed))
     hung = 0
-    for planned in plan.rooms:
-        room, walls = planned.room, planned.room.walls()
+    for room in plan.rooms:
+        walls = room.walls()
         for leaf in room.leaves:
             hung += 1
             corners = leaf.corners()

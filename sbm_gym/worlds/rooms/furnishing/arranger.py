@@ -1,7 +1,7 @@
 """Furnishing one room: picking models, putting them along walls, hanging them up, decorating them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,8 +23,6 @@ class Arranger:
     max_triangles: int = 200_000
     """Of all pieces together."""
     max_objects: int = MAX_OBJECTS
-    rugs: list[Placement] = field(default_factory=list)
-    """Rugs have no height to collide with; they lie under what stands on them."""
 
     @property
     def rng(self) -> np.random.Generator:
@@ -126,7 +124,7 @@ class Arranger:
     def rug_before(self, piece: Placement, use: str = "rug") -> None:
         """Notes where a rug lies before a piece; a room has one of a kind."""
         card = self.pick(use) if self.chance(0.75) else None
-        if card is None or any(rug.card.use == use for rug in self.rugs):
+        if card is None or any(rug.card.use == use for rug in self.layout.rugs):
             return
         x, y = piece.at(0.0, -piece.card.size_m[1] / 2 - (0.25 if use == "rug" else 0.1 + card.size_m[1] / 2))
         turned = use == "rug" and self.chance(0.8)
@@ -136,4 +134,4 @@ class Arranger:
         if np.any(high - low < [x1 - x0, y1 - y0]):
             return
         shift = np.maximum(low - [x0, y0], 0) - np.maximum([x1, y1] - high, 0)
-        self.rugs.append(Placement(card, float(x + shift[0]), float(y + shift[1]), rug.yaw_rad))
+        self.layout.rugs.append(Placement(card, float(x + shift[0]), float(y + shift[1]), rug.yaw_rad))
