@@ -1,5 +1,7 @@
 """What is seen of openings in walls: frames, doors and their leaves, windows with curtains."""
 
+import itertools
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -83,10 +85,9 @@ def hang_leaf(builder: SceneBuilder, name: str, leaf: Box, colour: Rgba, panels:
     steel = builder.material(rgba=(0.6, 0.6, 0.62, 1.0), specular=0.8, shininess=0.7)
     half, thick, high = leaf.half_x_m, leaf.half_y_m, leaf.high_m - leaf.low_m
     builder.drawn_box(body, np.array([-half, -thick, 0.0]), np.array([half, thick, high]), paint)
-    levels = {0: [], 1: [(0.15, high - 0.15)], 2: [(0.15, 0.9), (1.12, high - 0.15)]}
-    levels[3] = [(0.15, 0.62), (0.74, 0.98), (1.12, high - 0.15)]
+    top_panel, edge = (1.12, high - 0.15), 0.72 * half
+    levels = [[], [(0.15, high - 0.15)], [(0.15, 0.9), top_panel], [(0.15, 0.62), (0.74, 0.98), top_panel]]
     for low, top in levels[panels]:
-        edge = 0.72 * half
         builder.drawn_box(body, np.array([-edge, -thick - 0.004, low]), np.array([edge, thick + 0.004, top]), inset)
     x = half - 0.07
     for side in (-1.0, 1.0):
@@ -123,18 +124,14 @@ def draw_curtains(
     for start, end in ((o.start_m - 0.28, o.start_m + 0.08), (o.end_m - 0.08, o.end_m + 0.28)):
         if start < 0.02 or end > wall.length_m - 0.02:
             continue
-        steps = 16
-        along = np.linspace(start, end, steps + 1)
-        out = 0.05 + 0.025 * np.sin(np.arange(steps + 1) * 0.5 * np.pi)
-        quads, coords = [], []
-        for k in range(steps):
-            a, b = wall.point(along[k], out[k]), wall.point(along[k + 1], out[k + 1])
-            u0, u1 = 2.0 * k / steps, 2.0 * (k + 1) / steps
-            quads.append([[*b, low], [*a, low], [*a, high], [*b, high]])
-            coords.append([[u1, 3.0], [u0, 3.0], [u0, 0.0], [u1, 0.0]])
+        folds = zip(np.linspace(start, end, 17), 0.05 + 0.025 * np.sin(np.arange(17) * 0.5 * np.pi), strict=True)
+        edges = itertools.pairwise([wall.point(along, out) for along, out in folds])
+        front = np.array([[[*b, low], [*a, low], [*a, high], [*b, high]] for a, b in edges])
+        u = np.arange(16)[:, None, None] / 8
+        texcoords = np.array([[0.125, 3.0], [0.0, 3.0], [0.0, 0.0], [0.125, 0.0]]) + u * [1.0, 0.0]
         # Seen from the window side too, by whoever stands beside it.
-        front, uv = np.array(quads), np.array(coords)
-        builder.quads(body, np.concatenate([front, front[:, ::-1]]), np.concatenate([uv, uv[:, ::-1]]), cloth)
+        both = np.concatenate([front, front[:, ::-1]])
+        builder.quads(body, both, np.concatenate([texcoords, texcoords[:, ::-1]]), cloth)
     rod = builder.material(rgba=(0.3, 0.28, 0.26, 1.0), specular=0.5)
     span = (max(o.start_m - 0.3, 0.01), min(o.end_m + 0.3, wall.length_m - 0.01))
     wall_box(builder, body, wall, span, (0.04, 0.06), (high, high + 0.02), rod)

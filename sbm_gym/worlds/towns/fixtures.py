@@ -54,13 +54,8 @@ def hydrant(furnisher: Furnisher, xy: Float[np.ndarray, "2"], front: Float[np.nd
     if not furnisher.post(xy, 0.13, 0.50, red):
         return
     meshes, z = furnisher.meshes, KERB_M
-    for radius, low, high in (
-        (0.19, 0.0, 0.06),
-        (0.17, 0.44, 0.5),
-        (0.15, 0.5, 0.58),
-        (0.10, 0.58, 0.66),
-        (0.04, 0.66, 0.74),
-    ):
+    rings = ((0.19, 0.0, 0.06), (0.17, 0.44, 0.5), (0.15, 0.5, 0.58), (0.10, 0.58, 0.66), (0.04, 0.66, 0.74))
+    for radius, low, high in rings:
         meshes.plain(prism(xy, radius, z + low, z + high, 12), red, specular=0.4)
     right = np.array([-front[1], front[0]])
     for out, reach in ((front, 0.20), (right, 0.19), (-right, 0.19)):
@@ -95,8 +90,7 @@ def bus_stop(furnisher: Furnisher, spawn: Spawn) -> None:
     right = np.array([ahead[1], -ahead[0]])
     middle = spawn.middle_m + right * (spawn.width_m / 2 + 2.2)
     half_length = 1.9
-    x, y = (float(v) for v in middle + 0.1 * right)
-    back = Box(x, y, half_length, 0.28, spawn.heading_rad)
+    back = Box(*(middle + 0.1 * right).tolist(), half_length, 0.28, spawn.heading_rad)
     if not furnisher.fits(back, 0.2):
         return
     furnisher.block(back)

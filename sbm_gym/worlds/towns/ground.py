@@ -118,24 +118,20 @@ def _stripe(segment: Segment, a0: float, a1: float, t0: float, t1: float) -> Flo
 
 def _markings(meshes: StaticMeshes, segment: Segment) -> None:
     """Centre line, stop lines, zebra crossings, arrows."""
-    street, quads = segment.street, []
+    street = segment.street
     start = segment.start_m + (STOP_LINE_M if segment.stops[0] else 1.0)
     end = segment.end_m - (STOP_LINE_M if segment.stops[1] else 1.0)
-    for at in np.arange(start + 1.0, end - 2.5, 4.5):
-        quads.append(_stripe(segment, at, at + 2.5, -0.06, 0.06))
+    quads = [_stripe(segment, at, at + 2.5, -0.06, 0.06) for at in np.arange(start + 1.0, end - 2.5, 4.5)]
     high, low = street.half_m[0], -street.half_m[1]
     for is_end in (False, True):
         if not segment.stops[int(is_end)]:
             continue
         edge, inward = (segment.end_m, -1.0) if is_end else (segment.start_m, 1.0)
         side = street.right_side(is_end)
-        quads.append(
-            _stripe(
-                segment, edge + inward * STOP_LINE_M, edge + inward * (STOP_LINE_M + 0.4), 0.1 * side, LANE_M * side
-            )
-        )
-        for t in np.arange(low + 0.35, high - 0.45, 1.0):
-            quads.append(_stripe(segment, edge + inward * CROSSING_M[0], edge + inward * CROSSING_M[1], t, t + 0.5))
+        stop = (edge + inward * STOP_LINE_M, edge + inward * (STOP_LINE_M + 0.4))
+        quads.append(_stripe(segment, *stop, 0.1 * side, LANE_M * side))
+        zebra = (edge + inward * CROSSING_M[0], edge + inward * CROSSING_M[1])
+        quads += [_stripe(segment, *zebra, t, t + 0.5) for t in np.arange(low + 0.35, high - 0.45, 1.0)]
         quads += _arrow(segment, edge + inward * (STOP_LINE_M + 7.5), -inward, side * LANE_M / 2)
     meshes.plain(np.stack(quads), PAINT)
 

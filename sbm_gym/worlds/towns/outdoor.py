@@ -210,7 +210,12 @@ class TownStage:
             centre = np.array([placed[0][1].x_m, placed[0][1].y_m])
             # Right beside a bus nothing of it can be made out.
             nearest_m = max(RING_M[0], 0.5 * max(placed[0][1].card.size_m[:2]) + START_CLEARANCE_M)
-            ring = _within(navigable, centre, (nearest_m, min(nearest_m + START_DEPTH_M, RING_M[1])))
+            # Cells whose centres lie on a ring.
+            rows, columns = navigable.free.shape
+            x = navigable.origin_m[0] + CELL_M * (np.arange(columns) + 0.5) - centre[0]
+            y = navigable.origin_m[1] + CELL_M * (np.arange(rows) + 0.5) - centre[1]
+            away = np.hypot(x[None], y[:, None])
+            ring = (away >= nearest_m) & (away <= min(nearest_m + START_DEPTH_M, RING_M[1]))
             starts = NavigableMap(navigable.free & ring, navigable.origin_m, CELL_M)
             reached = min(approach_bearings(navigable, np.array([s.x_m, s.y_m])) for _, s in placed)
             if starts.free.any() and reached >= MIN_BEARINGS:
@@ -279,14 +284,3 @@ def _with_vehicles(
     size_m = CELL_M * np.array(free.shape[::-1])
     around = navigable_map(origin_m - rim, origin_m + size_m + rim, rows, cell_m=CELL_M).free[2:-2, 2:-2]
     return NavigableMap(free & around, origin_m, CELL_M).connected()
-
-
-def _within(
-    navigable: NavigableMap, centre_m: Float[np.ndarray, "2"], ring_m: tuple[float, float]
-) -> Bool[np.ndarray, "ny nx"]:
-    """Cells whose centres lie on a ring."""
-    rows, columns = navigable.free.shape
-    x = navigable.origin_m[0] + CELL_M * (np.arange(columns) + 0.5) - centre_m[0]
-    y = navigable.origin_m[1] + CELL_M * (np.arange(rows) + 0.5) - centre_m[1]
-    distance = np.hypot(x[None], y[:, None])
-    return (distance >= ring_m[0]) & (distance <= ring_m[1])

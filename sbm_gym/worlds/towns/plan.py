@@ -116,6 +116,16 @@ class Street:
     parking: tuple[bool, bool]
     """Whether people park there, sides in the same order."""
 
+    @property
+    def low_m(self) -> float:
+        """Coordinate across of its kerb on the lesser side."""
+        return self.centre_m - self.half_m[1]
+
+    @property
+    def high_m(self) -> float:
+        """Coordinate across of its kerb on the greater side."""
+        return self.centre_m + self.half_m[0]
+
     def point(self, along_m, across_m) -> Float[np.ndarray, "*shape 2"]:
         """World points of coordinates along and across (from the middle line)."""
         along, across = np.broadcast_arrays(np.asarray(along_m, float), np.asarray(across_m, float) + self.centre_m)
@@ -182,22 +192,11 @@ def draw_plan(rng: np.random.Generator) -> TownPlan:
     ys = _lines(rng, down)
     vertical = [_street(rng, 1, float(x), outer=(i == 0, i == across)) for i, x in enumerate(xs)]
     horizontal = [_street(rng, 0, float(y), outer=(i == 0, i == down)) for i, y in enumerate(ys)]
-    rim = Rect(
-        vertical[0].centre_m - vertical[0].half_m[1],
-        horizontal[0].centre_m - horizontal[0].half_m[1],
-        vertical[-1].centre_m + vertical[-1].half_m[0],
-        horizontal[-1].centre_m + horizontal[-1].half_m[0],
-    )
+    rim = Rect(vertical[0].low_m, horizontal[0].low_m, vertical[-1].high_m, horizontal[-1].high_m)
     kinds = _block_kinds(rng, across * down)
     blocks = []
     for (left, right), (low, high) in itertools.product(itertools.pairwise(vertical), itertools.pairwise(horizontal)):
-        rect = Rect(
-            left.centre_m + left.half_m[0],
-            low.centre_m + low.half_m[0],
-            right.centre_m - right.half_m[1],
-            high.centre_m - high.half_m[1],
-        )
-        blocks.append(Block(rect, kinds[len(blocks)]))
+        blocks.append(Block(Rect(left.high_m, low.high_m, right.low_m, high.low_m), kinds[len(blocks)]))
     segments = []
     for streets, others in ((vertical, horizontal), (horizontal, vertical)):
         for i, street in enumerate(streets):
@@ -205,8 +204,7 @@ def draw_plan(rng: np.random.Generator) -> TownPlan:
             for j, (first, second) in enumerate(itertools.pairwise(others)):
                 # Where two streets of the ring meet the road just bends, and nobody waits.
                 stops = (not (on_ring and j == 0), not (on_ring and j == len(others) - 2))
-                start, end = first.centre_m + first.half_m[0], second.centre_m - second.half_m[1]
-                segments.append(Segment(street, start, end, stops))
+                segments.append(Segment(street, first.high_m, second.low_m, stops))
     spawns = [spawn for segment in segments for spawn in _spawns(rng, segment)]
     for block in blocks:
         if block.kind == "car_park":
@@ -255,16 +253,14 @@ def _spawns(rng: np.random.Generator, segment: Segment) -> list[Spawn]:
                     kind, length = "bus", BUS_BAY_M
                 if at + length > segment.end_m - FIRST_BAY_M:
                     break
-                x, y = street.point(at + length / 2, middle)
-                spawns.append(Spawn(float(x), float(y), heading, length, PARKING_M, kind))
+                spawns.append(Spawn(*street.point(at + length / 2, middle).tolist(), heading, length, PARKING_M, kind))
                 at += length
         if segment.stops[1 if forward else 0]:
             front = segment.end_m - STOP_LINE_M - 0.6 if forward else segment.start_m + STOP_LINE_M + 0.6
             back = -1.0 if forward else 1.0
-            lengths = (13.0,) if rng.random() < 0.25 else (6.4, 6.4)
-            for length in lengths:
-                x, y = street.point(front + back * length / 2, side * LANE_M / 2)
-                spawns.append(Spawn(float(x), float(y), heading, length, LANE_M, "lane"))
+            for length in (13.0,) if rng.random() < 0.25 else (6.4, 6.4):
+                where = street.point(front + back * length / 2, side * LANE_M / 2).tolist()
+                spawns.append(Spawn(*where, heading, length, LANE_M, "lane"))
                 front += back * length
     return spawns
 
@@ -283,24 +279,23 @@ def _racks(rng: np.random.Generator, block: Block) -> list[Spawn]:
     for x0, y0, x1, y1, heading in sides if block.kind == "square" else sides[2:]:
         if rng.random() < 0.7:
             share = rng.uniform(0.12, 0.28)
-            step = np.array([x1 - x0, y1 - y0]) / np.hypot(x1 - x0, y1 - y0) * 2.2
+            side = np.array([x1 - x0, y1 - y0])
+            step = side / np.hypot(*side) * 2.2
             for k in range(int(rng.integers(1, 4))):
-                x, y = np.array([x0, y0]) + share * np.array([x1 - x0, y1 - y0]) + k * step
+                where = np.array([x0, y0]) + share * side + k * step
                 turn = heading + np.pi * float(rng.integers(2))
-                spawns.append(Spawn(float(x), float(y), turn, 2.0, 0.9, "rack", KERB_M))
+                spawns.append(Spawn(*where.tolist(), turn, 2.0, 0.9, "rack", KERB_M))
     return spawns
 
 
 def car_park_bays(block: Block) -> list[Spawn]:
     """Two rows of bays, nose to the middle of a car park."""
-    inner = block.rect.shrunk(PAVEMENT_M)
-    spawns = []
-    length, width = 5.2, 2.7
-    middle_y = 0.5 * (inner.y0 + inner.y1)
+    inner, length, width = block.rect.shrunk(PAVEMENT_M), 5.2, 2.7
+    x, y = inner.middle_m
     count = int((inner.size_m[0] - 4.0) / width)
-    first = 0.5 * (inner.x0 + inner.x1) - 0.5 * (count - 1) * width
-    for side in (-1, 1):
-        for k in range(count):
-            y = middle_y + side * (3.2 + length / 2)
-            spawns.append(Spawn(first + k * width, y, side * 0.5 * np.pi, length, width, "bay", CAR_PARK_M))
-    return spawns
+    first = x - 0.5 * (count - 1) * width
+    return [
+        Spawn(first + k * width, y + s * (3.2 + length / 2), s * 0.5 * np.pi, length, width, "bay", CAR_PARK_M)
+        for s in (-1, 1)
+        for k in range(count)
+    ]

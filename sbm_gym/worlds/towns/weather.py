@@ -54,29 +54,23 @@ class Weather:
         flat = np.cos(self.elevation_rad)
         return -np.array([flat * np.cos(self.azimuth_rad), flat * np.sin(self.azimuth_rad), np.sin(self.elevation_rad)])
 
+    def _sunlight(self) -> dict[str, Float[np.ndarray, "3"]]:
+        direction, colour = self.direction(), self.sun()
+        return {"pos": -60.0 * direction, "dir": direction, "diffuse": colour, "specular": 0.6 * colour}
+
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Puts sun, skylight and sky into a world that has none."""
         spec.visual.headlight.active = 0
         spec.visual.headlight.ambient = self.ambient()
-        spec.worldbody.add_light(
-            name=SUN,
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            pos=-60.0 * self.direction(),
-            dir=self.direction(),
-            diffuse=self.sun(),
-            specular=0.6 * self.sun(),
-            ambient=[0.0, 0.0, 0.0],
-            castshadow=True,
-        )
+        kind = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        spec.worldbody.add_light(name=SUN, type=kind, ambient=[0.0, 0.0, 0.0], castshadow=True, **self._sunlight())
         spec.add_numeric(name=SKY_NUMBERS, data=self.sky())
 
     def apply(self, model: mujoco.MjModel) -> None:
         """Changes the light of a compiled world that ``add_to`` lit."""
         sun = model.light(SUN).id
-        model.light_dir[sun] = self.direction()
-        model.light_pos[sun] = -60.0 * self.direction()
-        model.light_diffuse[sun] = self.sun()
-        model.light_specular[sun] = 0.6 * self.sun()
+        for name, value in self._sunlight().items():
+            getattr(model, f"light_{name}")[sun] = value
         model.vis.headlight.ambient = self.ambient()
         start = int(model.numeric_adr[model.numeric(SKY_NUMBERS).id])
         model.numeric_data[start : start + 10] = self.sky()

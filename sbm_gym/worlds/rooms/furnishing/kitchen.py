@@ -26,7 +26,7 @@ def put_kitchen(a: Arranger, units: int = 5) -> None:
     if a.full() or a.pick("fridge") is None:
         return
     sink = a.pick("kitchen_sink") if units else None
-    sequence: tuple[str, ...] = _SEQUENCE if units > len(_SHORT) else _SHORT
+    sequence = _SEQUENCE if units > len(_SHORT) else _SHORT
     wanted: list[str] = [] if sink is None else list(sequence[:units])
     kind = "" if sink is None else family(sink)
     # The fridge stands in the corner where the row begins, or somewhere of its own.
@@ -36,10 +36,8 @@ def put_kitchen(a: Arranger, units: int = 5) -> None:
         if piece.card.use in left:
             left.remove(piece.card.use)
     row += _best_row(a, left, kind)
-    if all(piece.card.use != "fridge" for piece in row):
-        fridge = _best_row(a, ["fridge"], kind)
-        if not fridge:
-            a.along_wall("fridge", front_m=FRONT_M)
+    if all(piece.card.use != "fridge" for piece in row) and not _best_row(a, ["fridge"], kind):
+        a.along_wall("fridge", front_m=FRONT_M)
     row = [piece for piece in row if piece.card.use != "fridge"]
     if row and a.chance(0.9):
         _hang_over(a, row, kind)
@@ -102,15 +100,7 @@ def _row(a: Arranger, start: _Start, wanted: list[str], kind: str, hidden: list[
                 continue
             gap = 0.02 if use == "fridge" else 0.0
             centre = edge + way * (card.size_m[0] / 2 + gap)
-            piece = a.layout.against_wall(
-                card,
-                walls=[wall.index],
-                centre_m=centre,
-                front_m=FRONT_M,
-                tries=1,
-                margin_m=0.0,
-                ignore_zones=hidden,
-            )
+            piece = _put(a, card, wall, centre, front_m=FRONT_M, ignore_zones=hidden)
             if piece is not None:
                 row.append(piece)
                 left.remove(use)
@@ -150,13 +140,9 @@ def _hang_over(a: Arranger, row: list[Placement], kind: str) -> None:
 
 
 def _hang(a: Arranger, card: ModelCard, wall: Wall, along_m: float, elevation_m: float) -> Placement | None:
-    return a.layout.against_wall(
-        card,
-        walls=[wall.index],
-        centre_m=along_m,
-        elevation_m=elevation_m,
-        tries=1,
-        margin_m=0.0,
-        gap_m=HUNG_GAP_M,
-        ignore_zones=a.layout.zones,
-    )
+    return _put(a, card, wall, along_m, elevation_m=elevation_m, gap_m=HUNG_GAP_M, ignore_zones=a.layout.zones)
+
+
+def _put(a: Arranger, card: ModelCard, wall: Wall, along_m: float, **how) -> Placement | None:
+    """Puts a cabinet just there along a wall, close to its neighbours."""
+    return a.layout.against_wall(card, walls=[wall.index], centre_m=along_m, tries=1, margin_m=0.0, **how)
