@@ -1,8 +1,10 @@
 """Pictures of shops: what stands in their windows, by trade, the boards over them, their awnings."""
 
 import functools
+import tomllib
 import zlib
-from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +14,9 @@ from sbm_gym.assets.models.surfaces import periodic_noise
 from sbm_gym.worlds.towns.materials import Colour
 
 Canvas = Float[np.ndarray, "h w 3"]
+_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+SHOPS: dict[str, dict[str, Any]] = _TABLES["shops"]
+"""What is written over shops, and how they look."""
 HEIGHT_PX, WIDTH_PX = 192, 768
 WINDOW_M = 9.0
 """Width of the room that a picture of a shop shows; its panes show one part after the other."""
@@ -29,12 +34,12 @@ def shop_window(trade: str) -> UInt8[np.ndarray, "h w 3"]:
         trade: one of ``SHOPS``.
     """
     rng = _rng(trade)
-    draw, wall, lamps = SHOPS[trade]
-    picture = np.full((HEIGHT_PX, WIDTH_PX, 3), wall, np.float64)
+    shop, lamps = SHOPS[trade], SHOPS[trade]["lamps"]
+    picture = np.full((HEIGHT_PX, WIDTH_PX, 3), shop["wall"], np.float64)
     y = np.linspace(0.0, 1.0, HEIGHT_PX)[:, None, None]
     picture *= 1.15 - 0.55 * y
     picture[int(0.86 * HEIGHT_PX) :] = np.array((74.0, 66.0, 58.0))
-    draw(picture, rng)
+    WINDOWS[shop["window"]](picture, rng)
     across = np.arange(WIDTH_PX)[None] / WIDTH_PX
     for lamp in (np.arange(lamps) + 0.5) / max(lamps, 1):
         glow = np.exp(-(((across - lamp) / 0.018) ** 2 + ((y[..., 0] - 0.07) / 0.06) ** 2))
@@ -55,6 +60,13 @@ def _disc(picture: Canvas, x: float, y: float, rx: float, ry: float, colour) -> 
     cv2.ellipse(picture, ((float(x), float(y)), (2.0 * rx, 2.0 * ry), 0.0), shade, -1)
     light = tuple(min(1.25 * c, 255.0) for c in shade)
     cv2.ellipse(picture, ((x - 0.2 * rx, y - 0.3 * ry), (0.9 * rx, 0.7 * ry), 0.0), light, -1)
+
+
+def _thing(picture: Canvas, x: float, name: str) -> None:
+    """A thing of ``shops.toml``."""
+    for part in _TABLES["things"][name]:
+        draw, (right, *place) = (_box, part["box"]) if "box" in part else (_disc, part["disc"])
+        draw(picture, x + right, *place, part["rgb"])
 
 
 def _shelves(picture: Canvas, levels: tuple[float, ...], colour: Colour = (104, 88, 70)) -> list[int]:
@@ -91,14 +103,7 @@ def _bread(picture: Canvas, rng: np.random.Generator) -> None:
 
 def _tables(picture: Canvas, rng: np.random.Generator) -> None:
     for at in np.arange(30, WIDTH_PX, 96) + rng.uniform(-10, 10, 8):
-        _box(picture, at - 16, 20, 32, 4, (60, 46, 36))
-        _disc(picture, at, 52, 15, 10, (222, 186, 112))
-        picture[20:44, int(at) : int(at) + 2] = 40
-        _box(picture, at - 30, 124, 60, 6, (138, 100, 66))
-        _box(picture, at - 2, 130, 5, 40, (60, 48, 40))
-        for side in (-44, 34):
-            _box(picture, at + side, 104, 10, 66, (92, 56, 40))
-        _disc(picture, at - 10, 119, 6, 5, (236, 232, 224))
+        _thing(picture, at, "cafe_table")
     for at in rng.uniform(0, WIDTH_PX, 5):
         _box(picture, at, 66, rng.uniform(30, 60), 34, rng.uniform(70, 150, 3))
 
@@ -115,8 +120,7 @@ def _boxes(picture: Canvas, rng: np.random.Generator) -> None:
                 at += wide + 1
             at += rng.uniform(2, 12)
     for at in (190, 570):
-        _box(picture, at - 8, 20, 16, 48, (40, 170, 90))
-        _box(picture, at - 24, 36, 48, 16, (40, 170, 90))
+        _thing(picture, at, "cross")
 
 
 def _vivid(rng: np.random.Generator) -> np.ndarray:
@@ -159,21 +163,15 @@ def _clothes(picture: Canvas, rng: np.random.Generator) -> None:
             [[-16, 62], [-8, 54], [8, 54], [16, 62], [13, 92], [11, 104], [19, 138], [-19, 138], [-11, 104]]
         )
         cv2.fillPoly(picture, [np.round(outline + np.array([at, 0.0])).astype(np.int32)], tuple(float(c) for c in tone))
-        _disc(picture, at, 46, 7, 9, (222, 212, 196))
-        _box(picture, at - 2, 138, 4, 32, (90, 84, 78))
-        _disc(picture, at, 172, 14, 4, (90, 84, 78))
+        _thing(picture, at, "mannequin")
 
 
 def _mirrors(picture: Canvas, rng: np.random.Generator) -> None:
     for at in range(24, WIDTH_PX, 92):
-        _box(picture, at, 36, 48, 66, (70, 60, 52))
-        _box(picture, at + 4, 40, 40, 58, (176, 190, 198))
-        _box(picture, at, 106, 48, 5, (150, 150, 150))
+        _thing(picture, at, "mirror")
         for _ in range(5):
             _box(picture, at + rng.uniform(2, 40), 96, 4, 10, _vivid(rng))
-        _box(picture, at + 6, 118, 36, 24, (132, 30, 32))
-        _box(picture, at + 10, 92, 26, 28, (150, 36, 38))
-        _box(picture, at + 20, 142, 6, 24, (170, 172, 176))
+        _thing(picture, at, "barber_chair")
 
 
 def _blinds(picture: Canvas, rng: np.random.Generator) -> None:
@@ -196,21 +194,9 @@ def _glasses(picture: Canvas, rng: np.random.Generator) -> None:
                 cv2.circle(picture, (at + side, row - 8), 5, tone, 2)
 
 
-SHOPS: dict[str, tuple[Callable[[Canvas, np.random.Generator], None], Colour, int]] = {
-    "BAKERY": (_bread, (120, 92, 62), 9),
-    "BOOKS": (_books, (70, 58, 48), 7),
-    "CAFE": (_tables, (96, 76, 58), 0),
-    "PHARMACY": (_boxes, (150, 158, 156), 12),
-    "FLOWERS": (_bouquets, (74, 84, 68), 6),
-    "MARKET": (_crates, (96, 94, 84), 10),
-    "TAILOR": (_clothes, (116, 106, 98), 10),
-    "BARBER": (_mirrors, (128, 130, 128), 8),
-    "BANK": (_blinds, (140, 142, 144), 0),
-    "OPTICIAN": (_glasses, (150, 152, 156), 12),
-    "HOTEL": (_tables, (110, 84, 60), 4),
-    "PIZZA": (_tables, (104, 64, 48), 6),
-}
-"""What is written over shops: who draws what stands in the windows, the walls' colour, and how many lamps there are."""
+_DRAWN = (_bread, _books, _tables, _boxes, _bouquets, _crates, _clothes, _mirrors, _blinds, _glasses)
+WINDOWS = {draw.__name__.removeprefix("_"): draw for draw in _DRAWN}
+"""What draws each kind of shop window."""
 
 
 @functools.cache
