@@ -90,7 +90,8 @@ def bus_stop(furnisher: Furnisher, spawn: Spawn) -> None:
     right = np.array([ahead[1], -ahead[0]])
     middle = spawn.middle_m + right * (spawn.width_m / 2 + 2.2)
     half_length = 1.9
-    back = Box(*(middle + 0.1 * right).tolist(), half_length, 0.28, spawn.heading_rad)
+    x, y = (middle + 0.1 * right).tolist()
+    back = Box(x, y, half_length, 0.28, spawn.heading_rad)
     if not furnisher.fits(back, 0.2):
         return
     furnisher.block(back)

@@ -253,14 +253,15 @@ def _spawns(rng: np.random.Generator, segment: Segment) -> list[Spawn]:
                     kind, length = "bus", BUS_BAY_M
                 if at + length > segment.end_m - FIRST_BAY_M:
                     break
-                spawns.append(Spawn(*street.point(at + length / 2, middle).tolist(), heading, length, PARKING_M, kind))
+                x, y = street.point(at + length / 2, middle).tolist()
+                spawns.append(Spawn(x, y, heading, length, PARKING_M, kind))
                 at += length
         if segment.stops[1 if forward else 0]:
             front = segment.end_m - STOP_LINE_M - 0.6 if forward else segment.start_m + STOP_LINE_M + 0.6
             back = -1.0 if forward else 1.0
             for length in (13.0,) if rng.random() < 0.25 else (6.4, 6.4):
-                where = street.point(front + back * length / 2, side * LANE_M / 2).tolist()
-                spawns.append(Spawn(*where, heading, length, LANE_M, "lane"))
+                x, y = street.point(front + back * length / 2, side * LANE_M / 2).tolist()
+                spawns.append(Spawn(x, y, heading, length, LANE_M, "lane"))
                 front += back * length
     return spawns
 
@@ -282,9 +283,9 @@ def _racks(rng: np.random.Generator, block: Block) -> list[Spawn]:
             side = np.array([x1 - x0, y1 - y0])
             step = side / np.hypot(*side) * 2.2
             for k in range(int(rng.integers(1, 4))):
-                where = np.array([x0, y0]) + share * side + k * step
+                x, y = (np.array([x0, y0]) + share * side + k * step).tolist()
                 turn = heading + np.pi * float(rng.integers(2))
-                spawns.append(Spawn(*where.tolist(), turn, 2.0, 0.9, "rack", KERB_M))
+                spawns.append(Spawn(x, y, turn, 2.0, 0.9, "rack", KERB_M))
     return spawns
 
 
