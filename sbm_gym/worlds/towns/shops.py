@@ -65,8 +65,8 @@ def _disc(picture: Canvas, x: float, y: float, rx: float, ry: float, colour) -> 
 def _thing(picture: Canvas, x: float, name: str) -> None:
     """A thing of ``shops.toml``."""
     for part in _TABLES["things"][name]:
-        draw, (right, *place) = (_box, part["box"]) if "box" in part else (_disc, part["disc"])
-        draw(picture, x + right, *place, part["rgb"])
+        draw, (right, down, wide, tall) = (_box, part["box"]) if "box" in part else (_disc, part["disc"])
+        draw(picture, x + right, down, wide, tall, part["rgb"])
 
 
 def _shelves(picture: Canvas, levels: tuple[float, ...], colour: Colour = (104, 88, 70)) -> list[int]:
