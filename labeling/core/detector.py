@@ -17,10 +17,9 @@ class DetectorError(SbmError):
     """A detector failed, its files are damaged, or it returned something else than detections.
 
     Example:
-            >>> from labeling.core.episode import Episode
-    from labeling.core.errors import SbmError
-            >>> issubclass(DetectorError, SbmError)
-            True
+        >>> from labeling.core.errors import SbmError
+        >>> issubclass(DetectorError, SbmError)
+        True
     """
 
 
