@@ -8,8 +8,6 @@ Arguments that the kernels share: ``start`` and ``stop``, the range of rays to w
 hit, on planes metres along the plane's axes; ``planes``, the plane geoms of the scene.
 """
 
-import math
-
 from numba import njit
 
 from sbm_gym.rendering.tables.scene_tables import PlaneTable
@@ -37,22 +35,6 @@ def camera_rays(start, stop, pixels, width, offsets, origin, pixel_to_world, ray
         for axis in range(3):
             rays[i, axis] = origin[axis]
             rays[i, 3 + axis] = pixel_to_world[axis, 0] * x + pixel_to_world[axis, 1] * y + pixel_to_world[axis, 2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def name_triangles(start, stop, t, primitive, rows, triangle):
-    """Rows of the tables of what Embree hit.
-
-    Args:
-        start: first ray.
-        stop: behind the last one.
-        t: see the module.
-        primitive: (n,) uint32, Embree's number of the triangle; any for nothing.
-        rows: (triangles,) int64, its row in the ``TriangleTable``.
-        triangle: see the module; written.
-    """
-    for i in range(start, stop):
-        triangle[i] = rows[primitive[i]] if t[i] < math.inf else -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -80,7 +80,7 @@ class RayScene:
             if moving:
                 self._rebuild(moving)
             else:
-                self._in_parallel(self._measure_world, self._rebuild_still)
+                self._in_parallel(self._measure_world, lambda: self._rebuild(False))
 
     def illumination(
         self, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"], shadows: bool
@@ -117,12 +117,6 @@ class RayScene:
         self._workers.split(work, 2, least=1)
         return results[0], results[1]
 
-    def _rebuild_still(self) -> None:
-        self._rebuild(False)
-        # Search trees grow with the first ray, which here takes the longest.
-        for scene in (*self._still.opaque, *self.caster.special):
-            scene.cast(np.array([[0, 0, 0, 0, 0, 1]], np.float32))
-
     def _rebuild(self, moving: bool) -> None:
         for special in (False, True):
             span = self.tables.spans[moving, special]
@@ -143,8 +137,8 @@ class RayScene:
         kinds = self.tables.geoms.kind[geoms]
         corners = self.tables.corners[rows]
         if not kinds.any():
-            return TriangleScene(corners, rows, self._workers.threads)
-        return TriangleScene(corners, rows, self._workers.threads, geoms, kinds == HOLES)
+            return TriangleScene(corners, rows, self._workers)
+        return TriangleScene(corners, rows, self._workers, geoms, kinds == HOLES)
 
     def _measure_world(self) -> None:
         still = self.tables.spans[False, False]

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Int64
 
-from sbm_gym.rendering.rays.ray_kernels import intersect_planes, name_triangles, occlude_planes, reach_boxes
+from sbm_gym.rendering.rays.embree import TriangleTree
+from sbm_gym.rendering.rays.ray_kernels import intersect_planes, occlude_planes, reach_boxes
 from sbm_gym.rendering.rays.workers import Workers
 from sbm_gym.rendering.tables.occupancy import bounds_of
 from sbm_gym.rendering.tables.scene_tables import GLASS, SceneTables
@@ -20,13 +21,13 @@ MAX_BOXES = 64
 
 
 class TriangleScene:
-    """An Embree scene over some triangles of the tables."""
+    """Some triangles of the tables, with a search tree."""
 
     def __init__(
         self,
         corners: Float32[np.ndarray, "n 3 3"],
         rows: Int64[np.ndarray, "n"],
-        threads: int,
+        workers: Workers,
         geoms: Int32[np.ndarray, "n"] | None = None,
         holes: Bool[np.ndarray, "n"] | None = None,
     ) -> None:
@@ -35,39 +36,28 @@ class TriangleScene:
         Args:
             corners: triangles, world frame.
             rows: for each its row in the tables.
-            threads: for casting. Building uses one, since a tree built by several is not the same every time.
+            workers: threads for casting.
             geoms: the geom of each triangle, in runs; rays that pass all of them by are then told quickly.
             holes: which triangles have holes, which stop light elsewhere.
         """
-        import open3d as o3d
-
-        self._tensor = o3d.core.Tensor.from_numpy
-        self._threads = threads
+        self._workers = workers
         self.rows = rows
         self.has_holes = holes is not None and bool(holes.any())
         self.bounds = bounds_of(corners).astype(float)
         self.boxes, self.hole_boxes = _boxes(corners, geoms), self.bounds[:0].reshape(0, 2, 3)
         if holes is not None and self.has_holes:
             self.hole_boxes = _boxes(corners[holes], None if geoms is None else geoms[holes])
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        vertices = np.ascontiguousarray(corners.reshape(-1, 3))
-        indices = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
-        self._scene.add_triangles(self._tensor(vertices), self._tensor(indices))
+        self._tree = TriangleTree(corners)
 
     def cast(
         self, rays: Float32[np.ndarray, "n 6"]
     ) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"], Float32[np.ndarray, "n 2"]]:
         """Nearest hits: parameter (inf: none), row in the tables (-1: none), barycentric coordinates."""
-        result = self._scene.cast_rays(self._tensor(rays), nthreads=self._threads)
-        t = result["t_hit"].numpy()
-        primitive = result["primitive_ids"].numpy()
-        triangle = np.empty(len(t), np.int64)
-        name_triangles(0, len(t), t, primitive, self.rows, triangle)
-        return t, triangle, result["primitive_uvs"].numpy()
+        return self._tree.cast(rays, self.rows, self._workers)
 
     def occluded(self, rays: Float32[np.ndarray, "n 6"], far: float) -> Bool[np.ndarray, "n"]:
         """Whether anything lies on each ray before parameter ``far``."""
-        return self._scene.test_occlusions(self._tensor(rays), tfar=far, nthreads=self._threads).numpy()
+        return self._tree.occluded(rays, far, self._workers)
 
 
 def _boxes(corners: Float32[np.ndarray, "n 3 3"], geoms: Int32[np.ndarray, "n"] | None) -> Float[np.ndarray, "b 2 3"]:
