@@ -175,7 +175,12 @@ def test_every_import_is_declared():
     """A package imports what plain installation brings, and what its extras bring; each extra lists what it is for."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     renamed = {"cv2": "opencv-python-headless", "OpenGL": "pyopengl", "PIL": "pillow", "pydensecrf": "pydensecrf2"}
-    renamed |= {"sklearn": "scikit-learn", "yaml": "pyyaml", "markupsafe": "jinja2"}  # which needs it
+    renamed |= {
+        "sklearn": "scikit-learn",
+        "yaml": "pyyaml",
+        "markupsafe": "jinja2",
+        "llvmlite": "numba",
+    }  # which need it
 
     def listed(requirements):
         return {re.split(r"[<>=\[]", requirement)[0] for requirement in requirements}
