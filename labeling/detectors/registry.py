@@ -110,6 +110,23 @@ def load_named_network(name: str):
     raise UsageError(f"{name} cannot be trained here; these can: {', '.join(NAMES)}, {KINDS[-1]}")
 
 
+def detector_digest(name: str) -> str:
+    """The ``digest`` of a detector; a network's is found without reading the network.
+
+    Args:
+        name: one of ``KINDS``.
+
+    Raises:
+        UsageError: if there is no such detector.
+        DetectorError: if its files are missing or damaged.
+    """
+    from labeling.training.weights import file_digest
+
+    check_name(name)
+    path = COMPACT_FILE if name == "compact" else run_weights(name)
+    return file_digest(path) if path.is_file() else load_detector(name).digest
+
+
 def is_run(name: str) -> bool:
     """Whether this is the folder of a fine-tuning run, or the file of a network."""
     return run_weights(name).is_file()

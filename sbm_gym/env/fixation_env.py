@@ -1,6 +1,7 @@
 """The Gymnasium environment: an agent that moves around objects and looks at them."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -9,9 +10,11 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from jaxtyping import Float
 
+from sbm_gym.atlas.scene_atlas import AtlasKey
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env import observations
 from sbm_gym.env.arguments import check_choices, check_numbers, checked_action, checked_options, checked_start
+from sbm_gym.env.atlases import Atlases
 from sbm_gym.env.recording import Capture
 from sbm_gym.env.rewards import RewardWeights, reward_terms
 from sbm_gym.env.simulation import Simulation, SimulationConfig
@@ -99,6 +102,9 @@ class FixationEnv(gym.Env, EzPickle):
     - `antialias`: smooth edges in observed pictures (captures and `render` always do).
     - `colours`: False leaves observed pictures black and saves the time it takes to light them, for policies that look
       at none (the simulated detector does not either).
+    - `atlas`: a folder of `python -m sbm_gym.build_atlas`: the robot keeps to the places and headings of the atlas,
+      its camera to one tilt, and what it sees is looked up: pictures are black, depth is true to a millimetre, and a
+      real detector costs no more than a look at a file. Rooms only.
     - `reward_weights`, `memory`, `body`: frozen dataclasses of settings.
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
@@ -130,6 +136,7 @@ class FixationEnv(gym.Env, EzPickle):
         image_size: tuple[int, int] | None = None,
         antialias: bool = False,
         colours: bool = True,
+        atlas: str | Path | None = None,
         reward_weights: RewardWeights | None = None,
         memory: MemoryConfig | None = None,
         body: BodyConfig | None = None,
@@ -159,7 +166,7 @@ class FixationEnv(gym.Env, EzPickle):
         self._source = world_source(worlds, unseen_models)
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
-        self._detector = make_detector(detector, self.profile.detector)
+        self._detector = make_detector(detector, self.profile.detector, load=atlas is None)
         self.scene_names = self._source.scenes(split)
         """Names of the scenes that ``reset`` draws from."""
         self._weights = reward_weights or RewardWeights()
@@ -179,6 +186,7 @@ class FixationEnv(gym.Env, EzPickle):
         )
         self._num_views, self._episodes_per_scene = num_views, episodes_per_scene
         self._cache = SceneCache(self._source, renderer, robot.body, scene_cache)
+        self._atlases = Atlases(None if atlas is None else Path(atlas), self._config, detector)
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(robot.memory.bins)
         """What the entries of the ``state`` observation mean."""
@@ -208,7 +216,10 @@ class FixationEnv(gym.Env, EzPickle):
         scene = self._choose_scene(options, seeded=seed is not None).for_episode(self.np_random)
         position_m, yaw_rad = self._choose_start(scene, options)
         entropy = int(self.np_random.integers(2**62))
-        self._simulation = Simulation(scene, self._config, self._detector, entropy, position_m, yaw_rad, self.num_views)
+        atlas = self._atlases.of_scene(scene)
+        self._simulation = Simulation(
+            scene, self._config, self._detector, entropy, position_m, yaw_rad, self.num_views, atlas
+        )
         terms = dict.fromkeys(reward_terms(self._simulation.update, False, self._weights), 0.0)
         self._show_human()
         observation = observations.observation(self._simulation, self.profile.scales)
@@ -289,6 +300,14 @@ class FixationEnv(gym.Env, EzPickle):
         if self._simulation is None:
             raise gym.error.ResetNeeded("call reset() first: there is no scene yet")
         return self._simulation
+
+    def atlas_key(self) -> AtlasKey:
+        """What an atlas of the current scene depends on; see ``sbm_gym.build_atlas``.
+
+        Raises:
+            UsageError: if scenes of this kind cannot have one.
+        """
+        return self._atlases.key(self.scene)
 
     def capture(self, height_px: int | None = None, width_px: int | None = None) -> Capture:
         """A full frame of the current view. Changes nothing: the rollout goes on as if it had not been taken.

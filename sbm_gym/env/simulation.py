@@ -1,15 +1,19 @@
 """The simulation of one episode: a robot in a scene that moves, looks and detects."""
 
-from dataclasses import dataclass
+import functools
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from sbm_gym.atlas.scene_atlas import SceneAtlas
+from sbm_gym.atlas.stored_views import StoredView
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
 from sbm_gym.env.recording import Capture, ground_truth_of_view
 from sbm_gym.env.view_detectors import View, ViewDetector
+from sbm_gym.rendering.base import Frame
 from sbm_gym.robot.object_memory import MemoryUpdate
 from sbm_gym.robot.state import RobotConfig, RobotState
 from sbm_gym.scenes.compiled import Scene
@@ -46,6 +50,7 @@ class Simulation:
         position_m: Float[np.ndarray, "2"],
         yaw_rad: float,
         num_views: int,
+        atlas: SceneAtlas | None = None,
     ) -> None:
         """Puts the robot down and has it look.
 
@@ -57,13 +62,17 @@ class Simulation:
             position_m: where the robot starts.
             yaw_rad: its heading.
             num_views: steps of the episode.
+            atlas: holds what there is to see; the robot then keeps to its poses.
         """
         self.scene, self._config, self._detector, self._entropy = scene, config, detector, entropy
+        self._atlas = atlas
         self.robot = RobotState(config.robot, scene.world.navigable, position_m, num_views)
         """What the robot knows."""
         self.num_views, self.step_index, self.collided, self.path_m = num_views, 0, False, 0.0
         scene.body.place(position_m, yaw_rad, config.robot.rest_tilt_rad)
-        self._places_m = [position_m]
+        self._keep_to_places()
+        self._keep_to_headings()
+        self._places_m = [scene.body.position_m]
         self.update = self._look()
         """What the last look taught it."""
 
@@ -78,9 +87,11 @@ class Simulation:
         displacement_m = self._displacement_m(action[:2], body.yaw_rad)
         way_is_free = self.scene.world.navigable.line_is_free(before, before + displacement_m)
         self.collided = body.move(displacement_m, way_is_free=way_is_free)
+        self._keep_to_places()
         self.path_m += float(np.linalg.norm(body.position_m - before))
         self._places_m.append(body.position_m)
         self._aim(action[2:])
+        self._keep_to_headings()
         self.step_index += 1
         self.update = self._look()
 
@@ -92,11 +103,12 @@ class Simulation:
 
     def capture(self, height_px: int, width_px: int) -> Capture:
         """A full frame of the current view. Changes nothing."""
-        if self._detector.needs_detail and self._config.detector_size == (height_px, width_px):
+        same_picture = self._detector.needs_detail and self._config.detector_size == (height_px, width_px)
+        if same_picture and self._atlas is None:
             view, detections = self.sight, self.detections
         else:
             view = self.draw(height_px, width_px, antialias=True)
-            detections = self._detect(view)
+            detections = self.detections if same_picture else self._detect(view)
         return Capture(
             rgb=view.frame.rgb,
             depth_m=view.frame.depth_m,
@@ -105,6 +117,21 @@ class Simulation:
             detections=tuple(detections),
             ground_truth=ground_truth_of_view(self.scene, view, self.step_index),
         )
+
+    def view_from(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> StoredView:
+        """What an atlas keeps of a pose. The robot stands there afterwards, which it knows nothing of.
+
+        Args:
+            position_m: a free place.
+            yaw_rad: where to look; the tilt is that of the start of an episode.
+        """
+        self.scene.body.place(position_m, yaw_rad, self._config.robot.rest_tilt_rad)
+        view = self.draw(*self._config.image_size, self._config.antialias, self._config.colours)
+        seen = view.frame
+        if not self._detector.needs_detail:
+            return StoredView(seen.depth_m, seen.geom_id, np.zeros_like(seen.depth_m), ())
+        sight = self.draw(*self._config.detector_size, antialias=True)
+        return StoredView(seen.depth_m, seen.geom_id, sight.frame.depth_m, tuple(self._detect(sight)))
 
     def trace(self) -> AgentTrace:
         """What a picture from outside shows of the robot."""
@@ -128,15 +155,18 @@ class Simulation:
         body.look(yaw_rad + yaw_offset_rad(yaw_pitch[0]), tilt_rad + yaw_pitch[1] * PITCH_RAD)
 
     def _look(self) -> MemoryUpdate:
-        """Draws what the robot sees now, detects, and lets it learn from that."""
-        self.view = self.draw(*self._config.image_size, self._config.antialias, self._config.colours)
-        """What it sees."""
-        self.sight = self.view
-        """What its detector looks at."""
-        if self._detector.needs_detail:
-            self.sight = self.draw(*self._config.detector_size, antialias=True)
-        self.detections = self._detect(self.sight)
-        """What its detector says about that."""
+        """Draws what the robot sees now or looks it up, detects, and lets it learn from that."""
+        if self._atlas is None:
+            self.view = self.draw(*self._config.image_size, self._config.antialias, self._config.colours)
+            """What it sees."""
+            self.sight = self.view
+            """What its detector looks at."""
+            if self._detector.needs_detail:
+                self.sight = self.draw(*self._config.detector_size, antialias=True)
+            self.detections = self._detect(self.sight)
+            """What its detector says about that."""
+        else:
+            self._look_up(self._atlas)
         return self.robot.observe(
             self.detections,
             self.sight.frame.depth_m,
@@ -146,6 +176,45 @@ class Simulation:
             self.scene.body.yaw_rad,
         )
 
+    def _look_up(self, atlas: SceneAtlas) -> None:
+        """What the atlas holds of this pose. Pictures are black."""
+        body = self.scene.body
+        pose, poses = body.camera_to_world, atlas.poses
+        place = poses.nearest_place(body.position_m, self.scene.world.navigable)
+        stored = atlas.view(place, poses.nearest_heading(body.yaw_rad))
+        instance_map = self.scene.instance_of_geom[stored.geom_id]
+        camera = Camera.from_fov(pose, self._config.image_size, 0.5 * np.pi)
+        self.view = View(Frame(_black(*camera.size), stored.depth_m, stored.geom_id), instance_map, camera)
+        if not self._detector.needs_detail:
+            self.sight, self.detections = self.view, self._detect(self.view)
+            return
+        camera = Camera.from_fov(pose, self._config.detector_size, 0.5 * np.pi)
+        nothing = np.full(camera.size, -1, np.int32)
+        self.sight = View(Frame(_black(*camera.size), stored.detector_depth_m, nothing), nothing + 1, camera)
+        self.detections = [replace(one, view_index=self.step_index) for one in stored.detections]
+
+    def _keep_to_places(self) -> None:
+        """With an atlas: stands where the atlas has views from."""
+        if self._atlas is not None:
+            body, poses = self.scene.body, self._atlas.poses
+            place = poses.nearest_place(body.position_m, self.scene.world.navigable)
+            body.place(poses.places_m[place], body.yaw_rad, body.tilt_rad)
+
+    def _keep_to_headings(self) -> None:
+        """With an atlas: looks where the atlas has views to."""
+        if self._atlas is not None:
+            body, poses = self.scene.body, self._atlas.poses
+            heading = poses.nearest_heading(body.yaw_rad)
+            body.look(poses.heading_rad(heading), self._config.robot.rest_tilt_rad)
+
     def _detect(self, view: View) -> list[Detection]:
         """Detections in a view."""
         return self._detector.detect(self.scene, view, self.step_index, self._entropy)
+
+
+@functools.lru_cache(maxsize=4)
+def _black(height_px: int, width_px: int) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture that nobody may write to."""
+    picture = np.zeros((height_px, width_px, 3), np.uint8)
+    picture.flags.writeable = False
+    return picture

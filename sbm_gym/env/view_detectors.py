@@ -1,5 +1,6 @@
 """What looks at views on the robot's behalf: the simulated detector, or any detector of ``labeling.detectors``."""
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -32,10 +33,13 @@ class View:
 class ViewDetector(Protocol):
     """Detects objects in views of a scene."""
 
-    categories: tuple[str, ...]
-    """What it can say, as far as it is known."""
     needs_detail: bool
     """Whether it looks at large, smooth pictures; else at those of the observation."""
+
+    @property
+    def categories(self) -> tuple[str, ...]:
+        """What it can say, as far as it is known."""
+        ...
 
     def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
         """Detections of one view; the same view, step and entropy give the same detections.
@@ -72,8 +76,27 @@ class PictureDetector:
 
     needs_detail = True
 
-    def __init__(self, detector: Detector) -> None:
-        self._detector, self.categories = detector, detector.categories or ()
+    def __init__(self, name: str, load: bool = True) -> None:
+        """Loads a detector, or has it wait until it is asked for.
+
+        Args:
+            name: what ``labeling.detectors.registry`` knows.
+            load: now.
+        """
+        self._name = name
+        if load:
+            _ = self._detector
+
+    @functools.cached_property
+    def _detector(self) -> Detector:
+        from labeling.detectors.registry import detector_by_name
+
+        return detector_by_name(self._name)
+
+    @property
+    def categories(self) -> tuple[str, ...]:
+        """What it can say, as far as it is known."""
+        return self._detector.categories or ()
 
     def detect(self, scene: Scene, view: View, step_index: int, entropy: int) -> list[Detection]:
         """See ``ViewDetector``.
@@ -85,13 +108,16 @@ class PictureDetector:
         return list(found[0].as_detections(step_index))
 
 
-def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig) -> ViewDetector:
+def make_detector(
+    detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig, load: bool = True
+) -> ViewDetector:
     """The detector that an env was asked for.
 
     Args:
         detector: "simulated", "simulated_weak", settings of the simulated detector, or what
             ``labeling.detectors.registry`` knows.
         fitting: the simulated detector's settings that fit the kind of world.
+        load: read a real one's weights now, not when it is first asked for something.
 
     Raises:
         ValueError: if there is no such detector, naming those there are.
@@ -105,10 +131,10 @@ def make_detector(detector: str | SimulatedDetectorConfig, fitting: SimulatedDet
         weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
         return SimulatedViewDetector(weaker)
     from labeling.core.errors import UsageError
-    from labeling.detectors.registry import check_name, detector_by_name
+    from labeling.detectors.registry import check_name
 
     try:
         check_name(detector)
     except UsageError as error:
         raise ValueError(f"{error}, {SIMULATED}, {SIMULATED_WEAK}, or a SimulatedDetectorConfig") from None
-    return PictureDetector(detector_by_name(detector))
+    return PictureDetector(detector, load)

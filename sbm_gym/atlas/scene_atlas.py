@@ -1,0 +1,233 @@
+"""The atlas of one scene on disk.
+
+A folder holds ``atlas.json`` (what it was made of: the key, the poses) and ``views.bin``: a table of where the parts of
+each view begin (int64, places x (4 headings + 1)), then the parts. While an atlas is being built there is a file for
+each place; ``finish`` puts them together.
+"""
+
+import hashlib
+import itertools
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int64
+
+from labeling.core.errors import SbmError
+from labeling.formats.atomic import atomic_file, write_json
+from labeling.formats.checked_json import read_json
+from sbm_gym.atlas.pose_grid import PoseGrid
+from sbm_gym.atlas.stored_views import (
+    StoredView,
+    decode_depth,
+    decode_detections,
+    decode_ids,
+    encode_depth,
+    encode_detections,
+    encode_ids,
+)
+from sbm_gym.worlds.world import World
+
+FORMAT = 1
+KEY_FILE, VIEWS_FILE, PARTS_FOLDER = "atlas.json", "views.bin", "parts"
+DEPTH_UNIT_M = 0.001
+_PARTS = 4
+"""Of a view: depth, ids, the detector's depth, detections."""
+
+
+class AtlasError(SbmError):
+    """An atlas is missing, damaged or of something else; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class AtlasKey:
+    """What the views of an atlas depend on."""
+
+    scene: str
+    scene_digest: str
+    detector: str
+    detector_digest: str
+    image_size: tuple[int, int]
+    detector_size: tuple[int, int]
+    camera_height_m: float
+    tilt_rad: float
+    """Of the camera in all views."""
+
+    def as_json(self) -> dict[str, Any]:
+        """As it is written."""
+        return json.loads(json.dumps(asdict(self)))
+
+
+def scene_digest(world: World) -> str:
+    """Changes with where things stand in a world: its floor, its objects and their models."""
+    digest = hashlib.sha256(np.ascontiguousarray(world.navigable.free).tobytes())
+    digest.update(np.asarray(world.navigable.origin_m, float).tobytes())
+    for one in world.objects:
+        box = one.box_3d
+        digest.update(f"{one.instance_id} {one.category} {one.model_name}".encode())
+        digest.update(np.concatenate([box.centre_m, box.extent_m, np.ravel(box.rotation)]).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def scene_folder(atlas: Path, scene: str) -> Path:
+    """Where the atlas of a scene lies."""
+    return atlas / scene.replace("/", "-")
+
+
+class SceneAtlas:
+    """Looks up views. Files are mapped into memory, so that processes share what they read."""
+
+    def __init__(self, atlas: Path, key: AtlasKey) -> None:
+        """Opens the atlas of a scene.
+
+        Args:
+            atlas: the folder of all scenes' atlases.
+            key: what its views must depend on.
+
+        Raises:
+            AtlasError: if there is none, it is unfinished or damaged, or was made of something else.
+        """
+        folder = scene_folder(atlas, key.scene)
+        if not (folder / KEY_FILE).is_file():
+            raise AtlasError(f"{atlas} has no views of scene {key.scene!r}; python -m sbm_gym.build_atlas makes them")
+        content = read_json(folder / KEY_FILE).mapping()
+        check_key(folder, content, key)
+        self._sizes, self._unit_m = (key.image_size, key.detector_size), DEPTH_UNIT_M
+        self._path = folder / VIEWS_FILE
+        self.poses = PoseGrid(np.array(content["places_m"], float).reshape(-1, 2), int(content["num_headings"]))
+        """Where there are views."""
+        if not self._path.is_file():
+            raise AtlasError(f"{folder} is not finished; the same python -m sbm_gym.build_atlas goes on with it")
+        shape = (len(self.poses.places_m), _PARTS * self.poses.num_headings + 1)
+        self._content = np.memmap(self._path, np.uint8, "r")
+        table_bytes = 8 * shape[0] * shape[1]
+        damaged = len(self._content) < table_bytes
+        if not damaged:
+            self._starts: Int64[np.ndarray, "places parts"] = self._content[:table_bytes].view(np.int64).reshape(shape)
+            damaged = self._starts[-1, -1] != len(self._content) or bool((np.diff(self._starts) < 0).any())
+        if damaged:
+            raise AtlasError(f"{self._path} is damaged; delete {folder} and build it again")
+
+    def view(self, place: int, heading: int) -> StoredView:
+        """What there is to see from a pose.
+
+        Raises:
+            AtlasError: if that part of the file is damaged.
+        """
+        starts = self._starts[place, _PARTS * heading : _PARTS * heading + _PARTS + 1]
+        depth, ids, detector_depth, found = (
+            self._content[start:stop].tobytes() for start, stop in itertools.pairwise(starts)
+        )
+        image_size, detector_size = self._sizes
+        try:
+            return StoredView(
+                decode_depth(depth, image_size, self._unit_m),
+                decode_ids(ids, image_size),
+                decode_depth(detector_depth, detector_size, self._unit_m),
+                decode_detections(found, detector_size),
+            )
+        except Exception as error:  # of zlib, JSON, masks
+            raise AtlasError(
+                f"{self._path} is damaged ({error}); delete {self._path.parent} and build it again"
+            ) from None
+
+
+def check_key(folder: Path, content: Mapping[str, Any], key: AtlasKey) -> None:
+    """Refuses an atlas of something else.
+
+    Raises:
+        AtlasError: naming what differs.
+    """
+    written = content.get("key", {})
+    differing = [
+        f"{name} {written.get(name)} there, {value} asked for"
+        for name, value in key.as_json().items()
+        if written.get(name) != value
+    ]
+    if content.get("format") != FORMAT:
+        differing = [f"format {content.get('format')} there, {FORMAT} read here"]
+    if differing:
+        raise AtlasError(f"{folder} holds other views ({'; '.join(differing)}); build them into another folder")
+
+
+class AtlasBuilder:
+    """Writes the atlas of one scene, place by place; what is there already is not made again."""
+
+    def __init__(self, atlas: Path, key: AtlasKey, poses: PoseGrid) -> None:
+        """Begins an atlas, or goes on with it.
+
+        Args:
+            atlas: the folder of all scenes' atlases; made if it does not exist.
+            key: what its views depend on.
+            poses: where there are to be views.
+
+        Raises:
+            AtlasError: if an atlas of something else, or of other poses, has been begun there.
+        """
+        self._folder = scene_folder(atlas, key.scene)
+        self.poses = poses
+        """Where there are to be views."""
+        content = {
+            "format": FORMAT,
+            "key": key.as_json(),
+            "num_headings": poses.num_headings,
+            "places_m": poses.places_m.tolist(),
+        }
+        path = self._folder / KEY_FILE
+        if path.is_file():
+            begun = read_json(path).mapping()
+            check_key(self._folder, begun, key)
+            if begun != content:
+                raise AtlasError(f"{self._folder} was begun with other places or headings; give another --out")
+        else:
+            write_json(path, content)
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all views are there."""
+        return (self._folder / VIEWS_FILE).is_file()
+
+    def missing_places(self) -> list[int]:
+        """The places whose views are yet to be made."""
+        if self.is_finished:
+            return []
+        return [place for place in range(len(self.poses.places_m)) if not self._part(place).is_file()]
+
+    def write_place(self, place: int, views: Sequence[StoredView]) -> None:
+        """Writes the views of one place, a view for each heading."""
+        parts = [
+            part
+            for view in views
+            for part in (
+                encode_depth(view.depth_m, DEPTH_UNIT_M),
+                encode_ids(view.geom_id),
+                encode_depth(view.detector_depth_m, DEPTH_UNIT_M),
+                encode_detections(view.detections),
+            )
+        ]
+        ends = np.cumsum([0, *map(len, parts)]).astype(np.int64)
+        with atomic_file(self._part(place)) as temporary:
+            temporary.write_bytes(ends.tobytes() + b"".join(parts))
+
+    def finish(self) -> None:
+        """Puts all places into one file."""
+        columns = _PARTS * self.poses.num_headings + 1
+        places = range(len(self.poses.places_m))
+        starts = np.empty((len(places), columns), np.int64)
+        position = starts.nbytes
+        for place in places:
+            ends = np.fromfile(self._part(place), np.int64, columns)
+            starts[place] = position + ends
+            position += int(ends[-1])
+        with atomic_file(self._folder / VIEWS_FILE) as temporary, temporary.open("wb") as file:
+            file.write(starts.tobytes())
+            for place in places:
+                file.write(self._part(place).read_bytes()[8 * columns :])
+        shutil.rmtree(self._folder / PARTS_FOLDER)
+
+    def _part(self, place: int) -> Path:
+        return self._folder / PARTS_FOLDER / f"{place:05d}.bin"

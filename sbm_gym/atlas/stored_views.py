@@ -1,0 +1,80 @@
+"""Views of an atlas as bytes: lossless but for depth, which is rounded to a unit of length."""
+
+import json
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int32, UInt16
+
+from labeling.core.rle import decode_mask, encode_mask
+from labeling.core.types import Detection
+
+LEVEL = 6
+"""Of zlib."""
+FARTHEST = np.iinfo(np.uint16).max
+
+
+@dataclass(frozen=True)
+class StoredView:
+    """What is known of one pose."""
+
+    depth_m: Float32[np.ndarray, "h w"]
+    """z-depth of the observed picture, 0 = no return."""
+    geom_id: Int32[np.ndarray, "h w"]
+    """What its pixels show, -1 for nothing."""
+    detector_depth_m: Float32[np.ndarray, "hd wd"]
+    """z-depth of the picture that the detector looked at."""
+    detections: tuple[Detection, ...]
+    """Their view index is 0."""
+
+
+def encode_depth(depth_m: Float[np.ndarray, "h w"], unit_m: float) -> bytes:
+    """Depth in whole units; differences along rows compress well. What is farther than 65,535 units counts as that."""
+    levels = np.clip(np.rint(np.asarray(depth_m, float) / unit_m), 0, FARTHEST).astype(np.uint16)
+    # A return is never rounded to 0, which stands for none.
+    levels[(depth_m > 0) & (levels == 0)] = 1
+    return zlib.compress(_by_bytes(np.diff(levels, axis=1, prepend=np.uint16(0))), LEVEL)
+
+
+def decode_depth(content: bytes, size: tuple[int, int], unit_m: float) -> Float32[np.ndarray, "h w"]:
+    """What ``encode_depth`` made of a depth image of this size."""
+    levels = np.cumsum(_from_bytes(zlib.decompress(content), size), axis=1, dtype=np.uint16)
+    return levels * np.float32(unit_m)
+
+
+def encode_ids(geom_id: Int32[np.ndarray, "h w"]) -> bytes:
+    """Ids from -1 to 65,534."""
+    ids = (np.asarray(geom_id) + 1).astype(np.uint16)
+    return zlib.compress(_by_bytes(np.diff(ids, axis=1, prepend=np.uint16(0))), LEVEL)
+
+
+def decode_ids(content: bytes, size: tuple[int, int]) -> Int32[np.ndarray, "h w"]:
+    """What ``encode_ids`` made of ids of this size."""
+    ids = np.cumsum(_from_bytes(zlib.decompress(content), size), axis=1, dtype=np.uint16)
+    return ids.astype(np.int32) - 1
+
+
+def encode_detections(detections: Sequence[Detection]) -> bytes:
+    """Category, confidence and mask (COCO RLE) of each, as JSON."""
+    found = [[one.category, one.confidence, encode_mask(one.mask)["counts"]] for one in detections]
+    return json.dumps(found).encode()
+
+
+def decode_detections(content: bytes, size: tuple[int, int]) -> tuple[Detection, ...]:
+    """What ``encode_detections`` made of detections in a picture of this size."""
+    return tuple(
+        Detection(0, category, confidence, decode_mask({"size": list(size), "counts": counts}))
+        for category, confidence, counts in json.loads(content)
+    )
+
+
+def _by_bytes(numbers: UInt16[np.ndarray, "h w"]) -> bytes:
+    """First the low bytes, then the high ones, which are mostly alike."""
+    return np.ascontiguousarray(numbers.view(np.uint8).reshape(*numbers.shape, 2).transpose(2, 0, 1)).tobytes()
+
+
+def _from_bytes(content: bytes, size: tuple[int, int]) -> UInt16[np.ndarray, "h w"]:
+    low, high = np.frombuffer(content, np.uint8).reshape(2, *size)
+    return low | (high.astype(np.uint16) << 8)

@@ -1,0 +1,128 @@
+"""View atlases for learning on real detectors: ``python -m sbm_gym.build_atlas --detector compact --out DIR``."""
+
+import sys
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from labeling.core.errors import UsageError
+from labeling.runtime.cli import make_main
+from labeling.runtime.ranges import Count
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sbm_gym.env.fixation_env import FixationEnv
+
+Place = tuple[str, int]
+"""A scene, and the number of a place there."""
+
+
+@dataclass(frozen=True)
+class AtlasConfig:
+    """Looks from every place of a scene in every direction, once, and keeps depth, ids and what a detector finds, so
+    that an environment made with ``atlas=DIR`` looks views up. Killed and started again, it goes on where it was.
+    """
+
+    out: Path
+    """Folder for the atlases; made if it does not exist."""
+    env: str = "sbm_gym/Indoor-v0"
+    """Gymnasium id of the world; rooms, since streets are arranged anew for every episode."""
+    split: Literal["train", "val", "test", "wide", "endless"] = "train"
+    """Its scenes."""
+    scenes: Count | None = None
+    """Only the first so many of them; all if not given."""
+    detector: str = "compact"
+    """Whose findings are kept: any name that agents.collect takes."""
+    grid_m: float = 0.5
+    """Distance of neighbouring places, metres; at most 0.5."""
+    headings: Count = 12
+    """Directions at each place; at least 12."""
+    workers: Count = 1
+    """Processes side by side."""
+
+
+def build(config: AtlasConfig) -> list[Path]:
+    """Builds the atlases that are missing.
+
+    Returns:
+        The folders of all scenes' atlases.
+
+    Raises:
+        SbmError: if something about the settings is wrong, or a folder holds other views.
+    """
+    from labeling.runtime.cli import progress_bar
+    from labeling.runtime.process_pool import PerProcess, map_jobs
+    from sbm_gym.atlas.scene_atlas import scene_folder
+
+    env = _make_env(config)
+    names = env.scene_names[: config.scenes]
+    make_views = PerProcess(partial(_view_maker, config))
+    for number, name in enumerate(names):
+        builder = _builder(config, env, name)
+        missing = builder.missing_places()
+        jobs = [(name, place) for place in missing]
+        title = f"{name} ({number + 1} of {len(names)})"
+        for _ in progress_bar(map_jobs(make_views, jobs, config.workers), unit="place", total=len(jobs), desc=title):
+            pass
+        if not builder.is_finished:
+            builder.finish()
+    env.close()
+    return [scene_folder(config.out, name) for name in names]
+
+
+def _make_env(config: AtlasConfig) -> "FixationEnv":
+    """The environment, which looks nothing up itself."""
+    import gymnasium
+
+    import sbm_gym  # noqa: F401, registers the environments
+
+    if config.env not in gymnasium.registry:
+        raise UsageError(
+            f"unknown env {config.env!r}; known: {', '.join(e for e in gymnasium.registry if 'sbm_gym' in e)}"
+        )
+    try:
+        env = gymnasium.make(config.env, split=config.split, detector=config.detector, colours=False, scene_cache=1)
+    except ValueError as error:
+        raise UsageError(f"env {config.env!r}: {error}") from error
+    return env.unwrapped  # type: ignore[return-value]
+
+
+def _builder(config: AtlasConfig, env: "FixationEnv", name: str):
+    """What writes the atlas of a scene; the environment is in that scene afterwards."""
+    from sbm_gym.atlas.pose_grid import PoseGrid
+    from sbm_gym.atlas.scene_atlas import AtlasBuilder
+
+    env.reset(seed=0, options={"scene": name})
+    poses = PoseGrid.cover(env.scene.world.navigable, config.grid_m, config.headings)
+    return AtlasBuilder(config.out, env.atlas_key(), poses)
+
+
+def _view_maker(config: AtlasConfig) -> "Callable[[Place], None]":
+    """Looks around at places and writes what there is to see."""
+    env = _make_env(config)
+
+    @lru_cache(maxsize=1)
+    def begun(name: str):
+        return _builder(config, env, name)
+
+    def look_around(job: Place) -> None:
+        name, place = job
+        builder = begun(name)
+        poses = builder.poses
+        headings = map(poses.heading_rad, range(poses.num_headings))
+        builder.write_place(place, [env.simulation.view_from(poses.places_m[place], yaw_rad) for yaw_rad in headings])
+
+    return look_around
+
+
+def _build_and_list(config: AtlasConfig) -> None:
+    for folder in build(config):
+        print(folder)
+
+
+main = make_main("sbm_gym.build_atlas", AtlasConfig, _build_and_list)
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""The atlases that an environment looks views up in, scene by scene."""
+
+from pathlib import Path
+
+from labeling.core.errors import UsageError
+from sbm_gym.atlas.scene_atlas import AtlasKey, SceneAtlas, scene_digest
+from sbm_gym.detection.simulated import SimulatedDetectorConfig
+from sbm_gym.env.simulation import SimulationConfig
+from sbm_gym.env.view_detectors import SIMULATED, SIMULATED_WEAK
+from sbm_gym.scenes.compiled import Scene
+
+
+class Atlases:
+    """Opens the atlas of each scene once."""
+
+    def __init__(self, folder: Path | None, config: SimulationConfig, detector: str | SimulatedDetectorConfig) -> None:
+        """Opens nothing yet.
+
+        Args:
+            folder: of ``python -m sbm_gym.build_atlas``; None if nothing is looked up.
+            config: of the environment.
+            detector: likewise.
+        """
+        self._folder, self._config = folder, config
+        # The simulated detector looks at what is looked up: its findings are not stored.
+        is_simulated = isinstance(detector, SimulatedDetectorConfig) or detector in (SIMULATED, SIMULATED_WEAK)
+        self._detector = SIMULATED if is_simulated else str(detector)
+        self._digest: str | None = None
+        self._open: dict[str, SceneAtlas] = {}
+
+    def of_scene(self, scene: Scene) -> SceneAtlas | None:
+        """The atlas of a scene, None if nothing is looked up.
+
+        Raises:
+            AtlasError: if there is none that fits, saying why.
+            UsageError: if scenes of this kind cannot have one.
+        """
+        if self._folder is None:
+            return None
+        if scene.name not in self._open:
+            self._open[scene.name] = SceneAtlas(self._folder, self.key(scene))
+        return self._open[scene.name]
+
+    def key(self, scene: Scene) -> AtlasKey:
+        """What the atlas of a scene depends on.
+
+        Raises:
+            UsageError: if scenes of this kind cannot have one.
+        """
+        if scene.world.stage is not None:
+            raise UsageError(f"scene {scene.name!r} is arranged anew for every episode: no atlas can hold its views")
+        simulated = self._detector == SIMULATED
+        if self._digest is None:
+            from labeling.detectors.registry import detector_digest
+
+            self._digest = "" if simulated else detector_digest(self._detector)
+        config = self._config
+        return AtlasKey(
+            scene=scene.name,
+            scene_digest=scene_digest(scene.world),
+            detector=self._detector,
+            detector_digest=self._digest,
+            image_size=config.image_size,
+            detector_size=config.image_size if simulated else config.detector_size,
+            camera_height_m=config.robot.body.camera_height_m,
+            tilt_rad=config.robot.rest_tilt_rad,
+        )
