@@ -13,7 +13,9 @@ from labeling.runtime.ranges import Count
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sbm_gym.env.fixation_env import FixationEnv
+    import gymnasium
+
+    from sbm_gym.atlas.scene_atlas import AtlasBuilder
 
 Place = tuple[str, int]
 """A scene, and the number of a place there."""
@@ -57,7 +59,7 @@ def build(config: AtlasConfig) -> list[Path]:
     from sbm_gym.atlas.scene_atlas import scene_folder
 
     env = _make_env(config)
-    names = env.scene_names[: config.scenes]
+    names = env.get_wrapper_attr("scene_names")[: config.scenes]
     make_views = PerProcess(partial(_view_maker, config))
     for number, name in enumerate(names):
         builder = _builder(config, env, name)
@@ -72,7 +74,7 @@ def build(config: AtlasConfig) -> list[Path]:
     return [scene_folder(config.out, name) for name in names]
 
 
-def _make_env(config: AtlasConfig) -> "FixationEnv":
+def _make_env(config: AtlasConfig) -> "gymnasium.Env":
     """The environment, which looks nothing up itself."""
     import gymnasium
 
@@ -86,17 +88,17 @@ def _make_env(config: AtlasConfig) -> "FixationEnv":
         env = gymnasium.make(config.env, split=config.split, detector=config.detector, colours=False, scene_cache=1)
     except ValueError as error:
         raise UsageError(f"env {config.env!r}: {error}") from error
-    return env.unwrapped  # type: ignore[return-value]
+    return env
 
 
-def _builder(config: AtlasConfig, env: "FixationEnv", name: str):
+def _builder(config: AtlasConfig, env: "gymnasium.Env", name: str) -> "AtlasBuilder":
     """What writes the atlas of a scene; the environment is in that scene afterwards."""
     from sbm_gym.atlas.pose_grid import PoseGrid
     from sbm_gym.atlas.scene_atlas import AtlasBuilder
 
     env.reset(seed=0, options={"scene": name})
-    poses = PoseGrid.cover(env.scene.world.navigable, config.grid_m, config.headings)
-    return AtlasBuilder(config.out, env.atlas_key(), poses)
+    poses = PoseGrid.cover(env.get_wrapper_attr("scene").world.navigable, config.grid_m, config.headings)
+    return AtlasBuilder(config.out, env.get_wrapper_attr("atlas_key")(), poses)
 
 
 def _view_maker(config: AtlasConfig) -> "Callable[[Place], None]":
@@ -112,7 +114,10 @@ def _view_maker(config: AtlasConfig) -> "Callable[[Place], None]":
         builder = begun(name)
         poses = builder.poses
         headings = map(poses.heading_rad, range(poses.num_headings))
-        builder.write_place(place, [env.simulation.view_from(poses.places_m[place], yaw_rad) for yaw_rad in headings])
+        builder.write_place(
+            place,
+            [env.get_wrapper_attr("simulation").view_from(poses.places_m[place], yaw_rad) for yaw_rad in headings],
+        )
 
     return look_around
 
