@@ -17,7 +17,7 @@ from labeling.io.episodes import read_episode
 
 STAGES = {
     "read pictures and masks": "labeling.io.episodes.read_episode",
-    "voxels (two clouds, one beside the rest)": "labeling.generator.propagate.build_cloud",
+    "voxels": "labeling.generator.propagate.build_cloud",
     "seeds and objects": "labeling.generator.propagate._associate",
     "SVM: train, decide": "labeling.generator.segment.crf.object_log_odds",
     "CRF: lattices": "labeling.generator.segment.crf.crf_kernels",
@@ -94,7 +94,7 @@ def _floors(label: Callable[[Path], float], folder: Path, out: Path) -> tuple[di
     near = int(np.count_nonzero(rows))
     moved |= {
         "read pictures and masks": _bytes(folder) + pixels * 7 + masks * size,
-        "voxels (two clouds, one beside the rest)": 2 * (pixels * (7 + 4) + points * 28),
+        "voxels": pixels * (7 + 4) + points * 28,
         "seeds and objects": masks * size * (1 + 4),
         "CRF: lattices": near * (7 + 4) * 8 * 2,
         "connected components and boxes": points * 16 + rows.nbytes,

@@ -7,14 +7,16 @@ from numba import njit
 from labeling.core.views import Camera
 
 
-def splat(points: Float[np.ndarray, "n 3"], camera: Camera, point_size_m: float = 0.0) -> Int32[np.ndarray, "h w"]:
+def splat(
+    points: Float[np.ndarray, "n 3"], camera: Camera, point_size_m: float | Float[np.ndarray, "n"] = 0.0
+) -> Int32[np.ndarray, "h w"]:
     """Draws a cloud into a view with a z-buffer.
 
     Args:
         points: world points, metres.
         camera: of the view.
-        point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into); points
-            nearer to the camera than that are not drawn.
+        point_size_m: edge of the camera-facing square that each point covers (at least the pixel it falls into);
+            points nearer to the camera than that are not drawn.
 
     Returns:
         For every pixel the index of the nearest point drawn there, -1 for none; of points at one depth (in single
@@ -24,7 +26,8 @@ def splat(points: Float[np.ndarray, "n 3"], camera: Camera, point_size_m: float 
     """
     index = np.full(camera.size, -1, np.int32)
     depth = np.full(camera.size, np.inf, np.float32)
-    _paint_nearest(index, depth, points, *_matrices(camera), point_size_m)
+    sizes_m = np.full(len(points), point_size_m, np.float64)
+    _paint_nearest(index, depth, points, *_matrices(camera), sizes_m)
     return index
 
 
@@ -99,15 +102,16 @@ def _square(point, camera, point_size_m, height, width):  # pragma: no cover - c
 
 
 @njit(cache=True, nogil=True)
-def _paint_nearest(index, depth, points, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+def _paint_nearest(index, depth, points, camera, to_camera, sizes_m):  # pragma: no cover - compiled
     """Writes into ``index`` (h, w) int32 the nearest of the ``points`` (n, 3), and into ``depth`` (h, w) its z-depth.
 
-    ``camera`` is K (3, 3), ``to_camera`` the pose (4, 4) world to camera; both pictures come with their background.
+    ``camera`` is K (3, 3), ``to_camera`` the pose (4, 4) world to camera, ``sizes_m`` (n,) the edges of the points;
+    both pictures come with their background.
     """
     height, width = index.shape
     for p in range(len(points)):
         placed = _place(points[p], to_camera)
-        left, right, top, bottom = _square(placed, camera, point_size_m, height, width)
+        left, right, top, bottom = _square(placed, camera, sizes_m[p], height, width)
         z = np.float32(placed[2])
         for v in range(top, bottom + 1):
             for u in range(left, right + 1):

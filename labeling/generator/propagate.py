@@ -38,12 +38,8 @@ from labeling.generator.segment.crf import ObjectCrf
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
-from labeling.runtime.threads import in_background, in_threads
+from labeling.runtime.threads import in_threads
 
-FINE_PX = 2.0
-"""Spacing of the points that masks are drawn from, in pixels: as fine as depth sensors sample."""
-MAX_FINE_POINTS = 3_000_000
-"""Bounds the memory for them."""
 BOX_MARGIN_VOXELS = 0.75
 """Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
 
@@ -90,17 +86,15 @@ def propagate(
         if cleared is not views:
             views = cleared
             cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
-    with in_background(
-        lambda: build_cloud(views, FINE_PX * scale.pixel_m, config.max_range_m, MAX_FINE_POINTS)
-    ) as fine:
-        candidates = (_associate if config.fuse_views else single_detection_candidates)(cloud, usable, config)
-        if not candidates:
-            return finalise_labels(_empty_labels(scale), usable, cloud, config)
-        if not config.fuse_views:
-            return label_per_detection(FusedViews(views, cloud, fine()), candidates, scale, config)
-        candidates, probability = _segment(cloud, candidates, scale, config)
-        objects, probability = _describe_objects(cloud, candidates, probability, config)
-        fused = FusedViews(views, cloud, fine())
+    candidates = (_associate if config.fuse_views else single_detection_candidates)(cloud, usable, config)
+    if not candidates:
+        return finalise_labels(_empty_labels(scale), usable, cloud, config)
+    if not config.fuse_views:
+        return label_per_detection(views, cloud, candidates, scale, config)
+    candidates, probability = _segment(cloud, candidates, scale, config)
+    objects, probability = _describe_objects(cloud, candidates, probability, config)
+    owned = point_owners(probability, config.exclusive) >= 0
+    fused = FusedViews.of(views, cloud, owned, scale.pixel_m, config)
     labels = finalise_labels(draw_labels(fused, objects, probability, scale, config), usable, cloud, config)
     return replace(labels, labels=with_label_defects(labels.labels, config.published))
 

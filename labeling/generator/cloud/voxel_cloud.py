@@ -38,11 +38,7 @@ class Cloud:
 
     def within(self, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Bool[np.ndarray, "n"]:
         """Which points lie in an upright box, its faces included; metres, world."""
-        inside = np.ones(self.num_points, np.bool_)
-        for axis in range(3):
-            along = self.points[:, axis]
-            inside &= (along >= np.float32(low[axis])) & (along <= np.float32(high[axis]))
-        return inside
+        return _within(self.points, np.asarray(low, np.float32), np.asarray(high, np.float32))
 
     def voxels_of_view(self, view: int) -> tuple[Int32[np.ndarray, "s"], Int32[np.ndarray, "h w"]]:
         """The voxels that a view sees, rising, and which of these each pixel shows (-1 for none)."""
@@ -54,17 +50,13 @@ class Cloud:
             self._visible[view] = known
         return known
 
-    def parents_of(self, fine: "Cloud") -> Int32[np.ndarray, "m"]:
-        """The voxel of this cloud that each point of a finer cloud of the same views lies in; -1 for none."""
-        return _parents(fine.voxel_of_pixel.ravel(), self.voxel_of_pixel.ravel(), fine.num_points)
-
 
 def build_cloud(views: RgbdViews, voxel_m: float, max_range_m: float = np.inf, max_voxels: int = 2_000_000) -> Cloud:
     """Unprojects every pixel with depth into the world and averages colour and position per voxel.
 
     Args:
         views: of one scene.
-        voxel_m: edge of a voxel; doubled as often as needed to stay within ``max_voxels``.
+        voxel_m: edge of a voxel; grows as often as needed to stay within ``max_voxels``.
         max_range_m: depth beyond this counts as no return.
         max_voxels: bound on the size of the cloud.
 
@@ -76,91 +68,105 @@ def build_cloud(views: RgbdViews, voxel_m: float, max_range_m: float = np.inf, m
     if not voxel_m > 0:
         raise ValueError(f"voxel_m must be positive, not {voxel_m}")
     depth_m, rgb = np.ascontiguousarray(views.depth_m, np.float32), np.ascontiguousarray(views.rgb)
-    origin = np.floor(views.camera_to_world[:, :3, 3].mean(axis=0) / voxel_m) * voxel_m
-    poses = np.ascontiguousarray(views.camera_to_world, np.float64)
-    cameras = np.ascontiguousarray(views.intrinsics, np.float64)
-    table, count = _Table.of(1 << 16), 0
-    numbers = np.empty(depth_m.shape, np.int32)
-    for view in range(len(depth_m)):
-        camera, pose = cameras[view], poses[view]
-        keys = _voxel_keys(
-            depth_m[view], camera, pose, origin.astype(float), float(voxel_m), float(max_range_m)
-        ).ravel()
-        flat, done = numbers[view].ravel(), 0
+    cells = Cells.of(views, voxel_m)
+    table, count = CellTable.of(1 << 16), 0
+    numbers = np.empty(views.depth_m.shape, np.int32)
+    for view in range(views.num_views):
+        pixels = depth_m[view], rgb[view], cells.rays[view], cells.eye[view], np.float32(max_range_m), numbers[view]
+        row = 0
         while True:
-            done, count = _number(keys, flat, done, count, table.key, table.id)
-            if done == len(keys):
+            row, count = _fuse(*pixels, row, count, table.key, table.number, table.cell, table.sums)
+            if row == depth_m.shape[1]:
                 break
             table = table.enlarged(count)
         if count > max_voxels:
-            factor = float(np.sqrt(count / max_voxels * len(depth_m) / (view + 1))) * 1.1
+            factor = float(np.sqrt(count / max_voxels * views.num_views / (view + 1))) * 1.1
             return build_cloud(views, factor * voxel_m, max_range_m, max_voxels)
-        _accumulate(numbers[view], rgb[view], depth_m[view], camera, pose, table.sums)
-    points, colours, counts = _means(table.sums[:count])
-    return Cloud(points, colours, counts, numbers, float(voxel_m))
+    fused = means(table.cell[:count], table.sums[:count], cells.corner_m, float(voxel_m))
+    return Cloud(*fused, numbers, float(voxel_m))
 
 
 @dataclass(frozen=True)
-class _Table:
-    """Hash table from packed voxels to their numbers, and what is summed in each."""
+class Cells:
+    """The grid of cells that pixels fall into, counted from a corner far out, so that all counts are positive."""
+
+    rays: Float64[np.ndarray, "views 3 3"]
+    """For each view the direction of pixel (x, y) in cells: ``rays @ (x, y, 1)``, at a z-depth of 1 m."""
+    eye: Float64[np.ndarray, "views 3"]
+    """Where each camera stands, in cells."""
+    corner_m: Float64[np.ndarray, "3"]
+    """The corner of cell (0, 0, 0), world."""
+
+    @classmethod
+    def of(cls, views: RgbdViews, edge_m: float) -> "Cells":
+        """Cells of this edge; one of their corners is at the world's origin."""
+        poses = np.asarray(views.camera_to_world, np.float64)
+        to_pixel = np.asarray(views.intrinsics, np.float64)
+        rays = np.zeros((views.num_views, 3, 3))
+        for axis in (0, 1):
+            rays[:, :, axis] = poses[:, :3, axis] / to_pixel[:, None, axis, axis]
+        rays[:, :, 2] = poses[:, :3, 2] - sum(rays[:, :, axis] * to_pixel[:, None, axis, 2] for axis in (0, 1))
+        corner = np.floor(poses[:, :3, 3].mean(axis=0) / edge_m) - _HALF
+        return cls(rays / edge_m, poses[:, :3, 3] / edge_m - corner, corner * edge_m)
+
+
+@dataclass(frozen=True)
+class CellTable:
+    """Hash table from packed cells to the numbers of their voxels, and what is summed in each voxel."""
 
     key: Int64[np.ndarray, "capacity"]
     """-1 in free slots."""
-    id: Int32[np.ndarray, "capacity"]
-    sums: Float64[np.ndarray, "half 7"]
-    """Position, colour, pixels."""
+    number: Int32[np.ndarray, "capacity"]
+    cell: Int64[np.ndarray, "half"]
+    """The packed cell of each voxel."""
+    sums: Float32[np.ndarray, "half 8"]
+    """Position in the cell, colour, pixels; the last is not used, so that a voxel lies in one line of the cache."""
 
     @classmethod
-    def of(cls, capacity: int) -> "_Table":
+    def of(cls, capacity: int) -> "CellTable":
         """An empty table with so many slots, a power of 2."""
         half = capacity // 2
-        return cls(np.full(capacity, -1, np.int64), np.empty(capacity, np.int32), np.zeros((half, 7)))
+        free, cell = np.full(capacity, -1, np.int64), np.empty(half, np.int64)
+        return cls(free, np.empty(capacity, np.int32), cell, np.zeros((half, 8), np.float32))
 
-    def enlarged(self, count: int) -> "_Table":
+    def enlarged(self, count: int) -> "CellTable":
         """One of four times the size with the same content, ``count`` voxels."""
-        larger = _Table.of(4 * len(self.key))
-        _enter(larger.key, larger.id, self.key, self.id)
-        larger.sums[:count] = self.sums[:count]
+        larger = CellTable.of(4 * len(self.key))
+        larger.cell[:count], larger.sums[:count] = self.cell[:count], self.sums[:count]
+        _enter(larger.key, larger.number, larger.cell[:count])
         return larger
 
 
-@njit(cache=True, inline="always")
-def _world(x, y, z, camera, pose):  # pragma: no cover - compiled
-    """World point of pixel (x, y) at z-depth ``z``; ``camera`` is K (3, 3), ``pose`` (4, 4) camera to world."""
-    a, b = (x - camera[0, 2]) / camera[0, 0] * z, (y - camera[1, 2]) / camera[1, 1] * z
-    return (
-        pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * z + pose[0, 3],
-        pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * z + pose[1, 3],
-        pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * z + pose[2, 3],
-    )
-
-
 @njit(cache=True, nogil=True)
-def _voxel_keys(depth_m, camera, pose, origin, voxel_m, max_range_m):  # pragma: no cover - compiled
-    """The packed voxel of each pixel, (h, w) int64; -1 without depth, beyond range, or beyond 2^21 voxels a side.
+def locate(depth_m, y, rays, eye, max_range_m, place, cell, key):  # pragma: no cover - compiled
+    """The cells of a row of pixels. Written as plain loops, so that the compiler makes vector instructions of them.
 
-    ``depth_m`` is (h, w) float32, ``camera`` K (3, 3), ``pose`` (4, 4) camera to world, ``origin`` (3,) the corner of
-    voxel 0, metres.
+    Args:
+        depth_m: (w,) float32.
+        y: which row.
+        rays: (3, 3) float64, of ``Cells``.
+        eye: (3,) float64, of ``Cells``.
+        max_range_m: depth beyond this counts as none.
+        place: (3, w) float32, receives where in its cell each pixel lies, in [0, 1].
+        cell: (3, w) int32, receives the cells.
+        key: (w,) int64, receives the packed cells; -1 without depth, beyond range, or beyond 2^21 cells a side.
     """
-    height, width = depth_m.shape
-    keys = np.empty((height, width), np.int64)
-    for y in range(height):
-        for x in range(width):
-            z = depth_m[y, x]
-            keys[y, x] = -1
-            if not (z > 0.0 and z <= max_range_m):
-                continue
-            point = _world(x, y, z, camera, pose)
-            i = np.int64(np.floor((point[0] - origin[0]) / voxel_m)) + _HALF
-            j = np.int64(np.floor((point[1] - origin[1]) / voxel_m)) + _HALF
-            k = np.int64(np.floor((point[2] - origin[2]) / voxel_m)) + _HALF
-            if min(i, j, k) >= 0 and max(i, j, k) < 2 * _HALF:
-                keys[y, x] = (i << (2 * _BITS)) | (j << _BITS) | k
-    return keys
+    for axis in range(3):
+        step, start, origin = rays[axis, 0], rays[axis, 1] * y + rays[axis, 2], eye[axis]
+        within, whole = place[axis], cell[axis]
+        for x in range(len(depth_m)):
+            along = (step * x + start) * depth_m[x] + origin
+            low = np.floor(along)
+            within[x] = np.float32(along - low)
+            whole[x] = np.int32(low) if (low >= 0.0) & (low < 2.0 * _HALF) else np.int32(-1)
+    for x in range(len(depth_m)):
+        i, j, k, z = np.int64(cell[0, x]), np.int64(cell[1, x]), np.int64(cell[2, x]), depth_m[x]
+        known = (z > 0) & (z <= max_range_m) & ((i | j | k) >> _BITS == 0)
+        key[x] = (i << (2 * _BITS)) | (j << _BITS) | k if known else -1
 
 
 @njit(cache=True, inline="always")
-def _slot(table_key, mask, key):  # pragma: no cover - compiled
+def slot_of(table_key, mask, key):  # pragma: no cover - compiled
     """The slot of a key in ``table_key`` (mask + 1,), or the free slot where it belongs. Fibonacci hashing."""
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     slot = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
@@ -170,82 +176,125 @@ def _slot(table_key, mask, key):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _enter(table_key, table_id, old_key, old_id):  # pragma: no cover - compiled
-    """Enters the keys and ids of an old table, -1 in its free slots, into a larger one, in place."""
-    for old in range(len(old_key)):
-        if old_key[old] != -1:
-            slot = _slot(table_key, len(table_key) - 1, old_key[old])
-            table_key[slot], table_id[slot] = old_key[old], old_id[old]
+def _enter(table_key, table_number, cells):  # pragma: no cover - compiled
+    """Enters the distinct packed ``cells`` (n,), numbered in their order, into an empty table, in place."""
+    for number in range(len(cells)):
+        slot = slot_of(table_key, len(table_key) - 1, cells[number])
+        table_key[slot], table_number[slot] = cells[number], number
 
 
 @njit(cache=True, nogil=True)
-def _number(keys, numbers, done, count, table_key, table_id):  # pragma: no cover - compiled
-    """Numbers distinct keys in order of appearance, from pixel ``done`` on, until the table is half full.
+def _fuse(depth_m, rgb, rays, eye, max_range_m, numbers, row, count, table_key, table_number, table_cell, sums):
+    # pragma: no cover - compiled
+    """Numbers the cells of a view's pixels in order of appearance and sums what they hold, until the table is full.
 
-    ``keys`` and ``numbers`` are (pixels,), the latter filled in place; ``count`` voxels are known so far. One thread
-    does it: the table is the bottleneck. Returns the first pixel left over and the number of voxels.
+    Runs of pixels in one cell are summed before the table is asked, and it is asked only if the pixel above does not
+    know the answer.
+
+    Args:
+        depth_m: (h, w) float32.
+        rgb: (h, w, 3) uint8.
+        rays: (3, 3) float64, of ``Cells``.
+        eye: (3,) float64, of ``Cells``.
+        max_range_m: depth beyond this counts as none.
+        numbers: (h, w) int32, receives the voxel of each pixel, -1 for none.
+        row: where to begin.
+        count: voxels known so far.
+        table_key: (capacity,) int64, of ``CellTable``, as the others; filled in place.
+        table_number: (capacity,) int32.
+        table_cell: (half,) int64.
+        sums: (half, 8) float32.
+
+    Returns:
+        The first row left over, and the number of voxels.
     """
+    height, width = depth_m.shape
     mask = len(table_key) - 1
-    last_key, last_number = np.int64(-1), np.int32(-1)
-    for p in range(done, len(keys)):
-        key = keys[p]
-        if key != last_key:
-            last_key, last_number = key, np.int32(-1)
-            if key != -1:
-                slot = _slot(table_key, mask, key)
-                if table_key[slot] == -1:
-                    if 2 * count > mask:
-                        return p, count
-                    table_key[slot] = key
-                    table_id[slot] = count
-                    count += 1
-                last_number = table_id[slot]
-        numbers[p] = last_number
-    return len(keys), count
-
-
-@njit(cache=True, nogil=True)
-def _accumulate(numbers, rgb, depth_m, camera, pose, sums):  # pragma: no cover - compiled
-    """Adds position, colour and number of the pixels of a view to ``sums`` (voxels, 7) of their voxels, in place.
-
-    ``numbers`` is (h, w) int32, the voxel of each pixel; ``camera`` K (3, 3), ``pose`` (4, 4) camera to world.
-    """
-    height, width = numbers.shape
-    for y in range(height):
-        for x in range(width):
-            number = numbers[y, x]
-            if number < 0:
+    place, cell = np.empty((3, width), np.float32), np.empty((3, width), np.int32)
+    key, above = np.empty(width, np.int64), np.full(width, -1, np.int64)
+    for y in range(row, height):
+        if 2 * (count + width) > mask:
+            return y, count
+        locate(depth_m[y], y, rays, eye, max_range_m, place, cell, key)
+        x = 0
+        while x < width:
+            here = key[x]
+            if here < 0:
+                numbers[y, x] = -1
+                x += 1
                 continue
-            point = _world(x, y, depth_m[y, x], camera, pose)
-            for axis in range(3):
-                sums[number, axis] += point[axis]
-                sums[number, 3 + axis] += rgb[y, x, axis]
-            sums[number, 6] += 1.0
+            first = x
+            a, b, c = np.float32(0), np.float32(0), np.float32(0)
+            red, green, blue = 0, 0, 0
+            while x < width and key[x] == here:
+                a += place[0, x]
+                b += place[1, x]
+                c += place[2, x]
+                red += rgb[y, x, 0]
+                green += rgb[y, x, 1]
+                blue += rgb[y, x, 2]
+                x += 1
+            if above[first] == here:
+                number = numbers[y - 1, first]
+            elif above[x - 1] == here:
+                number = numbers[y - 1, x - 1]
+            else:
+                slot = slot_of(table_key, mask, here)
+                if table_key[slot] == -1:
+                    table_key[slot], table_number[slot], table_cell[count] = here, count, here
+                    count += 1
+                number = table_number[slot]
+            for same in range(first, x):
+                numbers[y, same] = number
+            total = sums[number]
+            total[0] += a
+            total[1] += b
+            total[2] += c
+            total[3] += red
+            total[4] += green
+            total[5] += blue
+            total[6] += x - first
+        key, above = above, key
+    return height, count
 
 
 @njit(cache=True, nogil=True)
-def _means(sums):  # pragma: no cover - compiled
-    """Mean position (n, 3), mean colour in [0, 1] (n, 3), and number of pixels (n,) of ``sums`` (n, 7)."""
-    count = len(sums)
+def means(cells, sums, corner_m, edge_m):  # pragma: no cover - compiled
+    """Mean position (n, 3), mean colour in [0, 1] (n, 3), and number of pixels (n,) of voxels.
+
+    Args:
+        cells: (n,) int64, packed.
+        sums: (n, 8) float32, of ``CellTable``.
+        corner_m: (3,) float64, of ``Cells``.
+        edge_m: of a cell.
+    """
+    count = len(cells)
     points, colours = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
     pixels = np.empty(count, np.int32)
     for voxel in range(count):
-        weight = sums[voxel, 6]
+        weight = np.float64(sums[voxel, 6])
         for axis in range(3):
-            points[voxel, axis] = sums[voxel, axis] / weight
+            cell = (cells[voxel] >> ((2 - axis) * _BITS)) & (2 * _HALF - 1)
+            points[voxel, axis] = corner_m[axis] + (cell + sums[voxel, axis] / weight) * edge_m
             colours[voxel, axis] = sums[voxel, 3 + axis] / weight / 255.0
         pixels[voxel] = weight
     return points, colours, pixels
 
 
 @njit(cache=True, nogil=True)
-def _parents(fine, coarse, num_fine):  # pragma: no cover - compiled
-    """The coarse voxel of each fine one, (num_fine,); ``fine`` and ``coarse`` are those of each pixel, (pixels,)."""
-    parents = np.full(num_fine, -1, np.int32)
-    for pixel in range(len(fine)):
-        if fine[pixel] >= 0:
-            parents[fine[pixel]] = coarse[pixel]
-    return parents
+def _within(points, low, high):  # pragma: no cover - compiled
+    """Which ``points`` (n, 3) lie between ``low`` (3,) and ``high`` (3,)."""
+    inside = np.empty(len(points), np.bool_)
+    for p in range(len(points)):
+        inside[p] = (
+            (points[p, 0] >= low[0])
+            & (points[p, 0] <= high[0])
+            & (points[p, 1] >= low[1])
+            & (points[p, 1] <= high[1])
+            & (points[p, 2] >= low[2])
+            & (points[p, 2] <= high[2])
+        )
+    return inside
 
 
 @njit(cache=True, nogil=True)

@@ -1,18 +1,21 @@
-"""The views of an episode with the clouds they were fused into, and what each view shows of these."""
+"""The views of an episode with the cloud they were fused into, and what each view shows of it."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Bool, Float32, Int32
 
 from labeling.core.splatting import splat
 from labeling.core.views import RgbdViews
+from labeling.generator.cloud.fine_points import FinePoints, fine_points
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.settings.label_config import LabelConfig
 
 NO_REACH_PX = 1e-3
 """A filter of this reach leaves every pixel as it is."""
+FINE_PX = 2.0
+"""Spacing of the points that outlines are drawn from, in pixels: as fine as depth sensors sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +25,24 @@ class FusedViews:
     views: RgbdViews
     cloud: Cloud
     """The voxels that were segmented."""
-    fine: Cloud
-    """The same views at the resolution of the pictures, so that what is drawn from them has sharp outlines."""
+    fine: FinePoints
+    """The voxels of objects at the resolution of the pictures, so that what is drawn from them has sharp outlines."""
 
-    @cached_property
-    def voxel_of_fine(self) -> Int32[np.ndarray, "m"]:
-        """The voxel of ``cloud`` that each point of ``fine`` lies in."""
-        return self.cloud.parents_of(self.fine)
+    @classmethod
+    def of(
+        cls, views: RgbdViews, cloud: Cloud, inside: Bool[np.ndarray, "n"], pixel_m: float, config: LabelConfig
+    ) -> "FusedViews":
+        """The views with the points that objects are drawn from.
+
+        Args:
+            views: of one scene.
+            cloud: made from these views.
+            inside: its voxels that belong to any object.
+            pixel_m: of the episode's scale.
+            config: settings; where other views decide what a view shows, all voxels are drawn finely.
+        """
+        chosen = inside if config.visibility == "own" else np.ones(cloud.num_points, bool)
+        return cls(views, cloud, fine_points(views, cloud, chosen, FINE_PX * pixel_m))
 
     def visible_voxels(self, view: int, config: LabelConfig) -> Int32[np.ndarray, "h w"]:
         """The voxel that each pixel with depth shows, -1 for pixels without.
@@ -42,8 +56,21 @@ class FusedViews:
 
     def rendered_voxels(self, view: int) -> Int32[np.ndarray, "h w"]:
         """The voxel of the nearest point that any view puts at each pixel, -1 for none."""
-        nearest = splat(self.fine.points, self.views.camera(view), self.fine.voxel_m)
-        return np.where(nearest >= 0, self.voxel_of_fine[nearest], np.int32(-1))
+        points, sizes_m, voxel = self._surfaces
+        nearest = splat(points, self.views.camera(view), sizes_m)
+        return np.where(nearest >= 0, voxel[nearest], np.int32(-1))
+
+    @cached_property
+    def _surfaces(
+        self,
+    ) -> tuple[Float32[np.ndarray, "p 3"], Float32[np.ndarray, "p"], Int32[np.ndarray, "p"]]:
+        """Fine points, and the voxels that have none; the size and the voxel of each."""
+        fine, cloud = self.fine, self.cloud
+        rest = np.ones(cloud.num_points, bool)
+        rest[fine.voxel] = False
+        others = np.flatnonzero(rest).astype(np.int32)
+        sizes = np.repeat([fine.spacing_m, cloud.voxel_m], [len(fine.points), len(others)]).astype(np.float32)
+        return np.concatenate([fine.points, cloud.points[others]]), sizes, np.concatenate([fine.voxel, others])
 
 
 def fill_reach_px(voxel_m: float, pixel_m: float, config: LabelConfig) -> float:

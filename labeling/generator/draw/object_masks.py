@@ -3,16 +3,19 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud
 from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
-from labeling.generator.draw.view_masks import modal_masks, point_owners, view_probabilities
+from labeling.generator.draw.view_masks import ViewChances, likely_voxels, point_owners, view_chances
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import paint_in_order
 from labeling.runtime.threads import in_threads
+
+MAX_HOLES = 1e-3
+"""Share of a view's pixels without depth up to which it is filled from its own pixels alone."""
 
 
 def draw_labels(
@@ -37,32 +40,33 @@ def draw_labels(
     """
     cloud, fine, views = fused.cloud, fused.fine, fused.views
     owner = point_owners(probability, config.exclusive)
-    owner_of_fine = owner[fused.voxel_of_fine]
+    owner_of_fine = owner[fine.voxel]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
+    likely = likely_voxels(probability)
+    whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
 
     def labels_of(view: int) -> list[PseudoLabel]:
         voxels = fused.visible_voxels(view, config)
-        rendered = fused.rendered_voxels(view) if (voxels < 0).any() else None
-        chance, known = view_probabilities(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge)
-        drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.voxel_m)
-        modal = modal_masks(chance, known, config.exclusive)
+        holes = np.count_nonzero(voxels < 0) > MAX_HOLES * voxels.size
+        rendered = fused.rendered_voxels(view) if holes else None
+        chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
+        drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m)
+        shown, pixels, means = chances.masks(config.exclusive)
         if config.published.missing_z_buffer:
-            modal = paint_in_order(drawn)
+            shown, pixels, means = _painted(drawn, chances)
         labels = []
         for k, one in enumerate(objects):
-            visible = modal == k
-            amodal = drawn[k] | visible
-            if not amodal.any():
+            if not pixels[k] and not drawn[k].any():
                 continue
-            within = chance[:, :, k][visible] if visible.any() else probability[owner == k, k]
+            modal = shown == k
             labels.append(
                 PseudoLabel(
                     view_index=view,
                     instance_id=one.instance_id,
                     category=one.category,
-                    confidence=float(min(1.0, one.confidence * within.mean())),
-                    modal=visible,
-                    amodal=amodal,
+                    confidence=min(1.0, one.confidence * (float(means[k]) if pixels[k] else whole[k])),
+                    modal=modal,
+                    amodal=drawn[k] | modal,
                     source_view_index=one.sources[0].view_index,
                     source_confidence=one.sources[0].confidence,
                 )
@@ -74,3 +78,11 @@ def draw_labels(
     return EpisodeLabels(
         tuple(objects), labels, SegmentedCloud(cloud.points, cloud.colours, instance_ids, probability), scale
     )
+
+
+def _painted(drawn: Bool[np.ndarray, "k h w"], chances: ViewChances):
+    """What ``ViewChances.masks`` returns, if objects are painted over each other in their order."""
+    shown, chance = paint_in_order(drawn), chances.dense()
+    pixels = np.bincount(shown[shown >= 0], minlength=len(drawn))
+    means = [float(chance[:, :, k][shown == k].mean()) if pixels[k] else 0.0 for k in range(len(drawn))]
+    return shown, pixels, np.array(means, np.float32)

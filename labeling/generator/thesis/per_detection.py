@@ -15,10 +15,11 @@ from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, S
 from labeling.core.masks import box_xyxy
 from labeling.core.splatting import silhouettes
 from labeling.core.types import Detection, PseudoLabel
+from labeling.core.views import RgbdViews
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
-from labeling.generator.draw.view_masks import view_probabilities
+from labeling.generator.draw.view_masks import view_chances
 from labeling.generator.objects.association import Candidate, associate_detections, is_consistent
 from labeling.generator.objects.seeds import detection_seeds
 from labeling.generator.segment.crf import ObjectCrf
@@ -63,12 +64,13 @@ def single_detection_candidates(cloud: Cloud, detections: Sequence[Detection], c
 
 
 def label_per_detection(
-    fused: FusedViews, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
+    views: RgbdViews, cloud: Cloud, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
 ) -> EpisodeLabels:
     """Labels every view from segments that each stem from one detection.
 
     Args:
-        fused: the views and their clouds.
+        views: of one scene.
+        cloud: made from these views.
         candidates: of one detection each, as ``single_detection_candidates`` returns them.
         scale: of the episode.
         config: settings. ``exclusive``, ``weak_evidence`` and ``merge_overlap`` play no part: segments do not know of
@@ -77,7 +79,8 @@ def label_per_detection(
     Returns:
         One object for every detection that kept a mask in some view.
     """
-    probability = _segment_each(fused, candidates, scale, config)
+    probability = _segment_each(cloud, candidates, scale, config)
+    fused = FusedViews.of(views, cloud, np.any(probability > 0.5, axis=1), scale.pixel_m, config)
     sources = [candidate.sources[0].detection for candidate in candidates]
     labels = _draw_all(fused, sources, probability, scale, config)
     kept = sorted({label.instance_id for label in labels})
@@ -87,19 +90,18 @@ def label_per_detection(
     for number, segment in enumerate(kept, start=1):
         detection = sources[segment - 1]
         source = Source(detection.view_index, float(detection.confidence), detection.category)
-        members = fused.cloud.points[chance[:, number - 1] > 0.5]
-        box = fit_box(members, margin_m=fused.cloud.voxel_m) if len(members) else None
+        members = cloud.points[chance[:, number - 1] > 0.5]
+        box = fit_box(members, margin_m=cloud.voxel_m) if len(members) else None
         objects.append(LabelledObject(number, detection.category, source.confidence, box, (source,)))
     final = [replace(label, instance_id=instance_id[label.instance_id]) for label in labels]
-    cloud = SegmentedCloud(fused.cloud.points, fused.cloud.colours, _first_owner(chance), chance)
-    return EpisodeLabels(tuple(objects), with_label_defects(final, config.published), cloud, scale)
+    segmented = SegmentedCloud(cloud.points, cloud.colours, _first_owner(chance), chance)
+    return EpisodeLabels(tuple(objects), with_label_defects(final, config.published), segmented, scale)
 
 
 def _segment_each(
-    fused: FusedViews, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
+    cloud: Cloud, candidates: Sequence[Candidate], scale: Scale, config: LabelConfig
 ) -> Float32[np.ndarray, "n k"]:
     """Probability of each segment at every point; 0 outside its crop, whose points have a CRF of their own."""
-    cloud = fused.cloud
     crf = ObjectCrf.of(cloud, candidates, scale, config)
     probability, active = crf.marginals(exclusive=False), crf.active
     for k in range(len(candidates)):
@@ -120,18 +122,19 @@ def _draw_all(
     """Masks of all segments in all views, after the more confident have suppressed the others."""
     cloud, fine = fused.cloud, fused.fine
     inside = probability > 0.5
-    points_of = [fine.points[inside[fused.voxel_of_fine, k]] for k in range(len(sources))]
+    points_of = [fine.points[inside[fine.voxel, k]] for k in range(len(sources))]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     labels = []
     for view, rgb in enumerate(fused.views.rgb):
         voxels = fused.visible_voxels(view, config)
-        chance, known = view_probabilities(rgb, voxels, None, probability, reach_px, config.fill_edge)
+        chances = view_chances(rgb, voxels, None, probability, reach_px, config.fill_edge)
+        chance, known = chances.dense(), chances.known
         camera = fused.views.camera(view)
         drawn = []
         for k, source in enumerate(sources):
             modal = known & (chance[:, :, k] > 0.5)
             points = points_of[k]
-            amodal = modal | silhouettes(points, np.zeros(len(points), np.int32), 1, camera, fine.voxel_m)[0]
+            amodal = modal | silhouettes(points, np.zeros(len(points), np.int32), 1, camera, fine.spacing_m)[0]
             if config.published.missing_z_buffer:
                 modal = amodal
             if modal.any():

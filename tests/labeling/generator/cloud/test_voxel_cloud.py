@@ -94,12 +94,3 @@ def test_points_within_a_box() -> None:
     inside = cloud.within(low, high)
     np.testing.assert_array_equal(inside, np.all((cloud.points >= low) & (cloud.points <= high), axis=1))
     assert inside[3]
-
-
-def test_fine_points_lie_in_voxels_of_their_pixels() -> None:
-    scene = views(8)
-    coarse, fine = build_cloud(RgbdViews(*scene), voxel_m=0.4), build_cloud(RgbdViews(*scene), voxel_m=0.05)
-    parents = coarse.parents_of(fine)
-    assert parents.min() >= 0
-    for point, parent in enumerate(parents):
-        assert parent in coarse.voxel_of_pixel[fine.voxel_of_pixel == point]
