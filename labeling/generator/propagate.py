@@ -144,7 +144,7 @@ def _segment(
         return candidates, binary
     if len(groups) < len(candidates):
         candidates = [candidates[first].merged(candidates[k] for k in others) for first, *others in groups]
-        crf = ObjectCrf.of(cloud, candidates, scale, config)
+        crf = crf.merged(groups, cloud, candidates, scale, config)
     return candidates, crf.marginals(config.exclusive)
 
 

@@ -14,7 +14,7 @@ from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
 from labeling.generator.segment.active_points import ActivePoints
 from labeling.generator.segment.mean_field import Kernel
-from labeling.generator.segment.permutohedral_lattice import build_lattice
+from labeling.generator.segment.permutohedral_lattice import build_lattice, lattice_of_blocks
 from labeling.generator.segment.unary_potentials import UNREACHABLE_LOG_ODDS, object_log_odds
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import ConstantKernel
@@ -43,9 +43,53 @@ class ObjectCrf:
             scale: of the episode.
             config: weights and widths.
         """
-        log_odds = object_log_odds(cloud, candidates, scale.object_m, config)
+        return cls._of(cloud, candidates, scale, config)
+
+    @classmethod
+    def _of(
+        cls,
+        cloud: Cloud,
+        candidates: Sequence[Candidate],
+        scale: Scale,
+        config: LabelConfig,
+        numbers: Sequence[int] | None = None,
+    ) -> "ObjectCrf":
+        """The same of objects that are not numbered from 0."""
+        log_odds = object_log_odds(cloud, candidates, scale.object_m, config, numbers)
         active = ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS)
         return cls(log_odds, active, crf_kernels(cloud, active, scale.object_m, config), config.iterations)
+
+    def merged(
+        self,
+        groups: Sequence[Sequence[int]],
+        cloud: Cloud,
+        candidates: Sequence[Candidate],
+        scale: Scale,
+        config: LabelConfig,
+    ) -> "ObjectCrf":
+        """The CRF after some objects have become one; what is known of the others is kept.
+
+        Args:
+            groups: for each new object which of the old ones it is.
+            cloud: the points.
+            candidates: the new objects.
+            scale: of the episode.
+            config: weights and widths.
+        """
+        if config.published.empty_kernel:
+            return ObjectCrf.of(cloud, candidates, scale, config)
+        joined = [new for new, group in enumerate(groups) if len(group) > 1]
+        numbers = [groups[new][0] for new in joined]
+        changed = self._of(cloud, [candidates[new] for new in joined], scale, config, numbers)
+        parts = [
+            (changed, joined.index(new)) if len(group) > 1 else (self, group[0]) for new, group in enumerate(groups)
+        ]
+        log_odds = np.stack([one.log_odds[:, k] for one, k in parts]).T
+        kernels = []
+        for number, kernel in enumerate(self.kernels):
+            lattices = [(one.kernels[number].filter, k) for one, k in parts]
+            kernels.append(Kernel(lattice_of_blocks(lattices), kernel.weight))  # type: ignore[arg-type]
+        return ObjectCrf(log_odds, ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS), kernels, self.iterations)
 
     def marginals(self, exclusive: bool) -> Float32[np.ndarray, "n k"]:
         """Probability of every object at every point.

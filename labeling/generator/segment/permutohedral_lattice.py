@@ -10,6 +10,7 @@ the number of threads. Hash tables have a fixed size while they are filled, and 
 small.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -67,6 +68,29 @@ class Lattice:
         for channel in range(values.shape[1]):
             filtered[:, channel] = _filter(np.ascontiguousarray(values[:, channel], np.float32), *arrays, *shares)
         return filtered
+
+
+def lattice_of_blocks(parts: Sequence[tuple[Lattice, int]]) -> Lattice:
+    """One lattice of blocks that are in others already.
+
+    Args:
+        parts: at least one lattice and the number of a block of it, in the order of the new blocks.
+    """
+    points = [slice(*one.block_start[block : block + 2]) for one, block in parts]
+    vertices = [slice(*one.vertex_start[block : block + 2]) for one, block in parts]
+    block_start, vertex_start = (np.cumsum([0, *(own.stop - own.start for own in two)]) for two in (points, vertices))
+    first = parts[0][0]
+    vertex = np.empty((block_start[-1], first.vertex.shape[1]), np.int32)
+    weight = np.empty(vertex.shape, np.float32)
+    neighbours = np.empty((len(first.neighbours), vertex_start[-1], 2), np.int32)
+    for number, ((one, _), old, own) in enumerate(zip(parts, points, vertices, strict=True)):
+        new, shift = slice(*block_start[number : number + 2]), np.int32(vertex_start[number] - own.start)
+        vertex[new], weight[new] = one.vertex[old] + shift, one.weight[old]
+        known = one.neighbours[:, own]
+        neighbours[:, slice(*vertex_start[number : number + 2])] = np.where(
+            known < one.num_vertices, known + shift, np.int32(vertex_start[-1])
+        )
+    return Lattice(vertex, weight, neighbours, block_start, vertex_start)
 
 
 def build_lattice(features: Float[np.ndarray, "n d"], block_start: Int[np.ndarray, "b1"] | None = None) -> Lattice:

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
-from labeling.generator.segment.gaussian_classifier import train_classifier
+from labeling.generator.objects.seeds import DetectionSeeds
+from labeling.generator.segment.gaussian_classifier import train_classifier, train_gaussian_classifier
 from labeling.generator.segment.training_points import crop_around, sample_background, sample_foreground
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.threads import in_threads
@@ -21,7 +22,11 @@ MAX_VOTES = 3.0
 
 
 def object_log_odds(
-    cloud: Cloud, candidates: Sequence[Candidate], object_m: float, config: LabelConfig
+    cloud: Cloud,
+    candidates: Sequence[Candidate],
+    object_m: float,
+    config: LabelConfig,
+    numbers: Sequence[int] | None = None,
 ) -> Float32[np.ndarray, "n k"]:
     """Unary potentials of all objects, as log-odds against the background.
 
@@ -32,23 +37,24 @@ def object_log_odds(
         candidates: the objects.
         object_m: size of a typical object, metres.
         config: settings.
+        numbers: of the objects; each chooses the training points of its own. By default 0, 1 and so on.
 
     Returns:
-        Log-odds per point and object.
+        Log-odds per point and object, object after object in memory.
     """
-    log_odds = np.full((cloud.num_points, len(candidates)), UNREACHABLE_LOG_ODDS, np.float32)
+    columns = np.full((len(candidates), cloud.num_points), UNREACHABLE_LOG_ODDS, np.float32)
 
     def fill_column(k: int) -> None:
-        rng = np.random.default_rng([config.seed, k])
-        _one_object(cloud, candidates[k], object_m, config, rng, log_odds[:, k])
+        rng = np.random.default_rng([config.seed, k if numbers is None else numbers[k]])
+        _one_object(cloud, candidates[k], object_m, config, rng, columns[k])
 
     in_threads(fill_column, range(len(candidates)))
-    return log_odds
+    return columns.T
 
 
 def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfig, rng, log_odds) -> None:
     """Fills the column ``log_odds`` (n,) of one object in place."""
-    votes_for, votes_against, hard = _votes(cloud.num_points, candidate, config)
+    votes_for, votes_against = _votes(cloud.num_points, candidate, config)
     foreground = np.flatnonzero(votes_for > votes_against)
     if len(foreground) == 0:
         return
@@ -56,15 +62,23 @@ def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfi
     centre, inside = crop_around(cloud, foreground, against, object_m, config)
     background = np.flatnonzero(inside & against)
     reachable = np.flatnonzero(inside)
-    log_odds[reachable] = _vote_log_odds(votes_for, votes_against, candidate)[reachable] if config.votes else 0.0
+    decided = np.zeros(len(reachable), np.float32)
+    if config.votes:
+        decided = _vote_log_odds(votes_for[reachable], votes_against[reachable], candidate)
     if len(background) > 0:
-        negatives = sample_background(background, hard, rng)
-        positives = sample_foreground(cloud.points, foreground, centre, config, rng)
-        classifier = train_classifier(
-            _features(cloud, positives, centre), _features(cloud, negatives, centre), rng, config.gaussian_share
-        )
-        decided = classifier.log_odds(_features(cloud, reachable, centre))
-        log_odds[reachable] += np.clip(decided, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+        hard = _hard_negatives(cloud.num_points, candidate, config)
+        features = _features(cloud, reachable, centre)
+        if config.gaussian_share >= 1 and config.outer_share == 0:
+            seeds = votes_for[reachable] > votes_against[reachable], against[reachable]
+            classifier = train_gaussian_classifier(features[seeds[0]], features[seeds[1]], hard[background])
+        else:
+            negatives = sample_background(background, hard, rng)
+            positives = sample_foreground(cloud.points, foreground, centre, config, rng)
+            classifier = train_classifier(
+                _features(cloud, positives, centre), _features(cloud, negatives, centre), rng, config.gaussian_share
+            )
+        decided += np.clip(classifier.log_odds(features), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    log_odds[reachable] = decided
     if config.clamp_seeds:
         log_odds[foreground[inside[foreground]]] = MAX_LOG_ODDS
         log_odds[background] = -MAX_LOG_ODDS
@@ -76,17 +90,33 @@ def _features(cloud: Cloud, rows, centre) -> Float32[np.ndarray, "n 6"]:
 
 
 def _votes(num_points: int, candidate: Candidate, config: LabelConfig):
-    """Confidence-weighted votes for and against every point, and the background next to the masks."""
-    votes_for, votes_against = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
-    hard = np.zeros(num_points, bool)
-    sources = candidate.sources
-    if config.max_sources:
-        sources = sorted(sources, key=lambda one: -one.detection.confidence)[: config.max_sources]
-    for seeds in [*sources, *(candidate.weak if config.weak_evidence else [])]:
+    """Confidence-weighted votes for and against every point."""
+    used = _used(candidate, config)
+    if len(used) < len(candidate.sources):
+        votes_for, votes_against = np.zeros(num_points, np.float32), np.zeros(num_points, np.float32)
+    else:
+        votes_for, votes_against = candidate.votes_for.copy(), candidate.votes_against.copy()
+        used = used[len(candidate.sources) :]
+    for seeds in used:
         votes_for[seeds.foreground] += seeds.detection.confidence
         votes_against[seeds.background] += seeds.detection.confidence
+    return votes_for, votes_against
+
+
+def _hard_negatives(num_points: int, candidate: Candidate, config: LabelConfig) -> Bool[np.ndarray, "n"]:
+    """The background next to the masks."""
+    hard = np.zeros(num_points, bool)
+    for seeds in _used(candidate, config):
         hard[seeds.hard_negatives] = True
-    return votes_for, votes_against, hard
+    return hard
+
+
+def _used(candidate: Candidate, config: LabelConfig) -> list[DetectionSeeds]:
+    """The detections that an object is segmented from: its sources first."""
+    sources = candidate.sources
+    if config.max_sources and config.max_sources < len(sources):
+        sources = sorted(sources, key=lambda one: -one.detection.confidence)[: config.max_sources]
+    return [*sources, *(candidate.weak if config.weak_evidence else [])]
 
 
 def _vote_log_odds(votes_for, votes_against, candidate: Candidate) -> Float32[np.ndarray, "n"]:
