@@ -175,7 +175,7 @@ def _probability(episode: Episode, label: PseudoLabel, config: LabelConfig) -> U
 
 def _seeds(rgb: UInt8[np.ndarray, "h w 3"], detection: Detection) -> UInt8[np.ndarray, "h w 3"]:
     config = LabelConfig()
-    foreground, background, _ = mask_trimap(detection.mask, config.erode, config.dilate)
+    foreground, background, _ = mask_trimap(detection.mask, config.erode, config.dilate).over(detection.mask.shape)
     return _tinted(_tinted(rgb, background, COLOURS[0], 0.45), foreground, COLOURS[1], 0.6)
 
 

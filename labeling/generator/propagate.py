@@ -125,7 +125,7 @@ def _associate(cloud: Cloud, detections: Sequence[Detection], config: LabelConfi
             (confident if seeds.detection.confidence >= config.confident else weak).append(seeds)
     space = cloud.num_points, config.merge_overlap
     candidates = associate_detections(confident, *space)
-    assigned, unassigned = assign_weak_detections(candidates, weak, *space)
+    assigned, unassigned = assign_weak_detections(candidates, weak, config.merge_overlap)
     if config.weak_evidence:
         candidates = assigned
     if config.agreeing_views:

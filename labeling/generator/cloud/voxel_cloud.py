@@ -40,8 +40,10 @@ class Cloud:
         """Which points lie in an upright box, its faces included; metres, world."""
         return _within(self.points, np.asarray(low, np.float32), np.asarray(high, np.float32))
 
-    def voxels_of_view(self, view: int) -> tuple[Int32[np.ndarray, "s"], Int32[np.ndarray, "h w"]]:
-        """The voxels that a view sees, rising, and which of these each pixel shows (-1 for none)."""
+    def voxels_of_view(
+        self, view: int
+    ) -> tuple[Int32[np.ndarray, "s"], Int32[np.ndarray, "h w"], Int32[np.ndarray, "s"]]:
+        """The voxels that a view sees, rising; which of these each pixel shows, -1 for none; and how many show each."""
         known = self._visible.get(view)
         if known is None:
             known = _rank(self.voxel_of_pixel[view], self.num_points)
@@ -299,25 +301,26 @@ def _within(points, low, high):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True)
 def _rank(voxels, num_voxels):  # pragma: no cover - compiled
-    """The distinct voxels (s,) of ``voxels`` (h, w), rising, and the place of each pixel's voxel among them (h, w)."""
+    """The distinct voxels (s,) of ``voxels`` (h, w), rising; the place of each pixel's voxel among them (h, w), -1 for
+    none; and the number of pixels of each (s,).
+    """
     height, width = voxels.shape
-    place = np.full(num_voxels, -1, np.int32)
+    count = np.zeros(num_voxels, np.int32)
     for y in range(height):
         for x in range(width):
             if voxels[y, x] >= 0:
-                place[voxels[y, x]] = 0
-    count = 0
+                count[voxels[y, x]] += 1
+    seen, place = np.empty(min(height * width, num_voxels), np.int32), np.empty(num_voxels, np.int32)
+    found = 0
     for voxel in range(num_voxels):
-        if place[voxel] == 0:
-            place[voxel] = count
-            count += 1
-    seen = np.empty(count, np.int32)
-    for voxel in range(num_voxels):
-        if place[voxel] >= 0:
-            seen[place[voxel]] = voxel
-    ranks = np.full((height, width), np.int32(-1))
+        if count[voxel] > 0:
+            seen[found], place[voxel] = voxel, found
+            found += 1
+    ranks = np.empty((height, width), np.int32)
     for y in range(height):
         for x in range(width):
-            if voxels[y, x] >= 0:
-                ranks[y, x] = place[voxels[y, x]]
-    return seen, ranks
+            ranks[y, x] = place[voxels[y, x]] if voxels[y, x] >= 0 else -1
+    pixels = np.empty(found, np.int32)
+    for rank in range(found):
+        pixels[rank] = count[seen[rank]]
+    return seen[:found].copy(), ranks, pixels

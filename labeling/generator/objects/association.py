@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int
+from numba import njit
 
 from labeling.generator.objects.seeds import DetectionSeeds
 
@@ -60,7 +61,7 @@ class Candidate:
         """Indices of the foreground: few of all voxels, so that two candidates are compared quickly."""
         return np.flatnonzero(self.foreground)
 
-    @property
+    @cached_property
     def category(self) -> str:
         """The category with the largest sum of confidences; of equal ones the first in the alphabet."""
         votes = self.category_votes()
@@ -93,10 +94,49 @@ def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:
     return shared / smaller, shared / (in_a + in_b - shared)
 
 
+def overlap_of_detection(one: Candidate, seeds: DetectionSeeds) -> tuple[float, float]:
+    """What ``overlap`` returns of a candidate and one that a single detection would be, without making it."""
+    if seeds.detection.confidence <= 0:
+        return 0.0, 0.0
+    counts = _count_shared(one.foreground, one.seen, seeds.foreground, seeds.background)
+    shared, in_one, in_other = (int(count) for count in counts)
+    smaller = min(in_one, in_other)
+    if shared == 0 or smaller < 0.1 * min(len(one.foreground_voxels), len(seeds.foreground)):
+        return 0.0, 0.0
+    return shared / smaller, shared / (in_one + in_other - shared)
+
+
+@njit(cache=True, nogil=True)
+def _count_shared(foreground, seen, inside, outside):  # pragma: no cover - compiled
+    """Voxels that a candidate and a detection share.
+
+    Args:
+        foreground: (n,) bool, of the candidate.
+        seen: (n,) bool, of the candidate.
+        inside: (f,) int32, foreground of the detection.
+        outside: (b,) int32, its background.
+
+    Returns:
+        (3,) int64: in both foregrounds, of the candidate's foreground seen by the detection, and the reverse.
+    """
+    counts = np.zeros(3, np.int64)
+    for voxel in inside:
+        counts[0] += foreground[voxel]
+        counts[2] += seen[voxel]
+    counts[1] = counts[0]
+    for voxel in outside:
+        counts[1] += foreground[voxel]
+    return counts
+
+
 def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
     """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch)."""
-    inside, union = overlap(a, b)
-    return bool((inside if a.category == b.category else union) >= threshold)
+    return _enough(overlap(a, b), a.category == b.category, threshold)
+
+
+def _enough(overlap: tuple[float, float], same_category: bool, threshold: float) -> bool:
+    """Whether candidates that overlap this much are one object."""
+    return overlap[0 if same_category else 1] >= threshold
 
 
 def associate_detections(seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float) -> list[Candidate]:
@@ -113,10 +153,18 @@ def associate_detections(seeds: Sequence[DetectionSeeds], num_voxels: int, thres
     order = sorted(range(len(seeds)), key=lambda i: (-seeds[i].detection.confidence, i))
     candidates: list[Candidate] = []
     for index in order:
-        one = Candidate.of(seeds[index], num_voxels)
-        place = next((i for i, other in enumerate(candidates) if same_object(other, one, threshold)), None)
+        one = seeds[index]
+        name = one.detection.category
+        place = next(
+            (
+                i
+                for i, other in enumerate(candidates)
+                if _enough(overlap_of_detection(other, one), other.category == name, threshold)
+            ),
+            None,
+        )
         if place is None:
-            candidates.append(one)
+            candidates.append(Candidate.of(one, num_voxels))
         else:
             candidates[place] = candidates[place].with_sources([seeds[index]])
     return _merge_until_stable(candidates, threshold)
@@ -136,7 +184,7 @@ def _merge_until_stable(candidates: Sequence[Candidate], threshold: float) -> li
 
 
 def assign_weak_detections(
-    candidates: Sequence[Candidate], seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float
+    candidates: Sequence[Candidate], seeds: Sequence[DetectionSeeds], threshold: float
 ) -> tuple[list[Candidate], list[DetectionSeeds]]:
     """Lets detections below the confidence threshold speak for the object they overlap most.
 
@@ -144,7 +192,6 @@ def assign_weak_detections(
         candidates: the objects. They are compared as their sources left them, so that the order of the weak detections
             does not matter.
         seeds: detections below the threshold.
-        num_voxels: size of the cloud.
         threshold: as in ``associate_detections``.
 
     Returns:
@@ -153,11 +200,12 @@ def assign_weak_detections(
     weak: list[list[DetectionSeeds]] = [[] for _ in candidates]
     unassigned = []
     for one in seeds:
-        alone = Candidate.of(one, num_voxels)
-        matches = [k for k, other in enumerate(candidates) if same_object(other, alone, threshold)]
+        shared = [overlap_of_detection(other, one) for other in candidates]
+        name = one.detection.category
+        matches = [k for k, other in enumerate(candidates) if _enough(shared[k], other.category == name, threshold)]
         if matches:
-            weak[max(matches, key=lambda k: overlap(candidates[k], alone))].append(one)
-        elif all(overlap(other, alone)[0] < threshold for other in candidates):
+            weak[max(matches, key=shared.__getitem__)].append(one)
+        elif all(inside < threshold for inside, _ in shared):
             unassigned.append(one)
     return [replace(one, weak=(*one.weak, *own)) for one, own in zip(candidates, weak, strict=True)], unassigned
 

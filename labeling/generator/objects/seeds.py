@@ -1,6 +1,6 @@
 """Seeds of a segment: what a detection says about the voxels of its view, foreground, background or nothing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
@@ -25,10 +25,31 @@ class DetectionSeeds:
     """Voxels of any pixel in the part of the background nearest to the mask, rising."""
 
 
-def mask_trimap(
-    mask: Bool[np.ndarray, "h w"], erode: float, dilate: float
-) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """The trimap of a mask: safe foreground, safe background, unknown between; and the background next to the unknown.
+@dataclass(frozen=True)
+class Trimap:
+    """What a mask says about the pixels in and around it; all others are background."""
+
+    window: tuple[slice, slice]
+    """Rows and columns."""
+    foreground: Bool[np.ndarray, "wh ww"]
+    """Safe foreground."""
+    background: Bool[np.ndarray, "wh ww"]
+    """Safe background."""
+    hard_negatives: Bool[np.ndarray, "wh ww"]
+    """The background next to the unknown."""
+
+    def over(
+        self, size: tuple[int, int]
+    ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+        """Foreground, background and hard negatives over a picture of this height and width."""
+        foreground, background, hard_negatives = np.zeros(size, bool), np.ones(size, bool), np.zeros(size, bool)
+        foreground[self.window], background[self.window] = self.foreground, self.background
+        hard_negatives[self.window] = self.hard_negatives
+        return foreground, background, hard_negatives
+
+
+def mask_trimap(mask: Bool[np.ndarray, "h w"], erode: float, dilate: float) -> Trimap:
+    """The trimap of a mask: safe foreground, safe background, unknown between.
 
     Args:
         mask: a detection.
@@ -36,9 +57,8 @@ def mask_trimap(
         dilate: width of the unknown outside the mask, likewise, at least 2 px.
 
     Returns:
-        ``(foreground, background, hard_negatives)``, the last a part of the second. Where erosion leaves nothing, the
-        mask itself is the foreground. Outside the picture nothing is known, so a mask that touches the
-        border is not eroded there.
+        It. Where erosion leaves nothing, the mask itself is the foreground. Outside the picture nothing is known, so a
+        mask that touches the border is not eroded there.
 
     Source: thesis 4.3 (safe object mask and safe background mask).
     """
@@ -48,27 +68,32 @@ def mask_trimap(
     inner, outer = max(1.0, erode * size_px), max(2.0, dilate * size_px)
     hard_px = outer + 0.25 * size_px + 2
     # Greater distances decide nothing, so they are measured around the mask only.
-    window = _around(mask, int(hard_px) + 2)
+    window, near = _around(mask, int(hard_px) + 2), _around(mask, 1)
     pixels = mask[window].astype(np.uint8)
-    framed = np.pad(pixels, 1, mode="edge")
+    within = tuple(slice(n.start - w.start, n.stop - w.start) for n, w in zip(near, window, strict=True))
+    framed = cv2.copyMakeBorder(pixels[within], 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     to_edge = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    to_mask = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5) if not pixels.all() else np.zeros(pixels.shape)
-    foreground, background = np.zeros(mask.shape, bool), np.ones(mask.shape, bool)
-    hard_negatives = np.zeros(mask.shape, bool)
-    foreground[window] = mask[window] & (to_edge > inner)
-    background[window] = to_mask > outer
-    hard_negatives[window] = background[window] & (to_mask <= hard_px)
-    return (foreground if foreground.any() else mask), background, hard_negatives
+    foreground = np.zeros(pixels.shape, bool)
+    foreground[within] = to_edge > inner
+    if pixels.all():
+        return Trimap(window, foreground if foreground.any() else mask[window], *np.zeros((2, *pixels.shape), bool))
+    to_mask = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5)
+    background = to_mask > outer
+    hard_negatives = background & (to_mask <= hard_px)
+    return Trimap(window, foreground if foreground.any() else mask[window], background, hard_negatives)
 
 
 def _around(mask: Bool[np.ndarray, "h w"], margin_px: int) -> tuple[slice, slice]:
     """The window that holds a mask and a margin around it; the whole picture for an empty mask."""
-    sides = []
-    for axis in (1, 0):
-        filled = np.flatnonzero(mask.any(axis=axis))
-        first, last = (filled[0], filled[-1]) if len(filled) else (0, mask.shape[1 - axis])
-        sides.append(slice(max(0, int(first) - margin_px), int(last) + 1 + margin_px))
-    return sides[0], sides[1]
+    import cv2
+
+    left, top, width, height = cv2.boundingRect(np.ascontiguousarray(mask).view(np.uint8))
+    if width == 0:
+        return slice(0, mask.shape[0]), slice(0, mask.shape[1])
+    return (
+        slice(max(0, top - margin_px), min(mask.shape[0], top + height + margin_px)),
+        slice(max(0, left - margin_px), min(mask.shape[1], left + width + margin_px)),
+    )
 
 
 def trimap_widths(confidence: float, config: LabelConfig) -> tuple[float, float]:
@@ -81,18 +106,31 @@ def trimap_widths(confidence: float, config: LabelConfig) -> tuple[float, float]
 
 def detection_seeds(cloud: Cloud, detection: Detection, config: LabelConfig) -> DetectionSeeds:
     """Moves a detection into the cloud, without the outliers in space that a mask over an object's edge picks up."""
-    visible, ranks = cloud.voxels_of_view(detection.view_index)
-    foreground, background, hard = mask_trimap(detection.mask, *trimap_widths(detection.confidence, config))
-    if config.erosions is not None:
-        foreground = eroded(detection.mask, config.erosions)
-    if config.dilations is not None:
-        background = ~dilated(detection.mask, config.dilations)
-        hard = hard & background
-    if detection.exact:
-        foreground = detection.mask
-    inside, outside, near = (
-        visible[chosen] for chosen in split_voxels(ranks, foreground, background, hard, len(visible))
-    )
+    trimap = detection_trimap(detection, config)
+    return trimap_seeds(cloud, detection, trimap, config)
+
+
+def detection_trimap(detection: Detection, config: LabelConfig) -> Trimap:
+    """The trimap of a detection, by the settings."""
+    trimap = mask_trimap(detection.mask, *trimap_widths(detection.confidence, config))
+    if config.erosions is not None or config.dilations is not None:
+        height_px, width_px = detection.mask.shape
+        whole = slice(0, height_px), slice(0, width_px)
+        foreground, background, hard = trimap.over((height_px, width_px))
+        if config.erosions is not None:
+            foreground = eroded(detection.mask, config.erosions)
+        if config.dilations is not None:
+            background = ~dilated(detection.mask, config.dilations)
+        trimap = Trimap(whole, foreground, background, hard & background)
+    return replace(trimap, foreground=detection.mask[trimap.window]) if detection.exact else trimap
+
+
+def trimap_seeds(cloud: Cloud, detection: Detection, trimap: Trimap, config: LabelConfig) -> DetectionSeeds:
+    """Moves the trimap of a detection into the cloud."""
+    visible, ranks, pixels = cloud.voxels_of_view(detection.view_index)
+    parts = trimap.foreground, trimap.background, trimap.hard_negatives
+    split = split_voxels(ranks[trimap.window], *parts, pixels)
+    inside, outside, near = (visible[chosen] for chosen in split)
     return DetectionSeeds(detection, inside[~_seed_outliers(cloud.points[inside], config)], outside, near)
 
 
@@ -111,7 +149,8 @@ def far_from_median(points: Float32[np.ndarray, "n 3"], spread: float = 3.0) -> 
     """
     if len(points) < 4:
         return np.zeros(len(points), bool)
-    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    apart = points - np.median(points, axis=0)
+    distance = np.sqrt(np.einsum("ij,ij->i", apart, apart))
     return distance > spread * np.median(distance) / 1.54 * np.sqrt(3.0)
 
 

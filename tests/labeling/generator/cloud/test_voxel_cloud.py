@@ -81,9 +81,9 @@ def test_a_view_sees_the_voxels_of_its_pixels() -> None:
     rgb, depth, intrinsics, poses = views(6)
     cloud = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), 0.2)
     for view in range(3):
-        seen, ranks = cloud.voxels_of_view(view)
+        seen, ranks, pixels = cloud.voxels_of_view(view)
         shown = cloud.voxel_of_pixel[view]
-        np.testing.assert_array_equal(seen, np.unique(shown[shown >= 0]))
+        np.testing.assert_array_equal([seen, pixels], np.unique(shown[shown >= 0], return_counts=True))
         np.testing.assert_array_equal(np.where(ranks >= 0, seen[ranks], -1), shown)
     assert cloud.voxels_of_view(1)[1] is cloud.voxels_of_view(1)[1]
 

@@ -1,4 +1,6 @@
 import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from labeling.core.types import Detection
 from labeling.generator.objects.association import (
@@ -8,6 +10,7 @@ from labeling.generator.objects.association import (
     group_segments,
     objects_by_agreement,
     overlap,
+    overlap_of_detection,
 )
 from labeling.generator.objects.seeds import DetectionSeeds
 
@@ -72,6 +75,21 @@ def test_what_a_view_cannot_see_does_not_count_against_overlap() -> None:
     assert overlap(whole, part) == (1.0, 1.0)
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 0.05, 0.4, 0.9]), st.sampled_from([0.0, 0.05, 0.5, 1.0]))
+def test_a_detection_overlaps_as_the_object_it_would_be(seed: int, share: float, confidence: float) -> None:
+    rng = np.random.default_rng(seed)
+
+    def some(view: int, likely: float, confidence: float) -> DetectionSeeds:
+        side = rng.choice(3, 60, p=[1 - likely, likely / 2, likely / 2])
+        inside, outside = (np.flatnonzero(side == which).astype(np.int32) for which in (1, 2))
+        return DetectionSeeds(Detection(view, "chair", confidence, np.ones((1, 1), bool)), inside, outside, outside)
+
+    one = Candidate.of(some(0, 0.8, 0.9), 60).with_sources([some(1, 0.5, 0.95)])
+    other = some(2, share, confidence)
+    assert overlap_of_detection(one, other) == overlap(one, Candidate.of(other, 60))
+
+
 def test_views_that_share_too_little_decide_nothing() -> None:
     a = Candidate.of(seeds(0, "chair", 0.9, range(100, 200), range(0, 200)), NUM_VOXELS)
     b = Candidate.of(seeds(1, "chair", 0.9, range(195, 300), range(195, 500)), NUM_VOXELS)
@@ -86,7 +104,7 @@ def test_weak_detections_join_the_object_in_their_place() -> None:
         seeds(2, "couch", 0.4, range(110, 200), seen),
         seeds(3, "chair", 0.4, range(300, 400), seen),
     ]
-    found, unassigned = assign_weak_detections(found, weak, NUM_VOXELS, 0.5)
+    found, unassigned = assign_weak_detections(found, weak, 0.5)
     assert [w.detection.view_index for w in found[0].weak] == [1, 2]
     assert [w.detection.view_index for w in unassigned] == [3]
     assert found[0].category == "chair"
@@ -96,7 +114,7 @@ def test_weak_detections_of_a_part_under_another_name_are_nobodys() -> None:
     seen = range(0, 500)
     found = associate_detections([seeds(0, "couch", 0.9, range(100, 200), seen)], NUM_VOXELS, 0.5)
     cushion = seeds(1, "cushion", 0.4, range(110, 130), seen)
-    (couch,), unassigned = assign_weak_detections(found, [cushion], NUM_VOXELS, 0.5)
+    (couch,), unassigned = assign_weak_detections(found, [cushion], 0.5)
     assert unassigned == []
     assert couch.weak == ()
 
@@ -126,7 +144,7 @@ def test_nothing_that_is_given_is_changed() -> None:
     first, second = (Candidate.of(seeds(v, "chair", 0.9, range(100, 200), seen), NUM_VOXELS) for v in range(2))
     votes = first.votes_for.copy()
     merged = first.merged([second])
-    assigned, _ = assign_weak_detections([first], [seeds(2, "chair", 0.4, range(100, 200), seen)], NUM_VOXELS, 0.5)
+    assigned, _ = assign_weak_detections([first], [seeds(2, "chair", 0.4, range(100, 200), seen)], 0.5)
     assert len(merged.sources) == 2
     assert len(assigned[0].weak) == 1
     assert (len(first.sources), first.weak) == (1, ())

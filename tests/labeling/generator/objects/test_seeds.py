@@ -23,7 +23,7 @@ def test_parts_of_a_mask_do_not_overlap(seed: int, erode: float, dilate: float) 
     top, left = rng.integers(0, 20, 2)
     mask = np.zeros((30, 40), bool)
     mask[top : top + rng.integers(1, 25), left : left + rng.integers(1, 25)] = True
-    front, back, rim = mask_trimap(mask, erode, dilate)
+    front, back, rim = mask_trimap(mask, erode, dilate).over(mask.shape)
     assert front.any()
     assert not np.any(front & ~mask)
     assert not np.any(back & mask)
@@ -33,7 +33,7 @@ def test_parts_of_a_mask_do_not_overlap(seed: int, erode: float, dilate: float) 
 def test_safe_parts_keep_their_distance_from_the_outline() -> None:
     mask = np.zeros((60, 60), bool)
     mask[20:40, 20:40] = True
-    front, back, _ = mask_trimap(mask, 0.1, 0.2)
+    front, back, _ = mask_trimap(mask, 0.1, 0.2).over(mask.shape)
     assert front[22:38, 22:38].all()
     assert not front[20:22].any()
     assert not back[17:43, 20:40].any()
@@ -44,7 +44,7 @@ def test_safe_parts_keep_their_distance_from_the_outline() -> None:
 def test_a_mask_is_not_eroded_at_the_border_of_the_picture() -> None:
     mask = np.zeros((40, 40), bool)
     mask[:, :20] = True
-    front, _, _ = mask_trimap(mask, 0.1, 0.1)
+    front, _, _ = mask_trimap(mask, 0.1, 0.1).over(mask.shape)
     assert front[:, :17].all()
     assert not front[:, 18:].any()
 
@@ -52,11 +52,11 @@ def test_a_mask_is_not_eroded_at_the_border_of_the_picture() -> None:
 def test_a_mask_thinner_than_the_rim_is_its_own_foreground() -> None:
     mask = np.zeros((40, 40), bool)
     mask[10, 5:35] = True
-    assert np.array_equal(mask_trimap(mask, 0.015, 0.05)[0], mask)
+    assert np.array_equal(mask_trimap(mask, 0.015, 0.05).over(mask.shape)[0], mask)
 
 
 def test_a_full_mask_has_no_background() -> None:
-    front, back, rim = mask_trimap(np.ones((20, 20), bool), 0.01, 0.05)
+    front, back, rim = mask_trimap(np.ones((20, 20), bool), 0.01, 0.05).over((20, 20))
     assert front.all()
     assert not back.any()
     assert not rim.any()
@@ -121,7 +121,7 @@ def test_parts_are_those_that_distances_over_the_whole_picture_give(seed: int) -
     mask = np.zeros((120, 160), bool)
     top, left = rng.integers(-10, 90), rng.integers(-10, 120)
     mask[max(0, top) : top + 30, max(0, left) : left + 45] = True
-    foreground, background, rim = mask_trimap(mask, 0.05, 0.1)
+    foreground, background, rim = mask_trimap(mask, 0.05, 0.1).over(mask.shape)
     size = np.sqrt(mask.sum())
     framed = np.pad(mask.astype(np.uint8), 1, mode="edge")
     inside = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]

@@ -12,7 +12,14 @@ def test_voxels_go_where_most_of_their_pixels_are(seed: int, num_voxels: int) ->
     voxels = rng.integers(-1, num_voxels, (13, 17)).astype(np.int32)
     side = rng.integers(0, 3, voxels.shape)
     rim = (side == 2) & (rng.random(voxels.shape) < 0.2)
-    front, back, near = split_voxels(voxels, side == 1, side == 2, rim, num_voxels)
+    top, bottom = sorted(rng.integers(0, 14, 2))
+    left, right = sorted(rng.integers(0, 18, 2))
+    window = slice(top, bottom), slice(left, right)
+    outside = np.ones(voxels.shape, bool)
+    outside[window] = False
+    side[outside], rim[outside] = 2, False
+    pixels = np.bincount(voxels[voxels >= 0], minlength=num_voxels).astype(np.int32)
+    front, back, near = split_voxels(voxels[window], (side == 1)[window], (side == 2)[window], rim[window], pixels)
     for found, inside in ((front, side == 1), (back, side == 2)):
         expected = [v for v in range(num_voxels) if 2 * np.sum(inside[voxels == v]) > np.sum(voxels == v)]
         assert found.tolist() == expected
@@ -24,7 +31,8 @@ def test_masks_of_any_memory_order_are_read() -> None:
     voxels = rng.integers(0, 20, (12, 12)).astype(np.int32)
     mask = rng.random((12, 12)) < 0.5
     rim = ~mask & (rng.random((12, 12)) < 0.3)
-    plain = split_voxels(voxels, mask, ~mask, rim, 20)
-    turned = split_voxels(voxels, np.asfortranarray(mask), np.asfortranarray(~mask), np.asfortranarray(rim), 20)
+    pixels = np.bincount(voxels.ravel(), minlength=20).astype(np.int32)
+    plain = split_voxels(voxels, mask, ~mask, rim, pixels)
+    turned = split_voxels(voxels, np.asfortranarray(mask), np.asfortranarray(~mask), np.asfortranarray(rim), pixels)
     for a, b in zip(plain, turned, strict=True):
         np.testing.assert_array_equal(a, b)
