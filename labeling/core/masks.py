@@ -32,9 +32,12 @@ def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
 
 def pairwise_mask_iou(a: Bool[np.ndarray, "n h w"], b: Bool[np.ndarray, "m h w"]) -> Float32[np.ndarray, "n m"]:
     """IoU of every mask with every other one; 0 where both are empty."""
-    a, b = a.reshape(len(a), -1).astype(np.float32), b.reshape(len(b), -1).astype(np.float32)
-    shared = a @ b.T
-    return shared / np.maximum(a.sum(axis=1)[:, None] + b.sum(axis=1) - shared, np.float32(1))
+    bits = [np.packbits(masks.reshape(len(masks), -1), axis=1) for masks in (a, b)]
+    size_a, size_b = (np.bitwise_count(packed).sum(axis=1, dtype=np.int64) for packed in bits)
+    shared = np.zeros((len(a), len(b)), np.int64)
+    for row, one in enumerate(bits[0]):
+        shared[row] = np.bitwise_count(bits[1] & one).sum(axis=1, dtype=np.int64)
+    return (shared / np.maximum(size_a[:, None] + size_b - shared, 1)).astype(np.float32)
 
 
 def fill_polygons(polygons: Any, size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:

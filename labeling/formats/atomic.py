@@ -53,6 +53,19 @@ def write_json(path: Path, content: Any) -> None:
         temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
+def write_records(path: Path, content: dict[str, Any]) -> None:
+    """Writes JSON atomically, each entry of a list on a line of its own: many times as fast as ``write_json``."""
+    fields = []
+    for name, value in content.items():
+        if isinstance(value, list) and value:
+            lines = ",\n".join(json.dumps(one, allow_nan=False) for one in value)
+            fields.append(f"{json.dumps(name)}: [\n{lines}\n]")
+        else:
+            fields.append(f"{json.dumps(name)}: {json.dumps(value, allow_nan=False)}")
+    with atomic_file(path) as temporary:
+        temporary.write_text("{\n" + ",\n".join(fields) + "\n}\n")
+
+
 def write_png(path: Path, picture: "np.ndarray") -> None:
     """Writes a picture atomically: RGB, or one channel of 8 or 16 bits."""
     import cv2

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labeling.core.errors import SbmError
-from labeling.formats.atomic import write_json
+from labeling.formats.atomic import write_records
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.file_names import DETECTIONS_3D_FILE, cloud_file
@@ -94,7 +94,7 @@ class Job:
                 record = episode_record(episode, labels, mark, sources.origin, (*episode.notes, *sources.notes))
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)
-                write_json(record_file, as_json(record))
+                write_records(record_file, as_json(record))
         except SbmError as error:
             return EpisodeResult(name, relative, None, str(error))
         except OSError as error:

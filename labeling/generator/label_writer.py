@@ -11,7 +11,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from labeling.formats.atomic import write_json
+from labeling.formats.atomic import write_json, write_records
 from labeling.generator.label_jobs import LIBRARIES, EpisodeResult
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE
@@ -85,8 +85,8 @@ def write_label_set(
     for kind, kept in annotations.items():
         info = {**about, "masks": kind}
         content = {"info": info, "images": images, "categories": categories, "annotations": kept}
-        write_json(out / {"modal": MODAL_FILE, "amodal": AMODAL_FILE}[kind], content)
-    write_json(out / BOXES_FILE, {"info": about, "boxes": boxes})
+        write_records(out / {"modal": MODAL_FILE, "amodal": AMODAL_FILE}[kind], content)
+    write_records(out / BOXES_FILE, {"info": about, "boxes": boxes})
     write_json(out / SUMMARY_FILE, {**_summary(out, dataset, config, results), **(inputs or {})})
 
 

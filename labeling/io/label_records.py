@@ -6,6 +6,7 @@ records back.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,10 +161,19 @@ def episode_record(
 
 def as_json(record: Any) -> Any:
     """A record, or any part of one, as JSON values."""
-    if is_dataclass(record):
-        values = [(one, getattr(record, one.name)) for one in fields(record)]
-        return {one.name: as_json(value) for one, value in values if not (value is None and one.default is None)}
-    return [as_json(one) for one in record] if isinstance(record, list | tuple) else record
+    if isinstance(record, list | tuple):
+        return [as_json(one) for one in record]
+    names = _field_names(type(record))
+    if names is None:
+        return record
+    values = [(name, optional, getattr(record, name)) for name, optional in names]
+    return {name: as_json(value) for name, optional, value in values if not (optional and value is None)}
+
+
+@cache
+def _field_names(kind: type) -> tuple[tuple[str, bool], ...] | None:
+    """The fields of a dataclass and whether they are None by default; None for other types."""
+    return tuple((one.name, one.default is None) for one in fields(kind)) if is_dataclass(kind) else None
 
 
 def read_record(path: Path, fingerprint: str) -> EpisodeRecord | None:

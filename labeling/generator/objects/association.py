@@ -98,8 +98,7 @@ def overlap_of_detection(one: Candidate, seeds: DetectionSeeds) -> tuple[float, 
     """What ``overlap`` returns of a candidate and one that a single detection would be, without making it."""
     if seeds.detection.confidence <= 0:
         return 0.0, 0.0
-    counts = _count_shared(one.foreground, one.seen, seeds.foreground, seeds.background)
-    shared, in_one, in_other = (int(count) for count in counts)
+    shared, in_one, in_other = _count_shared(one.foreground, one.seen, seeds.foreground, seeds.background)
     smaller = min(in_one, in_other)
     if shared == 0 or smaller < 0.1 * min(len(one.foreground_voxels), len(seeds.foreground)):
         return 0.0, 0.0
@@ -117,16 +116,16 @@ def _count_shared(foreground, seen, inside, outside):  # pragma: no cover - comp
         outside: (b,) int32, its background.
 
     Returns:
-        (3,) int64: in both foregrounds, of the candidate's foreground seen by the detection, and the reverse.
+        How many are in both foregrounds, of the candidate's foreground seen by the detection, and the reverse.
     """
-    counts = np.zeros(3, np.int64)
+    shared, in_other = 0, 0
     for voxel in inside:
-        counts[0] += foreground[voxel]
-        counts[2] += seen[voxel]
-    counts[1] = counts[0]
+        shared += foreground[voxel]
+        in_other += seen[voxel]
+    in_one = shared
     for voxel in outside:
-        counts[1] += foreground[voxel]
-    return counts
+        in_one += foreground[voxel]
+    return shared, in_one, in_other
 
 
 def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:

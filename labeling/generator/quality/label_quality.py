@@ -6,6 +6,7 @@ are fitted to ground truth of training episodes by ``python -m experiments.calib
 """
 
 import json
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -123,9 +124,10 @@ def label_features(
         return np.zeros((0, len(FEATURES)))
     size = labels[0].modal.shape
     stride = max(1, round(float(np.sqrt(size[0] * size[1])) / PIXELS_A_SIDE))
-    sides = np.array([np.sqrt(np.count_nonzero(one.modal[::stride, ::stride])) for one in labels])
-    wholes = np.array([np.count_nonzero(one.amodal[::stride, ::stride]) for one in labels])
-    same, other, own = _votes(labels, detections, stride)
+    thinned = [np.ascontiguousarray(one.modal[::stride, ::stride]) for one in labels]
+    sides = np.sqrt([np.count_nonzero(mask) for mask in thinned])
+    wholes = np.array([np.count_nonzero(np.ascontiguousarray(one.amodal[::stride, ::stride])) for one in labels])
+    same, other, own = _votes(labels, thinned, detections, stride)
     rows = np.zeros((len(labels), len(FEATURES)))
     by_object: dict[int, list[int]] = {}
     for index, one in enumerate(labels):
@@ -144,16 +146,20 @@ def label_features(
     return rows
 
 
-def _votes(labels: Sequence[PseudoLabel], detections: Sequence[Detection], stride: int):
+def _votes(labels: Sequence[PseudoLabel], thinned, detections: Sequence[Detection], stride: int):
     """For each label the best confidence in its view under its name, under another, and the first times IoU."""
     same, other, own = (np.zeros(len(labels)) for _ in range(3))
-    for view in sorted({one.view_index for one in labels}):
-        here = [index for index, one in enumerate(labels) if one.view_index == view]
-        found = [one for one in detections if one.view_index == view]
+    labels_of, found_in = defaultdict(list), defaultdict(list)
+    for index, one in enumerate(labels):
+        labels_of[one.view_index].append(index)
+    for one in detections:
+        found_in[one.view_index].append(one)
+    for view, here in labels_of.items():
+        found = found_in.get(view)
         if not found:
             continue
         overlap = pairwise_mask_iou(
-            np.stack([labels[index].modal[::stride, ::stride] for index in here]),
+            np.stack([thinned[index] for index in here]),
             np.stack([one.mask[::stride, ::stride] for one in found]),
         )
         for row, index in enumerate(here):
