@@ -21,7 +21,8 @@ def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: floa
         return None
     points = np.asarray(points, float)
     kept = _without_outliers(points, trim)
-    best = min((_rectangle(kept[:, :2], angle, trim) for angle in _edge_angles(kept[:, :2])), key=lambda r: r[0])
+    corners = _hull(kept[:, :2])
+    best = min((_rectangle(corners, angle) for angle in _edge_angles(corners)), key=lambda r: r[0])
     _, angle, low, high = best
     bottom, top = np.quantile(points[:, 2], [trim, 1 - trim])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -41,11 +42,16 @@ def _without_outliers(points, trim):
     return kept if len(kept) else points
 
 
-def _edge_angles(footprint) -> np.ndarray:
-    """Directions of the hull's edges: one side of the smallest rectangle lies on one. Source: Freeman, Shapira 1975."""
+def _hull(footprint) -> np.ndarray:
+    """Corners of the convex hull, in order."""
     import cv2
 
-    hull = cv2.convexHull(footprint.astype(np.float32))[:, 0]
+    order = cv2.convexHull(footprint.astype(np.float32), returnPoints=False)
+    return footprint[np.ravel(order)]
+
+
+def _edge_angles(hull) -> np.ndarray:
+    """Directions of the hull's edges: one side of the smallest rectangle lies on one. Source: Freeman, Shapira 1975."""
     edges = np.roll(hull, -1, axis=0) - hull
     edges = edges[np.linalg.norm(edges, axis=1) > 1e-9]
     if len(edges) == 0:
@@ -53,7 +59,7 @@ def _edge_angles(footprint) -> np.ndarray:
     return np.unique(np.mod(np.arctan2(edges[:, 1], edges[:, 0]), np.pi / 2))
 
 
-def _rectangle(footprint, angle, trim):
+def _rectangle(footprint, angle):
     """Area, angle and bounds of the footprint in axes turned by ``angle``."""
     turned = footprint @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     low, high = turned.min(axis=0), turned.max(axis=0)

@@ -32,13 +32,13 @@ from labeling.generator.objects.association import (
     is_consistent,
     objects_by_agreement,
 )
-from labeling.generator.objects.seeds import DetectionSeeds, detection_seeds
+from labeling.generator.objects.seeds import DetectionSeeds, Trimap, detection_trimap, trimap_seeds
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
-from labeling.runtime.threads import in_threads
+from labeling.runtime.threads import in_background, in_threads
 
 BOX_MARGIN_VOXELS = 0.75
 """Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
@@ -80,13 +80,18 @@ def propagate(
     scale = measure_scale(confident or (usable if config.agreeing_views else []), views, config.max_range_m)
     if scale is None:
         return _empty_labels()
-    cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
-    if config.free_space:
-        cleared = clear_free_space(cloud, views)
-        if cleared is not views:
-            views = cleared
-            cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
-    candidates = (_associate if config.fuse_views else single_detection_candidates)(cloud, usable, config)
+    used = usable if config.weak_evidence or config.agreeing_views else confident
+    with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
+        cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
+        if config.free_space:
+            cleared = clear_free_space(cloud, views)
+            if cleared is not views:
+                views = cleared
+                cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
+        if config.fuse_views:
+            candidates = _associate(cloud, used, trimaps(), config)
+        else:
+            candidates = single_detection_candidates(cloud, usable, config)
     if not candidates:
         return finalise_labels(_empty_labels(scale), usable, cloud, config)
     if not config.fuse_views:
@@ -114,13 +119,14 @@ def _empty_labels(scale: Scale | None = None) -> EpisodeLabels:
     return EpisodeLabels((), (), cloud, scale)
 
 
-def _associate(cloud: Cloud, detections: Sequence[Detection], config: LabelConfig) -> list[Candidate]:
+def _associate(
+    cloud: Cloud, detections: Sequence[Detection], trimaps: Sequence[Trimap], config: LabelConfig
+) -> list[Candidate]:
     """Which objects there are, and which detections speak for each."""
     confident: list[DetectionSeeds] = []
     weak: list[DetectionSeeds] = []
-    if not (config.weak_evidence or config.agreeing_views):
-        detections = [one for one in detections if one.confidence >= config.confident]
-    for seeds in in_threads(lambda one: detection_seeds(cloud, one, config), detections):
+    pairs = zip(detections, trimaps, strict=True)
+    for seeds in in_threads(lambda pair: trimap_seeds(cloud, *pair, config), pairs):
         if len(seeds.foreground) > 0:
             (confident if seeds.detection.confidence >= config.confident else weak).append(seeds)
     space = cloud.num_points, config.merge_overlap

@@ -1,7 +1,7 @@
 """How many threads work side by side, and work spread over them in order."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
@@ -38,10 +38,16 @@ def in_background(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Results of ``work`` in the order of the items; worth it where the work leaves Python's lock to others."""
+    return list(as_they_come(work, items))
+
+
+def as_they_come(work: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Result, None, None]:
+    """Yields what ``in_threads`` returns, each result as soon as it is there; to be closed if not taken to its end."""
     if num_threads() == 1:
-        return [work(item) for item in items]
+        yield from map(work, items)
+        return
     with ThreadPoolExecutor(num_threads()) as pool:
-        return list(pool.map(work, items))
+        yield from pool.map(work, items)
 
 
 @contextmanager

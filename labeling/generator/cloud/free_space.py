@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32
-from numba import njit, prange
+from jaxtyping import Bool, Int32
+from numba import njit
 
 from labeling.core.geometry import invert_rigid
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.runtime.threads import in_threads, num_threads
 
 MIN_MISSES = 2
 """Views that must look through a point: one alone may be wrong itself."""
@@ -35,15 +36,22 @@ def free_space_points(cloud: Cloud, views: RgbdViews) -> Bool[np.ndarray, "n"]:
     if views.num_views <= MIN_MISSES:
         return np.zeros(cloud.num_points, bool)
     hits = _count_hits(cloud.voxel_of_pixel, cloud.num_points)
-    misses = _count_misses(
-        cloud.points,
-        np.stack([_least_around(depth) for depth in views.depth_m]),
-        np.ascontiguousarray(views.intrinsics, np.float64),
-        np.stack([invert_rigid(pose) for pose in views.camera_to_world]),
-        np.float64(np.sqrt(3.0) * cloud.voxel_m),
-        MARGIN_SHARE,
-    )
-    return (misses >= MIN_MISSES) & (misses >= MISSES_PER_HIT * hits)
+    # No more views can look through a point than there are.
+    doubtful = np.flatnonzero(MISSES_PER_HIT * hits <= views.num_views)
+    points, margin_m = cloud.points[doubtful], np.float64(np.sqrt(3.0) * cloud.voxel_m)
+
+    def misses_of(share: range) -> Int32[np.ndarray, "d"]:
+        found = np.zeros(len(doubtful), np.int32)
+        for view in share:
+            camera = np.ascontiguousarray(views.intrinsics[view], np.float64)
+            _add_misses(points, views.depth_m[view], camera, invert_rigid(views.camera_to_world[view]), margin_m, found)
+        return found
+
+    shares = [range(first, views.num_views, num_threads()) for first in range(num_threads())]
+    misses = np.sum(in_threads(misses_of, shares), axis=0)
+    free = np.zeros(cloud.num_points, bool)
+    free[doubtful] = (misses >= MIN_MISSES) & (misses >= MISSES_PER_HIT * hits[doubtful])
+    return free
 
 
 def clear_free_space(cloud: Cloud, views: RgbdViews) -> RgbdViews:
@@ -54,22 +62,15 @@ def clear_free_space(cloud: Cloud, views: RgbdViews) -> RgbdViews:
         views: the views.
     """
     free = free_space_points(cloud, views)
-    in_free_space = (cloud.voxel_of_pixel >= 0) & free[np.maximum(cloud.voxel_of_pixel, 0)]
-    if np.count_nonzero(in_free_space) < NEGLIGIBLE * in_free_space.size:
+    if cloud.counts[free].sum(dtype=np.int64) < NEGLIGIBLE * cloud.voxel_of_pixel.size:
         return views
-    return replace(views, depth_m=np.where(in_free_space, np.float32(0), views.depth_m))
+    depth_m = views.depth_m.copy()
+    for depth, voxels in zip(depth_m, cloud.voxel_of_pixel, strict=True):
+        depth[(voxels >= 0) & free[np.maximum(voxels, 0)]] = 0
+    return replace(views, depth_m=depth_m)
 
 
-def _least_around(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
-    """Least depth among the 3x3 pixels with a return around each pixel with a return; 0 without one."""
-    import cv2
-
-    known = depth_m > 0
-    least = cv2.erode(np.where(known, depth_m, np.float32(np.inf)), np.ones((3, 3), np.uint8))
-    return np.where(known, least, np.float32(0))
-
-
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count_hits(voxel_of_pixel, count):  # pragma: no cover - compiled
     """Number of views that measured each voxel.
 
@@ -93,33 +94,34 @@ def _count_hits(voxel_of_pixel, count):  # pragma: no cover - compiled
     return hits
 
 
-@njit(cache=True, parallel=True)
-def _count_misses(points, nearest, intrinsics, world_to_camera, margin_m, share):  # pragma: no cover - compiled
-    """Number of views that look through each point.
+@njit(cache=True, nogil=True)
+def _add_misses(points, depth_m, k, m, margin_m, found):  # pragma: no cover - compiled
+    """Counts the points that a view looks through.
 
     Args:
         points: (n, 3) float32, world, metres.
-        nearest: (views, h, w) float32, least depth around each pixel, metres; 0 without one.
-        intrinsics: (views, 3, 3) float64, K.
-        world_to_camera: (views, 4, 4) float64.
-        margin_m: how much further a view must see than the point.
-        share: more of the same, as a share of the point's depth.
-
-    Returns:
-        (n,) int32.
+        depth_m: (h, w) float32, of the view, 0 without return.
+        k: (3, 3) float64, K of the view.
+        m: (4, 4) float64, world to camera.
+        margin_m: how much further than the point the view must see, besides ``MARGIN_SHARE``.
+        found: (n,) int32, increased in place.
     """
-    views, height, width = nearest.shape
-    found = np.zeros(len(points), np.int32)
-    for p in prange(len(points)):
-        for view in range(views):
-            m, k = world_to_camera[view], intrinsics[view]
-            z = m[2, 0] * points[p, 0] + m[2, 1] * points[p, 1] + m[2, 2] * points[p, 2] + m[2, 3]
-            if not z > margin_m:
-                continue
-            x = m[0, 0] * points[p, 0] + m[0, 1] * points[p, 1] + m[0, 2] * points[p, 2] + m[0, 3]
-            y = m[1, 0] * points[p, 0] + m[1, 1] * points[p, 1] + m[1, 2] * points[p, 2] + m[1, 3]
-            u = np.floor(k[0, 0] * x / z + k[0, 2] + 0.5)
-            v = np.floor(k[1, 1] * y / z + k[1, 2] + 0.5)
-            if 0.0 <= u < width and 0.0 <= v < height and nearest[view, int(v), int(u)] > (1.0 + share) * z + margin_m:
-                found[p] += 1
-    return found
+    height, width = depth_m.shape
+    for p in range(len(points)):
+        z = m[2, 0] * points[p, 0] + m[2, 1] * points[p, 1] + m[2, 2] * points[p, 2] + m[2, 3]
+        if not z > margin_m:
+            continue
+        x = m[0, 0] * points[p, 0] + m[0, 1] * points[p, 1] + m[0, 2] * points[p, 2] + m[0, 3]
+        y = m[1, 0] * points[p, 0] + m[1, 1] * points[p, 1] + m[1, 2] * points[p, 2] + m[1, 3]
+        u, v = np.floor(k[0, 0] * x / z + k[0, 2] + 0.5), np.floor(k[1, 1] * y / z + k[1, 2] + 0.5)
+        if not (0.0 <= u < width and 0.0 <= v < height):
+            continue
+        column, row = int(u), int(v)
+        needed = (1.0 + MARGIN_SHARE) * z + margin_m
+        through = depth_m[row, column] > needed
+        if through:
+            for near_row in range(max(0, row - 1), min(height, row + 2)):
+                for near_column in range(max(0, column - 1), min(width, column + 2)):
+                    near_m = depth_m[near_row, near_column]
+                    through &= not (near_m > 0 and near_m <= needed)
+        found[p] += through

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float32
+from numba import njit
 
 from labeling.core.types import Box3d
 
@@ -50,10 +51,10 @@ def extend_to_support(
     """
     bottom, top = box.centre_m[2] - 0.5 * box.extent_m[2], box.centre_m[2] + 0.5 * box.extent_m[2]
     reach_m = max(MAX_GAP * (top - bottom), MAX_GAP_OF_FLAT * float(np.min(box.extent_m[:2])))
-    near = ~own & (points[:, 2] < bottom + 0.5 * voxel_m) & (points[:, 2] > bottom - reach_m - voxel_m)
-    local = (points[near].astype(float) - box.centre_m) @ box.rotation
-    under = np.all(np.abs(local[:, :2]) <= 0.5 * box.extent_m[:2], axis=1)
-    support = _highest_surface(local[under], box.extent_m[:2], voxel_m)
+    lowest, highest = bottom - reach_m - voxel_m, bottom + 0.5 * voxel_m
+    under = _under(points, own, box.centre_m, box.rotation, 0.5 * box.extent_m[:2], lowest, highest)
+    local = (points[under].astype(float) - box.centre_m) @ box.rotation
+    support = _highest_surface(local, box.extent_m[:2], voxel_m)
     ground = floor_m if support is None else box.centre_m[2] + support
     if not -voxel_m < bottom - ground < reach_m:
         return box
@@ -62,6 +63,36 @@ def extend_to_support(
         centre_m=np.array([*box.centre_m[:2], 0.5 * (ground + top)]),
         extent_m=np.array([*box.extent_m[:2], top - ground]),
     )
+
+
+@njit(cache=True, nogil=True)
+def _under(points, own, centre, rotation, half, lowest, highest):  # pragma: no cover - compiled
+    """Which points lie below an object.
+
+    Args:
+        points: (n, 3) float32.
+        own: (n,) bool, those of the object, which do not count.
+        centre: (3,) float64, of its box.
+        rotation: (3, 3) float64, of its box, whose third axis points up.
+        half: (2,) float64, half of its horizontal sides.
+        lowest: of their heights.
+        highest: likewise.
+
+    Returns:
+        (u,) int64.
+    """
+    found, count = np.empty(len(points), np.int64), 0
+    for p in range(len(points)):
+        z = np.float64(points[p, 2])
+        if own[p] or z >= highest or z <= lowest:
+            continue
+        x, y, z = points[p, 0] - centre[0], points[p, 1] - centre[1], z - centre[2]
+        along = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
+        across = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
+        if abs(along) <= half[0] and abs(across) <= half[1]:
+            found[count] = p
+            count += 1
+    return found[:count].copy()
 
 
 def _highest_surface(local, sides, voxel_m: float) -> float | None:

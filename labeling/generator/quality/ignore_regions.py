@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
+from numba import njit
 
 from labeling.core.episode_labels import IgnoredRegion
 from labeling.core.types import Detection, PseudoLabel
@@ -53,16 +54,12 @@ def unconfirmed_regions(
     if config.doubt_across_views and unexplained:
         names = sorted({one.category for one, _ in unexplained})
         support, category = _summed_confidence(cloud, unexplained, names)
-        reached = np.flatnonzero(support >= threshold)
-        number = np.full(cloud.num_points + 1, -1, np.int64)  # the last one is that of pixels without a voxel
-        number[reached] = category[reached]
+        number = np.where(support >= threshold, category, -1).astype(np.int32)
+        nothing = np.zeros(cloud.voxel_of_pixel.shape[1:], bool)
         for view, voxels in enumerate(cloud.voxel_of_pixel):
-            shown = number[voxels]
-            if view in labelled:
-                shown = np.where(labelled[view], -1, shown)
-            for name in np.unique(shown[shown >= 0]):
-                mask = shown == name
-                draw(view, names[name], mask, float(support[voxels[mask]].max()))
+            shown, highest = _shown(voxels, labelled.get(view, nothing), number, support, len(names))
+            for name in np.flatnonzero(highest > 0):
+                draw(view, names[name], shown == name, float(highest[name]))
     return [
         IgnoredRegion(view, category, sure[view, category], region)
         for (view, category), mask in sorted(drawn.items())
@@ -110,11 +107,40 @@ def _summed_confidence(
     return total, of_name.argmax(axis=0)
 
 
+@njit(cache=True, nogil=True)
+def _shown(voxels, labelled, number, support, num_names):  # pragma: no cover - compiled
+    """What voxels a view shows where it is not labelled.
+
+    Args:
+        voxels: (h, w) int32, voxel of each pixel, -1 for none.
+        labelled: (h, w) bool.
+        number: (n,) int32, category of each voxel, -1 for none.
+        support: (n,) float32, above 0 where there is a category.
+        num_names: of categories.
+
+    Returns:
+        The category of each pixel, (h, w) int32, -1 for none; and the highest support of each, 0 if it is not shown.
+    """
+    height, width = voxels.shape
+    shown, highest = np.full((height, width), -1, np.int32), np.zeros(num_names, np.float32)
+    for y in range(height):
+        for x in range(width):
+            voxel = voxels[y, x]
+            if voxel >= 0 and number[voxel] >= 0 and not labelled[y, x]:
+                shown[y, x] = number[voxel]
+                highest[number[voxel]] = max(highest[number[voxel]], support[voxel])
+    return shown, highest
+
+
 def _connected_components(mask: Bool[np.ndarray, "h w"], least_px: int) -> Iterator[Bool[np.ndarray, "h w"]]:
     """Connected parts of a mask, the small ones left out."""
     import cv2
 
-    count, part, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    for number in range(1, count):
-        if stats[number, cv2.CC_STAT_AREA] >= least_px:
-            yield part == number
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    window = slice(top, top + height), slice(left, left + width)
+    _, part = cv2.connectedComponents(np.ascontiguousarray(mask[window]).view(np.uint8), connectivity=8)
+    for number in np.flatnonzero(np.bincount(part.ravel()) >= least_px):
+        if number > 0:
+            region = np.zeros(mask.shape, bool)
+            region[window] = part == number
+            yield region

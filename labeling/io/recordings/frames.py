@@ -1,6 +1,7 @@
 """The frames of a recording, whatever its layout: choosing among them, and reading their pictures."""
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
@@ -19,7 +20,7 @@ from labeling.io.recordings.pictures import (
     size_text,
 )
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.threads import in_threads
+from labeling.runtime.threads import as_they_come
 
 MAX_DEPTH_UNIT_M = 1000.0
 _TURN_UP = {
@@ -148,38 +149,41 @@ def load(
     Raises:
         EpisodeFormatError: naming the file.
     """
-    rgb: list[np.ndarray] = []
-    depth, intrinsics, undistortions = [], [], []
+    rgb, depth_m = np.zeros((0, 0, 0, 3), np.uint8), np.zeros((0, 0, 0), np.float32)
+    intrinsics, undistortions = [], []
     resized = 0
-    pictures = in_threads(lambda frame: (read_colour(frame.colour_file), _read_depth(frame)), frames)
-    for frame, (colour, depth_or_error) in zip(frames, pictures, strict=True):
-        if rgb and colour.shape != rgb[0].shape:
-            raise EpisodeFormatError(
-                f"{frame.colour_file}: is {size_text(colour)} pixels, but the first view is {size_text(rgb[0])}; "
-                "all views of an episode have one size"
-            )
-        camera = frame.camera((colour.shape[0], colour.shape[1]))
-        if isinstance(depth_or_error, EpisodeFormatError):
-            raise depth_or_error
-        aligned = _align(frame, depth_or_error, camera, colour.shape[:2])
-        resized += aligned is not depth_or_error
-        undistortion = None
-        if any(frame.distortion):
-            if not undistort:
+    pictures = as_they_come(lambda frame: (read_colour(frame.colour_file), _read_depth(frame)), frames)
+    with closing(pictures):
+        for view, (frame, (colour, depth_or_error)) in enumerate(zip(frames, pictures, strict=True)):
+            if view == 0:
+                rgb = np.empty((len(frames), *colour.shape), np.uint8)
+                depth_m = np.empty((len(frames), *colour.shape[:2]), np.float32)
+            elif colour.shape != rgb.shape[1:]:
                 raise EpisodeFormatError(
-                    f"{frame.colour_file}: its camera has lens distortion (k1 k2 p1 p2 k3 = "
-                    f"{', '.join(f'{value:g}' for value in frame.distortion)}); write straight pictures first: "
-                    "python -m labeling.convert FOLDER --undistort --out EPISODE"
+                    f"{frame.colour_file}: is {size_text(colour)} pixels, but the first view is {size_text(rgb[0])}; "
+                    "all views of an episode have one size"
                 )
-            undistortion = Undistortion(camera, frame.distortion, colour.shape[:2])
-            colour, aligned = undistortion.colour(colour), undistortion.depth(aligned)
-        rgb.append(colour)
-        depth.append(aligned)
-        intrinsics.append(camera)
-        undistortions.append(undistortion)
+            camera = frame.camera((colour.shape[0], colour.shape[1]))
+            if isinstance(depth_or_error, EpisodeFormatError):
+                raise depth_or_error
+            aligned = _align(frame, depth_or_error, camera, colour.shape[:2])
+            resized += aligned is not depth_or_error
+            undistortion = None
+            if any(frame.distortion):
+                if not undistort:
+                    raise EpisodeFormatError(
+                        f"{frame.colour_file}: its camera has lens distortion (k1 k2 p1 p2 k3 = "
+                        f"{', '.join(f'{value:g}' for value in frame.distortion)}); write straight pictures first: "
+                        "python -m labeling.convert FOLDER --undistort --out EPISODE"
+                    )
+                undistortion = Undistortion(camera, frame.distortion, colour.shape[:2])
+                colour, aligned = undistortion.colour(colour), undistortion.depth(aligned)
+            rgb[view], depth_m[view] = colour, aligned
+            intrinsics.append(camera)
+            undistortions.append(undistortion)
     notes = (f"depth of {resized} views was brought to the size of their colour pictures",) if resized else ()
     poses = np.stack([frame.camera_to_world for frame in frames])
-    views = RgbdViews(np.stack(rgb), np.stack(depth), np.stack(intrinsics), poses)
+    views = RgbdViews(rgb, depth_m, np.stack(intrinsics), poses)
     return views, tuple(undistortions), notes
 
 

@@ -1,6 +1,7 @@
 """Reading colour and depth pictures that others have written."""
 
 import struct
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -36,10 +37,21 @@ def read_depth(path: Path, depth_unit_m: float) -> Float32[np.ndarray, "h w"]:
     units = _read_array(path) if path.suffix.lower() == ".npy" else read_picture(path)
     if units.ndim != 2 or (units.dtype != np.uint16 and path.suffix.lower() != ".npy"):
         raise EpisodeFormatError(f"{path}: depth must be a single-channel 16-bit PNG, not {units.dtype} {units.shape}")
-    # In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
+    if units.dtype == np.uint16:
+        return _metres_of_units(depth_unit_m)[units]
     with np.errstate(over="ignore", invalid="ignore"):
         depth_m = (units * np.float64(depth_unit_m)).astype(np.float32)
-    return depth_m if units.dtype == np.uint16 else np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0)
+    return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0)
+
+
+@lru_cache(maxsize=8)
+def _metres_of_units(depth_unit_m: float) -> Float32[np.ndarray, "65536"]:
+    """Metres of every depth that 16 bits can tell.
+
+    In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (np.arange(1 << 16) * np.float64(depth_unit_m)).astype(np.float32)
 
 
 def same_view(depth_size: tuple[int, int], colour_size: tuple[int, int]) -> bool:
