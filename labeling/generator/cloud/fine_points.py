@@ -20,7 +20,7 @@ class FinePoints:
     points: Float32[np.ndarray, "m 3"]
     """Metres, world."""
     voxel: Int32[np.ndarray, "m"]
-    """The voxel that the first pixel of each fell into."""
+    """The voxel that the last pixel of each fell into."""
     spacing_m: float
     """Edge of the cells."""
 
@@ -44,8 +44,10 @@ def fine_points(
     cells = Cells.of(views, spacing_m)
     table, count = CellTable.of(1 << 16), 0
     voxel = np.empty(len(table.cell), np.int32)
+    # Cells on the border of a chosen voxel hold pixels of others, too, and belong to these if they come last.
+    visited = _with_neighbours(cloud.voxel_of_pixel, chosen)
     for view in range(views.num_views):
-        pixels = depth_m[view], cloud.voxel_of_pixel[view], chosen, cells.rays[view], cells.eye[view]
+        pixels = depth_m[view], cloud.voxel_of_pixel[view], visited, cells.rays[view], cells.eye[view]
         row = 0
         while True:
             row, count = _gather(*pixels, row, count, table.key, table.number, table.cell, table.sums, voxel)
@@ -56,7 +58,30 @@ def fine_points(
         if count > max_points:
             return fine_points(views, cloud, chosen, 2.0 * spacing_m, max_points)
     points, _, _ = means(table.cell[:count], table.sums[:count], cells.corner_m, float(spacing_m))
-    return FinePoints(points, voxel[:count], float(spacing_m))
+    kept = np.flatnonzero(chosen[voxel[:count]])
+    return FinePoints(points[kept], voxel[kept], float(spacing_m))
+
+
+@njit(cache=True, nogil=True)
+def _with_neighbours(voxel_of_pixel, chosen):  # pragma: no cover - compiled
+    """Chosen voxels (n,) and those that lie beside one in any view; ``voxel_of_pixel`` is (views, h, w)."""
+    views, height, width = voxel_of_pixel.shape
+    found = chosen.copy()
+    for view in range(views):
+        for y in range(height):
+            for x in range(width):
+                voxel = voxel_of_pixel[view, y, x]
+                if voxel < 0:
+                    continue
+                if x + 1 < width:
+                    right = voxel_of_pixel[view, y, x + 1]
+                    if right >= 0 and chosen[right] != chosen[voxel]:
+                        found[right] = found[voxel] = True
+                if y + 1 < height:
+                    below = voxel_of_pixel[view, y + 1, x]
+                    if below >= 0 and chosen[below] != chosen[voxel]:
+                        found[below] = found[voxel] = True
+    return found
 
 
 @njit(cache=True, nogil=True)
@@ -77,7 +102,7 @@ def _gather(
         table_number: (capacity,) int32.
         table_cell: (half,) int64.
         sums: (half, 8) float32.
-        voxel_of_point: (half,) int32, receives the voxel of the first pixel in each cell.
+        voxel_of_point: (half,) int32, receives the voxel of the last pixel in each cell.
 
     Returns:
         The first row left over, and the number of cells.
@@ -96,16 +121,20 @@ def _gather(
         if last < 0:
             continue
         locate(depth_m[y], y, rays, eye, np.float32(np.inf), place, cell, key)
+        last_key, number = np.int64(-1), np.int32(-1)
         for x in range(first, last + 1):
             if voxels[y, x] < 0 or not chosen[voxels[y, x]] or key[x] < 0:
                 continue
-            slot = slot_of(table_key, mask, key[x])
-            if table_key[slot] == -1:
-                table_key[slot], table_number[slot], table_cell[count] = key[x], count, key[x]
-                voxel_of_point[count] = voxels[y, x]
-                count += 1
-            total = sums[table_number[slot]]
-            for axis in range(3):
-                total[axis] += place[axis, x]
-            total[6] += np.float32(1)
+            if key[x] != last_key:
+                last_key = key[x]
+                slot = slot_of(table_key, mask, last_key)
+                if table_key[slot] == -1:
+                    table_key[slot], table_number[slot], table_cell[count] = last_key, count, last_key
+                    count += 1
+                number = table_number[slot]
+            voxel_of_point[number] = voxels[y, x]
+            sums[number, 0] += place[0, x]
+            sums[number, 1] += place[1, x]
+            sums[number, 2] += place[2, x]
+            sums[number, 6] += np.float32(1)
     return height, count

@@ -11,23 +11,25 @@ from .test_voxel_cloud import views
 
 @pytest.mark.parametrize("spacing_m", [0.05, 0.7])
 def test_fine_points_are_means_of_the_pixels_of_chosen_voxels(spacing_m: float) -> None:
-    """Spacings below and above that of the voxels."""
+    """Spacings below and above that of the voxels; a point is of the voxel that its last pixel fell into."""
     rgb, depth, intrinsics, poses = views(8)
     room = RgbdViews(rgb, depth, intrinsics, poses)
     cloud = build_cloud(room, voxel_m=0.4)
     chosen = np.random.default_rng(0).random(cloud.num_points) < 0.4
     fine = fine_points(room, cloud, chosen, spacing_m)
+    shown, beside = cloud.voxel_of_pixel, chosen.copy()
+    for a, b in ((shown[:, :, 1:], shown[:, :, :-1]), (shown[:, 1:], shown[:, :-1])):
+        for one, other in ((a, b), (b, a)):
+            beside[one[(one >= 0) & (other >= 0) & chosen[other]]] = True
     points = np.concatenate([unproject_depth(depth[v], intrinsics[v], poses[v])[0] for v in range(3)])
-    voxel = cloud.voxel_of_pixel[depth > 0]
-    points, voxel = points[chosen[voxel]], voxel[chosen[voxel]]
-    cells, first, cell = np.unique(
-        np.floor(points / spacing_m).astype(int), axis=0, return_index=True, return_inverse=True
-    )
-    order = np.argsort(first)
-    assert len(fine.points) == len(cells)
-    np.testing.assert_array_equal(fine.voxel, voxel[first[order]])
-    means = [points[cell.ravel() == number].mean(axis=0) for number in order]
-    np.testing.assert_allclose(fine.points, means, atol=1e-5)
+    voxel = shown[depth > 0]
+    points, voxel = points[beside[voxel]], voxel[beside[voxel]]
+    cells = np.floor(points / spacing_m).astype(int)
+    _, first, cell = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    members = [np.flatnonzero(cell.ravel() == number) for number in np.argsort(first)]
+    members = [own for own in members if chosen[voxel[own[-1]]]]
+    np.testing.assert_array_equal(fine.voxel, [voxel[own[-1]] for own in members])
+    np.testing.assert_allclose(fine.points, [points[own].mean(axis=0) for own in members], atol=1e-5)
     assert fine.spacing_m == spacing_m
 
 
