@@ -1,5 +1,6 @@
 """Putting models, quads and boxes into an ``MjSpec``: geometry that is only drawn, and boxes that are only touched."""
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -54,11 +55,28 @@ def _across(corners_m: Float[np.ndarray, "n c 3"]) -> Float[np.ndarray, "n 3"]:
     return np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
 
 
+def _mesh_file(vertices_m, normals, faces, texcoords) -> bytes:
+    """A mesh with one normal (and texture coordinate) for each vertex as a file of MuJoCo's binary format.
+
+    Source: MuJoCo, ``user_mesh.cc``, ``LoadMSH``: counts, then vertices, normals, texture coordinates and faces.
+    """
+    points, directions = np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(normals, np.float32)
+    mapped = np.ascontiguousarray([] if texcoords is None else texcoords, np.float32)
+    corners = np.ascontiguousarray(faces, np.int32)
+    counts = np.array([len(points), len(directions), len(mapped), len(corners)], np.int32)
+    return b"".join(column.tobytes() for column in (counts, points, directions, mapped, corners))
+
+
 class SceneBuilder:
     """Adds things to one ``MjSpec``. Meshes of a model and pictures are added once, however often they are used."""
 
     def __init__(self, spec: mujoco.MjSpec):
-        """Builds into ``spec``."""
+        """Builds into ``spec``.
+
+        MuJoCo is told to keep no meshes: the few that come again in another scene of a process are prepared in 0.03 s,
+        and all of them would take half a gigabyte.
+        """
+        mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
         self.spec = spec
         self._meshes: dict[str, list[tuple[str, str]]] = {}
         self._textures: dict[int, tuple[str, np.ndarray]] = {}
@@ -119,15 +137,10 @@ class SceneBuilder:
         mesh = self.spec.add_mesh(name=self._name("mesh"))
         # Drawn only: a shell's inertia is defined for open and flat meshes too, and needs no convex hull.
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        # Lists, because MjSpec takes arrays entry by entry too, and making numbers of an array's entries is slow.
-        indices = np.ravel(faces).tolist()
-        mesh.uservert = np.asarray(vertices_m, np.float32).ravel().tolist()
-        mesh.usernormal = np.asarray(normals, np.float32).ravel().tolist()
-        mesh.userface = indices
-        mesh.userfacenormal = indices
-        if texcoords is not None:
-            mesh.usertexcoord = np.asarray(texcoords, np.float32).ravel().tolist()
-            mesh.userfacetexcoord = indices
+        content = _mesh_file(vertices_m, normals, faces, texcoords)
+        # The name says what is in the file: whoever keeps meshes by name, as MuJoCo can, may keep these.
+        mesh.file = f"{hashlib.blake2b(content, digest_size=16).hexdigest()}.msh"
+        self.spec.assets[mesh.file] = content
         return mesh.name
 
     def drawn(self, body: mujoco.MjsBody, mesh: str, material: str, **where) -> None:
