@@ -18,7 +18,7 @@ from sbm_gym.rendering.base import Frame, check_camera, check_geoms, pixel_to_wo
 from sbm_gym.rendering.gl.context import GlContext
 from sbm_gym.rendering.gl.lights import place_lights
 from sbm_gym.rendering.gl.two_sided_meshes import two_sided_meshes
-from sbm_gym.rendering.tables.lights import LightLevel, light_level, sky_of
+from sbm_gym.rendering.tables.lights import LightMeter, sky_of
 from sbm_gym.rendering.tables.scene_tables import GLASS, HOLES, geom_kinds, visible_geoms
 from sbm_gym.rendering.tables.sky import add_haze, sky_colour
 from sbm_gym.rendering.tables.texture_sampling import HOLE_ALPHA
@@ -60,7 +60,7 @@ class GlRenderer:
         self._shadow_size = SHADOW_SIZES[quality]
         self._context: GlContext | None = None
         self._mjr: Any = None
-        self._level: LightLevel | None = None
+        self._meter = LightMeter()
         self._kind = geom_kinds(model)
         self._is_two_sided = two_sided_meshes(model) & (self._kind != GLASS)
         self._has_skybox = bool(np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX))
@@ -245,10 +245,9 @@ class GlRenderer:
         import cv2
 
         scene = self._scene
-        if self._level is None:
-            self._level = light_level(self._model, data)
+        level = self._meter.level(self._model, data)
         shadows = self._shadow_size > 0
-        place_lights(self._model, data, scene, self._mjr, camera.camera_to_world, self._level, shadows=shadows)
+        place_lights(self._model, data, scene, self._mjr, camera.camera_to_world, level, shadows=shadows)
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
         size = scale * camera.size[0], scale * camera.size[1]
         rectangle = self._draw_scene(size)

@@ -2,19 +2,20 @@
 
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 
 from sbm_gym.rendering.rays.lamp_reach import lamp_reach
 from sbm_gym.rendering.rays.lighting import Illumination
 from sbm_gym.rendering.rays.raycast import RayCaster, TriangleScene
 from sbm_gym.rendering.rays.workers import Workers
 from sbm_gym.rendering.tables.light_tables import LampReach, LightTable
-from sbm_gym.rendering.tables.lights import LightLevel, ambient_light, light_level, light_table
-from sbm_gym.rendering.tables.occupancy import bounds_of, fill_space
+from sbm_gym.rendering.tables.lights import LightMeter, ambient_light, light_table, skybox_of
+from sbm_gym.rendering.tables.occupancy import FilledSpace, bounds_of, fill_space
 from sbm_gym.rendering.tables.scene_tables import HOLES, SceneTables
 from sbm_gym.rendering.tables.texture_sampling import TextureTable
 from sbm_gym.rendering.tables.textures import fill_textures, lay_out_textures
@@ -28,23 +29,49 @@ STORE_BELOW_M = -20.0
 """Moving things wholly below this height wait their turn out of the world, and no ray looks for them there."""
 
 
+@dataclass(frozen=True)
+class StillScene:
+    """All that ``RayScene`` works out about what stands still, as arrays and numbers that can be kept."""
+
+    tables: SceneTables
+    textures: TextureTable
+    skybox: int
+    """Texture of the sky, -1 for none."""
+    poses: Float[np.ndarray, "g 12"]
+    """Where the geoms that stand still do so."""
+    filled: FilledSpace
+    bounds: Float[np.ndarray, "2 3"]
+    far_m: float
+    together: Bool[np.ndarray, "l l"] | None
+    """Which lights shine on one place."""
+    lamps: bytes
+    """Where the lamps are that ``reach`` is of."""
+    reach: LampReach | None
+
+
 class RayScene:
     """Tables and search trees of a model. What stands still is prepared once, what moves is placed anew."""
 
-    def __init__(self, model: mujoco.MjModel, workers: Workers) -> None:
+    def __init__(self, model: mujoco.MjModel, workers: Workers, still: StillScene | None = None) -> None:
         """Reads geometry, materials and textures of a model.
 
         Args:
             model: the compiled model.
             workers: threads.
+            still: what is known of the model already; it may then lack its meshes and textures.
         """
-        store = lay_out_textures(model)
         self._model = model
         self._workers = workers
-        _, self.tables = self._in_parallel(lambda: fill_textures(model, store), lambda: SceneTables(model, store))
-        self.textures = TextureTable(
-            store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
-        )
+        if still is None:
+            store = lay_out_textures(model)
+            _, self.tables = self._in_parallel(
+                lambda: fill_textures(model, store), lambda: SceneTables.of_model(model, store)
+            )
+            self.textures = TextureTable(
+                store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
+            )
+        else:
+            self.tables, self.textures = still.tables, still.textures
         self.caster = RayCaster(self.tables, self.textures, workers)
         self.caster.plane_rows = self.tables.first_plane + np.arange(len(self.tables.plane_geoms))
         self._still = RayCaster(self.tables, self.textures, workers)
@@ -56,11 +83,16 @@ class RayScene:
         # Planes have no tree to rebuild: they are kept with the moving geometry.
         self._geoms[True] = np.append(self._geoms[True], np.array(self.tables.plane_geoms, np.int64))
         self._placed: dict[bool, Float[np.ndarray, "g 12"]] = {}
-        self._filled = fill_space(np.zeros((0, 3, 3), np.float32))
-        self._far_m = 1.0
-        self._bounds = np.zeros((2, 3))
-        self._level: LightLevel | None = None
+        self._skybox = skybox_of(model) if still is None else still.skybox
+        self._filled = fill_space(np.zeros((0, 3, 3), np.float32)) if still is None else still.filled
+        self._far_m = 1.0 if still is None else still.far_m
+        self._bounds = np.zeros((2, 3)) if still is None else still.bounds
+        self._meter = LightMeter(None if still is None else still.together)
         self._reach: tuple[bytes, LampReach] | None = None
+        if still is not None:
+            self._placed[False] = still.poses
+            self._reach = None if still.reach is None else (still.lamps, still.reach)
+        self._has_trees = False
         self._geom_sets: OrderedDict[tuple[int, ...], tuple[Float[np.ndarray, "g 12"], RayCaster]] = OrderedDict()
 
     def update(self, data: mujoco.MjData) -> None:
@@ -74,13 +106,39 @@ class RayScene:
             if moving in self._placed:
                 moved = (self._placed[moving] != pose).any(axis=1)
                 if not moved.any():
+                    if not moving and not self._has_trees:
+                        self._rebuild(moving)
                     continue
+                if not moving:
+                    self.tables.take_down(self._placed[moving], geoms.tolist())
             self.tables.place(data, geoms[moved].tolist())
             self._placed[moving] = pose
             if moving:
                 self._rebuild(moving)
             else:
                 self._in_parallel(self._measure_world, lambda: self._rebuild(False))
+
+    def still(self, data: mujoco.MjData) -> StillScene:
+        """What stands still, for another process; shares its arrays.
+
+        Args:
+            data: the same as at the last update.
+        """
+        lamps = light_table(self._model, data, np.eye(4), shadows=True)
+        self._meter.level(self._model, data)
+        reach = self._lamp_reach(lamps)
+        return StillScene(
+            self.tables.at_rest(),
+            self.textures,
+            self._skybox,
+            self._placed[False],
+            self._filled,
+            self._bounds,
+            self._far_m,
+            self._meter.together,
+            _lamps_key(lamps),
+            reach,
+        )
 
     def illumination(
         self, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"], shadows: bool
@@ -92,15 +150,13 @@ class RayScene:
             camera_to_world: the headlight shines from here.
             shadows: whether any light casts shadows.
         """
-        if self._level is None:
-            self._level = light_level(self._model, data)
         lights = light_table(self._model, data, camera_to_world, shadows)
-        ambient = ambient_light(self._model, self._filled, self._level)
+        ambient = ambient_light(self._model, self._filled, self._meter.level(self._model, data), self._skybox)
         return Illumination(lights, self._lamp_reach(lights), ambient, self._far_m)
 
     def _lamp_reach(self, lights: LightTable) -> LampReach:
         """Where light can arrive, worked out anew when lamps or walls have moved."""
-        key = lights.position[lights.is_fixed].tobytes() + lights.shadow_slot.tobytes()
+        key = _lamps_key(lights)
         if self._reach is None or self._reach[0] != key:
             self._reach = (key, lamp_reach(lights, self._still, self._bounds))
         return self._reach[1]
@@ -118,6 +174,7 @@ class RayScene:
         return results[0], results[1]
 
     def _rebuild(self, moving: bool) -> None:
+        self._has_trees |= not moving
         for special in (False, True):
             span = self.tables.spans[moving, special]
             rows = np.arange(span.start, span.stop)
@@ -144,7 +201,7 @@ class RayScene:
         still = self.tables.spans[False, False]
         corners = self.tables.corners[still.start : still.stop]
         self._filled = fill_space(corners)
-        self._reach, self._level = None, None
+        self._reach, self._meter = None, LightMeter()
         if len(corners):
             bounds = bounds_of(corners)
             self._bounds = bounds.astype(float)
@@ -189,3 +246,7 @@ class RayScene:
 
 def _poses(data: mujoco.MjData, geoms: Int64[np.ndarray, "g"]) -> Float[np.ndarray, "g 12"]:
     return np.concatenate([data.geom_xpos[geoms], data.geom_xmat[geoms]], axis=1)
+
+
+def _lamps_key(lights: LightTable) -> bytes:
+    return lights.position[lights.is_fixed].tobytes() + lights.shadow_slot.tobytes()

@@ -15,7 +15,7 @@ from sbm_gym.rendering.base import Frame, check_camera, check_geoms, pixel_to_wo
 from sbm_gym.rendering.rays.lighting import Illumination, Shader, Surfaces
 from sbm_gym.rendering.rays.picture_kernels import encode, encode_samples
 from sbm_gym.rendering.rays.ray_kernels import camera_rays, name_geoms
-from sbm_gym.rendering.rays.ray_scene import RayScene
+from sbm_gym.rendering.rays.ray_scene import RayScene, StillScene
 from sbm_gym.rendering.rays.raycast import GlassHits
 from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.workers import Workers
@@ -34,19 +34,20 @@ class RaysRenderer:
     threads at a time.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, shadows: bool = True) -> None:
+    def __init__(self, model: mujoco.MjModel, *, shadows: bool = True, still: StillScene | None = None) -> None:
         """Reads geometry, materials and textures of a model.
 
         Args:
             model: the compiled model; colours, lights and textures are read now, poses at every picture.
             shadows: whether lights that cast shadows do so.
+            still: what is known of the model already; it may then lack its meshes and textures.
         """
         import numba
 
         self._model = model
         self._shadows = shadows
         self._workers = Workers(int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
-        self._scene = RayScene(model, self._workers)
+        self._scene = RayScene(model, self._workers, still)
         self._shader = Shader(self._scene.tables, self._scene.textures, self._scene.caster, self._workers)
         self._memory = {use: ReusedArrays() for use in ("picture", "samples", "panes")}
 
@@ -107,6 +108,11 @@ class RaysRenderer:
             covered = caster.opaque[0].occluded(rays, float("inf"))
         mask[top:bottom, left:right] = covered.reshape(bottom - top, right - left)
         return mask
+
+    def still(self, data: mujoco.MjData) -> StillScene:
+        """What renderers of the same model need not work out again."""
+        self._scene.update(data)
+        return self._scene.still(data)
 
     def close(self) -> None:
         """Nothing to give back: memory goes with the object."""

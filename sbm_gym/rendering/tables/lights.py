@@ -94,22 +94,28 @@ def _places(
     return place, direction
 
 
-def ambient_light(model: mujoco.MjModel, filled: FilledSpace, level: "LightLevel") -> AmbientTable:
+def skybox_of(model: mujoco.MjModel) -> int:
+    """The texture of a model's sky, -1 if it has none."""
+    skyboxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    return int(skyboxes[0]) if len(skyboxes) else -1
+
+
+def ambient_light(model: mujoco.MjModel, filled: FilledSpace, level: "LightLevel", skybox: int) -> AmbientTable:
     """Light from everywhere: what the model asks for, plus what walls and floor give back of its lamps.
 
     Args:
         model: the compiled model.
         filled: what stands in the way of ambient light.
         level: how bright the world is.
+        skybox: texture of its sky, -1 for none.
     """
     sky, haze_per_m = sky_of(model)
-    skyboxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     return AmbientTable(
         colour=level.fill,
         sky=sky,
         haze_per_m=haze_per_m,
         exposure=level.exposure,
-        sky_texture=int(skyboxes[0]) if len(skyboxes) else -1,
+        sky_texture=skybox,
         density=filled.density,
         grid_origin=filled.origin_m,
         cell_m=filled.cell_m,
@@ -145,12 +151,41 @@ class LightLevel:
     """Darkens pictures of brightly lit worlds, as a camera would; dim worlds stay dim."""
 
 
-def light_level(model: mujoco.MjModel, data: mujoco.MjData) -> LightLevel:
+class LightMeter:
+    """Tells how bright a world is, and measures anew only what has changed: the weather, say."""
+
+    def __init__(self, together: Bool[np.ndarray, "l l"] | None = None) -> None:
+        """Has seen nothing yet.
+
+        Args:
+            together: which active lights shine on one place, if that is known.
+        """
+        self.together = together
+        """Which active lights shine on one place; None if it has not been looked for."""
+        self._last: tuple[bytes, LightLevel] | None = None
+
+    def level(self, model: mujoco.MjModel, data: mujoco.MjData) -> LightLevel:
+        """How bright the world is now."""
+        lights, headlight = active_lights(model), model.vis.headlight
+        settings = (model.light_ambient, model.light_diffuse, model.light_attenuation, model.light_type)
+        settings += (np.array(lights), headlight.ambient, headlight.diffuse, np.array(headlight.active))
+        key = b"".join(column.tobytes() for column in settings)
+        if self.together is None or len(self.together) != len(lights):
+            self.together = _shine_together(model, data, lights)
+        if self._last is None or self._last[0] != key:
+            self._last = (key, light_level(model, data, self.together))
+        return self._last[1]
+
+
+def light_level(
+    model: mujoco.MjModel, data: mujoco.MjData, together: Bool[np.ndarray, "l l"] | None = None
+) -> LightLevel:
     """Measures how bright a world is in its brightest room. Takes milliseconds: for once per scene, not per picture.
 
     Args:
         model: the compiled model.
         data: where lamps and walls are.
+        together: which active lights shine on one place, if that is known.
     """
     lights = active_lights(model)
     headlight = model.vis.headlight
@@ -167,7 +202,7 @@ def light_level(model: mujoco.MjModel, data: mujoco.MjData) -> LightLevel:
     fall_off = np.maximum(a[:, 0] + TYPICAL_DISTANCE_M * (a[:, 1] + TYPICAL_DISTANCE_M * a[:, 2]), 1e-6)
     is_lamp = model.light_type[lights] != mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     strength = diffuse.mean(axis=1) / np.where(is_lamp, fall_off, 1.0)
-    together = _shine_together(model, data, lights)
+    together = _shine_together(model, data, lights) if together is None else together
     brightest = together[int(np.argmax(together @ strength))]
     # A lamp reaches about half of a room: the mean over surfaces of the cosine and of shadows.
     fill = fill + BOUNCE * np.minimum(diffuse[brightest].sum(axis=0), 1.5)

@@ -1,7 +1,7 @@
 """Flat per-triangle and per-geom tables of everything in a model that is drawn."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import mujoco
@@ -74,88 +74,137 @@ class GeomSpan:
     stop: int
 
 
+@dataclass
 class SceneTables:
-    """Every drawn triangle of a model; world-frame columns follow the bodies through ``place``."""
+    """Every drawn triangle of a model; world-frame columns follow the bodies through ``place``.
 
-    def __init__(self, model: mujoco.MjModel, textures: TextureStore) -> None:
-        """Tessellates the model's visible geoms.
+    Rows are those of things that stand still, of things that move, and one for each plane.
+    """
+
+    geoms: GeomTable
+    plane_geoms: list[int]
+    runs: list[GeomSpan]
+    """Solid and special (with holes, or of glass) geoms that stand still, then those that move."""
+    rows: Int[np.ndarray, "g 2"]
+    """First row of each geom's triangles, and the first that is not its own; both 0 for geoms that have none."""
+    triangles: TriangleTable
+    corners: Float32[np.ndarray, "n 3 3"]
+    planes: PlaneTable
+    local_corners: Float32[np.ndarray, "m 3 3"]
+    """In the geoms' own frames: of the last rows, as many as may have to be placed again."""
+    local_normals: Float32[np.ndarray, "m 3 3"]
+
+    def __post_init__(self) -> None:
+        keys = ((False, False), (False, True), (True, False), (True, True))
+        self.spans: dict[tuple[bool, bool], GeomSpan] = dict(zip(keys, self.runs, strict=True))
+        """By whether they move and whether they are special."""
+        self.first_plane = self.runs[-1].stop
+        self.geom_span: dict[int, tuple[int, int]] = {
+            geom: (start, stop) for geom, (start, stop) in enumerate(self.rows.tolist()) if stop > start
+        }
+
+    @classmethod
+    def of_model(cls, model: mujoco.MjModel, textures: TextureStore) -> "SceneTables":
+        """Tessellates a model's visible geoms; they stand nowhere until they are placed.
 
         Args:
             model: the compiled model.
             textures: its textures.
         """
-        self.geoms = _geom_table(model, textures)
+        geoms = _geom_table(model, textures)
         visible = visible_geoms(model)
-        self.plane_geoms = [
+        plane_geoms = [
             geom
             for geom in np.flatnonzero(visible).tolist()
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE and self.geoms.kind[geom] == SOLID
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE and geoms.kind[geom] == SOLID
         ]
         moving = _moves(model)
         surfaces: dict[int, Surface] = {}
         for geom in np.flatnonzero(visible).tolist():
-            if geom not in self.plane_geoms:
+            if geom not in plane_geoms:
                 surface = _surface(model, geom, _mapping(model, textures, geom))
                 if surface is not None and len(surface.corners):
                     surfaces[geom] = surface
-        self.spans: dict[tuple[bool, bool], GeomSpan] = {}
-        self.geom_span: dict[int, tuple[int, int]] = {}
-        order: list[int] = []
+        runs: list[GeomSpan] = []
+        rows = np.zeros((model.ngeom, 2), np.int64)
         row = 0
         for is_moving in (False, True):
             for is_special in (False, True):
-                members = [
-                    g for g in surfaces if moving[g] == is_moving and (self.geoms.kind[g] != SOLID) == is_special
-                ]
+                members = [g for g in surfaces if moving[g] == is_moving and (geoms.kind[g] != SOLID) == is_special]
                 start = row
                 for geom in members:
-                    self.geom_span[geom] = (row, row + len(surfaces[geom].corners))
+                    rows[geom] = row, row + len(surfaces[geom].corners)
                     row += len(surfaces[geom].corners)
-                order += members
-                self.spans[is_moving, is_special] = GeomSpan(members, start, row)
-        self.first_plane = row
-        ordered = [surfaces[geom] for geom in order]
-        ordered += [_plane_triangle(model, geom, _mapping(model, textures, geom)) for geom in self.plane_geoms]
-        for index, geom in enumerate(self.plane_geoms):
-            self.geom_span[geom] = (row + index, row + index + 1)
+                runs.append(GeomSpan(members, start, row))
+        ordered = [surfaces[geom] for run in runs for geom in run.geoms]
+        ordered += [_plane_triangle(model, geom, _mapping(model, textures, geom)) for geom in plane_geoms]
+        for index, geom in enumerate(plane_geoms):
+            rows[geom] = row + index, row + index + 1
         if not ordered:
             ordered = [_surface_of(*(np.zeros((0, 3, 3)) for _ in range(3)))]
-        self._local_corners = np.concatenate([s.corners for s in ordered])
-        self._local_normals = np.concatenate([s.normals for s in ordered])
+        local_corners = np.concatenate([s.corners for s in ordered])
         coordinates = np.concatenate([s.texture_coordinates for s in ordered])
         count = len(coordinates)
         geom_column = np.zeros(count, np.int32)
-        for geom, (start, stop) in self.geom_span.items():
+        for geom, (start, stop) in enumerate(rows.tolist()):
             geom_column[start:stop] = geom
-        self.corners: Float32[np.ndarray, "n 3 3"] = np.zeros((count, 3, 3), np.float32)
-        self.triangles = TriangleTable(
-            normals=np.zeros((count, 3, 3), np.float32),
-            face_normals=np.zeros((count, 3), np.float32),
-            texture_coordinates=coordinates,
-            log2_texels_per_m=_log2_density(
-                self._local_corners, coordinates, self.geoms.texture[geom_column], textures
+        half_size = np.asarray(model.geom_size[plane_geoms, :2], float).reshape(-1, 2)
+        planes = len(plane_geoms)
+        return cls(
+            geoms,
+            plane_geoms,
+            runs,
+            rows,
+            TriangleTable(
+                normals=np.zeros((count, 3, 3), np.float32),
+                face_normals=np.zeros((count, 3), np.float32),
+                texture_coordinates=coordinates,
+                log2_texels_per_m=_log2_density(local_corners, coordinates, geoms.texture[geom_column], textures),
+                geom=geom_column,
             ),
-            geom=geom_column,
-        )
-        half_size = np.asarray(model.geom_size[self.plane_geoms, :2], float).reshape(-1, 2)
-        planes = len(self.plane_geoms)
-        self.planes = PlaneTable(
-            np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.where(half_size > 0, half_size, np.inf)
+            np.zeros((count, 3, 3), np.float32),
+            PlaneTable(np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.where(half_size > 0, half_size, np.inf)),
+            local_corners,
+            np.concatenate([s.normals for s in ordered]),
         )
 
     def place(self, data: mujoco.MjData, geoms: list[int]) -> None:
         """Moves the triangles of these geoms to where ``data`` has them."""
+        kept = len(self.corners) - len(self.local_corners)
         for geom in geoms:
             start, stop = self.geom_span[geom]
             rotation = np.asarray(data.geom_xmat[geom], float).reshape(3, 3)
             position = np.asarray(data.geom_xpos[geom], float)
-            corners = _turned(self._local_corners[start:stop], rotation) + position
+            corners = _turned(self.local_corners[start - kept : stop - kept], rotation) + position
             self.corners[start:stop] = corners
-            self.triangles.normals[start:stop] = _turned(self._local_normals[start:stop], rotation)
+            self.triangles.normals[start:stop] = _turned(self.local_normals[start - kept : stop - kept], rotation)
             _face_normals(corners, self.triangles.face_normals[start:stop])
             if start >= self.first_plane:
                 self.planes.origin[start - self.first_plane] = position
                 self.planes.axes[start - self.first_plane] = rotation.T
+
+    def at_rest(self) -> "SceneTables":
+        """The same without what is needed only to place again what stands still; shares its arrays."""
+        first = self.spans[True, False].start - len(self.corners)
+        moving = slice(first, None) if first else slice(len(self.local_corners), None)
+        return replace(self, local_corners=self.local_corners[moving], local_normals=self.local_normals[moving])
+
+    def take_down(self, poses: Float[np.ndarray, "k 12"], geoms: list[int]) -> None:
+        """Finds out, to within rounding, what ``at_rest`` has left out.
+
+        Args:
+            poses: where the geoms stand: position, and rotation row by row.
+            geoms: all that stand still.
+        """
+        if len(self.local_corners) == len(self.corners):
+            return
+        kept = [np.zeros((len(self.corners) - len(self.local_corners), 3, 3), np.float32) for _ in range(2)]
+        for geom, pose in zip(geoms, poses, strict=True):
+            rows, back = slice(*self.geom_span[geom]), pose[3:].reshape(3, 3).T
+            kept[0][rows] = _turned(self.corners[rows] - pose[:3], back)
+            kept[1][rows] = _turned(self.triangles.normals[rows], back)
+        self.local_corners = np.concatenate([kept[0], self.local_corners])
+        self.local_normals = np.concatenate([kept[1], self.local_normals])
 
 
 CHUNK = 2048
