@@ -96,8 +96,8 @@ def _list(command: ListModels) -> None:
 def _install() -> None:
     from tqdm import tqdm
 
-    from sbm_gym.assets.catalog.home3d import cache_folder
     from sbm_gym.assets.catalog.library import Home3dLibrary
+    from sbm_gym.store.cache_folder import cache_folder
 
     library = Home3dLibrary()
     with tqdm(total=len(library.cards()), unit="model", desc="converting") as bar:

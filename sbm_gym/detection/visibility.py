@@ -4,7 +4,7 @@ Counting pixels of a mask drawn without occluders would be exact but costs a ren
 per object tell visible from hidden and cut-off shares within a few per cent at almost no cost.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -44,32 +44,65 @@ class ObjectSurfaces:
     """Points on the surfaces of the objects of one compiled world."""
 
     def __init__(
-        self,
+        self, objects: Sequence[ObjectInstance], points_m: Float[np.ndarray, "n k 3"], world_name: str
+    ) -> None:
+        """Takes points that are known.
+
+        Args:
+            objects: the objects; they do not move during an episode.
+            points_m: ``POINTS_PER_OBJECT`` points of each.
+            world_name: distinguishes objects of different worlds.
+        """
+        self.objects, self.points_m, self._world_name = tuple(objects), points_m, world_name
+        self._ids = np.array([instance.instance_id for instance in self.objects], np.int32)
+
+    @classmethod
+    def sampled(
+        cls,
         model: mujoco.MjModel,
         data: mujoco.MjData,
         objects: Sequence[ObjectInstance],
         world_name: str,
-        reuse: "ObjectSurfaces | None" = None,
-    ) -> None:
-        """Samples the objects' visible geoms.
+        known: Mapping[str, Float[np.ndarray, "k 3"]] | None = None,
+    ) -> "ObjectSurfaces":
+        """Samples the objects' drawn geoms.
 
         Args:
             model: the compiled world.
             data: its state, with forward kinematics done.
-            objects: the objects; objects do not move during an episode.
+            objects: the objects.
             world_name: distinguishes objects of different worlds.
-            reuse: of the same model before some objects moved; the points of those that did not are taken from it.
+            known: points of some objects, by names of their bodies.
         """
-        self.objects, self._world_name = tuple(objects), world_name
-        known = {} if reuse is None else dict(zip(map(id, reuse.objects), reuse._points, strict=True))
+        known = known or {}
         points_m = [
-            known[id(instance)]
-            if id(instance) in known
+            known[instance.body_name]
+            if instance.body_name in known
             else surface_points(model, data, _visual_geoms(model, instance.body_name), POINTS_PER_OBJECT)
-            for instance in self.objects
+            for instance in objects
         ]
-        self._points = np.array(points_m).reshape(-1, POINTS_PER_OBJECT, 3)
-        self._ids = np.array([instance.instance_id for instance in self.objects], np.int32)
+        return cls(objects, np.array(points_m).reshape(-1, POINTS_PER_OBJECT, 3), world_name)
+
+    def rearranged(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        objects: Sequence[ObjectInstance],
+        moved: Mapping[str, Float[np.ndarray, "k 3"]],
+    ) -> "ObjectSurfaces":
+        """Surfaces of other objects of the same world, some of which are here already.
+
+        Args:
+            model: the compiled world.
+            data: its state, with forward kinematics done.
+            objects: the objects.
+            moved: see ``points_of_moved``.
+        """
+        known = {one.body_name: points for one, points in zip(self.objects, self.points_m, strict=True)}
+        for name, points_m in moved.items():
+            body = model.body(name).id
+            known[name] = points_m @ data.xmat[body].reshape(3, 3).T + data.xpos[body]
+        return ObjectSurfaces.sampled(model, data, objects, self._world_name, known)
 
     def observe(self, instance_map: Int[np.ndarray, "h w"], camera: Camera) -> list[ObservedObject]:
         """The objects of which at least one point is in the picture and not hidden.
@@ -78,7 +111,7 @@ class ObjectSurfaces:
             instance_map: instance id of every pixel, 0 for none.
             camera: of the view.
         """
-        inside, pixels, _ = pixels_in_view(self._points.reshape(-1, 3), camera, min_depth_m=1e-3)
+        inside, pixels, _ = pixels_in_view(self.points_m.reshape(-1, 3), camera, min_depth_m=1e-3)
         owner = inside // POINTS_PER_OBJECT
         shown = instance_map[pixels] == self._ids[owner]
         in_picture, visible = (np.bincount(found, minlength=len(self.objects)) for found in (owner, owner[shown]))
@@ -111,6 +144,23 @@ class ObjectSurfaces:
             elevation_rad=float(np.arctan2(offset[2], horizontal_m)),
             range_m=float(np.linalg.norm(offset)),
         )
+
+
+def points_of_moved(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Float[np.ndarray, "k 3"]]:
+    """Points on the surfaces of all bodies that are moved from episode to episode, by name and in their own frames.
+
+    Args:
+        model: the compiled world; bodies that are moved are mocap bodies.
+        data: its state, with forward kinematics done.
+    """
+    found = {}
+    for body in np.flatnonzero(model.body_mocapid >= 0).tolist():
+        name = model.body(body).name
+        geoms = _visual_geoms(model, name)
+        if geoms:
+            away = surface_points(model, data, geoms, POINTS_PER_OBJECT) - data.xpos[body]
+            found[name] = away @ data.xmat[body].reshape(3, 3)
+    return found
 
 
 def _visual_geoms(model: mujoco.MjModel, body_name: str) -> list[int]:

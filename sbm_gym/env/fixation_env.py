@@ -25,7 +25,8 @@ from sbm_gym.registration import MAX_EPISODE_STEPS
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
-from sbm_gym.scenes.compiled import Scene, SceneCache, WorldSource, check_renderer
+from sbm_gym.scenes.compiled import Scene, WorldSource, check_renderer
+from sbm_gym.scenes.scene_cache import SceneCache
 from sbm_gym.scenes.third_person import ThirdPersonView
 from sbm_gym.scenes.world_sources import world_source
 
@@ -185,7 +186,8 @@ class FixationEnv(gym.Env, EzPickle):
             gaze=gaze,
         )
         self._num_views, self._episodes_per_scene = num_views, episodes_per_scene
-        self._cache = SceneCache(self._source, renderer, robot.body, scene_cache)
+        # MuJoCo's viewer shows the very model that moves, which is then the one with all textures and meshes.
+        self._cache = SceneCache(self._source, renderer, robot.body, scene_cache, on_disk=render_mode != "human")
         self._atlases = Atlases(None if atlas is None else Path(atlas), self._config, detector)
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(robot.memory.bins)
@@ -347,7 +349,8 @@ class FixationEnv(gym.Env, EzPickle):
         if self._third_person is None or self._third_person[0].model is not scene.model:
             if self._third_person is not None:
                 self._third_person[1].close()
-            view = ThirdPersonView(scene.model, self._cache.make_renderer, float(scene.body.camera_to_world[2, 3]))
+            height_m = float(scene.body.camera_to_world[2, 3])
+            view = ThirdPersonView(scene.whole_model(), self._cache.make_renderer, height_m)
             self._third_person = (scene, view)
         return self._third_person[1].draw(scene.data, self.simulation.trace(), *self._render_size)
 

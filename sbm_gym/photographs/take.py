@@ -80,7 +80,7 @@ class Viewfinder:
         mujoco.mj_forward(self.model, self.data)
         self.renderer = RaysRenderer(self.model)
         objects = photo_set.pieces.objects
-        self.surfaces = ObjectSurfaces(self.model, self.data, objects, photo_set.name)
+        self.surfaces = ObjectSurfaces.sampled(self.model, self.data, objects, photo_set.name)
         instance_of_body = np.zeros(self.model.nbody, np.int32)
         for instance in objects:
             instance_of_body[self.model.body(instance.body_name).id] = instance.instance_id

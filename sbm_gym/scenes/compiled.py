@@ -1,18 +1,18 @@
-"""Compiled scenes, ready for an agent: where worlds come from, and a small cache of those in use."""
+"""Compiled scenes, ready for an agent, and where their worlds come from."""
 
-from collections import OrderedDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import mujoco
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Float, Int32
 
-from sbm_gym.detection.visibility import ObjectSurfaces
+from sbm_gym.detection.visibility import ObjectSurfaces, points_of_moved
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
 from sbm_gym.scenes.profiles import WorldProfile
-from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, World
+from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, Arrangement, World, WorldContents
 
 RENDERERS = ("auto", "rays", "gl")
 SPLITS = ("train", "val", "test", "wide", "endless")
@@ -43,22 +43,41 @@ class WorldSource(Protocol):
         ...
 
 
+class WholeModel:
+    """A scene's model with its meshes and textures, which pictures by OpenGL and from outside need."""
+
+    def __init__(self, make: Callable[[], mujoco.MjModel]) -> None:
+        """Makes nothing yet."""
+        self._make, self._model = make, None
+
+    def get(self) -> mujoco.MjModel:
+        """The model, made when it is first asked for."""
+        if self._model is None:
+            self._model = self._make()
+        return self._model
+
+
 @dataclass(frozen=True)
 class Scene:
     """A compiled world with the agent in it."""
 
     name: str
-    world: World
-    """Its ``spec`` is empty: what a model was compiled from takes as much memory as the model, and is done with."""
+    world: WorldContents
     model: mujoco.MjModel
+    """What physics and poses need; may lack textures and the meshes that nothing touches."""
     data: mujoco.MjData
     body: AgentBody
     renderer: Renderer
     surfaces: ObjectSurfaces
+    points_of_moved: Mapping[str, Float[np.ndarray, "k 3"]]
+    """See ``ObjectSurfaces.rearranged``."""
+    whole: WholeModel
     instance_of_geom: Int32[np.ndarray, "ngeom_plus_one"]
     """Instance id by geom id; the last entry, which index -1 (no geom) picks, is 0."""
     geoms_of_instance: dict[int, list[int]]
     """The drawn geoms of every object."""
+    arrangement: Arrangement | None = None
+    """Of this episode, if the world has a stage."""
 
     def for_episode(self, rng: np.random.Generator) -> "Scene":
         """The scene as a new episode finds it: itself, or newly arranged if its world has a stage."""
@@ -72,8 +91,16 @@ class Scene:
         world = replace(
             self.world, objects=arrangement.objects, navigable=arrangement.navigable, starts=arrangement.starts
         )
-        surfaces = ObjectSurfaces(self.model, self.data, world.objects, world.name, reuse=self.surfaces)
-        return replace(self, world=world, surfaces=surfaces, **_instance_tables(world, self.model))
+        surfaces = self.surfaces.rearranged(self.model, self.data, world.objects, self.points_of_moved)
+        tables = _instance_tables(world, self.model)
+        return replace(self, world=world, surfaces=surfaces, arrangement=arrangement, **tables)
+
+    def whole_model(self) -> mujoco.MjModel:
+        """The model with all meshes and textures, as this episode has it; where it has to be made it takes a second."""
+        model = self.whole.get()
+        if self.arrangement is not None and model is not self.model:
+            self.arrangement.apply(model)
+        return model
 
 
 def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> Scene:
@@ -87,22 +114,31 @@ def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> S
     """
     add_agent(world.spec, body)
     model = world.spec.compile()
-    world = replace(world, spec=mujoco.MjSpec())
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    return Scene(
-        name=name,
-        world=world,
-        model=model,
-        data=data,
-        body=AgentBody(model, data, body),
-        renderer=make_renderer(renderer, model),
-        surfaces=ObjectSurfaces(model, data, world.objects, world.name),
-        **_instance_tables(world, model),
-    )
+    surfaces = ObjectSurfaces.sampled(model, data, world.objects, world.name)
+    moved = {} if world.stage is None else points_of_moved(model, data)
+    whole = WholeModel(lambda: model)
+    return assemble(name, world.contents, model, data, body, make_renderer(renderer, model), surfaces, moved, whole)
 
 
-def _instance_tables(world: World, model: mujoco.MjModel) -> dict[str, Any]:
+def assemble(
+    name: str,
+    world: WorldContents,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    body: BodyConfig,
+    renderer: Renderer,
+    surfaces: ObjectSurfaces,
+    moved: Mapping[str, Float[np.ndarray, "k 3"]],
+    whole: WholeModel,
+) -> Scene:
+    """A scene of its parts; arguments are its fields, but for ``moved``, which is ``points_of_moved``."""
+    tables = _instance_tables(world, model)
+    return Scene(name, world, model, data, AgentBody(model, data, body), renderer, surfaces, moved, whole, **tables)
+
+
+def _instance_tables(world: WorldContents, model: mujoco.MjModel) -> dict[str, Any]:
     """Which object each geom belongs to, and which geoms each object has: fields of a ``Scene``."""
     instance_of_geom = world.instance_of_geom(model).astype(np.int32)
     drawn = model.geom_group < GEOM_GROUP_COLLISION
@@ -125,6 +161,20 @@ def check_renderer(name: str) -> None:
         raise ValueError(f"unknown renderer {name!r}; known: {', '.join(RENDERERS)}")
 
 
+def renderer_kind(name: str) -> str:
+    """The renderer of that name: "rays" or "gl"; ``auto`` is ``gl`` where a GPU is, ``rays`` elsewhere.
+
+    Raises:
+        ValueError: if there is no such renderer, naming those there are.
+    """
+    check_renderer(name)
+    if name == "auto":
+        from sbm_gym.rendering.gl.context import gpu_available
+
+        name = "gl" if gpu_available() else "rays"
+    return name
+
+
 def make_renderer(name: str, model: mujoco.MjModel) -> Renderer:
     """The renderer of that name for one model; ``auto`` is ``gl`` where a GPU is, ``rays`` elsewhere.
 
@@ -132,12 +182,7 @@ def make_renderer(name: str, model: mujoco.MjModel) -> Renderer:
         ValueError: if there is no such renderer, naming those there are.
         NoOpenGlError: if ``gl`` is asked for and there is no OpenGL, saying what to install.
     """
-    check_renderer(name)
-    if name == "auto":
-        from sbm_gym.rendering.gl.context import gpu_available
-
-        name = "gl" if gpu_available() else "rays"
-    if name == "gl":
+    if renderer_kind(name) == "gl":
         from sbm_gym.rendering.gl.context import context_kind
         from sbm_gym.rendering.gl.renderer import GlRenderer
 
@@ -146,41 +191,3 @@ def make_renderer(name: str, model: mujoco.MjModel) -> Renderer:
     from sbm_gym.rendering.rays.renderer import RaysRenderer
 
     return RaysRenderer(model, shadows=True)
-
-
-class SceneCache:
-    """Keeps the scenes used last, because building one takes about as long as an episode."""
-
-    def __init__(self, source: WorldSource, renderer: str, body: BodyConfig, capacity: int) -> None:
-        """Starts empty.
-
-        Args:
-            source: where worlds come from.
-            renderer: one of ``RENDERERS``.
-            body: the agent's body.
-            capacity: how many scenes are kept, at least 1.
-        """
-        if capacity < 1:
-            raise ValueError(f"a scene cache holds at least 1 scene, not {capacity}")
-        self._source, self._renderer, self._body, self._capacity = source, renderer, body, capacity
-        self._scenes: OrderedDict[str, Scene] = OrderedDict()
-
-    def get(self, name: str) -> Scene:
-        """The scene of that name, built if it is not at hand."""
-        if name not in self._scenes:
-            while len(self._scenes) >= self._capacity:
-                _, oldest = self._scenes.popitem(last=False)
-                oldest.renderer.close()
-            self._scenes[name] = compile_scene(name, self._source.build(name), self._renderer, self._body)
-        self._scenes.move_to_end(name)
-        return self._scenes[name]
-
-    def clear(self) -> None:
-        """Forgets all scenes."""
-        for scene in self._scenes.values():
-            scene.renderer.close()
-        self._scenes.clear()
-
-    def make_renderer(self, model: mujoco.MjModel) -> Renderer:
-        """A renderer of the scenes' kind for another model."""
-        return make_renderer(self._renderer, model)

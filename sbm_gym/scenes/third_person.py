@@ -103,6 +103,10 @@ def opened_model(model: mujoco.MjModel, data: mujoco.MjData, eye_m: float) -> mu
         eye_m: height of the agent's camera.
     """
     opened = copy.copy(model)
+    placed = mujoco.MjData(model)  # what is handed over may be of a model without meshes
+    placed.qpos[:], placed.mocap_pos[:], placed.mocap_quat[:] = data.qpos, data.mocap_pos, data.mocap_quat
+    mujoco.mj_kinematics(model, placed)
+    data = placed
     if _has_ceiling(model, data, eye_m):
         opened.geom_group[above(model, data, eye_m + HEADROOM_M)] = _HIDDEN_GROUP
     clear_haze(opened)

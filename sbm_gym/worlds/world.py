@@ -54,11 +54,10 @@ class Stage(Protocol):
 
 
 @dataclass(frozen=True)
-class World:
-    """A furnished scene. The agent is not in it yet: it is added to ``spec`` before compilation."""
+class WorldContents:
+    """What stands in a world and where one can stand: all that is asked of it once it is compiled."""
 
     name: str
-    spec: mujoco.MjSpec
     objects: tuple[ObjectInstance, ...]
     navigable: NavigableMap
     starts: NavigableMap | None = None
@@ -72,3 +71,24 @@ class World:
         for instance in self.objects:
             instance_of_body[model.body(instance.body_name).id] = instance.instance_id
         return instance_of_body[model.geom_bodyid]
+
+
+@dataclass(frozen=True)
+class World:
+    """A furnished scene. The agent is not in it yet: it is added to ``spec`` before compilation."""
+
+    name: str
+    spec: mujoco.MjSpec
+    objects: tuple[ObjectInstance, ...]
+    navigable: NavigableMap
+    starts: NavigableMap | None = None
+    stage: Stage | None = None
+
+    @property
+    def contents(self) -> WorldContents:
+        """The world without its geometry; fields have the same meaning there."""
+        return WorldContents(self.name, self.objects, self.navigable, self.starts, self.stage)
+
+    def instance_of_geom(self, model: mujoco.MjModel) -> Int[np.ndarray, "ngeom"]:
+        """See ``WorldContents``."""
+        return self.contents.instance_of_geom(model)

@@ -1,6 +1,5 @@
 """Furniture of Sweet Home 3D libraries, converted once into a cache of arrays and pictures."""
 
-import os
 import posixpath
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,27 +20,17 @@ from sbm_gym.assets.models.model import (
     save_model,
     saved_triangles,
 )
+from sbm_gym.store.cache_folder import cache_folder
 
 CONVERTER_VERSION = 4
 """Goes up whenever conversion gives other results, so that older caches are left behind."""
 CLEAR_M = 2.3
 """Thinned trees are pruned up to this height, so that people can walk below."""
-CACHE_VARIABLE = "SBM_CACHE"
-"""Environment variable that names the cache folder."""
 MAX_TEXTURE_PX = 512
 MAX_PICTURE_PX = 64_000_000
 """Pictures with more pixels than this are refused before they are decoded."""
 HOME3D_TO_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Sweet Home 3D: x right, y up, z to the front. World: x right, y to the back, z up."""
-
-
-def cache_folder() -> Path:
-    """The user's cache of converted furniture: ``SBM_CACHE``, else below the XDG cache folder."""
-    override = os.environ.get(CACHE_VARIABLE)
-    if override:
-        return Path(override)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "seeing-by-moving"
 
 
 @dataclass(frozen=True)

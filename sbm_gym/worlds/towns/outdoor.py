@@ -104,10 +104,10 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     for number, vehicle in enumerate(parked, start=1):
         body = add_vehicle(builder, library, vehicle, f"{vehicle.card.category}_{number:02d}", rng)
         objects.append(instance_of(vehicle, number, body.name))
-    navigable = _with_vehicles(still.free, low, parked, library)
+    navigable = _with_vehicles(still.free, low, [(one, library.load(one.card).footprint_m) for one in parked])
     moved = _add_moved_vehicles(builder, library, len(objects) + 1, rng)
     left = tuple(spawn for spawn in spawns if spawn not in taken)
-    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked), library)
+    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked))
     return World(name, spec, tuple(objects), navigable, stage=stage)
 
 
@@ -164,6 +164,8 @@ class MovedVehicle:
     card: ModelCard
     body_name: str
     instance_id: int
+    footprint_m: Float[np.ndarray, "boxes 4"]
+    """See ``FurnitureModel``."""
 
 
 _Placed = tuple[MovedVehicle, Placement]
@@ -181,7 +183,7 @@ def _add_moved_vehicles(
             card = cards[int(k)]
             below = Placement(card, 0.0, 0.0, 0.0, _UNDERGROUND_M - 10.0 * number)
             body = add_vehicle(builder, library, below, f"visitor_{number}", rng, moves=True)
-            moved.append(MovedVehicle(card, body.name, first_id + number))
+            moved.append(MovedVehicle(card, body.name, first_id + number, library.load(card).footprint_m))
     return tuple(moved)
 
 
@@ -195,7 +197,6 @@ class TownStage:
     moved: tuple[MovedVehicle, ...]
     objects: tuple[ObjectInstance, ...]
     parked: tuple[Box, ...]
-    library: FurnitureLibrary
 
     def arrange(self, rng: np.random.Generator) -> Arrangement:
         """Draws the two vehicles, where they stand, where the agent may start, and the weather.
@@ -267,18 +268,17 @@ class TownStage:
         high = np.ceil((centre + NEARBY_M - whole.origin_m) / CELL_M).astype(int)
         low = np.maximum(low, 0)
         free = whole.free[low[1] : max(high[1], 1), low[0] : max(high[0], 1)]
-        vehicles = [vehicle for _, vehicle in placed]
-        return _with_vehicles(free, whole.origin_m + CELL_M * low, vehicles, self.library)
+        vehicles = [(vehicle, one.footprint_m) for one, vehicle in placed]
+        return _with_vehicles(free, whole.origin_m + CELL_M * low, vehicles)
 
 
 def _with_vehicles(
     free: Bool[np.ndarray, "ny nx"],
     origin_m: Float[np.ndarray, "2"],
-    vehicles: Sequence[Placement],
-    library: FurnitureLibrary,
+    vehicles: Sequence[tuple[Placement, Float[np.ndarray, "boxes 4"]]],
 ) -> NavigableMap:
-    """The connected part of a map that is left when vehicles stand on it."""
-    rows = obstacle_rows(box for one in vehicles for box in one.footprint(library.load(one.card).footprint_m))
+    """The connected part of a map that is left when vehicles, of which the footprints are known, stand on it."""
+    rows = obstacle_rows(box for one, footprint_m in vehicles for box in one.footprint(footprint_m))
     # A rim of two cells keeps the walls that a map has at its edges away from the cells that count.
     rim = 2 * CELL_M
     size_m = CELL_M * np.array(free.shape[::-1])

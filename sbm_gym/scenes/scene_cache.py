@@ -1,0 +1,88 @@
+"""Scenes in use: the last few in memory, behind them those that any process has compiled before, on disk."""
+
+import functools
+import warnings
+from collections import OrderedDict
+
+import mujoco
+
+from sbm_gym.rendering.base import Renderer
+from sbm_gym.robot.body import BodyConfig
+from sbm_gym.scenes.compiled import Scene, WorldSource, compile_scene, make_renderer, renderer_kind
+from sbm_gym.scenes.saved_scenes import built_again, load_scene, save_scene
+from sbm_gym.scenes.scene_keys import scene_key
+from sbm_gym.store.cache_folder import SceneFolder, max_bytes
+
+
+class SceneCache:
+    """Hands out compiled scenes: to compile one takes about as long as an episode, to open one next to nothing."""
+
+    def __init__(
+        self, source: WorldSource, renderer: str, body: BodyConfig, capacity: int, on_disk: bool = True
+    ) -> None:
+        """Starts empty.
+
+        Args:
+            source: where worlds come from.
+            renderer: one of ``RENDERERS``.
+            body: the agent's body.
+            capacity: how many scenes are kept in memory, at least 1.
+            on_disk: whether scenes are kept on disk, too; those from there have a ``model`` without looks.
+        """
+        if capacity < 1:
+            raise ValueError(f"a scene cache holds at least 1 scene, not {capacity}")
+        self._source, self._renderer, self._body, self._capacity = source, renderer, body, capacity
+        self._open = open_scene if on_disk else build_scene
+        self._scenes: OrderedDict[str, Scene] = OrderedDict()
+
+    def get(self, name: str) -> Scene:
+        """The scene of that name, opened or built if it is not at hand."""
+        if name not in self._scenes:
+            while len(self._scenes) >= self._capacity:
+                _, oldest = self._scenes.popitem(last=False)
+                oldest.renderer.close()
+            self._scenes[name] = self._open(self._source, name, self._renderer, self._body)
+        self._scenes.move_to_end(name)
+        return self._scenes[name]
+
+    def clear(self) -> None:
+        """Forgets all scenes."""
+        for scene in self._scenes.values():
+            scene.renderer.close()
+        self._scenes.clear()
+
+    def make_renderer(self, model: mujoco.MjModel) -> Renderer:
+        """A renderer of the scenes' kind for another model."""
+        return make_renderer(self._renderer, model)
+
+
+def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
+    """A scene from disk, or else compiled and kept there.
+
+    Args:
+        source: where worlds come from.
+        name: canonical name of the scene.
+        renderer: one of ``RENDERERS``.
+        body: the agent's body.
+    """
+    limit = max_bytes()
+    key = scene_key(source, name, renderer_kind(renderer), body) if limit > 0 else None
+    if key is None:
+        return build_scene(source, name, renderer, body)
+    folder = SceneFolder()
+    whole = functools.partial(built_again, functools.partial(source.build, name), body)
+    scene = load_scene(folder, key, renderer, body, whole)
+    if scene is None:
+        world = source.build(name)
+        scene = compile_scene(name, world, renderer, body)
+        try:
+            save_scene(folder, key, scene, world.spec)
+            folder.shrink(limit)
+        except OSError as error:
+            warnings.warn(f"compiled scenes cannot be kept in {folder.folder} ({error})", stacklevel=2)
+    return scene
+
+
+def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
+    """A scene built and compiled now; arguments as of ``open_scene``."""
+    return compile_scene(name, source.build(name), renderer, body)

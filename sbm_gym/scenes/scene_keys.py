@@ -1,0 +1,82 @@
+"""What decides a compiled scene, as a name for it in the cache on disk."""
+
+import functools
+import hashlib
+import platform
+from pathlib import Path
+
+from labeling.runtime.code_digest import ROOT, code_digest
+from sbm_gym.robot.body import BodyConfig
+from sbm_gym.scenes.compiled import WorldSource
+from sbm_gym.scenes.world_sources import IndoorBuiltinWorlds, IndoorWorlds, OutdoorBuiltinWorlds, OutdoorWorlds
+from sbm_gym.store.cache_folder import cache_folder
+
+FORMAT = 1
+"""Goes up whenever what is kept of a scene changes its meaning and no code does."""
+_CODE = ("sbm_gym.scenes.saved_scenes", "sbm_gym.scenes.world_sources")
+_SOURCE_FILES = (".py", ".toml", ".json")
+
+
+def scene_key(source: WorldSource, scene: str, renderer: str, body: BodyConfig) -> str | None:
+    """Names a compiled scene such that one of the same name is the same; None if nothing can promise that.
+
+    Args:
+        source: builds the scene's world; of those that do not come with sbm_gym nothing is known.
+        scene: canonical name.
+        renderer: "rays" or "gl".
+        body: the agent's body.
+    """
+    if type(source) in (IndoorBuiltinWorlds, OutdoorBuiltinWorlds):
+        libraries = ""
+    elif type(source) in (IndoorWorlds, OutdoorWorlds):
+        libraries = _libraries()
+    else:
+        return None
+    assert isinstance(source, IndoorWorlds)
+    parts = (FORMAT, type(source).__name__, source.unseen_models, scene, renderer, body, libraries, *_surroundings())
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
+    safe = "".join(letter if letter.isalnum() else "-" for letter in scene)
+    return f"{safe}-{renderer}-{digest}"
+
+
+def _libraries() -> str:
+    """The installed furniture libraries: their files, as they are now."""
+    from sbm_gym.assets.catalog.catalog import find_libraries
+
+    return repr([(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in find_libraries()])
+
+
+@functools.cache
+def _surroundings() -> tuple[str, ...]:
+    """What is the same for all scenes of a process: code, libraries of code, kind of machine."""
+    import cv2
+    import mujoco
+    import numba
+    import numpy
+    import scipy
+
+    versions = [module.__version__ for module in (cv2, mujoco, numba, numpy, scipy)]
+    return (platform.system(), platform.machine(), *versions, _code())
+
+
+def _code() -> str:
+    """The digest of the code that makes scenes; kept, since to follow imports takes longer than to open a scene."""
+    files = [path for package in ("labeling", "sbm_gym") for path in _sources(ROOT / package)]
+    states = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(files)]
+    kept = cache_folder() / "scenes" / "code" / hashlib.sha256(repr(states).encode()).hexdigest()[:24]
+    try:
+        return kept.read_text(encoding="ascii")
+    except (OSError, ValueError):
+        digest = code_digest(*_CODE)
+    from labeling.formats.atomic import atomic_file
+
+    try:
+        with atomic_file(kept) as temporary:
+            temporary.write_text(digest, encoding="ascii")
+    except OSError:
+        pass  # nothing can be written: it is found out again next time
+    return digest
+
+
+def _sources(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*.*") if path.suffix in _SOURCE_FILES]
