@@ -1,12 +1,15 @@
 """What tests of all packages share."""
 
+import atexit
 import ctypes
 import functools
 import gc
 import os
 import resource
+import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 from labeling.runtime.threads import THREAD_VARIABLES
+from sbm_gym.store.cache_folder import cache_folder
 
 from .imports import checked_by_jaxtyping
 
@@ -23,6 +27,14 @@ if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
     share = max(1, len(os.sched_getaffinity(0)) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"]))
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, str(share))
+# Compiled scenes go to a folder of this session, which all its processes share; converted furniture is the user's.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    session_cache = Path(tempfile.mkdtemp(prefix="sbm-tests-"))
+    atexit.register(shutil.rmtree, session_cache, ignore_errors=True)
+    furniture = cache_folder() / "furniture"
+    furniture.mkdir(parents=True, exist_ok=True)
+    (session_cache / "furniture").symlink_to(furniture.resolve(), target_is_directory=True)
+    os.environ["SBM_CACHE"] = str(session_cache)
 # Array shapes in signatures are checked while tests run. Before the first test module is imported.
 install_import_hook(checked_by_jaxtyping(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 

@@ -512,6 +512,7 @@ def test_unseen_models_reach_whoever_builds_the_scenes(env_id, unseen_models, mo
         asked.append((scene, unseen_models))
         return BoxRooms().build("box_0")
 
+    monkeypatch.setenv("SBM_SCENE_CACHE", "off")
     monkeypatch.setattr("sbm_gym.worlds.rooms.indoor.build_indoor", build)
     monkeypatch.setattr("sbm_gym.worlds.towns.outdoor.build_outdoor", build)
     with gym.make(f"sbm_gym:{env_id}", unseen_models=unseen_models) as env:
