@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from sbm_gym.detection.visibility import ObjectSurfaces
 from sbm_gym.rendering.rays.ray_scene import StillScene
 from sbm_gym.rendering.rays.renderer import RaysRenderer
-from sbm_gym.robot.body import BodyConfig
+from sbm_gym.robot.body import BodyConfig, add_agent
 from sbm_gym.scenes.compiled import Scene, WholeModel, assemble, make_renderer
 from sbm_gym.store.cache_folder import SceneFolder
 from sbm_gym.store.packed_file import DamagedError, read_packed, write_packed
@@ -89,10 +89,10 @@ def load_scene(
             level_start = still.textures.level_start + starts[:, None]
             still = replace(still, textures=still.textures._replace(texels=texels, level_start=level_start))
         model = mujoco.MjModel.from_binary_path(_MODEL_FILE, {_MODEL_FILE: saved.model.tobytes()})
-    except FileNotFoundError:
-        return _none_at(path)
     except (OSError, DamagedError, KeyError, TypeError, ValueError, IndexError):
-        return _none_at(path)
+        with contextlib.suppress(OSError):
+            path.unlink()
+        return None
     folder.used(path)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -144,11 +144,6 @@ def _as_bytes(model: mujoco.MjModel) -> UInt8[np.ndarray, "bytes"]:
     return content
 
 
-def _none_at(path) -> None:
-    with contextlib.suppress(OSError):
-        path.unlink()
-
-
 def _stages() -> dict[str, type]:
     """Stages of worlds that can be kept, by name."""
     from sbm_gym.worlds.towns.outdoor import TownStage
@@ -158,8 +153,6 @@ def _stages() -> dict[str, type]:
 
 def built_again(world: Callable[[], World], body: BodyConfig) -> mujoco.MjModel:
     """The whole model of a scene, from its world."""
-    from sbm_gym.robot.body import add_agent
-
     spec = world().spec
     add_agent(spec, body)
     return spec.compile()

@@ -72,15 +72,18 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
     folder = SceneFolder()
     whole = functools.partial(built_again, functools.partial(source.build, name), body)
     scene = load_scene(folder, key, renderer, body, whole)
-    if scene is None:
-        world = source.build(name)
-        scene = compile_scene(name, world, renderer, body)
-        try:
-            save_scene(folder, key, scene, world.spec)
-            folder.shrink(limit)
-        except OSError as error:
-            warnings.warn(f"compiled scenes cannot be kept in {folder.folder} ({error})", stacklevel=2)
-    return scene
+    if scene is not None:
+        return scene
+    world = source.build(name)
+    scene = compile_scene(name, world, renderer, body)
+    try:
+        save_scene(folder, key, scene, world.spec)
+        folder.shrink(limit)
+    except OSError as error:
+        warnings.warn(f"compiled scenes cannot be kept in {folder.folder} ({error})", stacklevel=2)
+        return scene
+    # What has been kept takes less memory than what it was made from.
+    return load_scene(folder, key, renderer, body, whole) or scene
 
 
 def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:

@@ -8,7 +8,7 @@ from pathlib import Path
 from labeling.runtime.code_digest import ROOT, code_digest
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import WorldSource
-from sbm_gym.scenes.world_sources import IndoorBuiltinWorlds, IndoorWorlds, OutdoorBuiltinWorlds, OutdoorWorlds
+from sbm_gym.scenes.world_sources import IndoorWorlds, OutdoorWorlds
 from sbm_gym.store.cache_folder import cache_folder
 
 FORMAT = 1
@@ -26,15 +26,12 @@ def scene_key(source: WorldSource, scene: str, renderer: str, body: BodyConfig) 
         renderer: "rays" or "gl".
         body: the agent's body.
     """
-    if type(source) in (IndoorBuiltinWorlds, OutdoorBuiltinWorlds):
-        libraries = ""
-    elif type(source) in (IndoorWorlds, OutdoorWorlds):
-        libraries = _libraries()
-    else:
+    if type(source) not in (IndoorWorlds, OutdoorWorlds):
         return None
     assert isinstance(source, IndoorWorlds)
-    parts = (FORMAT, type(source).__name__, source.unseen_models, scene, renderer, body, libraries, *_surroundings())
-    digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
+    libraries = "" if source.builtin else _libraries()
+    parts = (FORMAT, type(source).__name__, source.unseen_models, source.builtin, scene, renderer, body, libraries)
+    digest = hashlib.sha256(repr((*parts, *_surroundings())).encode()).hexdigest()[:24]
     safe = "".join(letter if letter.isalnum() else "-" for letter in scene)
     return f"{safe}-{renderer}-{digest}"
 

@@ -72,7 +72,7 @@ class SceneFolder:
     def used(self, path: Path) -> None:
         """Notes that a scene is in use."""
         with contextlib.suppress(OSError):
-            os.utime(path, ns=(time.time_ns(), path.stat().st_mtime_ns))
+            os.utime(path)
 
     def scenes(self) -> list[KeptScene]:
         """All scenes, those used last first."""
@@ -80,7 +80,7 @@ class SceneFolder:
         for path in self.folder.glob("*.scene"):
             with contextlib.suppress(OSError):  # another process has just removed it
                 status = path.stat()
-                found.append(KeptScene(path, status.st_size, status.st_atime))
+                found.append(KeptScene(path, status.st_size, status.st_mtime))
         return sorted(found, key=lambda scene: -scene.used_s)
 
     def texture_bytes(self) -> int:
@@ -118,7 +118,7 @@ class SceneFolder:
                 with contextlib.suppress(OSError, DamagedError):
                     shown.update(read_content(scene.path)["textures"])
             for path, status in self._texture_files():
-                if path.name not in shown and time.time() - status.st_atime >= just_used_s:
+                if path.name not in shown and time.time() - status.st_mtime >= just_used_s:
                     path.unlink(missing_ok=True)
             total = sum(scene.bytes for scene in scenes) + self.texture_bytes()
         for path in self.folder.glob(".*.tmp"):  # of processes that were killed

@@ -7,7 +7,6 @@ import hashlib
 import mmap
 import os
 import sys
-import time
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -39,7 +38,7 @@ def save_texels(folder: Path, texels: UInt8[np.ndarray, "n 4"]) -> TexelFile:
     path = folder / name
     if path.is_file() and path.stat().st_size == _padded(content.nbytes):
         # Whoever cleans up leaves alone what was used a moment ago.
-        os.utime(path, ns=(time.time_ns(), path.stat().st_mtime_ns))
+        os.utime(path)
     else:
         with atomic_file(path) as temporary, temporary.open("wb") as file:
             file.write(content)

@@ -1,0 +1,217 @@
+"""Scenes from disk are those that were compiled, whatever happens to the disk."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
+from sbm_gym.scenes import scene_keys
+from sbm_gym.scenes.saved_scenes import model_without_looks
+from sbm_gym.scenes.scene_cache import open_scene
+from sbm_gym.scenes.scene_keys import scene_key
+from sbm_gym.scenes.world_sources import IndoorWorlds, OutdoorWorlds
+from sbm_gym.store import packed_file
+from sbm_gym.store.cache_folder import SceneFolder
+
+from ..box_rooms import BoxRooms
+from ..rollouts import rollout
+
+HOME, TOWN = ("sbm_gym/IndoorBuiltin-v0", "train/02"), ("sbm_gym/OutdoorBuiltin-v0", "town/train/00")
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch) -> SceneFolder:
+    """An empty cache, and nothing taken for whole that was whole before."""
+    monkeypatch.setenv("SBM_CACHE", str(tmp_path))
+    monkeypatch.setattr(packed_file, "_checked", set())
+    return SceneFolder(tmp_path / "scenes")
+
+
+@pytest.fixture(scope="module")
+def fresh() -> dict[tuple[str, str], str]:
+    """Rollouts without any cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SBM_SCENE_CACHE", "off")
+        return {which: rollout(*which) for which in (HOME, TOWN)}
+
+
+def another_process(which: tuple[str, str]) -> subprocess.Popen:
+    program = [sys.executable, "-m", "tests.sbm_gym.rollouts", *which]
+    return subprocess.Popen(program, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("which", [HOME, TOWN], ids=["home", "town"])
+def test_rollouts_are_the_same_to_the_last_bit(which, cache, fresh):
+    """Built and kept here, opened again here, opened by another process."""
+    assert rollout(*which) == fresh[which]
+    (kept,) = cache.scenes()
+    modified = kept.path.stat().st_ino
+    assert rollout(*which) == fresh[which]
+    other = another_process(which)
+    assert other.communicate()[0].strip() == fresh[which]
+    # Nobody has written it again.
+    assert kept.path.stat().st_ino == modified
+
+
+def test_two_processes_may_race_for_a_scene(cache, fresh):
+    racers = [another_process(HOME) for _ in range(2)]
+    assert {racer.communicate()[0].strip() for racer in racers} == {fresh[HOME]}
+    assert len(cache.scenes()) == 1
+    assert rollout(*HOME) == fresh[HOME]
+    assert not [path for path in cache.folder.rglob("*") if path.suffix == ".tmp"]
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 // 4096 * 4096])
+
+
+def _flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2 // 4096 * 4096] ^= 0x10
+    path.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("what", ["scene", "texture"])
+@pytest.mark.parametrize("damage", [_cut, _flip, Path.unlink], ids=["cut", "flipped", "removed"])
+def test_what_is_damaged_is_made_again(what, damage, cache, monkeypatch):
+    source, body = IndoorWorlds(builtin=True), BodyConfig()
+    open_scene(source, "train/02", "rays", body)
+    files = {path: path.read_bytes() for path in cache.folder.rglob("*") if path.is_file()}
+    (scene,) = cache.scenes()
+    largest = max(cache.textures.iterdir(), key=lambda path: path.stat().st_size)
+    damage(scene.path if what == "scene" else largest)
+    monkeypatch.setattr(packed_file, "_checked", set())
+    built = []
+    build = IndoorWorlds.build
+    monkeypatch.setattr(IndoorWorlds, "build", lambda *asked: built.append(asked) or build(*asked))
+    open_scene(source, "train/02", "rays", body)
+    assert len(built) == 1
+    # What was made again is what there was, byte by byte.
+    assert {path: path.read_bytes() for path in cache.folder.rglob("*") if path.is_file()} == files
+    open_scene(source, "train/02", "rays", body)
+    assert len(built) == 1
+
+
+def test_scenes_in_use_outlive_their_files(cache, fresh):
+    with gym.make(f"sbm_gym:{HOME[0]}") as env:
+        env.reset(seed=0, options={"scene": HOME[1]})
+        before = env.get_wrapper_attr("capture")(64, 64).rgb
+        cache.shrink(0, just_used_s=0.0)
+        assert not list(cache.textures.iterdir())
+        assert np.array_equal(env.get_wrapper_attr("capture")(64, 64).rgb, before)
+    assert rollout(*HOME) == fresh[HOME]
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch, fresh):
+    (tmp_path / "file").write_text("not a folder")
+    monkeypatch.setenv("SBM_CACHE", str(tmp_path / "file"))
+    with pytest.warns(UserWarning, match="compiled scenes cannot be kept in"):
+        assert rollout(*HOME) == fresh[HOME]
+
+
+def test_old_scenes_make_room(cache, monkeypatch):
+    source, body = IndoorWorlds(builtin=True), BodyConfig()
+    open_scene(source, "train/02", "rays", body)
+    one = cache.total_bytes()
+    monkeypatch.setenv("SBM_SCENE_CACHE", str(0.5 * one / 1e9))
+    open_scene(source, "train/02", "rays", body)
+    assert len(cache.scenes()) == 1  # only who writes makes room
+    open_scene(source, "train/05", "rays", body)
+    assert not cache.scenes()
+
+
+@pytest.mark.parametrize(
+    ("source", "scene"), [(IndoorWorlds(builtin=True), "train/02"), (OutdoorWorlds(builtin=True), "town/train/00")]
+)
+def test_a_model_without_looks_moves_as_the_whole_one(source, scene):
+    world = source.build(scene)
+    config = source.profile.body
+    add_agent(world.spec, config)
+    whole = world.spec.compile()
+    light = model_without_looks(world.spec, whole)
+    assert mujoco.mj_sizeModel(light) < mujoco.mj_sizeModel(whole) / 50
+    assert light.nmesh == light.ntex == 0
+    states = []
+    for model in (whole, light):
+        data = mujoco.MjData(model)
+        agent = AgentBody(model, data, config)
+        rng = np.random.default_rng(0)
+        state = []
+        for _ in range(12):
+            agent.place(world.navigable.random_point(rng), rng.uniform(-3.0, 3.0), 0.1)
+            # Farther than where walls and furniture stand.
+            collided = agent.move(rng.uniform(-2.0, 2.0, 2))
+            contacts = data.contact
+            state += [collided, contacts.geom.copy(), contacts.dist.copy(), contacts.pos.copy(), data.qpos.copy()]
+            state += [data.geom_xpos.copy(), data.geom_xmat.copy(), data.light_xpos.copy(), data.cam_xmat.copy()]
+        states.append(state)
+    for ours, theirs in zip(*states, strict=True):
+        assert np.array_equal(ours, theirs)
+    assert any(part is True for part in states[0])
+    for name in (
+        "geom_aabb",
+        "geom_rbound",
+        "geom_rgba",
+        "geom_group",
+        "geom_contype",
+        "light_diffuse",
+        "body_mocapid",
+    ):
+        assert np.array_equal(getattr(light, name), getattr(whole, name))
+    for kind in (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_LIGHT):
+        count = {mujoco.mjtObj.mjOBJ_BODY: whole.nbody, mujoco.mjtObj.mjOBJ_GEOM: whole.ngeom}.get(kind, whole.nlight)
+        names = [[mujoco.mj_id2name(model, kind, number) for number in range(count)] for model in (whole, light)]
+        assert names[0] == names[1]
+
+
+def test_pictures_from_outside_are_the_same(cache, monkeypatch):
+    pictures = []
+    for _ in range(2):
+        with gym.make(f"sbm_gym:{TOWN[0]}", render_mode="third_person", render_size=(48, 64)) as env:
+            env.reset(seed=1, options={"scene": TOWN[1]})
+            pictures.append(env.render())
+    monkeypatch.setenv("SBM_SCENE_CACHE", "off")
+    with gym.make(f"sbm_gym:{TOWN[0]}", render_mode="third_person", render_size=(48, 64)) as env:
+        env.reset(seed=1, options={"scene": TOWN[1]})
+        pictures.append(env.render())
+    assert all(np.array_equal(picture, pictures[-1]) for picture in pictures)
+
+
+def test_keys_tell_apart_what_differs(monkeypatch):
+    monkeypatch.setattr(scene_keys, "_libraries", lambda: "some libraries")
+    home, body = IndoorWorlds(builtin=True), BodyConfig()
+    keys = [
+        scene_key(home, "train/00", "rays", body),
+        scene_key(home, "train/01", "rays", body),
+        scene_key(home, "train/00", "gl", body),
+        scene_key(home, "train/00", "rays", BodyConfig(radius_m=0.2)),
+        scene_key(IndoorWorlds(builtin=True, unseen_models=True), "train/00", "rays", body),
+        scene_key(OutdoorWorlds(builtin=True), "train/00", "rays", body),
+        scene_key(IndoorWorlds(), "train/00", "rays", body),
+    ]
+    assert scene_key(home, "train/00", "rays", body) == keys[0]
+    monkeypatch.setattr(scene_keys, "_surroundings", lambda: ("other code",))
+    keys.append(scene_key(home, "train/00", "rays", body))
+    assert len(set(keys)) == len(keys)
+
+
+def test_worlds_of_which_nothing_is_known_are_not_kept(cache):
+    class Mine(IndoorWorlds):
+        pass
+
+    for source in (BoxRooms(), Mine()):
+        assert scene_key(source, "train/00", "rays", BodyConfig()) is None
+    open_scene(BoxRooms(), "box_0", "rays", BodyConfig())
+    assert not cache.scenes()
+
+
+def test_the_digest_of_code_is_found_out_once(cache, monkeypatch):
+    found = scene_keys._code()
+    monkeypatch.setattr(scene_keys, "code_digest", None)
+    assert scene_keys._code() == found
