@@ -18,7 +18,6 @@ import pytest
 from jaxtyping import install_import_hook
 
 from labeling.runtime.threads import THREAD_VARIABLES
-from sbm_gym.store.cache_folder import cache_folder
 
 from .imports import checked_by_jaxtyping
 
@@ -29,6 +28,8 @@ if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
         os.environ.setdefault(variable, str(share))
 # Compiled scenes go to a folder of this session, which all its processes share; converted furniture is the user's.
 if "PYTEST_XDIST_WORKER" not in os.environ:
+    from sbm_gym.store.cache_folder import cache_folder
+
     session_cache = Path(tempfile.mkdtemp(prefix="sbm-tests-"))
     atexit.register(shutil.rmtree, session_cache, ignore_errors=True)
     furniture = cache_folder() / "furniture"

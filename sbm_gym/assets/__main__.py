@@ -1,4 +1,4 @@
-"""``python -m sbm_gym.assets``: list, install and credit the furniture that worlds are made of."""
+"""``python -m sbm_gym.assets``: list, install and credit the furniture of worlds; list and clear compiled scenes."""
 
 import sys
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from labeling.runtime.cli import run_command
+from labeling.runtime.ranges import NonNegative, check_ranges
 
 if TYPE_CHECKING:
     from sbm_gym.assets.catalog.library import Home3dLibrary
@@ -36,10 +37,21 @@ class Credits:
     """File to write instead of printing."""
 
 
+@dataclass(frozen=True)
+class Cache:
+    """Print which compiled scenes are kept, those used last first, or remove some."""
+
+    clear: bool = False
+    """Remove them all."""
+    max_gb: NonNegative[float] | None = None
+    """Remove those used longest ago until no more than this is left."""
+
+
 Command = (
     Annotated[ListModels, tyro.conf.subcommand("list")]
     | Annotated[Install, tyro.conf.subcommand("install")]
     | Annotated[Credits, tyro.conf.subcommand("credits")]
+    | Annotated[Cache, tyro.conf.subcommand("cache")]
 )
 
 
@@ -48,13 +60,16 @@ def main(arguments: list[str] | None = None) -> int:
     return run_command(Command, _run, "python -m sbm_gym.assets", arguments, description=__doc__)
 
 
-def _run(command: ListModels | Install | Credits) -> None:
+def _run(command: ListModels | Install | Credits | Cache) -> None:
+    check_ranges(command)
     if isinstance(command, ListModels):
         _list(command)
     elif isinstance(command, Install):
         _install()
-    else:
+    elif isinstance(command, Credits):
         _credits(command.out)
+    else:
+        _cache(command)
 
 
 def _list(command: ListModels) -> None:
@@ -116,6 +131,28 @@ def _credits(out: Path | None) -> None:
     else:
         _write_credits(Home3dLibrary(), out)
         print(f"wrote {out}")
+
+
+def _cache(command: Cache) -> None:
+    import time
+
+    from sbm_gym.store.cache_folder import SceneFolder, max_bytes
+    from sbm_gym.store.packed_file import DamagedError, read_content
+
+    folder = SceneFolder()
+    if command.clear or command.max_gb is not None:
+        limit = 0 if command.clear else int(1e9 * (command.max_gb or 0.0))
+        removed = folder.shrink(limit, just_used_s=0.0)
+        print(f"removed {removed} scenes")
+    for scene in folder.scenes():
+        try:
+            name = read_content(scene.path)["scene"]
+        except (OSError, DamagedError, KeyError, TypeError):
+            name = "damaged, will be made again"
+        used = time.strftime("%Y-%m-%d %H:%M", time.localtime(scene.used_s))
+        print(f"{used}  {1e-6 * scene.bytes:6.1f} MB  {scene.path.stem}  ({name})")
+    sizes = f"{1e-9 * folder.total_bytes():.2f} GB, {1e-9 * folder.texture_bytes():.2f} of them shared textures"
+    print(f"{len(folder.scenes())} scenes in {folder.folder}: {sizes}; at most {1e-9 * max_bytes():g} GB are kept")
 
 
 def _write_credits(library: "Home3dLibrary", path: Path) -> None:

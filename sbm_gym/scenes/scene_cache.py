@@ -89,3 +89,15 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
 def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
     """A scene built and compiled now; arguments as of ``open_scene``."""
     return compile_scene(name, source.build(name), renderer, body)
+
+
+def is_kept(source: WorldSource, renderer: str, name: str) -> bool:
+    """Whether a scene is on disk, for agents of the usual body; arguments as of ``open_scene``."""
+    key = scene_key(source, name, renderer_kind(renderer), source.profile.body)
+    return key is not None and SceneFolder().path(key).is_file()
+
+
+def keep_scene(source: WorldSource, renderer: str, name: str) -> str:
+    """Compiles a scene for whoever needs it later; arguments as of ``open_scene``. Returns its name."""
+    open_scene(source, name, renderer, source.profile.body).renderer.close()
+    return name

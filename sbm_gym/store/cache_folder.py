@@ -97,7 +97,7 @@ class SceneFolder:
         Processes that have one of them open keep it.
 
         Args:
-            limit: bytes that may stay.
+            limit: bytes that may stay; at 0 nothing does.
             just_used_s: textures that no scene shows stay if they were used as short a time ago.
 
         Returns:
@@ -108,7 +108,7 @@ class SceneFolder:
         scenes = self.scenes()
         total = sum(scene.bytes for scene in scenes) + self.texture_bytes()
         removed = 0
-        while total > limit and scenes:
+        while scenes and (total > limit or limit == 0):
             # A tenth at a time: looking through the rest for textures takes longer than removing.
             for _ in range(max(len(scenes) // 10, 1)):
                 scenes.pop().path.unlink(missing_ok=True)

@@ -1,0 +1,104 @@
+"""``python -m sbm_gym.scenes``: compile scenes ahead of time, and see which are there."""
+
+import functools
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from labeling.runtime.cli import run_command
+from labeling.runtime.ranges import Count, check_ranges
+
+if TYPE_CHECKING:
+    from sbm_gym.scenes.compiled import WorldSource
+
+
+@dataclass(frozen=True)
+class Which:
+    """Some scenes of an environment."""
+
+    env: str = "sbm_gym/Indoor-v0"
+    """Gymnasium id of an environment that comes with sbm_gym; of others nothing is kept."""
+    split: Literal["train", "val", "test", "wide", "endless"] = "train"
+    """Scenes of this split."""
+    scenes: Count | None = None
+    """Only the first so many of them."""
+    unseen_models: bool = False
+    """As environments with unseen_models=True have them."""
+    renderer: Literal["auto", "rays", "gl"] = "auto"
+    """As environments with this renderer have them."""
+
+
+@dataclass(frozen=True)
+class Build(Which):
+    """Compile scenes and keep them, so that no environment has to wait for one. Those that are there are passed over,
+    so that a command that was stopped goes on where it was.
+    """
+
+    workers: Count = 1
+    """Processes side by side."""
+
+
+@dataclass(frozen=True)
+class ListScenes(Which):
+    """Print the names of scenes, and which of them are kept."""
+
+
+Command = Annotated[Build, tyro.conf.subcommand("build")] | Annotated[ListScenes, tyro.conf.subcommand("list")]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns the exit code."""
+    return run_command(Command, _run, "python -m sbm_gym.scenes", arguments, description=__doc__)
+
+
+def _run(command: Build | ListScenes) -> None:
+    from labeling.core.errors import UsageError
+    from sbm_gym.scenes.scene_cache import is_kept
+    from sbm_gym.scenes.world_sources import world_source
+    from sbm_gym.store.cache_folder import SCENES_VARIABLE, max_bytes
+
+    check_ranges(command)
+    if max_bytes() == 0:
+        raise UsageError(f"{SCENES_VARIABLE} says that no scenes are kept")
+    source = world_source(_worlds(command.env), command.unseen_models)
+    names = source.scenes(command.split)[: command.scenes]
+    missing = [name for name in names if not is_kept(source, command.renderer, name)]
+    if isinstance(command, ListScenes):
+        for name in names:
+            print(name if name in missing else f"{name}  kept")
+        return
+    _build(source, missing, command)
+    left = [name for name in names if not is_kept(source, command.renderer, name)]
+    print(f"{len(names) - len(left)} of {len(names)} scenes are kept, {len(missing)} of them built now")
+    if left:
+        raise UsageError(f"more scenes than the cache may hold: give it more GB by {SCENES_VARIABLE}")
+
+
+def _worlds(env_id: str) -> "str | WorldSource":
+    """The kind of worlds of an environment."""
+    import gymnasium as gym
+
+    from labeling.core.errors import UsageError
+
+    try:
+        return gym.spec(env_id).kwargs["worlds"]
+    except (gym.error.Error, KeyError) as error:
+        raise UsageError(f"unknown env {env_id!r}: {error}") from error
+
+
+def _build(source: "WorldSource", names: list[str], command: Build) -> None:
+    from tqdm import tqdm
+
+    from labeling.runtime.process_pool import map_jobs
+    from sbm_gym.scenes.scene_cache import keep_scene
+
+    work = functools.partial(keep_scene, source, command.renderer)
+    with tqdm(total=len(names), desc="compiling", unit="scene", file=sys.stderr, disable=not names) as bar:
+        for name in map_jobs(work, names, command.workers):
+            bar.set_postfix_str(name, refresh=bool(bar.update()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
