@@ -16,9 +16,6 @@ from labeling.runtime.interrupts import hold_back_interrupts
 from labeling.runtime.threads import threads_of_children
 from sbm_gym.env.rewards import RewardWeights
 
-ALL_SCENES = 1000
-"""A scene cache that never forgets: a worker's share of the scenes fits in memory (about 300 MB for a furnished home,
-350 MB for a town, beside 600 MB for the process)."""
 WITHOUT_DISCOVERY = {"new_object": 0.0, "better_view": 0.0}
 WITHOUT_DIVERSITY = {"new_azimuth": 0.0, "new_range_or_elevation": 0.0}
 REWARDS: dict[str, RewardWeights] = {
@@ -74,9 +71,10 @@ class CompleteEpisodes(gym.Wrapper):
 
 
 class ShareOfScenes(gym.Wrapper):
-    """Draws the scene of every episode from a share of the scenes, so that all of them can be kept once built.
+    """Draws the scene of every episode from a share of the scenes, so that no two workers build the same one.
 
-    To build a scene takes as long as some hundred steps, and while one worker builds all others wait.
+    To build a scene takes as long as some hundred steps, and while one worker builds all others wait. Once built, it is
+    opened from disk.
     """
 
     def __init__(self, env: gym.Env, scenes: tuple[str, ...]) -> None:
@@ -104,7 +102,6 @@ def make_env(config: EnvConfig, split: str) -> gym.Env:
         split,
         config.detector,
         reward_weights=REWARDS[config.reward],
-        scene_cache=ALL_SCENES,
         **({} if config.colours else {"colours": False}),
     )
     return env if config.wrapper is None else ENV_WRAPPERS[config.wrapper](env)

@@ -112,7 +112,8 @@ class FixationEnv(gym.Env, EzPickle):
     - `num_views`: steps of an episode; None takes `max_episode_steps` of the registered env, else 25. Episodes longer
       than that need `gym.make(..., num_views=n, max_episode_steps=n)`.
     - `episodes_per_scene`: without a seed, `reset` moves on to another scene after this many episodes.
-    - `scene_cache`: how many scenes are kept in memory.
+    - `scene_cache`: how many scenes are kept in memory. Those that come with sbm_gym are kept on disk, too, once any
+      process has compiled them (`SBM_SCENE_CACHE`: how many GB of them, or "off").
     - `render_mode`: "rgb_array" (what the robot sees), "depth_array" (metres, float32), "third_person" (the robot from
       above, with its path, its camera's frustum and what it has found), each at `render_size` pixels; or "human"
       (MuJoCo's viewer).
