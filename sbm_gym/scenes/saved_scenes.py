@@ -62,7 +62,7 @@ def save_scene(folder: SceneFolder, key: str, scene: Scene, spec: mujoco.MjSpec)
     points = scene.surfaces.points_m
     saved = SavedScene(scene.world, _as_bytes(model), points, dict(scene.points_of_moved), still, texels)
     arrays: list[np.ndarray] = []
-    record = encode(SavedScene, saved, arrays, _stages())
+    record = encode(SavedScene, saved, arrays, _stage)
     content = {"scene": scene.name, "textures": [file.name for file in texels], "record": record}
     write_packed(folder.path(key), content, arrays)
 
@@ -82,7 +82,7 @@ def load_scene(
     path = folder.path(key)
     try:
         content, arrays = read_packed(path)
-        saved = decode(SavedScene, content["record"], arrays, _stages())
+        saved = decode(SavedScene, content["record"], arrays, _stage)
         still = saved.still
         if still is not None:
             texels, starts = open_texels(folder.textures, saved.texels)
@@ -144,11 +144,13 @@ def _as_bytes(model: mujoco.MjModel) -> UInt8[np.ndarray, "bytes"]:
     return content
 
 
-def _stages() -> dict[str, type]:
-    """Stages of worlds that can be kept, by name."""
+def _stage(name: str) -> type | None:
+    """The stage of that name, if it can be kept."""
+    if name != "TownStage":
+        return None
     from sbm_gym.worlds.towns.outdoor import TownStage
 
-    return {"TownStage": TownStage}
+    return TownStage
 
 
 def built_again(world: Callable[[], World], body: BodyConfig) -> mujoco.MjModel:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,14 +15,14 @@ FEW = 16
 """Arrays of no more numbers stand in the JSON itself."""
 
 
-def encode(kind: Any, value: Any, arrays: list[np.ndarray], classes: Mapping[str, type]) -> Any:
+def encode(kind: Any, value: Any, arrays: list[np.ndarray], find_class: Callable[[str], type | None]) -> Any:
     """A value as JSON.
 
     Args:
         kind: its type, as an annotation says it.
         value: the value.
         arrays: arrays that do not stand in the JSON are added here.
-        classes: what may stand where a protocol is asked for, by name.
+        find_class: tells what may stand where a protocol is asked for, by name.
 
     Raises:
         TypeError: if it is, or holds, something that cannot be kept.
@@ -35,32 +35,34 @@ def encode(kind: Any, value: Any, arrays: list[np.ndarray], classes: Mapping[str
     origin = typing.get_origin(kind)
     if origin in (list, tuple):
         element = typing.get_args(kind)[0]
-        return [encode(element, part, arrays, classes) for part in value]
+        return [encode(element, part, arrays, find_class) for part in value]
     if origin in (dict, Mapping):
         element = typing.get_args(kind)[1]
-        return {name: encode(element, part, arrays, classes) for name, part in value.items()}
+        return {name: encode(element, part, arrays, find_class) for name, part in value.items()}
     if _is_record(kind):
-        return [encode(part, getattr(value, name), arrays, classes) for name, part in _fields(kind).items()]
+        return [encode(part, getattr(value, name), arrays, find_class) for name, part in _fields(kind).items()]
     if kind in (bool, int, float, str):
         return kind(value)
     if kind is bytes:
         return value.hex()
     name = type(value).__name__
-    if classes.get(name) is not type(value):
+    if find_class(name) is not type(value):
         raise TypeError(f"{name} cannot be kept where {kind} is asked for")
-    return {name: encode(type(value), value, arrays, classes)}
+    return {name: encode(type(value), value, arrays, find_class)}
 
 
-def decode(kind: type[Record], record: Any, arrays: Sequence[np.ndarray], classes: Mapping[str, type]) -> Record:
+def decode(
+    kind: type[Record], record: Any, arrays: Sequence[np.ndarray], find_class: Callable[[str], type | None]
+) -> Record:
     """The value that ``encode`` was given; arguments as there.
 
     Raises:
         TypeError, ValueError, KeyError, IndexError: if the record is not of this kind.
     """
-    return _decode(kind, record, arrays, classes)
+    return _decode(kind, record, arrays, find_class)
 
 
-def _decode(kind: Any, record: Any, arrays: Sequence[np.ndarray], classes: Mapping[str, type]) -> Any:
+def _decode(kind: Any, record: Any, arrays: Sequence[np.ndarray], find_class: Callable[[str], type | None]) -> Any:
     if record is None:
         return None
     kind = _without_none(kind)
@@ -69,19 +71,24 @@ def _decode(kind: Any, record: Any, arrays: Sequence[np.ndarray], classes: Mappi
     origin = typing.get_origin(kind)
     if origin in (list, tuple):
         element = typing.get_args(kind)[0]
-        return origin(_decode(element, part, arrays, classes) for part in record)
+        return origin(_decode(element, part, arrays, find_class) for part in record)
     if origin in (dict, Mapping):
         element = typing.get_args(kind)[1]
-        return {name: _decode(element, part, arrays, classes) for name, part in record.items()}
+        return {name: _decode(element, part, arrays, find_class) for name, part in record.items()}
     if _is_record(kind):
         fields = _fields(kind)
-        return kind(*(_decode(part, one, arrays, classes) for part, one in zip(fields.values(), record, strict=True)))
+        return kind(
+            *(_decode(part, one, arrays, find_class) for part, one in zip(fields.values(), record, strict=True))
+        )
     if kind in (bool, int, float, str):
         return kind(record)
     if kind is bytes:
         return bytes.fromhex(record)
     ((name, fields),) = record.items()
-    return _decode(classes[name], fields, arrays, classes)
+    found = find_class(name)
+    if found is None:
+        raise TypeError(f"there is no {name} that could be read")
+    return _decode(found, fields, arrays, find_class)
 
 
 def _encode_array(value: np.ndarray, arrays: list[np.ndarray]) -> Any:

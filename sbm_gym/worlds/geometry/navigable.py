@@ -124,12 +124,16 @@ class NavigableMap:
     @functools.cached_property
     def largest_component(self) -> Bool[np.ndarray, "ny nx"]:
         """The cells of the largest connected part of the free space (cells touch along edges)."""
-        from scipy.ndimage import label
+        import cv2
 
-        labels, count = label(self.free)  # type: ignore[misc]
-        if count == 0:
+        count, labels = cv2.connectedComponents(np.ascontiguousarray(self.free).view(np.uint8), connectivity=4)
+        if count == 1:
             return np.zeros_like(self.free)
-        return labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+        cells = np.bincount(labels.ravel())[1:]
+        largest = np.flatnonzero(cells == cells.max()) + 1
+        # Of several as large as each other the first one, row by row.
+        flat = labels.ravel()
+        return labels == min(largest, key=lambda part: int(np.argmax(flat == part)) if len(largest) > 1 else 0)
 
     def connected(self) -> "NavigableMap":
         """The map without places that cannot be reached from its largest connected part."""

@@ -3,8 +3,10 @@ import itertools
 
 import numpy as np
 import pytest
+import scipy.ndimage
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays_of
 
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 
@@ -178,3 +180,10 @@ def test_lines_along_the_lines_of_the_grid_are_free_where_the_cells_above_and_ri
     assert not grid.line_is_free(np.array([2.0, 0.5]), np.array([2.0, 2.5]))
     assert grid.line_is_free(np.array([3.0, 0.5]), np.array([3.0, 2.5]))
     assert not grid.line_is_free(np.array([3.5, 0.5]), np.array([4.0, 0.5]))
+
+
+@given(arrays_of.arrays(bool, arrays_of.array_shapes(min_dims=2, max_dims=2, max_side=9)))
+def test_the_largest_part_is_scipys(free):
+    labels, count = scipy.ndimage.label(free)  # type: ignore[misc]
+    largest = labels == 1 + np.argmax(np.bincount(labels.ravel())[1:]) if count else np.zeros_like(free)
+    assert np.array_equal(NavigableMap(free, np.zeros(2)).largest_component, largest)
