@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
 from sbm_gym.rendering.rays.lamp_reach import lamp_reach
 from sbm_gym.rendering.rays.lighting import Illumination
@@ -178,21 +178,23 @@ class RayScene:
         for special in (False, True):
             span = self.tables.spans[moving, special]
             rows = np.arange(span.start, span.stop)
+            # What stands still is not copied: processes that have mapped it share it.
+            corners = self.tables.corners[span.start : span.stop]
             if moving:
-                rows = rows[self.tables.corners[rows, :, 2].max(axis=1, initial=-np.inf) > STORE_BELOW_M]
+                shown = corners[:, :, 2].max(axis=1, initial=-np.inf) > STORE_BELOW_M
+                rows, corners = rows[shown], corners[shown]
             self._scenes.pop((moving, special), None)
             if len(rows):
-                self._scenes[moving, special] = self._triangle_scene(rows)
+                self._scenes[moving, special] = self._triangle_scene(rows, corners)
         order = [(False, False), (True, False)]
         # What moves may clear the way for a lamp, so it does not count there.
         self._still.opaque = [scene for key, scene in self._scenes.items() if key == (False, False)]
         self.caster.opaque = [self._scenes[key] for key in order if key in self._scenes]
         self.caster.special = [self._scenes[m, True] for m, _ in order if (m, True) in self._scenes]
 
-    def _triangle_scene(self, rows: Int64[np.ndarray, "n"]) -> TriangleScene:
+    def _triangle_scene(self, rows: Int64[np.ndarray, "n"], corners: Float32[np.ndarray, "n 3 3"]) -> TriangleScene:
         geoms = self.tables.triangles.geom[rows]
         kinds = self.tables.geoms.kind[geoms]
-        corners = self.tables.corners[rows]
         if not kinds.any():
             return TriangleScene(corners, rows, self._workers)
         return TriangleScene(corners, rows, self._workers, geoms, kinds == HOLES)
@@ -234,7 +236,7 @@ class RayScene:
             for special, scenes in ((False, caster.opaque), (True, caster.special)):
                 if rows[special]:
                     chosen = np.concatenate(rows[special])
-                    scenes.append(self._triangle_scene(chosen))
+                    scenes.append(self._triangle_scene(chosen, self.tables.corners[chosen]))
             caster.plane_rows = np.concatenate(planes) if planes else caster.plane_rows
             self._geom_sets[geoms] = cached = (pose, caster)
             while len(self._geom_sets) > MAX_CACHED_GEOM_SETS:
