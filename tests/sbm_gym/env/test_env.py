@@ -24,7 +24,6 @@ from sbm_gym.env.state_vector import free_distances_m
 from sbm_gym.registration import ENV_IDS, register_envs
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
-from sbm_gym.scenes.compiled import Scene, SceneCache, compile_scene
 
 from ..box_rooms import BoxRooms
 
@@ -58,29 +57,10 @@ def rollout_digest(seed: int, **kwargs) -> str:
     return digest.hexdigest()
 
 
-@pytest.fixture(scope="module", params=sorted(ENV_IDS))
-def id_and_scenes(request):
-    """A kind of env after the other, and the scene used last."""
-    return request.param, {}
-
-
-@pytest.fixture
-def shared_id(id_and_scenes, monkeypatch):
-    """A kind of env. All envs of it share the scene used last, because building one takes longer than all that follows.
-
-    That scenes built in other processes are the same, and give the same rollouts, is for other tests to show.
-    """
-    env_id, last = id_and_scenes
-
-    def get(cache: SceneCache, name: str) -> Scene:
-        key = cache._source, name, cache._renderer, cache._body
-        if key not in last:
-            last.clear()
-            last[key] = compile_scene(name, cache._source.build(name), cache._renderer, cache._body)
-        return last[key]
-
-    monkeypatch.setattr(SceneCache, "get", get)
-    return env_id
+@pytest.fixture(params=sorted(ENV_IDS))
+def shared_id(request):
+    """A kind of env after the other; scenes that were compiled once are opened from disk."""
+    return request.param
 
 
 def test_the_checker_of_gymnasium_has_nothing_to_say(shared_id):
