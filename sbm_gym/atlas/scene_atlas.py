@@ -30,7 +30,7 @@ from sbm_gym.atlas.stored_views import (
     encode_detections,
     encode_ids,
 )
-from sbm_gym.worlds.world import World
+from sbm_gym.worlds.world import WorldContents
 
 FORMAT = 1
 KEY_FILE, VIEWS_FILE, PARTS_FOLDER = "atlas.json", "views.bin", "parts"
@@ -62,7 +62,7 @@ class AtlasKey:
         return json.loads(json.dumps(asdict(self)))
 
 
-def scene_digest(world: World) -> str:
+def scene_digest(world: WorldContents) -> str:
     """Changes with where things stand in a world: its floor, its objects and their models."""
     digest = hashlib.sha256(np.ascontiguousarray(world.navigable.free).tobytes())
     digest.update(np.asarray(world.navigable.origin_m, float).tobytes())
