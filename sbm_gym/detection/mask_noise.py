@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-Window = tuple[slice, slice]
+from sbm_gym.detection import mask_kernels
 
 
 def corrupt_mask(
@@ -21,26 +21,38 @@ def corrupt_mask(
     Returns:
         The mask; may be empty.
     """
-    area_px = np.count_nonzero(mask)
+    area_px, top, left, bottom, right = mask_kernels.window_of(mask, 0.4, 2.0)
     size_px = float(np.sqrt(area_px))
-    window = _window(mask, margin_px=int(np.ceil(2.0 + 0.4 * size_px)))
-    true, depth = mask[window], depth_m[window]
-    inside_px = cv2.distanceTransform(true.astype(np.uint8), cv2.DIST_L2, 3)
-    outside_px = cv2.distanceTransform((~true).astype(np.uint8), cv2.DIST_L2, 3)
-    signed_px = np.where(true, inside_px - 0.5, 0.5 - outside_px)
-    wobble_px = smooth_field(rng, true.shape, cells=5) * (0.35 + (0.015 + 0.11 * error) * size_px)
-    bias_px = rng.normal(0.0, 0.02 + 0.05 * error) * size_px
-    drawn = signed_px + wobble_px + bias_px > 0.0
+    true = mask.view(np.uint8)[top:bottom, left:right]
+    inside_px = cv2.distanceTransform(true, cv2.DIST_L2, 3)
+    outside_px = cv2.distanceTransform(true ^ 1, cv2.DIST_L2, 3)
+    field = smooth_field(rng, true.shape, cells=5)
     # Networks respect depth and colour edges better than a rim of noise does: far-off background rarely joins.
-    foreign = ~true & (np.abs(depth - _median(depth[true])) > 0.75)
-    drawn &= ~foreign | (signed_px > -1.0 - 0.04 * size_px)
+    wobble, foreign_px = 0.35 + (0.015 + 0.11 * error) * size_px, -1.0 - 0.04 * size_px
+    bias_px = rng.normal(0.0, 0.02 + 0.05 * error) * size_px
+    drawn = np.zeros(mask.shape, bool)
+    count = mask_kernels.move_rim(
+        mask,
+        depth_m,
+        top,
+        left,
+        inside_px,
+        outside_px,
+        field,
+        np.float32(wobble),
+        np.float32(bias_px),
+        np.float32(foreign_px),
+        mask_kernels.median_depth(mask, depth_m),
+        drawn,
+    )
     if rng.random() < 0.1 + 0.6 * error:
-        drawn = _cut_part(rng, drawn, share=float(rng.uniform(0.05, 0.15 + 0.45 * error)))
+        share = float(rng.uniform(0.05, 0.15 + 0.45 * error))
+        if count:
+            _cut_part(rng, drawn, (top, left), true.shape, share)
     if rng.random() < 0.1 + 0.6 * error:
-        drawn = _leak(rng, drawn, true, depth, size_px * float(rng.uniform(0.15, 0.3 + 0.5 * error)))
-    result = np.zeros(mask.shape, bool)
-    result[window] = drawn
-    return result
+        radius_px = size_px * float(rng.uniform(0.15, 0.3 + 0.5 * error))
+        _leak(rng, drawn, mask, depth_m, (top, left), true.shape, radius_px)
+    return drawn
 
 
 def phantom_mask(
@@ -57,10 +69,8 @@ def phantom_mask(
     height_px, width_px = depth_m.shape
     y, x = int(rng.integers(height_px)), int(rng.integers(width_px))
     radii_px = 0.5 * width_px * rng.uniform(min_share, max_share, 2)
-    rows, columns = np.ogrid[:height_px, :width_px]
-    distance = np.hypot((rows - y) / radii_px[0], (columns - x) / radii_px[1])
-    blob = distance < 1.0 + 0.25 * smooth_field(rng, depth_m.shape, cells=6)
-    return blob & (depth_m > 0.0) & (np.abs(depth_m - depth_m[y, x]) < 0.4)
+    field = smooth_field(rng, depth_m.shape, cells=6)
+    return mask_kernels.blob(depth_m, field, y, x, radii_px[0], radii_px[1])
 
 
 def smooth_field(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> Float[np.ndarray, "h w"]:
@@ -72,43 +82,18 @@ def smooth_field(rng: np.random.Generator, shape: tuple[int, int], cells: int) -
     return cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC) * 1.25
 
 
-def _median(values: Float[np.ndarray, "n"]) -> np.floating:
-    """``np.median`` of finite values, without the checks that take most of its time."""
-    half = len(values) // 2
-    if len(values) % 2:
-        return np.partition(values, half)[half]
-    return np.partition(values, (half - 1, half))[half - 1 : half + 1].mean()
-
-
-def _window(mask: Bool[np.ndarray, "h w"], margin_px: int) -> Window:
-    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
-    return (
-        slice(max(0, top - margin_px), top + height + margin_px),
-        slice(max(0, left - margin_px), left + width + margin_px),
-    )
-
-
-def _cut_part(rng: np.random.Generator, drawn: Bool[np.ndarray, "h w"], share: float) -> Bool[np.ndarray, "h w"]:
+def _cut_part(rng: np.random.Generator, drawn: Bool[np.ndarray, "h w"], corner, shape, share: float) -> None:
     """Takes away what lies farthest in a random direction: legs, an armrest, the far end of a couch."""
-    y, x = np.nonzero(drawn)
-    if len(x) == 0:
-        return drawn
     angle = rng.uniform(0.0, 2.0 * np.pi)
-    along = x * np.cos(angle) + y * np.sin(angle)
-    wavy = along + 0.1 * np.ptp(along) * smooth_field(rng, drawn.shape, cells=4)[y, x]
-    limit = np.quantile(wavy, 1.0 - share)
-    result = drawn.copy()
-    result[y[wavy > limit], x[wavy > limit]] = False
-    return result
+    field = smooth_field(rng, shape, cells=4)
+    mask_kernels.cut(drawn, *corner, field, np.cos(angle), np.sin(angle), share)
 
 
-def _leak(rng, drawn, true, depth, radius_px: float) -> Bool[np.ndarray, "h w"]:
+def _leak(rng: np.random.Generator, drawn, mask, depth_m, corner, shape, radius_px: float) -> None:
     """Spills over the rim into surfaces at about the same depth."""
-    rim_y, rim_x = np.nonzero(true & ~cv2.erode(true.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool))
-    if len(rim_x) == 0:
-        return drawn
-    start = int(rng.integers(len(rim_x)))
-    y, x = rim_y[start], rim_x[start]
-    rows, columns = np.ogrid[: drawn.shape[0], : drawn.shape[1]]
-    near = np.hypot(rows - y, columns - x) < radius_px * (1.0 + 0.3 * smooth_field(rng, drawn.shape, cells=5))
-    return drawn | (near & (depth > 0.0) & (np.abs(depth - depth[y, x]) < 0.25))
+    rim = mask_kernels.rim_pixels(mask)
+    if len(rim) == 0:
+        return
+    row, column = divmod(int(rim[int(rng.integers(len(rim)))]), mask.shape[1])
+    field = smooth_field(rng, shape, cells=5)
+    mask_kernels.spill(drawn, depth_m, *corner, field, row, column, np.float32(radius_px))

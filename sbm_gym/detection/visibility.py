@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from labeling.core.views import Camera
-from sbm_gym.robot.line_of_sight import pixels_in_view
+from sbm_gym.robot.view_kernels import count_shown
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, ObjectInstance
 
 POINTS_PER_OBJECT = 96
@@ -111,10 +111,9 @@ class ObjectSurfaces:
             instance_map: instance id of every pixel, 0 for none.
             camera: of the view.
         """
-        inside, pixels, _ = pixels_in_view(self.points_m.reshape(-1, 3), camera, min_depth_m=1e-3)
-        owner = inside // POINTS_PER_OBJECT
-        shown = instance_map[pixels] == self._ids[owner]
-        in_picture, visible = (np.bincount(found, minlength=len(self.objects)) for found in (owner, owner[shown]))
+        in_picture, visible = count_shown(
+            self.points_m, self._ids, instance_map, camera.intrinsics, camera.camera_to_world, min_depth_m=1e-3
+        )
         return [
             self._observed(
                 self.objects[index],

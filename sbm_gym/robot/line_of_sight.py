@@ -1,33 +1,7 @@
-"""Lines of sight: which points lie in a picture, and what stands before them."""
+"""Lines of sight: what stands before a point."""
 
 import numba
 import numpy as np
-from jaxtyping import Float, Int
-
-from labeling.core.geometry import project
-from labeling.core.views import Camera
-
-
-def pixels_in_view(
-    points_m: Float[np.ndarray, "n 3"], camera: Camera, min_depth_m: float = 0.05, max_depth_m: float = np.inf
-) -> tuple[Int[np.ndarray, "k"], tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]], Float[np.ndarray, "k"]]:
-    """Where points lie in a picture, hidden or not.
-
-    Args:
-        points_m: world points.
-        camera: whose picture it is.
-        min_depth_m: nearer ones are left out.
-        max_depth_m: so are farther ones.
-
-    Returns:
-        Numbers of those that lie in the picture, row and column of each one's pixel, and its z-depth.
-    """
-    height_px, width_px = camera.size
-    pixels, depth_m = project(points_m, camera.intrinsics, camera.camera_to_world)
-    inside = (depth_m > min_depth_m) & (depth_m < max_depth_m)
-    x, y = np.rint(np.where(inside[:, None], np.clip(pixels, -1.0, (width_px, height_px)), -1.0)).astype(np.int64).T
-    inside &= (x >= 0) & (x < width_px) & (y >= 0) & (y < height_px)
-    return np.flatnonzero(inside), (y[inside], x[inside]), depth_m[inside]
 
 
 @numba.njit(cache=True)

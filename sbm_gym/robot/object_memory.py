@@ -7,14 +7,12 @@ same.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from labeling.core.geometry import unproject
 from labeling.core.types import CONFIDENT, Detection
 from labeling.core.views import Camera
-from sbm_gym.robot.line_of_sight import pixels_in_view
+from sbm_gym.robot import view_kernels
 
 Cell = tuple[int, int, int]
 """A view bin: azimuth, range and elevation index."""
@@ -204,14 +202,14 @@ class ObjectMemory:
             points = mask_points(detection.mask, depth_m, camera, self.config)
             if points is None:
                 continue
-            centroid_m = points.mean(axis=0)
+            centroid_m = view_kernels.mean_point(points)
             known = self._match(detection.category, centroid_m)
             if detection.confidence >= self.config.confident:
                 if known is None:
-                    known = self._add(detection, points)
+                    known = self._add(detection, points, centroid_m)
                     new_objects.append(known.object_id)
                 else:
-                    gain += self._merge(known, detection, points)
+                    gain += self._merge(known, detection, points, centroid_m)
             else:
                 unconfirmed.append((detection.confidence, points))
             if known is not None:
@@ -234,20 +232,20 @@ class ObjectMemory:
                 best, best_distance_m = known, distance_m
         return best
 
-    def _add(self, detection: Detection, points: Float[np.ndarray, "n 3"]) -> KnownObject:
+    def _add(self, detection: Detection, points, centroid_m: Float[np.ndarray, "3"]) -> KnownObject:
         known = KnownObject(
             object_id=len(self.objects),
             category=detection.category,
             best_confidence=detection.confidence,
-            centroid_m=points.mean(axis=0),
+            centroid_m=centroid_m,
             points_m=_thin(points, self.config.num_points),
         )
         self.objects.append(known)
         return known
 
-    def _merge(self, known: KnownObject, detection: Detection, points: Float[np.ndarray, "n 3"]) -> float:
+    def _merge(self, known: KnownObject, detection: Detection, points, centroid_m: Float[np.ndarray, "3"]) -> float:
         """Adds a confident detection to a known object; returns the normalised gain of confidence."""
-        known.centroid_m = (known.centroid_m * known.num_detections + points.mean(axis=0)) / (known.num_detections + 1)
+        known.centroid_m = (known.centroid_m * known.num_detections + centroid_m) / (known.num_detections + 1)
         known.num_detections += 1
         known.remember(points, self.config.num_points)
         gain = max(0.0, detection.confidence - known.best_confidence)
@@ -281,18 +279,15 @@ def mask_points(
     The mask's rim is left out where enough remains inside (its pixels often belong to the background), and so are
     points more than three standard deviations from the mean, as in the thesis' published code.
     """
-    if np.count_nonzero(mask) < config.min_mask_share * mask.size:
-        return None
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    chosen = inner if np.count_nonzero(inner) >= 0.3 * np.count_nonzero(mask) else mask
-    y, x = np.nonzero(chosen & (depth_m > 0.0) & (depth_m < config.max_depth_m))
-    if len(x) < 3:
-        return None
-    pixels, seen_m = np.stack([x, y], axis=1).astype(float), depth_m[y, x].astype(float)
-    points = unproject(pixels, seen_m, camera.intrinsics, camera.camera_to_world)
-    deviation = np.abs(points - points.mean(axis=0))
-    kept = points[np.all(deviation <= 3.0 * points.std(axis=0) + 1e-9, axis=1)]
-    return kept if len(kept) else points
+    points = view_kernels.mask_points(
+        mask,
+        depth_m,
+        camera.intrinsics,
+        camera.camera_to_world,
+        config.min_mask_share * mask.size,
+        config.max_depth_m,
+    )
+    return points if len(points) else None
 
 
 def visible_share(
@@ -307,12 +302,16 @@ def visible_share(
     hides its own front, so depth may fall short of a remembered point by the object's own size. What lies clearly
     behind a point means that the object is not there.
     """
-    _, pixels, point_depth_m = pixels_in_view(known.points_m, camera)
-    seen_m = depth_m[pixels]
     own_size_m = min(max_own_size_m, float(np.max(known.extent_m[:2])))
-    nearer_m = point_depth_m - seen_m
-    agrees = (seen_m > 0.0) & (nearer_m < 0.15 + own_size_m) & (nearer_m > -0.3 - 0.5 * min(own_size_m, 1.0))
-    return float(np.count_nonzero(agrees) / len(known.points_m))
+    agreeing = view_kernels.count_agreeing(
+        known.points_m,
+        depth_m,
+        camera.intrinsics,
+        camera.camera_to_world,
+        behind_m=0.15 + own_size_m,
+        before_m=0.3 + 0.5 * min(own_size_m, 1.0),
+    )
+    return agreeing / len(known.points_m)
 
 
 def _thin(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:

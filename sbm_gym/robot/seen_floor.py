@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from labeling.core.views import Camera
-from sbm_gym.robot.line_of_sight import pixels_in_view
+from sbm_gym.robot.view_kernels import note_floor, note_near
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 
@@ -47,14 +47,17 @@ class SeenFloor:
         """Notes the floor that a depth image shows: where it says nothing nearer stands before a place."""
         self.num_views += 1
         self._pass_by(camera.camera_to_world[:2, 3], self._blind_m(camera))
-        points_m = np.column_stack([self._centres_m, np.zeros(len(self._centres_m))])
-        shown, (rows, columns), floor_m = pixels_in_view(points_m, camera, max_depth_m=self._reach_m)
-        seen_m = depth_m[rows, columns]
-        # The floor runs away from grazing eyes: one pixel up it is so much farther.
-        slope_m = floor_m**2 / (camera.intrinsics[1, 1] * camera.camera_to_world[2, 3])
-        visible = (seen_m > 0.0) & (floor_m - seen_m < 0.5 * self.cell_m + slope_m)
-        rows, columns = self._cells[shown[visible]].T
-        self._seen_at[rows, columns] = self.num_views
+        note_floor(
+            self._centres_m,
+            self._cells,
+            depth_m,
+            camera.intrinsics,
+            camera.camera_to_world,
+            self._reach_m,
+            0.5 * self.cell_m,
+            self.num_views,
+            self._seen_at,
+        )
 
     def unseen_around(
         self,
@@ -109,8 +112,8 @@ class SeenFloor:
 
     def _pass_by(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> None:
         """Counts the floor around the robot's feet, which its camera cannot show, as seen."""
-        rows, columns = self.cells_near(place_m, radius_m).T
-        self._seen_at[rows, columns] = self.num_views
+        x, y = float(place_m[0]), float(place_m[1])
+        note_near(self._centres_m, self._cells, x, y, radius_m, self.num_views, self._seen_at)
 
 
 def _coarse(free: Bool[np.ndarray, "ny nx"], factor: int) -> Bool[np.ndarray, "my mx"]:

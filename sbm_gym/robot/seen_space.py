@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from labeling.core.geometry import unproject_depth
 from labeling.core.views import Camera
 from sbm_gym.robot.line_of_sight import unhidden
+from sbm_gym.robot.view_kernels import fill_cells
 
 HEIGHT_M = 3.0
 CLEAR_M = 0.2
@@ -30,10 +30,7 @@ class SeenSpace:
 
     def add(self, depth_m: Float[np.ndarray, "h w"], camera: Camera) -> None:
         """Notes the surfaces of a depth image."""
-        points_m, _ = unproject_depth(depth_m, camera.intrinsics, camera.camera_to_world)
-        cells = np.floor((points_m - self._origin_m) / self._cell_m).astype(np.int64)
-        inside = np.all((cells >= 0) & (cells < self._filled.shape), axis=1)
-        self._filled[tuple(cells[inside].T)] = True
+        fill_cells(depth_m, camera.intrinsics, camera.camera_to_world, self._origin_m, self._cell_m, self._filled)
 
     def sees(
         self, eyes_m: Float[np.ndarray, "n 3"], target_m: Float[np.ndarray, "3"], stop_short_m: float

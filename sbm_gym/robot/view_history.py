@@ -1,11 +1,13 @@
 """What a policy has looked at: from which sides each object and each unconfirmed candidate has been seen or tried."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
+from sbm_gym.robot import view_kernels
 from sbm_gym.robot.object_memory import Cell, KnownObject, MemoryConfig
 
 IN_VIEW_RAD = np.deg2rad(38.0)
@@ -70,9 +72,9 @@ class ViewHistory:
             watched[index][1].add((int(azimuths[index]), int(rings[index]), int(layers[index])))
 
     def _note(self, confidence: float, points: Float[np.ndarray, "n 3"]) -> None:
-        centroid_m, size_m = points.mean(axis=0), float(np.max(np.ptp(points, axis=0)))
+        centroid_m, size_m = view_kernels.mean_point(points), float(view_kernels.largest_extent(points))
         for one in self.candidates:
-            if np.linalg.norm(one.centroid_m - centroid_m) <= self._reach_m(max(size_m, one.size_m)):
+            if math.dist(one.centroid_m, centroid_m) <= self._reach_m(max(size_m, one.size_m)):
                 # The newest view is mostly the nearest one; its centroid is as good as any.
                 one.centroid_m, one.size_m = centroid_m, max(size_m, one.size_m)
                 one.confidence = max(one.confidence, confidence)

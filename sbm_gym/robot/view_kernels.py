@@ -1,0 +1,314 @@
+"""Compiled loops over the pixels of a view, and over points that it may show.
+
+Sums go in the order of pixels, point by point and in double precision, so that every machine finds the same.
+
+Arguments that the kernels share: ``depth_m``, (h, w), z-depth in metres, 0 = no return; ``intrinsics``, (3, 3) K in
+pixels; ``camera_to_world``, (4, 4), OpenCV axes, of the view.
+"""
+
+import numpy as np
+from numba import njit
+
+MIN_DEPTH_M = 0.05
+"""What is nearer to the camera does not count as seen."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pixel_of(x, y, z, intrinsics, camera_to_world, height_px, width_px, min_depth_m, max_depth_m):
+    """Where a world point lies in a picture, hidden or not.
+
+    Args:
+        x: of the point, metres, as are y and z.
+        y: see x.
+        z: see x.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+        height_px: of the picture.
+        width_px: of the picture.
+        min_depth_m: nearer points are left out; above 0.
+        max_depth_m: so are farther ones.
+
+    Returns:
+        Row and column of its pixel, and its z-depth; row -1 for points outside of the picture.
+    """
+    pose = camera_to_world
+    # A rigid transform's inverse: transposed rotation, and what it takes the camera's place to, negated.
+    shift_x = -((pose[0, 0] * pose[0, 3] + pose[1, 0] * pose[1, 3]) + pose[2, 0] * pose[2, 3])
+    shift_y = -((pose[0, 1] * pose[0, 3] + pose[1, 1] * pose[1, 3]) + pose[2, 1] * pose[2, 3])
+    shift_z = -((pose[0, 2] * pose[0, 3] + pose[1, 2] * pose[1, 3]) + pose[2, 2] * pose[2, 3])
+    depth_m = (x * pose[0, 2] + y * pose[1, 2]) + z * pose[2, 2] + shift_z
+    if not min_depth_m < depth_m < max_depth_m:
+        return -1, -1, depth_m
+    right_m = (x * pose[0, 0] + y * pose[1, 0]) + z * pose[2, 0] + shift_x
+    down_m = (x * pose[0, 1] + y * pose[1, 1]) + z * pose[2, 1] + shift_y
+    column = np.rint(right_m / depth_m * intrinsics[0, 0] + intrinsics[0, 2])
+    row = np.rint(down_m / depth_m * intrinsics[1, 1] + intrinsics[1, 2])
+    if not (0.0 <= column < width_px and 0.0 <= row < height_px):
+        return -1, -1, depth_m
+    return int(row), int(column), depth_m
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count_shown(points_m, ids, instance_map, intrinsics, camera_to_world, min_depth_m):
+    """How many points of each object are in a picture, and how many of them show the object itself.
+
+    Args:
+        points_m: (objects, n, 3) float64, on the objects' surfaces.
+        ids: (objects,) int32, their instance ids.
+        instance_map: (h, w) int32, instance id of every pixel.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+        min_depth_m: nearer points are left out; above 0.
+
+    Returns:
+        Two arrays, (objects,) int64.
+    """
+    height_px, width_px = instance_map.shape
+    in_picture, shown = np.zeros(len(ids), np.int64), np.zeros(len(ids), np.int64)
+    for owner in range(points_m.shape[0]):
+        for number in range(points_m.shape[1]):
+            x, y, z = points_m[owner, number]
+            row, column, _ = pixel_of(x, y, z, intrinsics, camera_to_world, height_px, width_px, min_depth_m, np.inf)
+            if row >= 0:
+                in_picture[owner] += 1
+                shown[owner] += instance_map[row, column] == ids[owner]
+    return in_picture, shown
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count_agreeing(points_m, depth_m, intrinsics, camera_to_world, behind_m, before_m):
+    """How many points are in a picture at about the depth that it has there.
+
+    Args:
+        points_m: (n, 3) float64.
+        depth_m: see the module.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+        behind_m: so much a point may lie behind what is seen.
+        before_m: so much before it.
+    """
+    height_px, width_px = depth_m.shape
+    count = 0
+    for number in range(len(points_m)):
+        x, y, z = points_m[number]
+        row, column, point_m = pixel_of(x, y, z, intrinsics, camera_to_world, height_px, width_px, MIN_DEPTH_M, np.inf)
+        if row >= 0:
+            seen_m = depth_m[row, column]
+            count += seen_m > 0.0 and -before_m < point_m - seen_m < behind_m
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def note_floor(centres_m, cells, depth_m, intrinsics, camera_to_world, max_depth_m, tolerance_m, number, seen_at):
+    """Notes the cells of the floor that a view shows: where it says nothing nearer stands before their middle.
+
+    Args:
+        centres_m: (n, 2) float64, world x and y of the middles; the floor is at z = 0.
+        cells: (n, 2) int64, their rows and columns.
+        depth_m: see the module.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+        max_depth_m: floor so far away does not count as seen.
+        tolerance_m: how much nearer the view may be than the floor, besides what floor does within a pixel.
+        number: of the view.
+        seen_at: (my, mx) int32, number of the latest view that shows a cell; written.
+    """
+    height_px, width_px = depth_m.shape
+    # The floor runs away from grazing eyes: one pixel up it is so much farther.
+    fall_m = intrinsics[1, 1] * camera_to_world[2, 3]
+    for i in range(len(centres_m)):
+        row, column, floor_m = pixel_of(
+            centres_m[i, 0],
+            centres_m[i, 1],
+            0.0,
+            intrinsics,
+            camera_to_world,
+            height_px,
+            width_px,
+            MIN_DEPTH_M,
+            max_depth_m,
+        )
+        if row >= 0:
+            seen_m = depth_m[row, column]
+            if seen_m > 0.0 and floor_m - seen_m < tolerance_m + floor_m * floor_m / fall_m:
+                seen_at[cells[i, 0], cells[i, 1]] = number
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def note_near(centres_m, cells, x, y, radius_m, number, seen_at):
+    """Notes the cells of the floor around a place.
+
+    Args:
+        centres_m: (n, 2) float64, world x and y of the cells' middles.
+        cells: (n, 2) int64, their rows and columns.
+        x: of the place, metres.
+        y: likewise.
+        radius_m: cells whose middle is nearer are noted.
+        number: of the view.
+        seen_at: as for ``note_floor``; written.
+    """
+    for i in range(len(centres_m)):
+        dx, dy = centres_m[i, 0] - x, centres_m[i, 1] - y
+        if np.sqrt(dx * dx + dy * dy) < radius_m:
+            seen_at[cells[i, 0], cells[i, 1]] = number
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def world_point(row, column, depth_m, intrinsics, camera_to_world):
+    """World point seen at a pixel.
+
+    Args:
+        row: of the pixel.
+        column: of the pixel.
+        depth_m: its z-depth, metres.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+
+    Returns:
+        x, y and z, metres.
+    """
+    pose = camera_to_world
+    right_m = (column - intrinsics[0, 2]) / intrinsics[0, 0] * depth_m
+    down_m = (row - intrinsics[1, 2]) / intrinsics[1, 1] * depth_m
+    x = (right_m * pose[0, 0] + down_m * pose[0, 1]) + depth_m * pose[0, 2] + pose[0, 3]
+    y = (right_m * pose[1, 0] + down_m * pose[1, 1]) + depth_m * pose[1, 2] + pose[1, 3]
+    z = (right_m * pose[2, 0] + down_m * pose[2, 1]) + depth_m * pose[2, 2] + pose[2, 3]
+    return x, y, z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_cells(depth_m, intrinsics, camera_to_world, origin_m, cell_m, filled):
+    """Fills the cells of a grid in which surfaces are seen.
+
+    Args:
+        depth_m: see the module.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+        origin_m: (3,) float64, the grid's lower corner.
+        cell_m: edge length of a cell.
+        filled: (nx, ny, nz) bool; written.
+    """
+    height_px, width_px = depth_m.shape
+    for row in range(height_px):
+        for column in range(width_px):
+            if not depth_m[row, column] > 0.0:
+                continue
+            x, y, z = world_point(row, column, np.float64(depth_m[row, column]), intrinsics, camera_to_world)
+            i = np.floor((x - origin_m[0]) / cell_m)
+            j = np.floor((y - origin_m[1]) / cell_m)
+            k = np.floor((z - origin_m[2]) / cell_m)
+            if 0.0 <= i < filled.shape[0] and 0.0 <= j < filled.shape[1] and 0.0 <= k < filled.shape[2]:
+                filled[int(i), int(j), int(k)] = True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_inner(mask, row, column):
+    """Whether all neighbours of a pixel that lie in the picture are in a mask, as is the pixel itself.
+
+    Args:
+        mask: (h, w) bool.
+        row: of the pixel.
+        column: of the pixel.
+    """
+    height_px, width_px = mask.shape
+    for i in range(max(row - 1, 0), min(row + 2, height_px)):
+        for j in range(max(column - 1, 0), min(column + 2, width_px)):
+            if not mask[i, j]:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_depth_m):
+    """World points of a mask without its rim, where enough is left, and without outliers.
+
+    Args:
+        mask: (h, w) bool.
+        depth_m: see the module.
+        intrinsics: see the module.
+        camera_to_world: see the module.
+        min_pixels: smaller masks have no points.
+        max_depth_m: pixels so far away are left out.
+
+    Returns:
+        (n, 3) float64, row by row; nothing if there are less than three pixels with depth.
+    """
+    height_px, width_px = mask.shape
+    rows, columns = np.empty(mask.size, np.int64), np.empty(mask.size, np.int64)
+    area = num_inner = 0
+    for row in range(height_px):
+        for column in range(width_px):
+            if mask[row, column]:
+                area += 1
+                if is_inner(mask, row, column):
+                    rows[num_inner], columns[num_inner] = row, column
+                    num_inner += 1
+    if area < min_pixels:
+        return np.empty((0, 3))
+    if num_inner < 0.3 * area:
+        num_inner = 0
+        for row in range(height_px):
+            for column in range(width_px):
+                if mask[row, column]:
+                    rows[num_inner], columns[num_inner] = row, column
+                    num_inner += 1
+    points_m = np.empty((num_inner, 3))
+    count = 0
+    for number in range(num_inner):
+        seen_m = depth_m[rows[number], columns[number]]
+        if seen_m > 0.0 and seen_m < max_depth_m:
+            points_m[count] = world_point(
+                rows[number], columns[number], np.float64(seen_m), intrinsics, camera_to_world
+            )
+            count += 1
+    if count < 3:
+        return np.empty((0, 3))
+    return _without_outliers(points_m[:count])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _without_outliers(points_m):
+    """Leaves out points more than three standard deviations from the mean along any axis, unless those are all."""
+    count = len(points_m)
+    mean_m, reach_m = np.zeros(3), np.zeros(3)
+    for number in range(count):
+        for axis in range(3):
+            mean_m[axis] += points_m[number, axis]
+    mean_m /= count
+    for number in range(count):
+        for axis in range(3):
+            off_m = points_m[number, axis] - mean_m[axis]
+            reach_m[axis] += off_m * off_m
+    reach_m = 3.0 * np.sqrt(reach_m / count) + 1e-9
+    kept_m = np.empty_like(points_m)
+    num_kept = 0
+    for number in range(count):
+        near = True
+        for axis in range(3):
+            near &= np.abs(points_m[number, axis] - mean_m[axis]) <= reach_m[axis]
+        if near:
+            kept_m[num_kept] = points_m[number]
+            num_kept += 1
+    return kept_m[:num_kept] if num_kept > 0 else points_m
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mean_point(points_m):
+    """The mean of points, (n, 3) float64, n > 0; (3,)."""
+    mean_m = np.zeros(3)
+    for number in range(len(points_m)):
+        for axis in range(3):
+            mean_m[axis] += points_m[number, axis]
+    return mean_m / len(points_m)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def largest_extent(points_m):
+    """The largest of the extents of points, (n, 3) float64, n > 0, along the world's axes."""
+    largest_m = 0.0
+    for axis in range(3):
+        low_m, high_m = points_m[0, axis], points_m[0, axis]
+        for number in range(1, len(points_m)):
+            low_m, high_m = min(low_m, points_m[number, axis]), max(high_m, points_m[number, axis])
+        largest_m = max(largest_m, high_m - low_m)
+    return largest_m
