@@ -86,7 +86,7 @@ def _cut_part(rng: np.random.Generator, drawn: Bool[np.ndarray, "h w"], corner, 
     """Takes away what lies farthest in a random direction: legs, an armrest, the far end of a couch."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     field = smooth_field(rng, shape, cells=4)
-    mask_kernels.cut(drawn, *corner, field, np.cos(angle), np.sin(angle), share)
+    mask_kernels.cut(drawn, corner[0], corner[1], field, np.cos(angle), np.sin(angle), share)
 
 
 def _leak(rng: np.random.Generator, drawn, mask, depth_m, corner, shape, radius_px: float) -> None:
@@ -96,4 +96,4 @@ def _leak(rng: np.random.Generator, drawn, mask, depth_m, corner, shape, radius_
         return
     row, column = divmod(int(rim[int(rng.integers(len(rim)))]), mask.shape[1])
     field = smooth_field(rng, shape, cells=5)
-    mask_kernels.spill(drawn, depth_m, *corner, field, row, column, np.float32(radius_px))
+    mask_kernels.spill(drawn, depth_m, corner[0], corner[1], field, row, column, np.float32(radius_px))
