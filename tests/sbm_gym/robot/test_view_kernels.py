@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproject, unproject_depth
@@ -33,6 +33,7 @@ def pixels_in_view(points_m, camera, min_depth_m, max_depth_m=np.inf):
     return np.flatnonzero(within), y[within].astype(int), x[within].astype(int), depth_m[within]
 
 
+@settings(deadline=None)
 @given(SEEDS)
 def test_shown_points_are_counted(seed):
     rng = np.random.default_rng(seed)
@@ -47,6 +48,7 @@ def test_shown_points_are_counted(seed):
     np.testing.assert_array_equal(told[1], np.bincount(shown, minlength=7))
 
 
+@settings(deadline=None)
 @given(SEEDS)
 def test_points_that_agree_with_depth_are_counted(seed):
     rng = np.random.default_rng(seed)
@@ -59,6 +61,7 @@ def test_points_that_agree_with_depth_are_counted(seed):
     assert told == np.count_nonzero(agrees)
 
 
+@settings(deadline=None)
 @given(SEEDS)
 def test_floor_is_noted_where_nothing_stands_before_it(seed):
     rng = np.random.default_rng(seed)
@@ -79,6 +82,7 @@ def test_floor_is_noted_where_nothing_stands_before_it(seed):
     np.testing.assert_array_equal(told, expected)
 
 
+@settings(deadline=None)
 @given(SEEDS)
 def test_seen_space_is_where_the_pixels_points_are(seed):
     rng = np.random.default_rng(seed)
@@ -93,6 +97,7 @@ def test_seen_space_is_where_the_pixels_points_are(seed):
     np.testing.assert_array_equal(filled, expected)
 
 
+@settings(deadline=None)
 @given(SEEDS, st.floats(0.05, 1.0))
 def test_points_of_masks(seed, share):
     rng = np.random.default_rng(seed)
