@@ -1,5 +1,7 @@
 """Masks, the boxes around them, and their overlap."""
 
+import mmap
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,14 @@ from jaxtyping import Bool, Float32
 
 MASK_THRESHOLD = 0.5
 """Probability above which a pixel is taken to be the object's."""
+
+
+def blank_masks(count: int, size: tuple[int, int]) -> Bool[np.ndarray, "n h w"]:
+    """Empty masks that take memory only for the rows that are written to."""
+    pages = mmap.mmap(-1, max(1, count * size[0] * size[1]), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    with suppress(AttributeError, OSError):  # where there is no such advice, pages are small anyway
+        pages.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(pages, np.bool_, count * size[0] * size[1]).reshape(count, *size)
 
 
 def box_xywh(mask: Bool[np.ndarray, "h w"]) -> tuple[float, float, float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from labeling.core.geometry import is_rotation
-from labeling.core.masks import fill_polygons
+from labeling.core.masks import blank_masks, fill_polygons
 from labeling.core.rle import check_rle, decode_mask, encode_mask
 from labeling.core.types import Box3d, Detection, GroundTruth
 from labeling.formats.checked_json import Json
@@ -135,12 +135,14 @@ def read_detections(file: Json, table: CategoryTable, episode: "Episode", images
             the view.
     """
     views = view_of_image(images, episode)
-    detections = []
-    for record in file.items():
+    records, detections = file.items(), []
+    for record, mask in zip(records, blank_masks(len(records), episode.size), strict=True):
         score = read_score(record)
         view = image_of(record, views)
         if view is not None:
-            mask = read_mask(record, "segmentation", episode.size)
+            whole = read_mask(record, "segmentation", episode.size)
+            rows = np.flatnonzero(whole.any(axis=1))
+            mask[rows] = whole[rows]
             detections.append(Detection(view, table.name(record), score, mask))
     return tuple(detections)
 

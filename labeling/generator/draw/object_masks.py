@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud
+from labeling.core.masks import blank_masks
 from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
@@ -54,11 +55,16 @@ def draw_labels(
         shown, pixels, means = chances.masks(config.exclusive)
         if config.published.missing_z_buffer:
             shown, pixels, means = _painted(drawn, chances)
-        labels = []
-        for k, one in enumerate(objects):
-            if not pixels[k] and not drawn[k].any():
-                continue
-            modal = shown == k
+        rows = np.any(drawn, axis=2)
+        seen = [k for k in range(len(objects)) if pixels[k] or np.any(rows[k])]
+        blank, labels = blank_masks(2 * len(seen), voxels.shape), []
+        for k, modal, amodal in zip(seen, blank[::2], blank[1::2], strict=True):
+            one, own = objects[k], slice(*chances.windows[k, :2])
+            if config.published.missing_z_buffer:
+                own = slice(None)
+            modal[own] = shown[own] == k
+            amodal[rows[k]] = drawn[k][rows[k]]
+            amodal[own] |= modal[own]
             labels.append(
                 PseudoLabel(
                     view_index=view,
@@ -66,7 +72,7 @@ def draw_labels(
                     category=one.category,
                     confidence=min(1.0, one.confidence * (float(means[k]) if pixels[k] else whole[k])),
                     modal=modal,
-                    amodal=drawn[k] | modal,
+                    amodal=amodal,
                     source_view_index=one.sources[0].view_index,
                     source_confidence=one.sources[0].confidence,
                 )

@@ -224,14 +224,25 @@ def objects_by_agreement(
     Returns:
         Those objects; their sources are the agreeing detections.
     """
+    # Only voxels in some foreground decide what overlaps: a fraction of the cloud.
+    place = np.full(num_voxels, -1, np.int32)
+    for one in seeds:
+        place[one.foreground] = 0
+    place[place == 0] = np.arange(np.count_nonzero(place == 0))
+    near, given = [], {}
+    for one in seeds:
+        background = place[one.background]
+        near.append(replace(one, foreground=place[one.foreground], background=background[background >= 0]))
+        given[id(near[-1])] = one
     accepted = []
-    for candidate in associate_detections(seeds, num_voxels, threshold):
+    for candidate in associate_detections(near, int(place.max(initial=-1)) + 1, threshold):
         category = candidate.category
         agreeing = [s for s in candidate.sources if s.detection.category == category]
         views = {s.detection.view_index for s in agreeing}
         all_wrong = float(np.prod([1 - s.detection.confidence for s in agreeing]))
         if len(views) >= min_views and 1 - all_wrong >= confident:
-            accepted.append(candidate)
+            first, *others = (given[id(one)] for one in candidate.sources)
+            accepted.append(Candidate.of(first, num_voxels).with_sources(others))
     return accepted
 
 

@@ -1,9 +1,9 @@
 """Seeds of a segment: what a detection says about the voxels of its view, foreground, background or nothing."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Int32, UInt8
 
 from labeling.core.types import Detection
 from labeling.generator.cloud.outliers import far_from_mean
@@ -31,21 +31,16 @@ class Trimap:
 
     window: tuple[slice, slice]
     """Rows and columns."""
-    foreground: Bool[np.ndarray, "wh ww"]
-    """Safe foreground."""
-    background: Bool[np.ndarray, "wh ww"]
-    """Safe background."""
-    hard_negatives: Bool[np.ndarray, "wh ww"]
-    """The background next to the unknown."""
+    side: UInt8[np.ndarray, "wh ww"]
+    """A sum of 1 for safe foreground, 2 for safe background, 4 for the background next to the unknown."""
 
     def over(
         self, size: tuple[int, int]
     ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
         """Foreground, background and hard negatives over a picture of this height and width."""
-        foreground, background, hard_negatives = np.zeros(size, bool), np.ones(size, bool), np.zeros(size, bool)
-        foreground[self.window], background[self.window] = self.foreground, self.background
-        hard_negatives[self.window] = self.hard_negatives
-        return foreground, background, hard_negatives
+        side = np.full(size, 2, np.uint8)
+        side[self.window] = self.side
+        return side & 1 > 0, side & 2 > 0, side & 4 > 0
 
 
 def mask_trimap(mask: Bool[np.ndarray, "h w"], erode: float, dilate: float) -> Trimap:
@@ -73,14 +68,15 @@ def mask_trimap(mask: Bool[np.ndarray, "h w"], erode: float, dilate: float) -> T
     within = tuple(slice(n.start - w.start, n.stop - w.start) for n, w in zip(near, window, strict=True))
     framed = cv2.copyMakeBorder(pixels[within], 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     to_edge = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    foreground = np.zeros(pixels.shape, bool)
-    foreground[within] = to_edge > inner
-    if pixels.all():
-        return Trimap(window, foreground if foreground.any() else mask[window], *np.zeros((2, *pixels.shape), bool))
-    to_mask = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5)
-    background = to_mask > outer
-    hard_negatives = background & (to_mask <= hard_px)
-    return Trimap(window, foreground if foreground.any() else mask[window], background, hard_negatives)
+    side = np.zeros(pixels.shape, np.uint8)
+    side[within] = to_edge > inner
+    if not side.any():
+        side[:] = pixels
+    if not pixels.all():
+        to_mask = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5)
+        side[to_mask > outer] = 2
+        side[(to_mask > outer) & (to_mask <= hard_px)] = 6
+    return Trimap(window, side)
 
 
 def _around(mask: Bool[np.ndarray, "h w"], margin_px: int) -> tuple[slice, slice]:
@@ -121,15 +117,17 @@ def detection_trimap(detection: Detection, config: LabelConfig) -> Trimap:
             foreground = eroded(detection.mask, config.erosions)
         if config.dilations is not None:
             background = ~dilated(detection.mask, config.dilations)
-        trimap = Trimap(whole, foreground, background, hard & background)
-    return replace(trimap, foreground=detection.mask[trimap.window]) if detection.exact else trimap
+        hard &= background
+        trimap = Trimap(whole, foreground + 2 * background.view(np.uint8) + 4 * hard.view(np.uint8))
+    if detection.exact:
+        trimap.side[:] = (trimap.side & 6) | detection.mask[trimap.window]
+    return trimap
 
 
 def trimap_seeds(cloud: Cloud, detection: Detection, trimap: Trimap, config: LabelConfig) -> DetectionSeeds:
     """Moves the trimap of a detection into the cloud."""
     visible, ranks, pixels = cloud.voxels_of_view(detection.view_index)
-    parts = trimap.foreground, trimap.background, trimap.hard_negatives
-    split = split_voxels(ranks[trimap.window], *parts, pixels)
+    split = split_voxels(ranks[trimap.window], trimap.side, pixels)
     inside, outside, near = (visible[chosen] for chosen in split)
     return DetectionSeeds(detection, inside[~_seed_outliers(cloud.points[inside], config)], outside, near)
 

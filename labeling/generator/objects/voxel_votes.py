@@ -1,31 +1,25 @@
 """Counting, for one view, how many pixels of each voxel lie inside and outside a mask."""
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Int32, UInt8
 from numba import njit
 
 
 def split_voxels(
-    voxels: Int32[np.ndarray, "h w"],
-    foreground: Bool[np.ndarray, "h w"],
-    background: Bool[np.ndarray, "h w"],
-    hard_negatives: Bool[np.ndarray, "h w"],
-    pixels: Int32[np.ndarray, "n"],
+    voxels: Int32[np.ndarray, "h w"], side: UInt8[np.ndarray, "h w"], pixels: Int32[np.ndarray, "n"]
 ) -> tuple[Int32[np.ndarray, "f"], Int32[np.ndarray, "b"], Int32[np.ndarray, "r"]]:
     """Voxels by what a mask says about most of their pixels in a view.
 
     Args:
         voxels: voxel of each pixel, -1 for none, in a window of the view; all pixels out of it are background.
-        foreground: pixels of the window that certainly show the object.
-        background: pixels that certainly do not; no pixel is both.
-        hard_negatives: pixels whose voxels are asked for whatever the others say.
+        side: what the mask says of each pixel: a sum of 1 foreground, 2 background (no pixel is both), 4 hard
+            negative, whose voxels are asked for whatever the others say.
         pixels: of each voxel in the whole view.
 
     Returns:
         Voxels with more than half of their pixels in the foreground, those with more than half in the background, and
         those with any of the hard negatives; each rising.
     """
-    side = foreground.astype(np.uint8) + 2 * background.view(np.uint8) + 4 * hard_negatives.view(np.uint8)
     return _split(voxels, side, pixels)
 
 

@@ -5,13 +5,15 @@ Detections that no label explains add up over views at the points of the cloud, 
 view marks a region to be ignored.
 """
 
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from numba import njit
 
 from labeling.core.episode_labels import IgnoredRegion
+from labeling.core.masks import blank_masks
 from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.settings.label_config import LabelConfig
@@ -38,33 +40,36 @@ def unconfirmed_regions(
         left out.
     """
     labelled = _labelled(labels)
-    unexplained = list(_unexplained_detections(detections, labelled))
-    threshold = config.ignore_unconfirmed
-    drawn: dict[tuple[int, str], Bool[np.ndarray, "h w"]] = {}
-    sure: dict[tuple[int, str], float] = {}
+    unexplained = defaultdict(list)
+    for one, rest in _unexplained_detections(detections, labelled):
+        unexplained[one.view_index].append((one, rest))
+    names = sorted({one.category for found in unexplained.values() for one, _ in found})
+    support = category = None
+    if config.doubt_across_views and names:
+        support, best = _summed_confidence(cloud, unexplained, names)
+        category = np.where(support >= config.ignore_unconfirmed, best, -1).astype(np.int32)
+    found = []
+    for view, voxels in enumerate(cloud.voxel_of_pixel):
+        drawn: dict[str, tuple[Bool[np.ndarray, "h w"], float]] = {}
+        for one, rest in unexplained[view]:
+            if one.confidence >= config.ignore_unconfirmed:
+                drawn[one.category] = _union(drawn.get(one.category), rest, one.confidence)
+        if category is not None:
+            explained = labelled.get(view, np.zeros(voxels.shape, bool))
+            shown, highest = _shown(voxels, explained, category, support, len(names))
+            for number in np.flatnonzero(highest > 0):
+                name = names[number]
+                drawn[name] = _union(drawn.get(name), shown == number, float(highest[number]))
+        for name, (mask, confidence) in sorted(drawn.items()):
+            regions = _connected_components(mask, max(1, config.min_mask_px))
+            found += [IgnoredRegion(view, name, confidence, region) for region in regions]
+    return found
 
-    def draw(view: int, category: str, mask: Bool[np.ndarray, "h w"], confidence: float) -> None:
-        place = view, category
-        drawn[place] = drawn[place] | mask if place in drawn else mask
-        sure[place] = max(sure.get(place, 0.0), min(1.0, confidence))
 
-    for one, rest in unexplained:
-        if one.confidence >= threshold:
-            draw(one.view_index, one.category, rest, one.confidence)
-    if config.doubt_across_views and unexplained:
-        names = sorted({one.category for one, _ in unexplained})
-        support, category = _summed_confidence(cloud, unexplained, names)
-        number = np.where(support >= threshold, category, -1).astype(np.int32)
-        nothing = np.zeros(cloud.voxel_of_pixel.shape[1:], bool)
-        for view, voxels in enumerate(cloud.voxel_of_pixel):
-            shown, highest = _shown(voxels, labelled.get(view, nothing), number, support, len(names))
-            for name in np.flatnonzero(highest > 0):
-                draw(view, names[name], shown == name, float(highest[name]))
-    return [
-        IgnoredRegion(view, category, sure[view, category], region)
-        for (view, category), mask in sorted(drawn.items())
-        for region in _connected_components(mask, max(1, config.min_mask_px))
-    ]
+def _union(drawn, mask: Bool[np.ndarray, "h w"], confidence: float) -> tuple[Bool[np.ndarray, "h w"], float]:
+    """A mask and its confidence joined with what has been drawn before, if anything."""
+    confidence = min(1.0, confidence)
+    return (mask, confidence) if drawn is None else (drawn[0] | mask, max(drawn[1], confidence))
 
 
 def _labelled(labels: Sequence[PseudoLabel]) -> dict[int, Bool[np.ndarray, "h w"]]:
@@ -84,21 +89,22 @@ def _unexplained_detections(
             continue
         rest = one.mask & ~labelled[one.view_index] if one.view_index in labelled else one.mask
         left = np.count_nonzero(rest)
-        if left and left > (1 - EXPLAINED_SHARE) * np.count_nonzero(one.mask):
-            yield one, rest
+        whole = np.count_nonzero(one.mask)
+        if left and left > (1 - EXPLAINED_SHARE) * whole:
+            yield one, rest if left < whole else one.mask
 
 
 def _summed_confidence(
-    cloud: Cloud, unexplained: Sequence[tuple[Detection, Bool[np.ndarray, "h w"]]], names: Sequence[str]
+    cloud: Cloud,
+    unexplained: Mapping[int, Sequence[tuple[Detection, Bool[np.ndarray, "h w"]]]],
+    names: Sequence[str],
 ) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"]]:
     """For every voxel the sum over views of the highest confidence there, and the category with the highest sum."""
     total = np.zeros(cloud.num_points, np.float32)
     of_name = np.zeros((len(names), cloud.num_points), np.float32)
-    for view in sorted({one.view_index for one, _ in unexplained}):
+    for view, found in sorted(unexplained.items()):
         highest = np.zeros(cloud.num_points, np.float32)
-        for one, rest in unexplained:
-            if one.view_index != view:
-                continue
+        for one, rest in found:
             voxels = np.unique(cloud.voxel_of_pixel[view][rest])
             voxels = voxels[voxels >= 0]
             highest[voxels] = np.maximum(highest[voxels], np.float32(one.confidence))
@@ -139,8 +145,8 @@ def _connected_components(mask: Bool[np.ndarray, "h w"], least_px: int) -> Itera
     left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
     window = slice(top, top + height), slice(left, left + width)
     _, part = cv2.connectedComponents(np.ascontiguousarray(mask[window]).view(np.uint8), connectivity=8)
-    for number in np.flatnonzero(np.bincount(part.ravel()) >= least_px):
-        if number > 0:
-            region = np.zeros(mask.shape, bool)
-            region[window] = part == number
-            yield region
+    numbers = [number for number in np.flatnonzero(np.bincount(part.ravel()) >= least_px) if number > 0]
+    for number, region in zip(numbers, blank_masks(len(numbers), mask.shape), strict=True):
+        y = np.flatnonzero((part == number).any(axis=1))
+        region[top + y[0] : top + y[-1] + 1, window[1]] = part[y[0] : y[-1] + 1] == number
+        yield region

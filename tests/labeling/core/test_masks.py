@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as pycoco_mask
 
-from labeling.core.masks import box_xywh, box_xyxy, mask_iou, pairwise_mask_iou
+from labeling.core.masks import blank_masks, box_xywh, box_xyxy, mask_iou, pairwise_mask_iou
 
 masks = hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 
@@ -31,6 +31,17 @@ def test_mask_iou_agrees_with_counting_pixel_sets(pair):
     a, b = (set(map(tuple, np.argwhere(mask))) for mask in pair)
     assert mask_iou(*pair) == (len(a & b) / len(a | b) if a | b else 0)
     assert mask_iou(*pair) == mask_iou(*pair[::-1])
+
+
+@given(st.integers(0, 5), st.tuples(st.integers(1, 90), st.integers(1, 90)))
+def test_blank_masks_are_empty_and_their_own(count, size):
+    masks = blank_masks(count, size)
+    assert (masks.shape, masks.dtype) == ((count, *size), bool)
+    assert not masks.any()
+    if count:
+        masks[-1] = True
+        assert masks.sum() == size[0] * size[1]
+        assert not blank_masks(count, size).any()
 
 
 def test_overlaps_are_those_of_single_masks() -> None:

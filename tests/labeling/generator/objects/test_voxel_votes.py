@@ -19,7 +19,7 @@ def test_voxels_go_where_most_of_their_pixels_are(seed: int, num_voxels: int) ->
     outside[window] = False
     side[outside], rim[outside] = 2, False
     pixels = np.bincount(voxels[voxels >= 0], minlength=num_voxels).astype(np.int32)
-    front, back, near = split_voxels(voxels[window], (side == 1)[window], (side == 2)[window], rim[window], pixels)
+    front, back, near = split_voxels(voxels[window], (side + 4 * rim)[window].astype(np.uint8), pixels)
     for found, inside in ((front, side == 1), (back, side == 2)):
         expected = [v for v in range(num_voxels) if 2 * np.sum(inside[voxels == v]) > np.sum(voxels == v)]
         assert found.tolist() == expected
@@ -32,7 +32,8 @@ def test_masks_of_any_memory_order_are_read() -> None:
     mask = rng.random((12, 12)) < 0.5
     rim = ~mask & (rng.random((12, 12)) < 0.3)
     pixels = np.bincount(voxels.ravel(), minlength=20).astype(np.int32)
-    plain = split_voxels(voxels, mask, ~mask, rim, pixels)
-    turned = split_voxels(voxels, np.asfortranarray(mask), np.asfortranarray(~mask), np.asfortranarray(rim), pixels)
+    side = (mask + 2 * ~mask + 4 * rim).astype(np.uint8)
+    plain = split_voxels(voxels, side, pixels)
+    turned = split_voxels(voxels, np.asfortranarray(side), pixels)
     for a, b in zip(plain, turned, strict=True):
         np.testing.assert_array_equal(a, b)
