@@ -31,9 +31,7 @@ def asphalt() -> Material:
     wander = periodic_noise(rng, (side, side), (18, 18))
     cracks = np.exp(-((wander / 0.035) ** 2)) * (periodic_noise(rng, (side, side), (45, 45)) > 0.6)
     shade = (1 + stones + patches) * (1 - 0.22 * cracks)
-    return Material(
-        as_picture(np.array([104.0, 104.0, 106.0]) * shade[..., None]), (7.0, 7.0), specular=0.03, shininess=0.1
-    )
+    return Material(as_picture(np.array([104.0, 104.0, 106.0]), shade), (7.0, 7.0), specular=0.03, shininess=0.1)
 
 
 @functools.cache
@@ -44,7 +42,7 @@ def grass() -> Material:
     patches = periodic_noise(rng, (side, side), (50, 50)) * 0.09
     dry = np.clip(periodic_noise(rng, (side, side), (30, 30)), 0, 2)[..., None] * 0.12
     colour = np.array([86.0, 116.0, 52.0]) * (1 - dry) + np.array([140.0, 132.0, 70.0]) * dry
-    return Material(as_picture(colour * (1 + blades + patches)[..., None]), (4.0, 4.0))
+    return Material(as_picture(colour, 1 + blades + patches), (4.0, 4.0))
 
 
 @functools.cache
@@ -53,7 +51,7 @@ def leaves() -> Material:
     rng, side = _rng("leaves"), 256
     light = np.clip(periodic_noise(rng, (side, side), (2.2, 2.2)), -1.6, 1.6) * 0.34
     fine = layered_noise(rng, (side, side), (0.8, 0.8, 0.10), (14, 14, 0.08))
-    return Material(as_picture(np.array([58.0, 84.0, 36.0]) * (1 + light + fine)[..., None]), (1.1, 1.1))
+    return Material(as_picture(np.array([58.0, 84.0, 36.0]), 1 + light + fine), (1.1, 1.1))
 
 
 @functools.cache
@@ -108,7 +106,7 @@ def roof_tiles(colour: Colour) -> Material:
     shift = ((y // tall) % 2) * wide // 2
     curve = 0.78 + 0.22 * np.sin(np.pi * ((x + shift) % wide) / wide)
     shade = curve * (0.72 + 0.28 * ((y % tall) / tall)) * (1 + tone)
-    return Material(as_picture(np.array(colour, float) * shade[..., None]), (3.0, 3.6))
+    return Material(as_picture(np.array(colour, float), shade), (3.0, 3.6))
 
 
 @functools.cache
