@@ -163,7 +163,7 @@ def _picture_reader(folder: Path) -> Callable[[str], UInt8[np.ndarray, "h w c"]]
             picture = cv2.imread(str(folder / Path(name).name), cv2.IMREAD_UNCHANGED)
             if picture is None or picture.ndim != 3:
                 raise ValueError(f"{folder / name} is not a readable picture")
-            pictures[name] = np.ascontiguousarray(picture[..., [2, 1, 0, 3][: picture.shape[2]]])
+            pictures[name] = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB if picture.shape[2] == 3 else cv2.COLOR_BGRA2RGBA)
         return pictures[name]
 
     return read

@@ -100,9 +100,10 @@ def as_picture(
     import cv2
 
     if shade is None:
-        return cv2.add(colour, 0.0, dtype=cv2.CV_8U)
+        return cv2.add(colour, 0.0, dtype=cv2.CV_8U)  # type: ignore[call-overload]
     if colour.ndim == 1:
-        return cv2.merge([cv2.multiply(shade, float(part), dtype=cv2.CV_8U) for part in colour])
+        planes = [cv2.multiply(shade, part, dtype=cv2.CV_8U) for part in colour.tolist()]
+        return cv2.merge(planes)
     return cv2.multiply(colour, cv2.merge([shade] * 3), dtype=cv2.CV_8U)
 
 

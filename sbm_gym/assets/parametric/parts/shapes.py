@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
 from sbm_gym.assets.models.model import FurnitureModel, Surface
 from sbm_gym.assets.parametric.parts.paints import Paint
@@ -36,8 +37,6 @@ def corner_normals(triangles: Triangles, crease_rad: float = CREASE_RAD) -> Tria
         triangles: corners, counter-clockwise from outside; corners at the same place are one vertex.
         crease_rad: faces at a larger angle do not count.
     """
-    from scipy.sparse import csr_array
-
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     flat = np.where(length > 1e-14, cross / np.maximum(length, 1e-14), [0.0, 0.0, 1.0])
@@ -45,16 +44,30 @@ def corner_normals(triangles: Triangles, crease_rad: float = CREASE_RAD) -> Tria
     # One number for each place: whole rows take several times as long to sort.
     keys -= keys.min(axis=0, initial=0)
     spans = keys.max(axis=0, initial=0) + 1
-    _, place = np.unique((keys[:, 0] * spans[1] + keys[:, 1]) * spans[2] + keys[:, 2], return_inverse=True)
-    face = np.repeat(np.arange(len(triangles)), 3)
-    corner_at = csr_array((np.ones(len(face)), (np.arange(len(face)), place)))
-    pairs = (corner_at @ corner_at.T).tocsr()  # of corners that share a place
-    pairs.sort_indices()
-    first, second = np.repeat(face, np.diff(pairs.indptr)), face[pairs.indices]
-    pairs.data[:] = np.einsum("nk,nk->n", flat[first], flat[second]) > np.cos(crease_rad)
-    total = pairs @ cross[face]
+    place = (keys[:, 0] * spans[1] + keys[:, 1]) * spans[2] + keys[:, 2]
+    total = np.zeros((len(place), 3))
+    _add_neighbours(place, np.argsort(place, kind="stable"), flat, cross, np.cos(crease_rad), total)
     norm = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(norm > 1e-14, total / np.maximum(norm, 1e-14), flat[face]).reshape(-1, 3, 3)
+    return np.where(norm > 1e-14, total / np.maximum(norm, 1e-14), np.repeat(flat, 3, axis=0)).reshape(-1, 3, 3)
+
+
+@njit(cache=True)
+def _add_neighbours(place, order, flat, cross, least_cosine, total):
+    """Adds to each corner what is across the faces at its place that turn little from its own."""
+    start = 0
+    while start < len(order):
+        stop = start + 1
+        while stop < len(order) and place[order[stop]] == place[order[start]]:
+            stop += 1
+        for corner in order[start:stop]:
+            own = corner // 3
+            for other in order[start:stop]:
+                face = other // 3
+                cosine = flat[own, 0] * flat[face, 0] + flat[own, 1] * flat[face, 1] + flat[own, 2] * flat[face, 2]
+                if cosine > least_cosine:
+                    for axis in range(3):
+                        total[corner, axis] += cross[face, axis]
+        start = stop
 
 
 def turn_z(angle_rad: float) -> Float[np.ndarray, "3 3"]:
