@@ -9,6 +9,7 @@ from sbm_gym.env.simulation import Simulation
 from sbm_gym.robot.object_memory import KnownObject, ViewBins
 from sbm_gym.robot.view_history import Candidate
 from sbm_gym.scenes.profiles import ObservationScales
+from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 FREE_DIRECTIONS = 16
@@ -56,21 +57,23 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
     """
     robot, body, update = simulation.robot, simulation.scene.body, simulation.update
     camera_m, target, count = body.camera_to_world[:3, 3], robot.target, robot.view_bins.num_azimuths
+    position_m, yaw_rad = body.position_m, body.yaw_rad
 
-    def place(point_m: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    def place(point_m) -> tuple[float, float, float]:
         x, y = point_m[:2] - camera_m[:2]
-        bearing_rad = np.arctan2(y, x) - body.yaw_rad
+        bearing_rad = np.arctan2(y, x) - yaw_rad
         return np.hypot(x, y) / scales.range_reach_m, np.cos(bearing_rad), np.sin(bearing_rad)
 
     def of_object(known: KnownObject | None) -> list[Any]:
         if known is None:
-            return np.zeros(6 + 2 * count).tolist()
+            return [0.0] * (6 + 2 * count)
         away = camera_m - known.centroid_m
         here = int(robot.view_bins.azimuth_bin(np.arctan2(away[1], away[0])))
-        covered = np.isin(np.arange(count), sorted(known.azimuths))
-        sectors = np.roll([covered, robot.open_sectors(known)], -here, axis=1).ravel()
+        azimuths, is_open = known.azimuths, robot.open_sectors(known).tolist()
+        covered = [(here + k) % count in azimuths for k in range(count)]
         visible = known.object_id in update.visible
-        return [1.0, visible, *place(known.centroid_m), len(known.azimuths) / count, *sectors]
+        entries = [1.0, visible, *place(known.centroid_m), len(azimuths) / count]
+        return entries + covered + is_open[here:] + is_open[:here]
 
     def of_candidate(one: Candidate | None) -> list[Any]:
         return [0.0] * 5 if one is None else [one.confidence, *place(one.centroid_m), len(one.looks) / MANY_LOOKS]
@@ -83,7 +86,7 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         x, y, z = target.centroid_m - camera_m
         confidence_now = update.confidence_now.get(target.object_id, 0.0)
         about_target = [np.arctan2(z, np.hypot(x, y)) / np.pi, confidence_now, target.best_confidence]
-    position_m, rings = body.position_m, tuple(UNSEEN_STRIDES.values())
+    rings = tuple(UNSEEN_STRIDES.values())
     entries = [
         *of_object(target),
         *about_target,
@@ -91,10 +94,10 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         *(value for one in [*likely, *[None] * CANDIDATES][:CANDIDATES] for value in of_candidate(one)),
         *(len(robot.objects) / MANY_OBJECTS, body.tilt_rad / np.pi, simulation.collided),
         max(0.0, 1.0 - simulation.step_index / simulation.num_views),
-        *(free_distances_m(robot.navigable, position_m, body.yaw_rad, scales.free_reach_m) / scales.free_reach_m),
-        *robot.seen_floor.unseen_around(position_m, body.yaw_rad, rings, UNSEEN_DIRECTIONS).ravel(),
+        *(free_distances_m(robot.navigable, position_m, yaw_rad, scales.free_reach_m) / scales.free_reach_m).tolist(),
+        *robot.seen_floor.unseen_around(position_m, yaw_rad, rings, UNSEEN_DIRECTIONS).ravel().tolist(),
     ]
-    return np.clip(entries, -1.0, 1.0).astype(np.float32)
+    return np.array(entries, float).clip(-1.0, 1.0).astype(np.float32)
 
 
 def confirmation_score(candidate: Candidate) -> float:
@@ -119,10 +122,8 @@ def free_distances_m(
     Returns:
         Metres, at most ``reach_m``.
     """
-    steps_m = np.arange(1, int(reach_m / navigable.cell_m) + 1) * navigable.cell_m
     angles = yaw_rad + np.arange(FREE_DIRECTIONS) * (2.0 * np.pi / FREE_DIRECTIONS)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    points = position_m + steps_m[None, :, None] * directions[:, None, :]
-    free = navigable.are_free(points)
-    blocked_at = np.where(free.all(axis=1), len(steps_m), np.argmin(free, axis=1))
-    return np.minimum(blocked_at * navigable.cell_m, reach_m)
+    x, y, most = float(position_m[0]), float(position_m[1]), int(reach_m / navigable.cell_m)
+    steps = free_steps(navigable.free, navigable.origin_m, navigable.cell_m, x, y, directions, most)
+    return np.minimum(steps * navigable.cell_m, reach_m)

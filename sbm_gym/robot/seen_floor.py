@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from labeling.core.views import Camera
-from sbm_gym.robot.view_kernels import note_floor, note_near
+from sbm_gym.robot.view_kernels import count_unseen, note_floor, note_near
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 
@@ -77,18 +77,20 @@ class SeenFloor:
         Returns:
             For each piece of each ring, the share of its area that is unseen floor.
         """
-        unseen = self.unseen()[self._cells[:, 0], self._cells[:, 1]]
-        offsets = self._centres_m[unseen] - place_m
-        distances = np.hypot(offsets[:, 0], offsets[:, 1]) / self.stride_m
-        turns = (np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad) / (2.0 * np.pi) + 0.5 / num_directions
-        directions = np.minimum((turns % 1.0 * num_directions).astype(np.int64), num_directions - 1)
+        counts = count_unseen(
+            self._centres_m,
+            self._cells,
+            self._seen_at,
+            float(place_m[0]),
+            float(place_m[1]),
+            yaw_rad,
+            self.stride_m,
+            rings_strides,
+            num_directions,
+        )
         cell = (self.cell_m / self.stride_m) ** 2
-        shares = np.zeros((len(rings_strides), num_directions))
-        for ring, (low, high) in enumerate(rings_strides):
-            within = (distances >= low) & (distances < high)
-            area = np.pi * (high**2 - low**2) / num_directions
-            shares[ring] = np.bincount(directions[within], minlength=num_directions) * cell / area
-        return np.minimum(shares, 1.0)
+        areas = np.array([[np.pi * (high**2 - low**2) / num_directions] for low, high in rings_strides])
+        return np.minimum(counts * cell / areas, 1.0)
 
     def cells_near(self, place_m: Float[np.ndarray, "2"], radius_m: float) -> Int[np.ndarray, "n 2"]:
         """Row and column of the cells of the floor whose middle is so near to a place."""

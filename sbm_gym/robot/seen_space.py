@@ -4,8 +4,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.views import Camera
-from sbm_gym.robot.line_of_sight import unhidden
+from sbm_gym.robot.line_of_sight import open_sectors, unhidden
 from sbm_gym.robot.view_kernels import fill_cells
+from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 HEIGHT_M = 3.0
 CLEAR_M = 0.2
@@ -44,6 +45,26 @@ class SeenSpace:
         """
         eyes_m, target_m = np.ascontiguousarray(eyes_m, float), np.asarray(target_m, float)
         return unhidden(*self.grid, eyes_m, target_m, float(stop_short_m), CLEAR_M)
+
+    def open_directions(
+        self,
+        target_m: Float[np.ndarray, "3"],
+        offsets_m: Float[np.ndarray, "distances directions 2"],
+        navigable: NavigableMap,
+        height_m: float,
+        stop_short_m: float,
+    ) -> Bool[np.ndarray, "directions"]:
+        """In which directions from a target there is a free place from which it is seen, as ``sees`` has it.
+
+        Args:
+            target_m: what to look at.
+            offsets_m: x and y of the places to look from, from the target.
+            navigable: where one can stand.
+            height_m: of the eyes.
+            stop_short_m: see ``sees``.
+        """
+        floor = navigable.free, navigable.origin_m, navigable.cell_m
+        return open_sectors(*self.grid, *floor, target_m, offsets_m, height_m, stop_short_m, CLEAR_M)
 
     @property
     def grid(self) -> tuple[Bool[np.ndarray, "nx ny nz"], Float[np.ndarray, "3"], float]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -135,18 +136,10 @@ class RobotState:
         Those with a place in their middle, at one of two distances of the ring, where the robot can stand and from
         where no surface that it has seen hides the object.
         """
-        count = self.view_bins.num_azimuths
-        angles = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
-        low_m, high_m = self.ring_m
-        distances_m = low_m + (high_m - low_m) * np.array(RING_SHARES)
-        directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        places = known.centroid_m[:2] + distances_m[:, None, None] * directions
-        free = self.navigable.are_free(places)
-        seen = np.zeros_like(free)
+        offsets_m = _ring_offsets_m(self.view_bins.num_azimuths, *self.ring_m)
+        stop_short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
         height_m = float(self._camera_to_world[2, 3])
-        eyes = np.concatenate([places[free], np.full((np.count_nonzero(free), 1), height_m)], axis=1)
-        seen[free] = self.seen_space.sees(eyes, known.centroid_m, 0.25 + 0.5 * float(np.max(known.extent_m)))
-        return np.asarray(seen.any(axis=0))
+        return self.seen_space.open_directions(known.centroid_m, offsets_m, self.navigable, height_m, stop_short_m)
 
     # Parts of the above -----------------------------------------------------------------------------------------------
 
@@ -166,3 +159,11 @@ class RobotState:
         offset = known.centroid_m - self._camera_to_world[:3, 3]
         side_rad = float(np.arctan2(offset[1], offset[0])) - yaw_rad
         return abs((side_rad + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+@lru_cache(maxsize=16)
+def _ring_offsets_m(count: int, low_m: float, high_m: float) -> Float[np.ndarray, "shares count 2"]:
+    """Places in the middle of sectors around an object, from the object."""
+    angles = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
+    distances_m = low_m + (high_m - low_m) * np.array(RING_SHARES)
+    return distances_m[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -154,6 +154,37 @@ def note_near(centres_m, cells, x, y, radius_m, number, seen_at):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def count_unseen(centres_m, cells, seen_at, x, y, yaw_rad, unit_m, rings, num_directions):
+    """How many cells of the floor around a place have never been seen.
+
+    Args:
+        centres_m: (n, 2) float64, world x and y of the cells' middles.
+        cells: (n, 2) int64, their rows and columns.
+        seen_at: as for ``note_floor``; negative where a cell has not been seen.
+        x: of the place, metres.
+        y: likewise.
+        yaw_rad: the middle of the first direction; the others follow counter-clockwise.
+        unit_m: of the rings' distances, metres.
+        rings: least and greatest distance of each ring, as tuples.
+        num_directions: pieces that each ring is cut into.
+
+    Returns:
+        (rings, directions) float64.
+    """
+    counts = np.zeros((len(rings), num_directions))
+    for i in range(len(centres_m)):
+        if seen_at[cells[i, 0], cells[i, 1]] >= 0:
+            continue
+        dx, dy = centres_m[i, 0] - x, centres_m[i, 1] - y
+        distance = np.hypot(dx, dy) / unit_m
+        turn = (np.arctan2(dy, dx) - yaw_rad) / (2.0 * np.pi) + 0.5 / num_directions
+        direction = min(int(turn % 1.0 * num_directions), num_directions - 1)
+        for ring in range(len(rings)):
+            counts[ring, direction] += rings[ring][0] <= distance < rings[ring][1]
+    return counts
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def world_point(row, column, depth_m, intrinsics, camera_to_world):
     """World point seen at a pixel.
 

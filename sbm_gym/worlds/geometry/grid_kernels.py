@@ -41,3 +41,32 @@ def line_is_free(free, ax: float, ay: float, bx: float, by: float) -> bool:
             next_y += step_y
         t = max(t, after)
     return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def free_steps(free, origin_m, cell_m, x: float, y: float, directions, most: int):
+    """How many steps of a cell's length one can go in some directions before a place that is not free.
+
+    Args:
+        free: grid, row i and column j; nothing beyond it is free.
+        origin_m: (2,) float64, x and y of its lower corner.
+        cell_m: edge length of a cell.
+        x: of where to start, metres.
+        y: likewise.
+        directions: (n, 2) float64, unit vectors.
+        most: steps to look at.
+
+    Returns:
+        (n,) int64.
+    """
+    rows, columns = free.shape
+    steps = np.full(len(directions), most)
+    for number in range(len(directions)):
+        for step in range(most):
+            along_m = (step + 1) * cell_m
+            j = int(np.floor((x + along_m * directions[number, 0] - origin_m[0]) / cell_m))
+            i = int(np.floor((y + along_m * directions[number, 1] - origin_m[1]) / cell_m))
+            if not (0 <= i < rows and 0 <= j < columns and free[i, j]):
+                steps[number] = step
+                break
+    return steps

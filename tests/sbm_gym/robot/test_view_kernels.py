@@ -10,6 +10,8 @@ from labeling.core.views import Camera
 from sbm_gym.robot import view_kernels
 from sbm_gym.robot.object_memory import MemoryConfig, mask_points
 from sbm_gym.robot.seen_space import SeenSpace
+from sbm_gym.worlds.geometry.grid_kernels import free_steps
+from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -119,3 +121,48 @@ def test_points_of_masks(seed, share):
     np.testing.assert_allclose(told, kept_m if len(kept_m) else points_m, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(view_kernels.mean_point(told), told.mean(axis=0))
     assert view_kernels.largest_extent(told) == np.ptp(told, axis=0).max()
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_open_directions_have_a_free_place_from_which_the_target_is_seen(seed):
+    rng = np.random.default_rng(seed)
+    space = SeenSpace(np.array([-2.0, -2.0]), np.array([2.0, 2.0]), 0.25)
+    for _ in range(3):
+        space.add(*random_view(rng)[::-1])
+    navigable = NavigableMap(rng.random((40, 38)) < 0.5, np.array([-2.0, -2.0]), 0.1)
+    target_m, offsets_m = rng.uniform(0.0, 1.0, 3), rng.uniform(-2.0, 2.0, (2, 18, 2))
+    places_m = target_m[:2] + offsets_m
+    eyes_m = np.concatenate([places_m, np.full((2, 18, 1), 1.5)], axis=2).reshape(-1, 3)
+    seen = navigable.are_free(places_m) & space.sees(eyes_m, target_m, 0.3).reshape(2, 18)
+    told = space.open_directions(target_m, offsets_m, navigable, 1.5, 0.3)
+    np.testing.assert_array_equal(told, seen.any(axis=0))
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_steps_are_counted_up_to_the_first_place_that_is_not_free(seed):
+    rng = np.random.default_rng(seed)
+    grid = NavigableMap(rng.random((20, 30)) < 0.9, rng.uniform(-1.0, 1.0, 2), 0.1)
+    place_m, angles = grid.origin_m + rng.uniform(0.0, 3.0, 2), rng.uniform(-4.0, 4.0, 9)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    free = grid.are_free(place_m + (np.arange(1, 26) * 0.1)[None, :, None] * directions[:, None])
+    blocked = np.concatenate([~free, np.ones((9, 1), bool)], axis=1).argmax(axis=1)
+    told = free_steps(grid.free, grid.origin_m, grid.cell_m, place_m[0], place_m[1], directions, 25)
+    np.testing.assert_array_equal(told, blocked)
+
+
+@settings(deadline=None)
+@given(SEEDS, st.floats(-3.0, 3.0))
+def test_unseen_floor_is_counted_by_direction_and_distance(seed, yaw_rad):
+    rng = np.random.default_rng(seed)
+    cells = np.argwhere(rng.random((12, 15)) < 0.8)
+    seen_at = rng.integers(-1, 2, (12, 15)).astype(np.int32)
+    centres_m, (x, y) = 0.5 * cells[:, ::-1] - 3.0, rng.uniform(-2.0, 2.0, 2)
+    rings = ((0.0, 2.0), (2.0, 5.0))
+    told = view_kernels.count_unseen(centres_m, cells, seen_at, x, y, yaw_rad, 0.5, rings, 8)
+    off_m = centres_m[seen_at[tuple(cells.T)] < 0] - [x, y]
+    distances, bearings = np.linalg.norm(off_m, axis=1) / 0.5, np.arctan2(off_m[:, 1], off_m[:, 0]) - yaw_rad
+    pieces = np.floor(bearings / (np.pi / 4) + 0.5).astype(int) % 8
+    expected = [[np.sum((pieces == k) & (distances >= a) & (distances < b)) for k in range(8)] for a, b in rings]
+    np.testing.assert_array_equal(told, expected)
