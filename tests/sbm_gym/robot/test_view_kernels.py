@@ -129,7 +129,8 @@ def test_open_directions_have_a_free_place_from_which_the_target_is_seen(seed):
     rng = np.random.default_rng(seed)
     space = SeenSpace(np.array([-2.0, -2.0]), np.array([2.0, 2.0]), 0.25)
     for _ in range(3):
-        space.add(*random_view(rng)[::-1])
+        camera, depth_m = random_view(rng)
+        space.add(depth_m, camera)
     navigable = NavigableMap(rng.random((40, 38)) < 0.5, np.array([-2.0, -2.0]), 0.1)
     target_m, offsets_m = rng.uniform(0.0, 1.0, 3), rng.uniform(-2.0, 2.0, (2, 18, 2))
     places_m = target_m[:2] + offsets_m
