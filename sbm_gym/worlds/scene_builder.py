@@ -52,7 +52,8 @@ def tiled_texcoords(corners_m: Float[np.ndarray, "q 4 3"], material: Material) -
 
 def _across(corners_m: Float[np.ndarray, "n c 3"]) -> Float[np.ndarray, "n 3"]:
     """The normals of flat polygons, as long as twice the area of their first three corners."""
-    return np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    (ax, ay, az), (bx, by, bz) = (corners_m[:, corner].T - corners_m[:, 0].T for corner in (1, 2))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def _mesh_file(vertices_m, normals, faces, texcoords) -> bytes:

@@ -88,15 +88,17 @@ class StaticMeshes:
 
 def box_quads(low_m: Float[np.ndarray, "n 3"], high_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "q 4 3"]:
     """Four sides and the top of axis-aligned boxes."""
-    corners = _box_corners(*np.broadcast_arrays(np.atleast_2d(low_m), np.atleast_2d(high_m)))
-    faces = [[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]]
-    return np.concatenate([corners[:, face] for face in faces])
+    ends = np.concatenate(np.broadcast_arrays(np.atleast_2d(low_m), np.atleast_2d(high_m)), axis=1, dtype=float)
+    return ends[:, _SIDES_AND_TOP].swapaxes(0, 1).reshape(-1, 4, 3)
 
 
-def _box_corners(low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 8 3"]:
-    """Corners by index along the first axis (bit 0), the second (bit 1) and the third (bit 2)."""
-    is_high = (np.arange(8)[:, None] >> np.arange(3)) & 1 > 0
-    return np.where(is_high, high[:, None], low[:, None]).astype(float)
+_CORNERS = np.arange(3) + 3 * ((np.arange(8)[:, None] >> np.arange(3)) & 1)
+"""Where the coordinates of a box's corners stand among its low and high ends, corners by index along the first axis
+(bit 0), the second (bit 1) and the third (bit 2)."""
+_SIDES_AND_TOP = _CORNERS[[[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]]]
+_QUAD = _CORNERS[[0, 1, 5, 4]]
+_BOX_FACES = _CORNERS[[[2, 3, 7, 6], [3, 1, 5, 7], [0, 2, 6, 4], [6, 7, 5, 4], [0, 1, 3, 2]]]
+_REVEAL_FACES = _CORNERS[[[2, 0, 4, 6], [1, 3, 7, 5], [2, 3, 1, 0], [4, 5, 7, 6]]]
 
 
 def prism(
@@ -135,21 +137,23 @@ class Facade:
 
     def quads(self, a0, a1, z0, z1, out_m=0.0) -> Float[np.ndarray, "q 4 3"]:
         """Upright rectangles parallel to the wall."""
-        return self._placed(self._corners(a0, a1, out_m, out_m, z0, z1)[:, [0, 1, 5, 4]])
+        return self._placed(self._ends(a0, a1, out_m, out_m, z0, z1)[:, _QUAD])
 
     def boxes(self, a0, a1, o0, o1, z0, z1) -> Float[np.ndarray, "q 4 3"]:
         """Front, sides, top and underside of boxes that stand out from the wall (or lie within it)."""
-        return self._placed(self._corners(a0, a1, o0, o1, z0, z1)[:, _BOX_FACES].reshape(-1, 4, 3))
+        return self._placed(self._ends(a0, a1, o0, o1, z0, z1)[:, _BOX_FACES].reshape(-1, 4, 3))
 
     def reveals(self, a0, a1, z0, z1, depth_m: float) -> Float[np.ndarray, "q 4 3"]:
         """The four inner sides of openings that go ``depth_m`` into the wall."""
-        return self._placed(self._corners(a0, a1, -depth_m, 0.0, z0, z1)[:, _REVEAL_FACES].reshape(-1, 4, 3))
+        return self._placed(self._ends(a0, a1, -depth_m, 0.0, z0, z1)[:, _REVEAL_FACES].reshape(-1, 4, 3))
 
     @staticmethod
-    def _corners(a0, a1, o0, o1, z0, z1) -> Float[np.ndarray, "n 8 3"]:
-        """Corners of boxes by index along (bit 0), out (bit 1) and up (bit 2), in the wall's own axes."""
-        ends = np.stack(np.broadcast_arrays(a0, o0, z0, a1, o1, z1), axis=-1).reshape(-1, 6)
-        return _box_corners(ends[:, :3], ends[:, 3:])
+    def _ends(a0, a1, o0, o1, z0, z1) -> Float[np.ndarray, "n 6"]:
+        """Low and high ends of boxes in the wall's own axes."""
+        ends = np.empty((*np.broadcast(a0, o0, z0, a1, o1, z1).shape, 6))
+        for column, coordinate in enumerate((a0, o0, z0, a1, o1, z1)):
+            ends[..., column] = coordinate
+        return ends.reshape(-1, 6)
 
     def _placed(self, local: Float[np.ndarray, "*shape 3"]) -> Float[np.ndarray, "*shape 3"]:
         turn, shift = self._pose
@@ -160,7 +164,3 @@ class Facade:
         x, y = self.along
         turn = np.array([[x, y, 0.0], [y, -x, 0.0], [0.0, 0.0, 1.0]])
         return turn, np.array([self.corner_m[0], self.corner_m[1], self.ground_m])
-
-
-_BOX_FACES = np.array([[2, 3, 7, 6], [3, 1, 5, 7], [0, 2, 6, 4], [6, 7, 5, 4], [0, 1, 3, 2]])
-_REVEAL_FACES = np.array([[2, 0, 4, 6], [1, 3, 7, 5], [2, 3, 1, 0], [4, 5, 7, 6]])

@@ -97,7 +97,8 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     walkable = plan.walkable
     low, high = np.array([walkable.x0, walkable.y0]), np.array([walkable.x1, walkable.y1])
     still = navigable_map(low, high, obstacle_rows(furnisher.obstacles), cell_m=CELL_M)
-    blocked = {s for s in plan.spawns if any(overlap(s.area(), solid, 0.05) for solid in furnisher.obstacles)}
+    areas = {spawn: spawn.area() for spawn in plan.spawns}
+    blocked = {s for s, area in areas.items() if any(overlap(area, solid, 0.05) for solid in furnisher.obstacles)}
     spawns = [spawn for spawn in plan.spawns if spawn not in blocked]
     parked, taken = _park_vehicles(plan, spawns, still, library, rng)
     objects: list[ObjectInstance] = []
