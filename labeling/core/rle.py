@@ -18,7 +18,11 @@ def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
         >>> encode_mask(np.array([[False, True], [False, True]]))
         {'size': [2, 2], 'counts': '22'}
     """
-    rle = coco_mask.encode(mask)
+    import cv2
+
+    # hotcoco's masks are stored column by column, all others here row by row.
+    columns = np.asarray(cv2.transpose(np.ascontiguousarray(mask).view(np.uint8)), np.uint8)
+    rle = coco_mask.encode(columns.reshape(mask.shape[::-1]).T)
     return {"size": [int(side) for side in mask.shape], "counts": rle["counts"].decode("ascii")}
 
 
@@ -50,7 +54,6 @@ def decode_mask(rle: Any) -> Bool[np.ndarray, "h w"]:
     if isinstance(rle["counts"], list):
         inside = np.arange(len(rle["counts"])) % 2 == 1
         return np.repeat(inside, rle["counts"]).reshape(width_px, height_px).T
-    # hotcoco's masks are stored column by column, all others here row by row.
     return cv2.transpose(coco_mask.decode(rle).T).view(np.bool_)
 
 

@@ -37,6 +37,7 @@ def silhouettes(
     num_objects: int,
     camera: Camera,
     point_size_m: float,
+    rows: Bool[np.ndarray, "k h"] | None = None,
 ) -> Bool[np.ndarray, "k h w"]:
     """Every object drawn alone into a view, as if nothing stood before it.
 
@@ -46,12 +47,14 @@ def silhouettes(
         num_objects: how many objects there are.
         camera: of the view.
         point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
+        rows: those that an object is drawn in are set.
 
     Returns:
         One mask per object.
     """
     drawn = np.zeros((num_objects, *camera.size), np.bool_)
-    _paint_all(drawn, points, object_of_point, *_matrices(camera), point_size_m)
+    rows = np.zeros(drawn.shape[:2], np.bool_) if rows is None else rows
+    _paint_all(drawn, rows, points, object_of_point, *_matrices(camera), point_size_m)
     return drawn
 
 
@@ -121,8 +124,8 @@ def _paint_nearest(index, depth, points, camera, to_camera, sizes_m):  # pragma:
 
 
 @njit(cache=True, nogil=True)
-def _paint_all(drawn, points, object_of_point, camera, to_camera, point_size_m):  # pragma: no cover - compiled
-    """Sets in ``drawn`` (k, h, w) bool the pixels of each object's ``points`` (n, 3).
+def _paint_all(drawn, rows, points, object_of_point, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+    """Sets in ``drawn`` (k, h, w) bool the pixels of each object's ``points`` (n, 3), in ``rows`` (k, h) their rows.
 
     ``object_of_point`` is (n,) int32, -1 for none; ``camera`` is K (3, 3), ``to_camera`` the pose (4, 4) world to
     camera.
@@ -134,5 +137,7 @@ def _paint_all(drawn, points, object_of_point, camera, to_camera, point_size_m):
             continue
         left, right, top, bottom = _square(_place(points[p], to_camera), camera, point_size_m, height, width)
         for v in range(top, bottom + 1):
+            if left <= right:
+                rows[owner, v] = True
             for u in range(left, right + 1):
                 drawn[owner, v, u] = True

@@ -111,6 +111,8 @@ def _gather(
     mask = len(table_key) - 1
     place, cell = np.empty((3, width), np.float32), np.empty((3, width), np.int32)
     key = np.empty(width, np.int64)
+    # What the row above found at each pixel.
+    above, number_above = np.full(width, -1, np.int64), np.empty(width, np.int32)
     for y in range(row, height):
         if 2 * (count + width) > mask:
             return y, count
@@ -122,16 +124,21 @@ def _gather(
             continue
         locate(depth_m[y], y, rays, eye, np.float32(np.inf), place, cell, key)
         last_key, number = np.int64(-1), np.int32(-1)
+        above[:first], above[last + 1 :] = -1, -1
         for x in range(first, last + 1):
             if voxels[y, x] < 0 or not chosen[voxels[y, x]] or key[x] < 0:
+                above[x] = -1
                 continue
-            if key[x] != last_key:
+            if key[x] == above[x]:
+                last_key, number = key[x], number_above[x]
+            elif key[x] != last_key:
                 last_key = key[x]
                 slot = slot_of(table_key, mask, last_key)
                 if table_key[slot] == -1:
                     table_key[slot], table_number[slot], table_cell[count] = last_key, count, last_key
                     count += 1
                 number = table_number[slot]
+            above[x], number_above[x] = last_key, number
             voxel_of_point[number] = voxels[y, x]
             sums[number, 0] += place[0, x]
             sums[number, 1] += place[1, x]

@@ -51,11 +51,11 @@ def draw_labels(
         holes = np.count_nonzero(voxels < 0) > MAX_HOLES * voxels.size
         rendered = fused.rendered_voxels(view) if holes else None
         chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
-        drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m)
+        rows = np.zeros((len(objects), voxels.shape[0]), bool)
+        drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)
         shown, pixels, means = chances.masks(config.exclusive)
         if config.published.missing_z_buffer:
             shown, pixels, means = _painted(drawn, chances)
-        rows = np.any(drawn, axis=2)
         seen = [k for k in range(len(objects)) if pixels[k] or np.any(rows[k])]
         blank, labels = blank_masks(2 * len(seen), voxels.shape), []
         for k, modal, amodal in zip(seen, blank[::2], blank[1::2], strict=True):

@@ -259,7 +259,7 @@ def group_segments(
     Returns:
         Indices of the objects of each group, groups in order of their first object.
     """
-    inside = probability > 0.5
+    inside = np.asfortranarray(probability > 0.5)  # object after object in memory
     groups: list[list[int]] = []
     for k, candidate in enumerate(candidates):
         for group in groups:

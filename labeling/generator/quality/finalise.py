@@ -12,6 +12,7 @@ from labeling.generator.quality.box_completion import extend_to_support, floor_h
 from labeling.generator.quality.ignore_regions import unconfirmed_regions
 from labeling.generator.quality.label_quality import features_of, load_model
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.runtime.threads import in_background
 
 
 def finalise_labels(
@@ -28,12 +29,16 @@ def finalise_labels(
         cloud: the points of the views.
         config: settings.
     """
-    if config.complete_boxes and labels.objects:
-        labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
-    # The model knows detectors, not people.
-    if config.calibrate and not any(detection.exact for detection in detections):
-        labels = _calibrated(labels, detections)
-    return _with_ignored_regions(labels, detections, cloud, config)
+    drawn = labels.labels if config.ignore_unconfirmed < 1 else None
+    with in_background(
+        lambda: [] if drawn is None else unconfirmed_regions(cloud, detections, drawn, config)
+    ) as unconfirmed:
+        if config.complete_boxes and labels.objects:
+            labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
+        # The model knows detectors, not people.
+        if config.calibrate and not any(detection.exact for detection in detections):
+            labels = _calibrated(labels, detections)
+        return _with_ignored_regions(labels, unconfirmed(), config)
 
 
 def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
@@ -65,15 +70,14 @@ def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) ->
 
 
 def _with_ignored_regions(
-    labels: EpisodeLabels, detections: Sequence[Detection], cloud: Cloud, config: LabelConfig
+    labels: EpisodeLabels, unconfirmed: Sequence[IgnoredRegion], config: LabelConfig
 ) -> EpisodeLabels:
-    """The labels, those below ``config.min_confidence`` and what no label explains as regions to ignore."""
+    """The labels, those below ``config.min_confidence`` and what is unconfirmed as regions to ignore."""
     kept = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
     ignored = [
         IgnoredRegion(one.view_index, one.category, one.confidence, one.modal, one.instance_id)
         for one in labels.labels
         if one.confidence < config.min_confidence and one.modal.any()
     ]
-    if config.ignore_unconfirmed < 1:
-        ignored += unconfirmed_regions(cloud, detections, labels.labels, config)
-    return replace(labels, labels=kept, ignored=tuple(sorted(ignored, key=lambda region: region.view_index)))
+    ignored = sorted([*ignored, *unconfirmed], key=lambda region: region.view_index)
+    return replace(labels, labels=kept, ignored=tuple(ignored))
