@@ -21,8 +21,8 @@ def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
     import cv2
 
     # hotcoco's masks are stored column by column, all others here row by row.
-    columns = np.asarray(cv2.transpose(np.ascontiguousarray(mask).view(np.uint8)), np.uint8)
-    rle = coco_mask.encode(columns.reshape(mask.shape[::-1]).T)
+    columns: Any = cv2.transpose(np.ascontiguousarray(mask).view(np.uint8))
+    rle = coco_mask.encode(columns.T)
     return {"size": [int(side) for side in mask.shape], "counts": rle["counts"].decode("ascii")}
 
 
