@@ -211,9 +211,10 @@ class AgentBody:
         if distance_m > 0.0:
             travelling = int(np.ceil(distance_m / (self._speed_m_s * SUBSTEP_S)))
             with self._obstacles_within(distance_m + _SLACK_M):
-                for substep in range(1, travelling + 1):
-                    self.data.ctrl[self._servos] = start + (goal - start) * (substep / travelling)
-                    mujoco.mj_step(self.model, self.data)
+                model, data, ctrl = self.model, self.data, self.data.ctrl
+                for set_point in start + (goal - start) * (np.arange(1, travelling + 1) / travelling)[:, None]:
+                    ctrl[self._servos] = set_point
+                    mujoco.mj_step(model, data)
                 self._settle(goal)
         touching, end = self._touching(), self.position_m
         self.data.ctrl[self._servos] = end

@@ -4,6 +4,7 @@ Nothing here looks at the simulator's ground truth: rewards are computed from th
 same.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -123,6 +124,12 @@ class KnownObject:
         return {cell[0] for cell in self.cells}
 
     @property
+    def width_m(self) -> float:
+        """The larger of the horizontal extents."""
+        low, high = self._bounds()
+        return max(float(high[0] - low[0]), float(high[1] - low[1]))
+
+    @property
     def extent_m(self) -> Float[np.ndarray, "3"]:
         """Full size of the seen part along the world's axes, without the outermost 2 % of points."""
         low, high = self._bounds()
@@ -221,12 +228,12 @@ class ObjectMemory:
 
     def _match(self, category: str, centroid_m: Float[np.ndarray, "3"]) -> KnownObject | None:
         """The nearest known object whose merge radius reaches the centroid (thesis 4.2: centroid NMS)."""
-        best, best_distance_m = None, np.inf
+        best, best_distance_m, centre_m = None, np.inf, centroid_m.tolist()
         for known in self.objects:
             same = known.category == category
             share = self.config.merge_extent_share * (1.0 if same else self.config.other_category_factor)
-            reach_m = max(self.config.merge_radius_m, share * float(known.extent_m[:2].max()))
-            distance_m = float(np.linalg.norm(known.centroid_m - centroid_m))
+            reach_m = max(self.config.merge_radius_m, share * known.width_m)
+            distance_m = math.dist(known.centroid_m.tolist(), centre_m)
             close = distance_m <= reach_m or (same and known.surrounds(centroid_m[None], self.config.merge_radius_m)[0])
             if close and distance_m < best_distance_m:
                 best, best_distance_m = known, distance_m
@@ -302,7 +309,7 @@ def visible_share(
     hides its own front, so depth may fall short of a remembered point by the object's own size. What lies clearly
     behind a point means that the object is not there.
     """
-    own_size_m = min(max_own_size_m, float(np.max(known.extent_m[:2])))
+    own_size_m = min(max_own_size_m, known.width_m)
     agreeing = view_kernels.count_agreeing(
         known.points_m,
         depth_m,

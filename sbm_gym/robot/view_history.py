@@ -57,8 +57,9 @@ class ViewHistory:
             objects: the confirmed ones.
             camera_to_world: its pose.
         """
+        places_m = [tuple(one.centroid_m.tolist()) for one in self.candidates]
         for confidence, points in unconfirmed:
-            self._note(confidence, points)
+            self._note(confidence, points, places_m)
         self._forget_parts_of(objects)
         camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
         yaw_rad = float(np.arctan2(forward[1], forward[0]))
@@ -71,15 +72,18 @@ class ViewHistory:
         for index in np.flatnonzero(inside & (np.abs(side_rad) < IN_VIEW_RAD)):
             watched[index][1].add((int(azimuths[index]), int(rings[index]), int(layers[index])))
 
-    def _note(self, confidence: float, points: Float[np.ndarray, "n 3"]) -> None:
+    def _note(self, confidence: float, points, places_m: list[tuple[float, ...]]) -> None:
+        """Adds a detection to a candidate near it, or as a new one; ``places_m`` follows the candidates' centroids."""
         centroid_m, size_m = view_kernels.mean_point(points), float(view_kernels.largest_extent(points))
-        for one in self.candidates:
-            if math.dist(one.centroid_m, centroid_m) <= self._reach_m(max(size_m, one.size_m)):
+        place_m = tuple(centroid_m.tolist())
+        for index, one in enumerate(self.candidates):
+            if math.dist(places_m[index], place_m) <= self._reach_m(max(size_m, one.size_m)):
                 # The newest view is mostly the nearest one; its centroid is as good as any.
                 one.centroid_m, one.size_m = centroid_m, max(size_m, one.size_m)
-                one.confidence = max(one.confidence, confidence)
+                one.confidence, places_m[index] = max(one.confidence, confidence), place_m
                 return
         self.candidates.append(Candidate(centroid_m, size_m, confidence))
+        places_m.append(place_m)
 
     def _forget_parts_of(self, objects: Sequence[KnownObject]) -> None:
         """Drops the candidates that have turned out to be confirmed objects."""
