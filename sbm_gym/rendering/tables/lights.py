@@ -218,7 +218,7 @@ def _shine_together(model: mujoco.MjModel, data: mujoco.MjData, lights: list[int
     """Which lights shine on one place: lamps that see each other, and whatever shines from afar."""
     count = len(lights)
     together = np.eye(count, dtype=bool)
-    place = _places(model, data, np.array(lights))[0] - [0.0, 0.0, BELOW_LAMP_M]
+    place = _places(model, data, np.array(lights, np.int64))[0] - [0.0, 0.0, BELOW_LAMP_M]
     far_away = model.light_type[lights] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     for i in range(count):
         for j in range(i):
