@@ -13,7 +13,7 @@ from sbm_gym.rendering.base import Renderer
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import Scene, WorldSource, compile_scene, make_renderer, renderer_kind
 from sbm_gym.scenes.saved_scenes import built_again, load_scene, save_scene
-from sbm_gym.scenes.scene_keys import scene_key
+from sbm_gym.scenes.scene_keys import runs_what_keys_say, scene_key
 from sbm_gym.store.cache_folder import SceneFolder, max_bytes
 
 
@@ -79,6 +79,8 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
         return scene
     world = source.build(name)
     scene = compile_scene(name, world, renderer, body)
+    if not runs_what_keys_say():
+        return scene
     try:
         save_scene(folder, key, scene, world.spec)
         folder.shrink(limit)

@@ -1,10 +1,11 @@
 """What decides a compiled scene, as a name for it in the cache on disk."""
 
+import contextlib
 import functools
 import hashlib
 import platform
-from pathlib import Path
 
+from labeling.formats.atomic import atomic_file
 from labeling.runtime.code_digest import ROOT, code_digest
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import WorldSource
@@ -14,7 +15,7 @@ from sbm_gym.store.cache_folder import cache_folder
 FORMAT = 1
 """Goes up whenever what is kept of a scene changes its meaning and no code does."""
 _CODE = ("sbm_gym.scenes.saved_scenes", "sbm_gym.scenes.world_sources")
-_SOURCE_FILES = (".py", ".toml", ".json")
+_SUFFIXES = (".py", ".toml", ".json")
 
 
 def scene_key(source: WorldSource, scene: str, renderer: str, body: BodyConfig) -> str | None:
@@ -56,24 +57,30 @@ def _surroundings() -> tuple[str, ...]:
     return (platform.system(), platform.machine(), *versions, _code())
 
 
+def _state_of_sources() -> str:
+    """A digest of names, sizes and times of all source files that scenes could depend on."""
+    files = [
+        path for name in ("labeling", "sbm_gym") for path in (ROOT / name).rglob("*.*") if path.suffix in _SUFFIXES
+    ]
+    states = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(files)]
+    return hashlib.sha256(repr(states).encode()).hexdigest()[:24]
+
+
+_AT_START = _state_of_sources()
+
+
+def runs_what_keys_say() -> bool:
+    """Whether the source files are still those that this process began with; else what it builds has no key."""
+    return _state_of_sources() == _AT_START
+
+
 def _code() -> str:
     """The digest of the code that makes scenes; kept, since to follow imports takes longer than to open a scene."""
-    files = [path for package in ("labeling", "sbm_gym") for path in _sources(ROOT / package)]
-    states = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(files)]
-    kept = cache_folder() / "scenes" / "code" / hashlib.sha256(repr(states).encode()).hexdigest()[:24]
+    kept = cache_folder() / "scenes" / "code" / _AT_START
     try:
         return kept.read_text(encoding="ascii")
     except (OSError, ValueError):
         digest = code_digest(*_CODE)
-    from labeling.formats.atomic import atomic_file
-
-    try:
-        with atomic_file(kept) as temporary:
-            temporary.write_text(digest, encoding="ascii")
-    except OSError:
-        pass  # nothing can be written: it is found out again next time
+    with contextlib.suppress(OSError), atomic_file(kept) as temporary:  # else it is found out again next time
+        temporary.write_text(digest, encoding="ascii")
     return digest
-
-
-def _sources(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*.*") if path.suffix in _SOURCE_FILES]

@@ -211,6 +211,25 @@ def test_worlds_of_which_nothing_is_known_are_not_kept(cache):
     assert not cache.scenes()
 
 
+def test_nothing_is_kept_once_the_code_has_changed(cache, monkeypatch, fresh):
+    """What runs is then no longer what the files say, and so the key is not that of what is built."""
+    monkeypatch.setattr(scene_keys, "_AT_START", "as it was")
+    monkeypatch.setattr(scene_keys, "_surroundings", lambda: ("as it was",))
+    assert rollout(*HOME) == fresh[HOME]
+    assert not cache.scenes()
+
+
+def test_gl_draws_kept_scenes_as_fresh_ones(cache, monkeypatch):
+    pictures = []
+    for limit in ("1", "1", "off"):
+        monkeypatch.setenv("SBM_SCENE_CACHE", limit)
+        with gym.make(f"sbm_gym:{HOME[0]}", renderer="gl") as env:
+            observation, _ = env.reset(seed=0, options={"scene": HOME[1]})
+            pictures.append(observation["rgb"])
+    assert len(cache.scenes()) == 1
+    assert all(np.array_equal(picture, pictures[-1]) for picture in pictures)
+
+
 def test_the_digest_of_code_is_found_out_once(cache, monkeypatch):
     found = scene_keys._code()
     monkeypatch.setattr(scene_keys, "code_digest", None)
