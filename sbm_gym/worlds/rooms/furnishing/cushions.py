@@ -7,6 +7,8 @@ from jaxtyping import Float, Float32
 
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.models.model import FurnitureModel
+from sbm_gym.rendering.rays.embree import TriangleTree
+from sbm_gym.rendering.rays.workers import Workers
 from sbm_gym.worlds.geometry.placing import Layout, Placement, overlap, rotation
 
 STEP_M = 0.02
@@ -17,21 +19,15 @@ SINK_M = 0.012
 MOST_SUNK_M = 0.035
 """Likewise beside a steep back or arm, where a little sideways is much in height."""
 
+_ONE_THREAD = Workers(1)
+
 
 class _Shape:
     """Heights of a model's upper and lower side, by casting vertical rays."""
 
     def __init__(self, model: FurnitureModel):
-        import open3d as o3d
-
-        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        for surface in model.surfaces:
-            scene.add_triangles(
-                o3d.core.Tensor.from_numpy(np.ascontiguousarray(surface.vertices_m, np.float32)),
-                o3d.core.Tensor.from_numpy(np.ascontiguousarray(surface.faces, np.uint32)),
-            )
-        self._tensor = o3d.core.Tensor.from_numpy
-        self._scene, self._high = scene, model.size_m[2] + 1.0
+        corners = np.concatenate([surface.vertices_m[surface.faces] for surface in model.surfaces], dtype=np.float32)
+        self._tree, self._rows, self._high = TriangleTree(corners), np.arange(len(corners)), model.size_m[2] + 1.0
 
     def top(self, xy_m: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, "n"]:
         """Height of the upper side, minus infinity beside the model."""
@@ -44,7 +40,7 @@ class _Shape:
     def _cast(self, xy_m: Float[np.ndarray, "n 2"], start_m: float, way: float) -> Float32[np.ndarray, "n"]:
         rays = np.zeros((len(xy_m), 6), np.float32)
         rays[:, :2], rays[:, 2], rays[:, 5] = xy_m, start_m, way
-        return self._scene.cast_rays(self._tensor(rays), nthreads=1)["t_hit"].numpy()
+        return self._tree.cast(rays, self._rows, _ONE_THREAD)[0]
 
 
 @functools.lru_cache(maxsize=64)
