@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from labeling.core.masks import mask_iou
 from labeling.core.rle import encode_mask
 from labeling.metrics.mask_ap import MaskInstance, average_precision
-from sbm_gym.detection import mask_noise as simulated_masks
+from sbm_gym.detection.mask_kernels import median_depth
 from sbm_gym.detection.mask_noise import corrupt_mask, phantom_mask
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.detection.visibility import ObservedObject
@@ -184,4 +184,6 @@ def test_phantoms_lie_on_one_surface():
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 101, 500])
 def test_the_median_is_that_of_numpy_to_the_last_bit(count):
     values = np.random.default_rng(count).uniform(0.3, 30.0, count).astype(np.float32)
-    assert simulated_masks._median(values).tobytes() == np.median(values).tobytes()
+    mask = np.concatenate([np.ones(count, bool), np.zeros(7, bool)])[None]
+    depth_m = np.concatenate([values, np.full(7, 99.0, np.float32)])[None]
+    assert np.float32(median_depth(mask, depth_m)) == np.median(values)
