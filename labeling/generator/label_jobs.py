@@ -18,6 +18,7 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.process_pool import WorkerDiedError, run_jobs
 from labeling.runtime.provenance import package_versions
+from labeling.runtime.threads import in_background
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scipy", "hotcoco")
 """What the labels depend on."""
@@ -90,8 +91,10 @@ class Job:
 
                 labels = propagate(episode, sources.detections, self.label)
                 cloud = labels.cloud
-                write_ply(points_file, cloud.points, cloud.colours, cloud.instance_id, cloud.confidence)
-                record = episode_record(episode, labels, mark, sources.origin, (*episode.notes, *sources.notes))
+                points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
+                with in_background(lambda: write_ply(points_file, *points)) as written:
+                    record = episode_record(episode, labels, mark, sources.origin, (*episode.notes, *sources.notes))
+                    written()
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)
                 write_records(record_file, as_json(record))

@@ -97,10 +97,11 @@ def propagate(
     if not config.fuse_views:
         return label_per_detection(views, cloud, candidates, scale, config)
     candidates, probability = _segment(cloud, candidates, scale, config)
-    objects, probability = _describe_objects(cloud, candidates, probability, config)
     owned = point_owners(probability, config.exclusive) >= 0
-    fused = FusedViews.of(views, cloud, owned, scale.pixel_m, config)
-    labels = finalise_labels(draw_labels(fused, objects, probability, scale, config), usable, cloud, config)
+    with in_background(lambda: FusedViews.of(views, cloud, owned, scale.pixel_m, config)) as fused:
+        objects, probability = _describe_objects(cloud, candidates, probability, config)
+        drawn = draw_labels(fused(), objects, probability, scale, config)
+    labels = finalise_labels(drawn, usable, cloud, config)
     return replace(labels, labels=with_label_defects(labels.labels, config.published))
 
 
