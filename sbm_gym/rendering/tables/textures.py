@@ -120,6 +120,8 @@ def _layout(model: mujoco.MjModel, texture: int) -> tuple[int, list[tuple[int, i
 
 def _read_picture(model: mujoco.MjModel, texture: int, faces: UInt8[np.ndarray, "faces h w 4"]) -> None:
     """Copies a texture into ``faces``; a cube with one picture for all its faces gets six of it."""
+    import cv2
+
     width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
     channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
     if not 1 <= channels <= 4:
@@ -127,9 +129,13 @@ def _read_picture(model: mujoco.MjModel, texture: int, faces: UInt8[np.ndarray, 
         return
     data = np.asarray(model.tex_data[start : start + width * height * channels], np.uint8).reshape(-1, channels)
     picture = faces.reshape(-1, 4)[: len(data)]
-    for channel in range(3):
-        picture[:, channel] = data[:, channel if channels >= 3 else 0]
-    picture[:, 3] = data[:, -1] if channels in (2, 4) else 255
+    if channels == 3:
+        # In one pass, where numpy would need one for each channel.
+        cv2.cvtColor(data[None], cv2.COLOR_RGB2RGBA, dst=picture[None])
+    elif channels == 4:
+        picture[:] = data
+    else:
+        picture[:, :3], picture[:, 3] = data[:, :1], data[:, 1] if channels == 2 else 255
     if model.tex_colorspace[texture] == mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
         picture[:, :3] = np.rint(255.0 * srgb_encode(picture[:, :3] / 255.0))
     if len(faces) == CUBE_FACES and height == width:
