@@ -9,10 +9,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-SIMULATION_PACKAGES = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "open3d", "stable-baselines3", "torch")
+SIMULATION_PACKAGES = ("seeing-by-moving", "gymnasium", "mujoco", "numpy", "embreex", "stable-baselines3", "torch")
 """What rollouts and trained policies depend on."""
 EXPERIMENT_PACKAGES = (
-    *("seeing-by-moving", "gymnasium", "mujoco", "open3d", "numpy", "numba", "scipy", "scikit-learn"),
+    *("seeing-by-moving", "gymnasium", "mujoco", "embreex", "numpy", "numba", "scipy", "scikit-learn"),
     *("opencv-python-headless", "hotcoco", "torch"),
 )
 """What figures of experiments may depend on, beside Python."""
