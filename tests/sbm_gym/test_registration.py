@@ -68,7 +68,8 @@ def test_the_examples_run(module):
 
 def test_the_example_of_the_page_runs():
     page = (Path(__file__).parents[2] / "docs" / "worlds.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    section = page.split("## A world of your own")[1].split("\n## ")[0]
+    (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     names: dict = {}
     exec(compile(example, "docs/worlds.md", "exec"), names)
     assert names["info"]["scene"] == "den/2"

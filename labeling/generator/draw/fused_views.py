@@ -14,6 +14,8 @@ from labeling.generator.settings.label_config import LabelConfig
 
 NO_REACH_PX = 1e-3
 """A filter of this reach leaves every pixel as it is."""
+MAX_HOLES = 1e-3
+"""Share of a view's pixels without depth up to which it is filled from its own pixels alone."""
 FINE_PX = 2.0
 """Spacing of the points that outlines are drawn from, in pixels: as fine as depth sensors sample."""
 
@@ -39,9 +41,11 @@ class FusedViews:
             cloud: made from these views.
             inside: its voxels that belong to any object.
             pixel_m: of the episode's scale.
-            config: settings; where other views decide what a view shows, all voxels are drawn finely.
+            config: settings; where other views decide what a view shows, or what its pixels without depth show, all
+                voxels are drawn finely: coarse ones would cover the rims of objects behind them.
         """
-        chosen = inside if config.visibility == "own" else np.ones(cloud.num_points, bool)
+        alone = config.visibility == "own" and not any(map(has_holes, cloud.voxel_of_pixel))
+        chosen = inside if alone else np.ones(cloud.num_points, bool)
         return cls(views, cloud, fine_points(views, cloud, chosen, FINE_PX * pixel_m))
 
     def visible_voxels(self, view: int, config: LabelConfig) -> Int32[np.ndarray, "h w"]:
@@ -71,6 +75,11 @@ class FusedViews:
         others = np.flatnonzero(rest).astype(np.int32)
         sizes = np.repeat([fine.spacing_m, cloud.voxel_m], [len(fine.points), len(others)]).astype(np.float32)
         return np.concatenate([fine.points, cloud.points[others]]), sizes, np.concatenate([fine.voxel, others])
+
+
+def has_holes(voxels: Int32[np.ndarray, "h w"]) -> bool:
+    """Whether so many pixels of a view have no voxel (-1) that other views are asked for them."""
+    return bool(np.count_nonzero(voxels < 0) > MAX_HOLES * voxels.size)
 
 
 def fill_reach_px(voxel_m: float, pixel_m: float, config: LabelConfig) -> float:

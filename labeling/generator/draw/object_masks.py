@@ -9,14 +9,11 @@ from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, S
 from labeling.core.masks import blank_masks
 from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
-from labeling.generator.draw.fused_views import FusedViews, fill_reach_px
+from labeling.generator.draw.fused_views import FusedViews, fill_reach_px, has_holes
 from labeling.generator.draw.view_masks import ViewChances, likely_voxels, point_owners, view_chances
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import paint_in_order
 from labeling.runtime.threads import in_threads
-
-MAX_HOLES = 1e-3
-"""Share of a view's pixels without depth up to which it is filled from its own pixels alone."""
 
 
 def draw_labels(
@@ -48,8 +45,7 @@ def draw_labels(
 
     def labels_of(view: int) -> list[PseudoLabel]:
         voxels = fused.visible_voxels(view, config)
-        holes = np.count_nonzero(voxels < 0) > MAX_HOLES * voxels.size
-        rendered = fused.rendered_voxels(view) if holes else None
+        rendered = fused.rendered_voxels(view) if has_holes(voxels) else None
         chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
         rows = np.zeros((len(objects), voxels.shape[0]), bool)
         drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)
