@@ -169,7 +169,7 @@ class SimulatedDetector:
         luck = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/category", observed, c.range_unit_m))
         wrong = luck < 0.02 + 0.75 * (1.0 - confidence) ** 1.5
         poor = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/mask", observed, c.range_unit_m))
-        error = float(np.clip(1.5 * (1.0 - confidence) + 0.35 * (poor - 0.5), 0.0, 1.0))
+        error = min(max(1.5 * (1.0 - confidence) + 0.35 * (poor - 0.5), 0.0), 1.0)
         others = self._other_categories(observed)
         category = others[0] if wrong or not known else observed.category
         found = [self._detection(rng, view, mask, category, confidence, error)]
@@ -191,7 +191,7 @@ class SimulatedDetector:
         drawn = corrupt_mask(rng, mask, view.depth_m, error)
         if not drawn.any():
             return None
-        return Detection(view.view_index, category, float(np.clip(confidence, 0.0, 1.0)), drawn)
+        return Detection(view.view_index, category, min(max(confidence, 0.0), 1.0), drawn)
 
     def _phantoms(self, rng, view: SimulatedView) -> list[Detection]:
         c, found = self.config, []

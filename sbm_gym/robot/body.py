@@ -185,7 +185,7 @@ class AgentBody:
 
     def _turn_head(self, yaw_rad: float, tilt_rad: float) -> None:
         self.data.qpos[self._qpos[PAN]] = (yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
-        self.data.qpos[self._qpos[TILT]] = np.clip(tilt_rad, -self._max_tilt_rad, self._max_tilt_rad)
+        self.data.qpos[self._qpos[TILT]] = min(max(tilt_rad, -self._max_tilt_rad), self._max_tilt_rad)
         self.data.qvel[:] = 0.0
 
     def move(self, displacement_m: Float[np.ndarray, "2"], way_is_free: bool = False) -> bool:

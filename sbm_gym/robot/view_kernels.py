@@ -301,24 +301,24 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
 def _without_outliers(points_m):
     """Leaves out points more than three standard deviations from the mean along any axis, unless those are all."""
     count = len(points_m)
-    mean_m, reach_m = np.zeros(3), np.zeros(3)
-    for number in range(count):
-        for axis in range(3):
-            mean_m[axis] += points_m[number, axis]
-    mean_m /= count
-    for number in range(count):
-        for axis in range(3):
-            off_m = points_m[number, axis] - mean_m[axis]
-            reach_m[axis] += off_m * off_m
-    reach_m = 3.0 * np.sqrt(reach_m / count) + 1e-9
-    kept_m = np.empty_like(points_m)
+    near = np.ones(count, np.bool_)
+    for axis in range(3):
+        mean_m = spread = 0.0
+        for number in range(count):
+            mean_m += points_m[number, axis]
+        mean_m /= count
+        for number in range(count):
+            off_m = points_m[number, axis] - mean_m
+            spread += off_m * off_m
+        reach_m = 3.0 * np.sqrt(spread / count) + 1e-9
+        for number in range(count):
+            near[number] &= abs(points_m[number, axis] - mean_m) <= reach_m
+    kept_m = np.empty((count, 3))
     num_kept = 0
     for number in range(count):
-        near = True
-        for axis in range(3):
-            near &= np.abs(points_m[number, axis] - mean_m[axis]) <= reach_m[axis]
-        if near:
-            kept_m[num_kept] = points_m[number]
+        if near[number]:
+            for axis in range(3):
+                kept_m[num_kept, axis] = points_m[number, axis]
             num_kept += 1
     return kept_m[:num_kept] if num_kept > 0 else points_m
 
@@ -327,10 +327,11 @@ def _without_outliers(points_m):
 def mean_point(points_m):
     """The mean of points, (n, 3) float64, n > 0; (3,)."""
     mean_m = np.zeros(3)
-    for number in range(len(points_m)):
-        for axis in range(3):
+    for axis in range(3):
+        for number in range(len(points_m)):
             mean_m[axis] += points_m[number, axis]
-    return mean_m / len(points_m)
+        mean_m[axis] /= len(points_m)
+    return mean_m
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
