@@ -51,7 +51,7 @@ def measure(quick: bool) -> Iterator[Row]:
             name: median_seconds(_all(renderer, data, cameras, size, antialias), repeats) / NUM_VIEWS
             for name, renderer in (("rays", rays), ("gl", gl))
         }
-        for shadows, factor in ((True, {84: 12.0}), (False, {84: 6.0, 256: 2.0})):
+        for shadows, factor in ((True, {84: 12.0}), (False, {84: 15.0, 256: 4.0})):
             theirs = median_seconds(baseline(model, data, cameras, size, antialias, shadows), repeats) / NUM_VIEWS
             for name, seconds in ours.items():
                 wanted = factor.get(size) if name == "rays" else None

@@ -1,4 +1,4 @@
-"""The page about the label generator's settings, of ``label_ablation``, ``label_modes`` and the bench of labels."""
+"""The page about the label generator's settings, of ``label_ablation`` and ``label_modes``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -6,15 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.benchmarks.rows import row_of, seconds_per_view
 from experiments.pages.markdown import Pictures, points, read_result, render, table
 from labeling.core.errors import SbmError
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.bootstrap import significant_sign
 
-PAGE, PICTURE, SPEED_PICTURE = "label-generator.md", "label_ablation.png", "labels_views.png"
-SPEED = "bench/labels.json"
-"""Written by ``python -m experiments.bench labels --out experiments/results/bench``."""
+PAGE, PICTURE = "label-generator.md", "label_ablation.png"
 POOLS = {"rooms_train": "rooms", "rooms_val": "rooms, val", "streets_train": "streets", "streets_val": "streets, val"}
 CHOSEN_ON = "rooms_train"
 DIFFERENCES = {"mean_iou": "mean IoU", "mask_ap50": "AP50"}
@@ -23,33 +20,21 @@ LEVELS = {"mask_ap50": "AP50", "mask_ap30": "AP30", "mean_iou": "mean IoU", "mea
 
 
 def compose(results: Path) -> tuple[str, Pictures]:
-    """The page and its pictures, from those of ``label_ablation``, ``label_modes`` and the bench that are there."""
-    from experiments.figures.label_generator import draw_label_ablation, draw_label_speed
+    """The page and its picture, from those of ``label_ablation`` and ``label_modes`` that are there."""
+    from experiments.figures.label_generator import draw_label_ablation
 
-    ablation, modes, speed = (
-        read_result(results / name) for name in ("label_ablation.json", "label_modes.json", SPEED)
-    )
+    ablation, modes = (read_result(results / name) for name in ("label_ablation.json", "label_modes.json"))
     if ablation is None and modes is None:
         raise SbmError(f"{results}: no label_ablation.json and no label_modes.json; run these experiments first")
     pictures: Pictures = {}
     if ablation is not None:
         pictures[PICTURE] = partial(draw_label_ablation, ablation, CHOSEN_ON)
-    if speed is not None:
-        pictures[SPEED_PICTURE] = partial(draw_label_speed, seconds_per_view([row_of(row) for row in speed["rows"]]))
-    return page(ablation, modes, speed), pictures
+    return page(ablation, modes), pictures
 
 
-def page(
-    ablation: Mapping[str, Any] | None, modes: Mapping[str, Any] | None, speed: Mapping[str, Any] | None = None
-) -> str:
+def page(ablation: Mapping[str, Any] | None, modes: Mapping[str, Any] | None) -> str:
     """The text of the page, with a section for each content that is there."""
-    return render(
-        "label-generator.md.jinja",
-        ablation=ablation and _ablation(ablation),
-        modes=modes and _modes(modes),
-        speed=speed and {**speed, "rows": [row_of(row).cells("**missed**") for row in speed["rows"]]},
-        speed_picture=SPEED_PICTURE,
-    )
+    return render("label-generator.md.jinja", ablation=ablation and _ablation(ablation), modes=modes and _modes(modes))
 
 
 # Ablation ------------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from experiments import bench
 from experiments.benchmarks import label_stages, rows
 from experiments.benchmarks.rows import Row, as_json, row_of, table
-from experiments.pages.label_generator import page
+from experiments.pages.benchmarks import page
 
 
 def fake_rows(quick):
@@ -88,9 +88,12 @@ def test_label_bench_measures_every_promise(tmp_path):
 def test_rows_survive_being_written_and_stand_on_the_page():
     rows = [Row("one", "limit", 0.5, None, "< 1 s", True, "fast"), Row("two", "rival", 0.002, 0.01, "6x", False)]
     assert [row_of(json.loads(json.dumps(as_json(row)))) for row in rows] == rows
-    text = page(None, None, {"machine": {"cpus": 2}, "rows": [as_json(row) for row in rows]})
-    assert "| one | 500.0 ms | limit |  |  | < 1 s | holds; fast |\n" in text
-    assert "| two | 2.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |\n" in text
+    machine = {"cpus": 2, "python": "3"}
+    ours = {"machine": machine, "rows": [as_json(row) for row in rows]}
+    before = {"machine": machine, "rows": [as_json(Row("two", "rival", 0.03, 0.01))]}
+    text = page({"env": ours}, {"env": before})
+    assert "| one | 500.0 ms |  | limit |  |  | < 1 s | holds; fast |\n" in text
+    assert "| two | 2.0 ms | 30.0 ms | rival | 10.0 ms | 5.0x | 6x | **missed** |\n" in text
 
 
 def test_every_timed_stage_is_a_function_that_exists():
