@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
+from sbm_gym.sensors.noise_config import Sensor, SensorNoise
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,25 @@ class CollectConfig:
     size: PictureHeight | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""
+    sensor_noise: Sensor = "ideal"
+    """Whose depth is recorded: the simulator's own ("ideal"), or as a "kinect" (structured light), a "stereo" camera or
+    a "lidar" would have measured it. The policy sees without noise, here and below: recordings of one seed show the
+    same walk."""
+    pose_noise_deg: NonNegative[float] = 0.0
+    """Error of each view's recorded orientation, independent of the others, degrees (root mean square)."""
+    pose_noise_m: NonNegative[float] = 0.0
+    """Error of each view's recorded position, independent of the others, metres (root mean square)."""
+    pose_drift_deg: NonNegative[float] = 0.0
+    """How far the recorded orientation has wandered off at the last view, degrees (root mean square)."""
+    pose_drift_m: NonNegative[float] = 0.0
+    """How far the recorded position has wandered off at the last view, metres (root mean square)."""
     workers: Count = 1
     """Processes side by side, one thread each if there are several. What comes out is the same for any number, but for
     the last digits of a network's confidences, which depend on its threads."""
+
+    @property
+    def noise(self) -> SensorNoise:
+        """Of the recorded depth and poses."""
+        return SensorNoise(
+            self.sensor_noise, self.pose_noise_deg, self.pose_noise_m, self.pose_drift_deg, self.pose_drift_m
+        )

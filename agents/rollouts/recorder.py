@@ -24,6 +24,7 @@ from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
+from sbm_gym.sensors.sensor_noise import add_noise
 
 SETTINGS_FILE = "collection.json"
 MAX_ATTEMPTS = 20
@@ -133,14 +134,21 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "detector": config.detector,
                 "detector_categories": list(inner_env(env).categories),
                 "confident": CONFIDENT,
+                "noise": dataclasses.asdict(config.noise),
                 **simulation_provenance(),
                 "steps": log,
             }
-            return episode_of_captures(captures, inner_env(env).categories, metadata, name=f"{number:04d}")
+            episode = episode_of_captures(captures, inner_env(env).categories, metadata, name=f"{number:04d}")
+            return add_noise(episode, config.noise, noise_seed(config.seed, number))
     raise SbmError(
         f"episode {number}: {MAX_ATTEMPTS} starts without one confident detection ({config.policy!r} in "
         f"{config.env!r}); try another seed or split"
     )
+
+
+def noise_seed(seed: int, number: int) -> tuple[int, int, int]:
+    """What decides the noise of an episode's depth and poses: the recording's seed and the episode's number."""
+    return seed, 4, number
 
 
 def _roll_out(

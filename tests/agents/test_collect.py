@@ -14,10 +14,12 @@ import pytest
 from agents.collect import main
 from agents.rollouts import recorder
 from agents.rollouts.collect_config import CollectConfig
-from agents.rollouts.recorder import collect_episodes
+from agents.rollouts.recorder import collect_episodes, noise_seed
 from labeling.core.errors import UsageError
 from labeling.core.geometry import unproject
 from labeling.io.episodes import find_episodes, read_episode
+from sbm_gym.sensors.noise_config import SensorNoise
+from sbm_gym.sensors.sensor_noise import add_noise
 
 from ..sbm_gym.box_rooms import BoxRooms
 
@@ -112,13 +114,32 @@ def test_a_scene_is_begun_in_different_places(recorded, tmp_path):
     assert len(set(begun)) == 4
 
 
+def test_noise_is_added_to_the_same_walk(recorded, tmp_path):
+    """Depth and poses are as a sensor gives them; pictures, detections and ground truth are those without noise."""
+    noise = {"sensor_noise": "kinect", "pose_noise_deg": 2.0, "pose_drift_m": 0.1}
+    (folder,) = collect_episodes(config(tmp_path / "noisy", episodes=1, **noise))
+    clean, noisy = read_episode(recorded / "0000"), read_episode(folder)
+    for name in ("detections.json", "ground_truth.json"):
+        assert (folder / name).read_bytes() == (recorded / "0000" / name).read_bytes()
+    np.testing.assert_array_equal(noisy.rgb, clean.rgb)
+    shift_m = np.linalg.norm(noisy.camera_to_world[:, :3, 3] - clean.camera_to_world[:, :3, 3], axis=1)
+    assert shift_m[0] == pytest.approx(0, abs=1e-9)
+    assert 0.001 < shift_m.max() < 0.5
+    both = (noisy.depth_m > 0) & (clean.depth_m > 0)
+    assert both.mean() > 0.5
+    assert 0.001 < np.abs(noisy.depth_m - clean.depth_m)[both].mean() < 0.1
+    again = add_noise(clean, SensorNoise("kinect", 2.0, pose_drift_m=0.1), noise_seed(0, 0))
+    np.testing.assert_allclose(noisy.camera_to_world, again.camera_to_world, atol=1e-9)
+    assert noisy.metadata["noise"]["sensor"] == "kinect"
+
+
 def test_complete_folders_are_left_alone(recorded, monkeypatch):
     monkeypatch.setattr(recorder, "write_episode", lambda *_: pytest.fail("nothing is missing"))
     assert collect_episodes(config(recorded)) == [recorded / f"{k:04d}" for k in range(3)]
 
 
 @pytest.mark.parametrize(
-    "change", [{"seed": 1}, {"policy": "random"}, {"size": 32}, {"split": "val"}, {"episodes_per_scene": 2}]
+    "change", [{"seed": 1}, {"policy": "random"}, {"size": 32}, {"split": "val"}, {"episodes_per_scene": 2}, {"pose_drift_m": 0.1}]
 )
 def test_other_settings_in_the_same_folder_are_refused(recorded, change):
     with pytest.raises(UsageError, match="other settings"):
@@ -136,6 +157,7 @@ def test_other_settings_in_the_same_folder_are_refused(recorded, change):
         (["--seed", "-1"], "--seed must be 0 or more, not -1"),
         (["--workers", "0"], "at least 1"),
         (["--episodes-per-scene", "0"], "at least 1"),
+        (["--pose-noise-deg", "-1"], "--pose-noise-deg must be 0 or more"),
     ],
 )
 def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, capsys, arguments, says):
@@ -183,6 +205,11 @@ def test_settings_are_kept_with_the_episodes(recorded):
         "split": "train",
         "episodes_per_scene": 1,
         "size": 64,
+        "sensor_noise": "ideal",
+        "pose_noise_deg": 0.0,
+        "pose_noise_m": 0.0,
+        "pose_drift_deg": 0.0,
+        "pose_drift_m": 0.0,
     }
 
 
