@@ -67,7 +67,9 @@ def kinect(
     return _within(measured, depth_m, lost, KINECT_RANGE_M)
 
 
-def kinect_noise_m(depth_m: Float32[np.ndarray, "h w"], angle_rad: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+def kinect_noise_m(
+    depth_m: Float32[np.ndarray, "h w"], angle_rad: Float[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
     """Standard deviation of a Kinect's depth, by distance and by the angle between ray and normal."""
     away = np.clip(angle_rad, 0, np.deg2rad(82))
     grazing = 0.0001 / np.sqrt(np.maximum(depth_m, 0.1)) * (away / (0.5 * np.pi - away)) ** 2

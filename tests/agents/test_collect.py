@@ -139,7 +139,15 @@ def test_complete_folders_are_left_alone(recorded, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "change", [{"seed": 1}, {"policy": "random"}, {"size": 32}, {"split": "val"}, {"episodes_per_scene": 2}, {"pose_drift_m": 0.1}]
+    "change",
+    [
+        {"seed": 1},
+        {"policy": "random"},
+        {"size": 32},
+        {"split": "val"},
+        {"episodes_per_scene": 2},
+        {"pose_drift_m": 0.1},
+    ],
 )
 def test_other_settings_in_the_same_folder_are_refused(recorded, change):
     with pytest.raises(UsageError, match="other settings"):
