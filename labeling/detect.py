@@ -12,7 +12,7 @@ from labeling.detectors.command import DetectionCommand
 from labeling.detectors.registry import DEFAULT
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import make_main
+from labeling.runtime.cli import make_main, progress_bar
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -89,7 +89,8 @@ def detect_episode(
     if path.is_file() and not ours and not replace:
         raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
     episode = read_episode(folder, recording)
-    found = run_detector(detector, episode)
+    with progress_bar(total=episode.num_views, unit="view", desc=episode.name) as views:
+        found = run_detector(detector, episode, views.update)
     ids, categories = _category_ids(folder, about, found, detector)
     image_ids = _image_ids(folder, episode)
     records = [

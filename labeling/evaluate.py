@@ -2,13 +2,14 @@
 
 import functools
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from labeling.core.errors import UsageError
+from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar
 
 if TYPE_CHECKING:
@@ -39,17 +40,19 @@ class EvaluateConfig:
     """Views shown in the report at most. 40 keep it below a few megabytes."""
     max_worst: int = 12
     """Of those, how many show the worst pseudo-labels; the others are spread over the episodes."""
+    recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
 
 
 def run_either(config: EvaluateConfig) -> None:
     """Evaluates what it was given: a label set, or a detector alone."""
-    if config.detector is not None or _holds_episodes(config.labels):
+    config.recording.check()
+    if config.detector is not None or _holds_episodes(config.labels, config.recording):
         score_alone(config)
     else:
         run(config)
 
 
-def _holds_episodes(path: Path) -> bool:
+def _holds_episodes(path: Path, recording: RecordingConfig) -> bool:
     from labeling.core.errors import EpisodeFormatError
     from labeling.io.episodes import find_episodes
     from labeling.io.file_names import MODAL_FILE
@@ -57,7 +60,7 @@ def _holds_episodes(path: Path) -> bool:
     if not path.is_dir() or (path / MODAL_FILE).is_file():
         return False
     try:
-        return bool(find_episodes(path))
+        return bool(find_episodes(path, recording))
     except EpisodeFormatError:
         return False
 
@@ -72,6 +75,8 @@ def run(config: EvaluateConfig) -> "Evaluation":
     from labeling.evaluation.report.html import write_report
     from labeling.formats.atomic import write_json
 
+    if config.recording != RecordingConfig():
+        raise UsageError("how its recordings are read, a label set says itself; these options are for episodes")
     if config.metrics is not None:
         raise UsageError("--metrics is for a detector alone; the figures of a label set lie in it as metrics.json")
     if min(config.max_strips, config.max_worst) < 0:
@@ -95,7 +100,7 @@ def score_alone(config: EvaluateConfig) -> None:
     from labeling.formats.atomic import write_json
 
     if config.detector is None:
-        metrics = score_episodes(config.labels)
+        metrics = score_episodes(config.labels, config.recording)
     else:
         from labeling.detectors.registry import load_detector
 

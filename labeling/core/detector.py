@@ -1,6 +1,6 @@
 """What a detector is: pictures in; boxes, masks, names and scores out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,12 +33,15 @@ class PictureDetections:
     boxes_xyxy: Float32[np.ndarray, "n 4"]
     """Left, top, right, bottom in pixels, the left edge of the picture at 0."""
     masks: Bool[np.ndarray, "n h w"]
+    made_here: tuple[int, ...] = ()
+    """Which masks no detector gave: made from their boxes (``labeling.core.box_masks``)."""
 
     def as_detections(self, view_index: int) -> tuple[Detection, ...]:
         """The same as records of one view; detections without a pixel are left out."""
+        found = zip(self.categories, self.scores, self.masks, self.boxes_xyxy.tolist(), strict=True)
         return tuple(
-            Detection(view_index, category, float(score), mask)
-            for category, score, mask in zip(self.categories, self.scores, self.masks, strict=True)
+            Detection(view_index, category, float(score), mask, box_xyxy=tuple(box) if i in self.made_here else None)
+            for i, (category, score, mask, box) in enumerate(found)
             if mask.any()
         )
 
@@ -73,8 +76,8 @@ class Detector(Protocol):
 
         Args:
             rgb: pictures of one size.
-            depth_m: their z-depth in metres, 0 = no return, where known; only detectors that give boxes but no masks
-                use it.
+            depth_m: their z-depth in metres, 0 = no return, where known; what gives boxes but no masks uses it, and
+                functions that ask for it.
 
         Returns:
             One entry for each picture.
@@ -86,25 +89,38 @@ class Detector(Protocol):
 
 
 def stack_detections(
-    found: Sequence[tuple[str, float, Bool[np.ndarray, "h w"]]], size: tuple[int, int]
+    found: Sequence[tuple[str, float, Bool[np.ndarray, "h w"]]],
+    size: tuple[int, int],
+    boxes_xyxy: Mapping[int, Float32[np.ndarray, "4"]] | None = None,
 ) -> PictureDetections:
-    """Puts (category, score, mask) together, the most confident first; boxes are the tightest around the masks."""
-    ranked = sorted(found, key=lambda one: -one[1])
-    masks = np.stack([mask for _, _, mask in ranked]) if ranked else np.zeros((0, *size), bool)
+    """Puts detections together, the most confident first.
+
+    Args:
+        found: category, score and mask of each.
+        size: height and width of the picture.
+        boxes_xyxy: the box of each whose mask was made from it; those of others are the tightest around the masks.
+    """
+    given = boxes_xyxy or {}
+    order = sorted(range(len(found)), key=lambda i: -found[i][1])
+    boxes = [given[i] if i in given else box_xyxy(found[i][2]) for i in order]
     return PictureDetections(
-        categories=tuple(category for category, _, _ in ranked),
-        scores=np.array([score for _, score, _ in ranked], np.float32),
-        boxes_xyxy=np.array([box_xyxy(mask) for mask in masks], np.float32).reshape(-1, 4),
-        masks=masks,
+        categories=tuple(found[i][0] for i in order),
+        scores=np.array([found[i][1] for i in order], np.float32),
+        boxes_xyxy=np.array(boxes, np.float32).reshape(-1, 4),
+        masks=np.stack([found[i][2] for i in order]) if order else np.zeros((0, *size), bool),
+        made_here=tuple(rank for rank, i in enumerate(order) if i in given),
     )
 
 
-def run_detector(detector: Detector, episode: Episode) -> tuple[Detection, ...]:
+def run_detector(
+    detector: Detector, episode: Episode, looked: Callable[[int], object] = lambda views: None
+) -> tuple[Detection, ...]:
     """Looks at every view.
 
     Args:
         detector: any.
         episode: the views.
+        looked: is told at how many more views, as soon as it has looked at them.
 
     Raises:
         DetectorError: naming the view, if the detector fails or returns something else than detections.
@@ -122,4 +138,5 @@ def run_detector(detector: Detector, episode: Episode) -> tuple[Detection, ...]:
             raise DetectorError(f"detector {detector.name} on {names} of {episode.name}: {error}") from error
         for view, one in zip(views, found, strict=True):
             detections.extend(one.as_detections(view))
+        looked(len(views))
     return tuple(detections)

@@ -53,12 +53,14 @@ class Detection:
     mask: Bool[np.ndarray, "h w"]
     exact: bool = False
     """Drawn by a person, so that its outline needs no doubt: the mask is not eroded."""
+    box_xyxy: tuple[float, float, float, float] | None = None
+    """Of a detector that gives boxes only: left, top, right, bottom in pixels, from which the mask was made here."""
 
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, Detection)
-            and (self.view_index, self.category, self.confidence, self.exact)
-            == (other.view_index, other.category, other.confidence, other.exact)
+            and (self.view_index, self.category, self.confidence, self.exact, self.box_xyxy)
+            == (other.view_index, other.category, other.confidence, other.exact, other.box_xyxy)
             and np.array_equal(self.mask, other.mask)
         )
 

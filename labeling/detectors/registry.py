@@ -60,7 +60,7 @@ package.module:function, the folder of a labeling.finetune run
     if name.startswith(ONNX_PREFIX):
         from labeling.detectors.adapters.onnx import OnnxDetector
 
-        return OnnxDetector(Path(name.removeprefix(ONNX_PREFIX)), name, batch_size)
+        return OnnxDetector(Path(name.removeprefix(ONNX_PREFIX)), name)
     from labeling.detectors.adapters.function import FunctionDetector
 
     return FunctionDetector(name)

@@ -10,6 +10,7 @@ from labeling.detectors.data.annotated_pictures import read_pictures
 from labeling.detectors.scoring import detect_all
 from labeling.evaluation.compare import PROTOCOL, SCHEMA_VERSION, figures
 from labeling.io.episodes import find_episodes, read_episode
+from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.metrics.matching import MaskInstance, instances_of, match
 from labeling.runtime.cli import progress_bar
 
@@ -31,11 +32,12 @@ def score_detector(path: Path, detector: Detector) -> dict[str, Any]:
     return _metrics(truths, found, len(pictures), sorted(stated - known), path, detector.name)
 
 
-def score_episodes(path: Path) -> dict[str, Any]:
+def score_episodes(path: Path, recording: RecordingConfig | None = None) -> dict[str, Any]:
     """Compares the detections that lie beside the frames of episodes with ground truth.
 
     Args:
         path: an episode, or a folder of episodes.
+        recording: how to read them.
 
     Raises:
         SbmError: if no episode has both.
@@ -45,8 +47,8 @@ def score_episodes(path: Path) -> dict[str, Any]:
     known: set[str] | None = set()
     names: set[Any] = set()
     views = 0
-    for folder in progress_bar(find_episodes(path), "episode", desc="evaluating"):
-        episode = read_episode(folder)
+    for folder in progress_bar(find_episodes(path, recording), "episode", desc="evaluating"):
+        episode = read_episode(folder, recording)
         if episode.ground_truth is None:
             raise UsageError(f"{folder}: has no ground_truth.json to compare with")
         if episode.detections is None:

@@ -132,6 +132,7 @@ def _detect(episode: Episode, name: str, cache: Path) -> Sources:
     detector = detector_by_name(name)
     digest = hashlib.sha256(f"{name}\0{detector.digest}".encode())
     digest.update(episode.rgb.tobytes())
+    digest.update(episode.depth_m.tobytes())
     mark = digest.hexdigest()
     if cache.is_file():
         try:

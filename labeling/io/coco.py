@@ -125,7 +125,7 @@ def image_of(record: Json, images: Mapping[int, T]) -> T:
 
 
 def read_detections(file: Json, table: CategoryTable, episode: "Episode", images: Json | None) -> tuple[Detection, ...]:
-    """Reads COCO results: a list of ``image_id category_id segmentation score``.
+    """Reads COCO results: a list of ``image_id category_id segmentation score``, or with ``bbox`` for segmentation.
 
     Args:
         file: content of ``detections.json``.
@@ -140,10 +140,10 @@ def read_detections(file: Json, table: CategoryTable, episode: "Episode", images
         score = read_score(record)
         view = image_of(record, views)
         if view is not None:
-            whole = read_mask(record, "segmentation", episode.size)
+            whole, box = _mask_or_box(record, episode, view)
             rows = np.flatnonzero(whole.any(axis=1))
             mask[rows] = whole[rows]
-            detections.append(Detection(view, table.name(record), score, mask))
+            detections.append(Detection(view, table.name(record), score, mask, box_xyxy=box))
     return tuple(detections)
 
 
@@ -172,9 +172,34 @@ def read_shared_file(
     for record in file.list_of("annotations"):
         view = image_of(record, views)
         if view is not None and (scored or not is_ignored(record)):
-            mask = read_mask(record, "segmentation", episode.size)
-            found.append(Detection(view, table.name(record), read_score(record) if scored else 1.0, mask, not scored))
-    return tuple(found), ()
+            mask, box = _mask_or_box(record, episode, view)
+            score = read_score(record) if scored else 1.0
+            exact = not scored and box is None
+            # A person's box is as certain as an outline, only the mask in it is not.
+            found.append(Detection(view, table.name(record), score, mask, exact, box if scored else None))
+    boxes = sum(not (scored or one.exact) for one in found)
+    note = f"{file.file}: {boxes} of {len(found)} annotations are boxes, whose masks were made here"
+    return tuple(found), (note,) if boxes else ()
+
+
+def _mask_or_box(
+    record: Json, episode: "Episode", view: int
+) -> tuple[Bool[np.ndarray, "h w"], tuple[float, float, float, float] | None]:
+    """The mask of an annotation or a result; where it has only a ``bbox``, one that is made from it, and the box."""
+    outlined = record.has("segmentation") and record.get("segmentation").value not in (None, [])
+    if outlined and not record.flag("mask_from_box"):
+        return read_mask(record, "segmentation", episode.size), None
+    if not outlined and not record.has("bbox"):
+        raise record.error("is missing, and so is bbox", "segmentation")
+    left, top, width, height = record.array("bbox", (4,)).tolist()
+    if not (width > 0 and height > 0):
+        raise record.error(f"is left, top, width, height, and {width:g} x {height:g} pixels hold nothing", "bbox")
+    box = left, top, left + width, top + height
+    if outlined:
+        return read_mask(record, "segmentation", episode.size), box
+    from labeling.core.box_masks import mask_in_box
+
+    return mask_in_box(episode.rgb[view], np.array(box, np.float32), episode.depth_m[view]), box
 
 
 def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> tuple[GroundTruth, ...]:

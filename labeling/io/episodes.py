@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import flip_camera_axes
-from labeling.core.masks import box_xywh
+from labeling.core.masks import box_xywh, box_xyxy
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d, Detection
 from labeling.formats.atomic import atomic_folder, write_json, write_png
@@ -190,10 +190,14 @@ def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion |
         undistortion = undistortions[view_index]
         return mask if undistortion is None or mask is None else undistortion.mask(mask)
 
+    def moved_detection(one: Detection) -> Detection:
+        mask = moved(one.view_index, one.mask)
+        return replace(one, mask=mask, box_xyxy=None if one.box_xyxy is None else box_xyxy(mask))
+
     detections, truths = episode.detections, episode.ground_truth
     return replace(
         episode,
-        detections=detections and tuple(replace(d, mask=moved(d.view_index, d.mask)) for d in detections),
+        detections=detections and tuple(map(moved_detection, detections)),
         ground_truth=truths
         and tuple(replace(t, modal=moved(t.view_index, t.modal), amodal=moved(t.view_index, t.amodal)) for t in truths),
         notes=(*episode.notes, f"lens distortion was removed from {sum(map(bool, undistortions))} views"),
@@ -215,13 +219,17 @@ def _intrinsics_record(intrinsics: Float[np.ndarray, "3 3"]) -> dict:
 
 def detection_record(detection: Detection, ids: dict[str, int]) -> dict[str, Any]:
     """A detection as a COCO result; ``ids`` are those of the categories."""
-    return {
+    record = {
         "image_id": detection.view_index,
         "category_id": ids[detection.category],
         "segmentation": encode_mask(detection.mask),
         "bbox": list(box_xywh(detection.mask)),
         "score": detection.confidence,
     }
+    if detection.box_xyxy is not None:
+        left, top, right, bottom = detection.box_xyxy
+        record |= {"bbox": [left, top, right - left, bottom - top], "mask_from_box": True}
+    return record
 
 
 def _ground_truth_record(episode: Episode, ids: dict[str, int]) -> dict:

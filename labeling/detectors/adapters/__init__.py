@@ -1,1 +1,1 @@
-"""Detectors of others: ONNX files, Python functions, masks for detectors that only give boxes."""
+"""Detectors of others: ONNX files and Python functions."""

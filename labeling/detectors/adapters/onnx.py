@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
+from labeling.core.box_masks import mask_in_box
 from labeling.core.detector import DetectorError, PictureDetections
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.masks import MASK_THRESHOLD, paste_mask
-from labeling.detectors.adapters.depth_masks import mask_in_box
 from labeling.detectors.adapters.function import first_line
 from labeling.detectors.data.augment import resize_picture
 from labeling.formats.checked_json import Json, read_json
@@ -90,8 +90,10 @@ def _config(file: Json) -> OnnxConfig:
 class OnnxDetector:
     """Runs an exported detector."""
 
-    def __init__(self, path: Path, name: str, batch_size: int = 8) -> None:
-        self.name, self.batch_size = name, batch_size
+    batch_size = 1
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.name = name
         if not path.is_file():
             raise DetectorError(f"{name}: no such file")
         beside = path.with_suffix(".json")
@@ -149,6 +151,7 @@ class OnnxDetector:
             scores=scores[kept],
             boxes_xyxy=in_picture[kept],
             masks=np.stack([drawn[i] for i in kept]) if kept else np.zeros((0, *size), bool),
+            made_here=tuple(range(len(kept))) if masks is None else (),
         )
 
     def _prepare(self, picture: UInt8[np.ndarray, "h w 3"]) -> tuple[Float32[np.ndarray, "1 3 tall wide"], np.ndarray]:

@@ -18,7 +18,7 @@ class SourceConfig:
     detector: str | None = None
     """Run this detector: ``compact``, ``maskrcnn_resnet50_fpn``, the folder of a labeling.finetune run, ``onnx:FILE``,
     or a Python callable ``package.module:function`` that takes a picture (h, w, 3; uint8; RGB) and returns a list of
-    (category, confidence, mask). What it finds is kept in the label set, so that it runs once."""
+    (category, confidence, mask or box). What it finds is kept in the label set, so that it runs once."""
     with_recorded: bool = False
     """Take the detections that were recorded with the episodes as well as what --detector finds; where both have found
     an object in a view, the surer one."""

@@ -146,6 +146,16 @@ def test_a_detector_scores_beside_the_frames_as_it_does_in_a_label_set(scene, de
     assert alone == json.loads((scene.labels / "metrics.json").read_text())["detector"]
 
 
+def test_episodes_are_scored_as_the_options_of_recordings_say(scene, tmp_path, capsys):
+    scene.add_episode("one")
+    scene.write_labels()
+    assert evaluate([str(scene.dataset), "--every", "2", "--metrics", str(tmp_path / "m.json")]) == 0
+    assert json.loads((tmp_path / "m.json").read_text())["counts"]["views"] == 1
+    assert evaluate([str(scene.dataset), "--layout", "tum"]) == 2
+    assert evaluate([str(scene.labels), "--every", "2"]) == 2
+    assert "how its recordings are read, a label set says itself" in capsys.readouterr().err
+
+
 def test_evaluation_leaves_out_what_the_detector_of_the_labels_was_never_taught(scene, tmp_path):
     torch.manual_seed(0)
     network = build_network(NetworkSpec("compact", ("chair", "lamp")))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from labeling.core.box_masks import mask_in_box
 from labeling.core.detector import DetectorError
 from labeling.core.errors import UsageError
 from labeling.core.masks import mask_iou
 from labeling.detectors import registry
-from labeling.detectors.adapters.depth_masks import mask_in_box
 from labeling.detectors.adapters.onnx import OnnxDetector
 from labeling.detectors.networks.coco_weights import category_names_of_coco
 from labeling.detectors.networks.mask_rcnn import build_network
