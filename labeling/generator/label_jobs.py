@@ -18,10 +18,12 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.process_pool import WorkerDiedError, run_jobs
 from labeling.runtime.provenance import package_versions
-from labeling.runtime.threads import in_background
+from labeling.runtime.threads import in_background, num_threads, one_beside
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scipy", "hotcoco")
 """What the labels depend on."""
+MAX_BESIDE_PX = 8_000_000
+"""While an episode of more pixels is labelled no other one is kept in memory: 100 views of 320x240."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,18 @@ class Job:
 
     def label_episode(self, folder: Path) -> EpisodeResult:
         """Labels one episode and writes its record and cloud, or takes what an earlier run has left."""
+        stages = self.stages(folder)
+        return _finish(_advance(stages), stages)
+
+    def stages(self, folder: Path) -> Generator[int, None, EpisodeResult]:
+        """The same in three steps, which may be taken on different threads: reading, labelling, writing.
+
+        Yields:
+            Pixels of the episode, once it is read and once more when it is labelled.
+
+        Returns:
+            How it went; after the first step already if there is nothing to label.
+        """
         from labeling.formats.ply import write_ply
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
@@ -85,11 +99,13 @@ class Job:
             record = read_record(record_file, mark)
             if record is None or not points_file.is_file():
                 episode = read_episode(folder, self.recording, ground_truth=self.sources.reads_ground_truth)
+                yield episode.depth_m.size
                 cache = self.out / DETECTIONS_FOLDER / f"{name}.json"
                 sources = find_sources(folder, episode, relative, self.sources, self.label, cache)
                 from labeling.generator.propagate import propagate
 
                 labels = propagate(episode, sources.detections, self.label)
+                yield episode.depth_m.size
                 cloud = labels.cloud
                 points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
                 with in_background(lambda: write_ply(points_file, *points)) as written:
@@ -120,6 +136,9 @@ def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator[Epis
     Yields:
         How it went with each episode, in their order. Closing the generator ends the workers.
     """
+    if min(workers, len(folders)) == 1 and num_threads() > 1:
+        yield from _label_here(job, folders)
+        return
     with closing(run_jobs(job.label_episode, folders, workers, threads=None, ordered=True)) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome.error, WorkerDiedError):
@@ -127,3 +146,37 @@ def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator[Epis
                 yield EpisodeResult(folder.resolve().name, job.relative(folder), None, problem)
             else:
                 yield outcome.result()
+
+
+def _label_here(job: Job, folders: Sequence[Path]) -> Generator[EpisodeResult, None, None]:
+    """What ``label_all`` does in this process: another thread writes the last episode and reads the next meanwhile."""
+    begun = [job.stages(folder) for folder in folders]
+    with one_beside() as other:
+        step, written = _advance(begun[0]), None
+        for stages, following in zip(begun, [*begun[1:], None], strict=True):
+            small = isinstance(step, EpisodeResult) or step <= MAX_BESIDE_PX
+            read = other.submit(_advance, following) if following and small else None
+            if not isinstance(step, EpisodeResult):
+                step = _advance(stages)
+            if written:
+                yield written.result()
+            written = other.submit(_finish, step, stages) if read else None
+            if written is None:
+                yield _finish(step, stages)
+            if following:
+                step = read.result() if read else _advance(following)
+
+
+def _finish(step: int | EpisodeResult, stages: Generator[int, None, EpisodeResult]) -> EpisodeResult:
+    """Takes all the steps that are left."""
+    while not isinstance(step, EpisodeResult):
+        step = _advance(stages)
+    return step
+
+
+def _advance(stages: Generator[int, None, EpisodeResult]) -> int | EpisodeResult:
+    """Takes the next step."""
+    try:
+        return next(stages)
+    except StopIteration as end:
+        return end.value

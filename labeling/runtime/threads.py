@@ -1,6 +1,8 @@
 """How many threads work side by side, and work spread over them in order."""
 
 import os
+import sys
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -19,11 +21,37 @@ THREAD_VARIABLES = (
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+_HANDOVER_S = 3e-4
+_beside = threading.local()
+"""Of this thread: whether it works beside others that have all cores to do with."""
+
 
 def num_threads() -> int:
-    """As many as ``NUMBA_NUM_THREADS`` says, which bounds the compiled code too; else one for each usable core."""
+    """As many as ``NUMBA_NUM_THREADS`` says, which bounds the compiled code too; else one for each usable core.
+
+    One in a thread of ``one_beside``.
+    """
+    if getattr(_beside, "alone", False):
+        return 1
     told = os.environ.get("NUMBA_NUM_THREADS", "")
     return int(told) if told.isdigit() and int(told) > 0 else len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def one_beside() -> Iterator[ThreadPoolExecutor]:
+    """Yields one thread that works in turn on what it is given; what has not begun at the end of the block is dropped.
+
+    What it does is spread over no further threads: the block has enough to do for all cores itself. Threads hand over
+    Python's lock sooner than usual, since either side may do much in Python itself.
+    """
+    before = sys.getswitchinterval()
+    with ThreadPoolExecutor(1, initializer=setattr, initargs=(_beside, "alone", True)) as pool:
+        try:
+            sys.setswitchinterval(_HANDOVER_S)
+            yield pool
+        finally:
+            sys.setswitchinterval(before)
+            pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -89,6 +90,30 @@ def test_labels_are_the_same_for_any_number_of_workers(dataset: Path, tmp_path: 
         assert main([str(dataset), "--out", str(tmp_path / str(workers)), "--workers", str(workers)]) == 0
     assert files(tmp_path / "1") == files(tmp_path / "3")
     assert dict(os.environ) == before
+
+
+@pytest.mark.parametrize("most_px", [0, 10**9])
+def test_episodes_read_ahead_and_written_behind_are_told_in_order(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], most_px: int
+) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    monkeypatch.setattr("labeling.generator.label_jobs.MAX_BESIDE_PX", most_px)
+    broken = tmp_path / "rooms"
+    shutil.copytree(dataset, broken)
+    (broken / "room_1" / "rgb" / "000.png").write_bytes(b"no picture")
+    assert main([str(broken), "--out", str(tmp_path / "labels")]) == 2
+    assert "room_1" in capsys.readouterr().err
+    states = json.loads((tmp_path / "labels" / "label_set.json").read_text())["episodes"]
+    assert [(one["name"], one["status"]) for one in states] == [
+        ("room_0", "labelled"),
+        ("room_1", "failed"),
+        ("room_2", "labelled"),
+    ]
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    assert main([str(broken), "--out", str(tmp_path / "alone")]) == 2
+    written, alone = files(tmp_path / "labels"), files(tmp_path / "alone")
+    assert written == alone
+    assert {"episodes/room_0.json", "episodes/room_2.json"} <= set(written)
 
 
 def test_threads_are_shared_out_among_the_workers(dataset: Path, tmp_path: Path, detector: str) -> None:

@@ -1,10 +1,11 @@
 import os
+import sys
 import threading
 import time
 
 import pytest
 
-from labeling.runtime.threads import in_background, in_threads, num_threads
+from labeling.runtime.threads import in_background, in_threads, num_threads, one_beside
 
 
 def test_threads_follow_numbas_variable_and_else_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,3 +40,24 @@ def test_work_beside_runs_on_another_thread_only_if_there_is_one(monkeypatch: py
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
         with in_background(threading.get_ident) as result:
             assert (result() != threading.get_ident()) == other
+
+
+def test_a_thread_beside_spreads_its_work_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "4")
+    before = sys.getswitchinterval()
+    with one_beside() as other:
+        where = other.submit(lambda: (threading.get_ident(), in_threads(lambda _: threading.get_ident(), range(4))))
+        here, spread = where.result()
+        assert here != threading.get_ident()
+        assert set(spread) == {here}
+        assert num_threads() == 4
+    assert sys.getswitchinterval() == before
+
+
+def test_what_has_not_begun_beside_is_dropped_at_the_end() -> None:
+    done, may_end = [], threading.Event()
+    with one_beside() as other:
+        for number in range(100):
+            other.submit(lambda number=number: (may_end.wait(), done.append(number)))
+        threading.Timer(0.05, may_end.set).start()
+    assert len(done) == 1
