@@ -108,7 +108,7 @@ def read_episode(
 def write_episode(folder: Path, episode: Episode) -> None:
     """Writes an episode; it appears under ``folder`` whole or not at all, and replaces what stood there.
 
-    Depth is rounded to millimetres; returns beyond 65.535 m are written as 0 (no return).
+    Depth is rounded to millimetres; returns of 65.535 m and beyond are written as 0 (no return).
 
     Example:
         >>> import tempfile
@@ -209,7 +209,7 @@ def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion |
 
 def _depth_to_units(depth_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
     units = np.rint(depth_m.astype(np.float64) / DEPTH_UNIT_M)
-    return np.where((units > 0) & (units <= np.iinfo(np.uint16).max), units, 0).astype(np.uint16)
+    return np.where((units > 0) & (units < np.iinfo(np.uint16).max), units, 0).astype(np.uint16)
 
 
 def _intrinsics_record(intrinsics: Float[np.ndarray, "3 3"]) -> dict:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from labeling.core.errors import EpisodeFormatError
+from labeling.core.geometry import is_rigid
 from labeling.core.views import RgbdViews
 from labeling.io.recordings.pictures import (
     Undistortion,
@@ -16,6 +17,7 @@ from labeling.io.recordings.pictures import (
     read_colour,
     read_depth,
     register_depth,
+    reproject_depth,
     same_view,
     size_text,
 )
@@ -47,7 +49,9 @@ class Frame:
     camera: Callable[[tuple[int, int]], Float[np.ndarray, "3 3"]]
     """K for a colour picture of this height and width; refuses a size that the recording contradicts."""
     depth_intrinsics: Float[np.ndarray, "3 3"] | None = None
-    """K of the depth picture, from the same place as colour; None if it shows what the colour picture shows."""
+    """K of the depth picture; None if it shows what the colour picture shows."""
+    depth_to_colour: Float[np.ndarray, "4 4"] | None = None
+    """Transform of points from the depth camera's frame to the colour camera's; None if both stand at one place."""
     distortion: tuple[float, ...] = ()
     """OpenCV's k1 k2 p1 p2 k3; empty for a straight picture."""
 
@@ -88,6 +92,17 @@ def frame_list(found: Sequence[tuple[str, Frame | str]], reasons: Sequence[str],
             plural = "s" if len(names) > 1 else ""
             notes.append(f"left out {len(names)} frame{plural} {reason}: {', '.join(names[:3])}{more}")
     return FrameList(tuple(name for name, _ in found), frames, notes)
+
+
+def depth_to_colour(matrix: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"] | None:
+    """A transform from the depth camera's frame to the colour camera's; None for one that moves nothing.
+
+    Raises:
+        ValueError: if it is not rigid.
+    """
+    if not is_rigid(matrix):
+        raise ValueError("is not a rigid transform (a rotation, a translation in metres, a last row 0 0 0 1)")
+    return None if np.allclose(matrix, np.eye(4), atol=1e-6) else matrix
 
 
 def file_inside(folder: Path, relative: str, extensions: Sequence[str] = ()) -> Path:
@@ -177,11 +192,13 @@ def load(
                         "python -m labeling.convert FOLDER --undistort --out EPISODE"
                     )
                 undistortion = Undistortion(camera, frame.distortion, colour.shape[:2])
-                colour, aligned = undistortion.colour(colour), undistortion.depth(aligned)
+                colour = undistortion.colour(colour)
+                if frame.depth_intrinsics is None:  # else it was brought into the straight picture already
+                    aligned = undistortion.depth(aligned)
             rgb[view], depth_m[view] = colour, aligned
             intrinsics.append(camera)
             undistortions.append(undistortion)
-    notes = (f"depth of {resized} views was brought to the size of their colour pictures",) if resized else ()
+    notes = (f"depth of {resized} views was brought into their colour pictures",) if resized else ()
     poses = np.stack([frame.camera_to_world for frame in frames])
     views = RgbdViews(rgb, depth_m, np.stack(intrinsics), poses)
     return views, tuple(undistortions), notes
@@ -197,14 +214,18 @@ def _read_depth(frame: Frame) -> np.ndarray | EpisodeFormatError:
 
 def _align(frame: Frame, depth_m, camera, size: tuple[int, int]) -> np.ndarray:
     same_camera = frame.depth_intrinsics is None or np.array_equal(frame.depth_intrinsics, camera)
+    same_camera &= frame.depth_to_colour is None
     if depth_m.shape == size and same_camera:
         return depth_m
+    if frame.depth_intrinsics is not None and frame.depth_to_colour is not None:
+        return reproject_depth(depth_m, frame.depth_intrinsics, frame.depth_to_colour, camera, size)
     if frame.depth_intrinsics is not None:
         return register_depth(depth_m, frame.depth_intrinsics, camera, size)
     if not same_view((depth_m.shape[0], depth_m.shape[1]), size):
         raise EpisodeFormatError(
             f"{frame.depth_file}: depth is {size_text(depth_m)} pixels but its colour picture is {size[1]}x{size[0]}, "
-            "which is no enlargement of it; align depth to colour first"
+            "which is no enlargement of it: it was taken by a camera of its own; tell of that one (see "
+            'docs/your-own-recordings.md, "Depth from a camera of its own"), or align depth to colour first'
         )
     return enlarge_depth(depth_m, size)
 

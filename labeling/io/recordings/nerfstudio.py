@@ -2,7 +2,8 @@
 
 Source: nerfstudio, "Data conventions" (docs.nerf.studio) and its data parser: OpenGL camera axes; intrinsics shared or
 per frame; ``k1 k2 k3 p1 p2`` are OpenCV's; ``applied_transform`` is already in the poses; ``applied_scale`` is the
-factor their translations were multiplied with.
+factor their translations were multiplied with. nerfstudio's depth is registered to colour; other depth comes with
+fields of ours, ``depth_fl_x depth_fl_y depth_cx depth_cy`` and ``depth_to_color``.
 """
 
 import functools
@@ -13,7 +14,7 @@ from jaxtyping import Float
 
 from labeling.core.geometry import flip_camera_axes, intrinsics_matrix, is_rigid
 from labeling.formats.checked_json import Json, read_json
-from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, file_inside, frame_list
+from labeling.io.recordings.frames import MAX_DEPTH_UNIT_M, Frame, FrameList, depth_to_colour, file_inside, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 
 FILES = ("transforms.json",)
@@ -21,6 +22,7 @@ DEPTH_UNIT_M = 0.001
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 CAMERA_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL")
 NO_DEPTH = "without depth_file_path"
+DEPTH_CAMERA, DEPTH_TO_COLOUR = ("depth_fl_x", "depth_fl_y", "depth_cx", "depth_cy"), "depth_to_color"
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 
 
@@ -48,6 +50,7 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
             continue
         pose = _camera_to_world(record)
         pose[:3, 3] /= scale
+        depth_camera, transform = _depth_camera(transforms, record)
         frame = Frame(
             name=name,
             colour_file=colour_file,
@@ -55,6 +58,8 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
             depth_unit_m=depth_unit_m,
             camera_to_world=pose,
             camera=functools.partial(_intrinsics, transforms, record, name),
+            depth_intrinsics=depth_camera,
+            depth_to_colour=transform,
             distortion=_distortion(transforms, record),
         )
         found.append((name, frame))
@@ -86,6 +91,25 @@ def _intrinsics(transforms: Json, record: Json, file: str, size: tuple[int, int]
     fl_x, fl_y = (holder(name).number(name, above=0.0) for name in ("fl_x", "fl_y"))
     cx, cy = (holder(name).number(name) for name in ("cx", "cy"))
     return intrinsics_matrix(fl_x, fl_y, cx, cy)
+
+
+def _depth_camera(
+    transforms: Json, record: Json
+) -> tuple[Float[np.ndarray, "3 3"] | None, Float[np.ndarray, "4 4"] | None]:
+    """K of the depth camera, and the transform from its frame to colour's; None where depth is registered."""
+    holder = functools.partial(_holder, transforms, record)
+    has_transform = holder(DEPTH_TO_COLOUR).has(DEPTH_TO_COLOUR)
+    if not has_transform and not any(holder(name).has(name) for name in DEPTH_CAMERA):
+        return None, None
+    focal = [holder(name).number(name, above=0.0) for name in DEPTH_CAMERA[:2]]
+    camera = intrinsics_matrix(*focal, *(holder(name).number(name) for name in DEPTH_CAMERA[2:]))
+    if not has_transform:
+        return camera, None
+    matrix = holder(DEPTH_TO_COLOUR).array(DEPTH_TO_COLOUR, (4, 4))
+    try:
+        return camera, depth_to_colour(matrix)
+    except ValueError as error:
+        raise holder(DEPTH_TO_COLOUR).error(str(error), DEPTH_TO_COLOUR) from None
 
 
 def _holder(transforms: Json, record: Json, name: str) -> Json:

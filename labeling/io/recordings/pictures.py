@@ -29,7 +29,10 @@ def read_colour(path: Path) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def read_depth(path: Path, depth_unit_m: float) -> Float32[np.ndarray, "h w"]:
-    """A depth picture in metres: a 16-bit PNG, or an array of numpy (``.npy``); 0 where there is no return.
+    """A depth picture in metres: a 16-bit PNG, or an array of numpy (``.npy``).
+
+    Returns:
+        Depth; 0 where there is no return, which pictures write as 0 or as 65535.
 
     Raises:
         EpisodeFormatError: naming the file.
@@ -51,7 +54,9 @@ def _metres_of_units(depth_unit_m: float) -> Float32[np.ndarray, "65536"]:
     In double precision, so that writing what was read gives the same millimetres and reading them the same metres.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        return (np.arange(1 << 16) * np.float64(depth_unit_m)).astype(np.float32)
+        metres = (np.arange(1 << 16) * np.float64(depth_unit_m)).astype(np.float32)
+    metres[-1] = 0  # the highest number stands for "no return" in pictures of many sensors
+    return metres
 
 
 def same_view(depth_size: tuple[int, int], colour_size: tuple[int, int]) -> bool:
@@ -94,6 +99,39 @@ def register_depth(
         inside.append((pixel >= 0) & (pixel < old))
         index.append(np.clip(pixel, 0, old - 1))
     return np.where(np.outer(inside[1], inside[0]), depth_m[np.ix_(index[1], index[0])], np.float32(0))
+
+
+def reproject_depth(
+    depth_m: Float32[np.ndarray, "dh dw"],
+    depth_intrinsics: Float[np.ndarray, "3 3"],
+    depth_to_colour: Float[np.ndarray, "4 4"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    size: tuple[int, int],
+) -> Float32[np.ndarray, "h w"]:
+    """Depth of a camera that stands beside the colour camera, as that one would have seen it.
+
+    Args:
+        depth_m: z-depth in the depth camera's pixels.
+        depth_intrinsics: its K.
+        depth_to_colour: rigid transform of points from its frame to the colour camera's (OpenCV axes).
+        intrinsics: K of the colour camera.
+        size: height and width of the colour picture.
+
+    Returns:
+        z-depth before the colour camera of the nearest surface at each of its pixels; 0 where the depth camera has seen
+        none. Each pixel of depth covers as much as it has seen, so that larger pictures have no gaps.
+    """
+    from labeling.core.geometry import unproject_depth
+    from labeling.core.splatting import splat
+    from labeling.core.views import Camera
+
+    points, pixels = unproject_depth(depth_m, depth_intrinsics, depth_to_colour)
+    # A pixel seen by another camera covers up to half as much again where it is turned, or its surface is.
+    edges_m = 1.5 * depth_m.ravel()[pixels] / min(depth_intrinsics[0, 0], depth_intrinsics[1, 1])
+    nearest = splat(points, Camera(intrinsics, np.eye(4), size), edges_m)
+    found, hit = np.zeros(size, np.float32), nearest >= 0
+    found[hit] = points[nearest[hit], 2]
+    return found
 
 
 class Undistortion:

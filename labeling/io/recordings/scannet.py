@@ -1,7 +1,8 @@
 """Folders as ScanNet's SensReader exports them: ``color/ depth/ pose/ intrinsic/``, files numbered alike.
 
 Source: ScanNet, SensReader: ``pose/N.txt`` is camera to world (4x4, OpenCV axes, -inf where tracking was lost); depth
-is in millimetres and in the pixels of the depth camera, which ``intrinsic_depth.txt`` describes.
+is in millimetres and in the pixels of the depth camera, which ``intrinsic_depth.txt`` describes;
+``extrinsic_color.txt`` and ``extrinsic_depth.txt`` lead from the frame of either camera to the one that poses are of.
 """
 
 import functools
@@ -12,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from labeling.core.errors import EpisodeFormatError
-from labeling.core.geometry import intrinsics_matrix, is_rigid
-from labeling.io.recordings.frames import Frame, FrameList, frame_list
+from labeling.core.geometry import intrinsics_matrix, invert_rigid, is_rigid
+from labeling.io.recordings.frames import Frame, FrameList, depth_to_colour, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.io.recordings.text_tables import read_matrix
 
@@ -32,7 +33,12 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
     camera = _intrinsics(camera_file)
     depth_file = folder / "intrinsic" / "intrinsic_depth.txt"
     depth_camera = _intrinsics(depth_file) if depth_file.is_file() else None
-    _check_same_place(folder / "intrinsic")
+    colour_to_body, depth_to_body = (
+        _extrinsics(folder / "intrinsic" / f"extrinsic_{name}.txt") for name in ("color", "depth")
+    )
+    transform = depth_to_colour(invert_rigid(colour_to_body) @ depth_to_body)
+    if transform is not None and depth_camera is None:
+        raise EpisodeFormatError(f"{depth_file}: is missing, but extrinsic_color.txt and extrinsic_depth.txt differ")
     colour, depth = _numbered(folder / "color", _PICTURES[:3]), _numbered(folder / "depth", _PICTURES)
     poses = _numbered(folder / "pose", (".txt",))
     if not colour:
@@ -49,9 +55,10 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
                 colour_file=file,
                 depth_file=depth[stem],
                 depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
-                camera_to_world=pose,
+                camera_to_world=pose @ colour_to_body,
                 camera=functools.partial(_checked_size, camera, camera_file),
                 depth_intrinsics=depth_camera,
+                depth_to_colour=transform,
             )
         found.append((name, frame))
     problem = f"{folder}: none of the {len(colour)} pictures in color/ has both depth and a pose"
@@ -76,14 +83,16 @@ def _intrinsics(path: Path) -> Float[np.ndarray, "3 3"]:
     return intrinsics_matrix(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 
 
-def _check_same_place(folder: Path) -> None:
-    """Refuses a depth camera that stands elsewhere than the colour camera."""
-    files = [folder / "extrinsic_color.txt", folder / "extrinsic_depth.txt"]
-    if not all(file.is_file() for file in files):
-        return
-    colour, depth = (read_matrix(file) for file in files)
-    if colour.shape != depth.shape or not np.allclose(colour, depth, atol=1e-4):
-        raise EpisodeFormatError(f"{files[0]}: differs from {files[1].name}; align depth to colour first")
+def _extrinsics(path: Path) -> Float[np.ndarray, "4 4"]:
+    """From a camera's frame to the one that poses are of; the same frame if the file is not there."""
+    if not path.is_file():
+        return np.eye(4)
+    matrix = read_matrix(path)
+    if matrix.shape != (4, 4) or not is_rigid(matrix):
+        raise EpisodeFormatError(
+            f"{path}: is not a 4x4 rigid transform (a rotation, a translation in metres, a last row 0 0 0 1)"
+        )
+    return matrix
 
 
 def _pose(path: Path) -> Float[np.ndarray, "4 4"] | None:

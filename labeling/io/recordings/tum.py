@@ -2,6 +2,7 @@
 
 Source: TUM, "File formats" and "Intrinsic camera calibration" of the RGB-D SLAM dataset: depth in units of 1/5000 m,
 registered to colour; poses ``timestamp tx ty tz qx qy qz qw`` of the colour camera (OpenCV axes) in the world.
+Depth that is not registered comes with two files of ours, ``depth_intrinsics.txt`` and ``depth_to_color.txt``.
 """
 
 from pathlib import Path
@@ -11,13 +12,14 @@ from jaxtyping import Float, Float64
 
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import intrinsics_matrix
-from labeling.io.recordings.frames import Frame, FrameList, file_inside, frame_list
+from labeling.io.recordings.frames import Frame, FrameList, depth_to_colour, file_inside, frame_list
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.io.recordings.text_tables import read_matrix, read_rows, real_numbers
 
 FILES = ("rgb.txt", "depth.txt", "groundtruth.txt")
 DEPTH_UNIT_M = 1 / 5000
-INTRINSICS_FILE = "intrinsics.txt"
+INTRINSICS_FILE, DEPTH_INTRINSICS_FILE = "intrinsics.txt", "depth_intrinsics.txt"
+DEPTH_TO_COLOUR_FILE = "depth_to_color.txt"
 
 
 def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
@@ -27,6 +29,7 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
         EpisodeFormatError: naming file and line, if anything is missing or malformed.
     """
     camera = _intrinsics(folder, config)
+    depth_camera, transform = _depth_camera(folder)
     colour_s, colour = _pictures(folder / "rgb.txt")
     depth_s, depth = _pictures(folder / "depth.txt")
     trajectory_s, trajectory = _trajectory(folder / "groundtruth.txt")
@@ -44,6 +47,8 @@ def list_frames(folder: Path, config: RecordingConfig) -> FrameList:
                 depth_unit_m=config.depth_unit_m or DEPTH_UNIT_M,
                 camera_to_world=pose,
                 camera=lambda size: camera,
+                depth_intrinsics=depth_camera,
+                depth_to_colour=transform,
             )
         found.append((name, frame))
     problem = f"{folder / 'rgb.txt'}: none of its {len(colour)} pictures has depth and a pose close in time"
@@ -100,26 +105,39 @@ def pose_at(
 
 def _intrinsics(folder: Path, config: RecordingConfig) -> Float[np.ndarray, "3 3"]:
     if config.camera is not None:
-        values = np.array(config.camera)
-    elif (folder / INTRINSICS_FILE).is_file():
-        matrix = read_matrix(folder / INTRINSICS_FILE)
-        if matrix.shape == (3, 3):
-            return matrix
-        if matrix.size != 4:
-            raise EpisodeFormatError(
-                f"{folder / INTRINSICS_FILE}: expected fx fy cx cy, or a 3x3 matrix, not shape {matrix.shape}"
-            )
-        values = matrix.ravel()
-    else:
-        raise EpisodeFormatError(
-            f"{folder}: TUM folders do not tell the camera; give --camera FX FY CX CY, or write these four numbers to "
-            f"{INTRINSICS_FILE} (TUM recommends 525 525 319.5 239.5 for its own recordings)"
-        )
-    if not min(values[:2]) > 0:
-        raise EpisodeFormatError(
-            f"{folder / INTRINSICS_FILE}: focal lengths must be above 0, not {values[:2].tolist()}"
-        )
-    return intrinsics_matrix(*values)
+        return intrinsics_matrix(*config.camera)
+    if (folder / INTRINSICS_FILE).is_file():
+        return _camera_matrix(folder / INTRINSICS_FILE)
+    raise EpisodeFormatError(
+        f"{folder}: TUM folders do not tell the camera; give --camera FX FY CX CY, or write these four numbers to "
+        f"{INTRINSICS_FILE} (TUM recommends 525 525 319.5 239.5 for its own recordings)"
+    )
+
+
+def _depth_camera(folder: Path) -> tuple[Float[np.ndarray, "3 3"] | None, Float[np.ndarray, "4 4"] | None]:
+    """K of the depth camera, and the transform from its frame to colour's; None where depth is registered."""
+    intrinsics_file, transform_file = folder / DEPTH_INTRINSICS_FILE, folder / DEPTH_TO_COLOUR_FILE
+    camera = _camera_matrix(intrinsics_file) if intrinsics_file.is_file() else None
+    if not transform_file.is_file():
+        return camera, None
+    if camera is None:
+        raise EpisodeFormatError(f"{intrinsics_file}: is missing, which {DEPTH_TO_COLOUR_FILE} needs beside it")
+    matrix = read_matrix(transform_file)
+    try:
+        return camera, depth_to_colour(matrix if matrix.shape == (4, 4) else np.zeros((4, 4)))
+    except ValueError as error:
+        raise EpisodeFormatError(f"{transform_file}: {error}") from None
+
+
+def _camera_matrix(path: Path) -> Float[np.ndarray, "3 3"]:
+    """K of a file that holds it, or fx fy cx cy."""
+    matrix = read_matrix(path)
+    if matrix.shape != (3, 3) and matrix.size != 4:
+        raise EpisodeFormatError(f"{path}: expected fx fy cx cy, or a 3x3 matrix, not shape {matrix.shape}")
+    intrinsics = matrix if matrix.shape == (3, 3) else intrinsics_matrix(*matrix.ravel())
+    if not min(intrinsics[0, 0], intrinsics[1, 1]) > 0:
+        raise EpisodeFormatError(f"{path}: focal lengths must be above 0, not {np.diag(intrinsics)[:2].tolist()}")
+    return intrinsics
 
 
 def _pictures(path: Path) -> tuple[Float64[np.ndarray, "n"], list[str]]:

@@ -102,7 +102,7 @@ def test_depth_is_rounded_to_millimetres_and_too_far_is_no_return(tmp_path_facto
     path = tmp_path_factory.mktemp("depth") / "e"
     write_episode(path, small)
     back = read_episode(path).depth_m
-    near = depth_m <= 65.535
+    near = depth_m < 65.534
     np.testing.assert_allclose(back[near], depth_m[near], atol=0.00051)
     assert (back[depth_m > 65.536] == 0).all()
 

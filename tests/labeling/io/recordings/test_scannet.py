@@ -60,7 +60,7 @@ def test_depth_of_a_camera_of_its_own_is_brought_into_the_colour_picture(tmp_pat
         (lambda f: np.savetxt(f / "pose" / "0.txt", 2 * np.eye(4)), r"0\.txt: is not a rigid transform"),
         (lambda f: np.savetxt(f / "intrinsic" / "intrinsic_color.txt", -np.eye(4)), "expected a camera matrix"),
         (lambda f: (f / "intrinsic" / "intrinsic_color.txt").unlink(), r"intrinsic_color\.txt: file is missing"),
-        (lambda f: np.savetxt(f / "intrinsic" / "extrinsic_depth.txt", np.ones((4, 4))), "align depth to colour"),
+        (lambda f: np.savetxt(f / "intrinsic" / "extrinsic_depth.txt", np.ones((4, 4))), "not a 4x4 rigid transform"),
         (lambda f: [p.unlink() for p in (f / "color").iterdir()], "color: holds no PNG or JPEG"),
         (lambda f: [p.unlink() for p in (f / "depth").iterdir()], "5 without depth"),
     ],
