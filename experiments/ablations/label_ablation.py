@@ -4,6 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from experiments.ablations.ablation_variants import FACTORS, NOT_STUDIED, variants
+from experiments.ablations.label_scores import Setting
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from labeling.generator.settings.label_config import LabelConfig
@@ -27,12 +28,9 @@ def run(context: RunContext) -> dict[str, Any]:
     from experiments.cache.episode_pool import ablation_pools
 
     chosen = variants(context.scale)
-    named: dict[str, list[LabelConfig | None]] = {
-        BASE: [LabelConfig(seed=seed) for seed in context.seeds],
-        DETECTOR: [None],
-    }
+    named = {BASE: [Setting(LabelConfig(seed=seed)) for seed in context.seeds], DETECTOR: [Setting(None)]}
     for factor, one in chosen:
-        named[_key(factor.title, one.name)] = [one.config(seed) for seed in context.seeds]
+        named[_key(factor.title, one.name)] = [Setting(one.config(seed)) for seed in context.seeds]
     about, results = compare(named, BASE, ablation_pools(context.scale), context, "label ablation")
     return {
         "default": asdict(LabelConfig()),

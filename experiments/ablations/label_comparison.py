@@ -1,25 +1,24 @@
 """Label settings side by side on the same episodes: figures, and paired differences from one of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
 from agents.evaluation.statistics import difference_record, rounded
-from experiments.ablations.label_scores import FIGURES, Scored, pooled_figures, score_all, true_instances
+from experiments.ablations.label_scores import FIGURES, Scored, Setting, pooled_figures, score_all, true_instances
 from experiments.cache.episode_pool import EpisodePool, pool_record, record
 from experiments.cache.stages import RunContext
-from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.average_precision import mean_of
 from labeling.metrics.matching import MaskInstance
 
 
 def compare(
-    named: dict[str, list[LabelConfig | None]], base: str, pools: Sequence[EpisodePool], context: RunContext, title: str
+    named: Mapping[str, Sequence[Setting]], base: str, pools: Sequence[EpisodePool], context: RunContext, title: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Records the pools, labels them under all settings and compares.
 
     Args:
-        named: settings by name, one for each seed; None stands for the detector's own masks.
+        named: settings by name, one for each seed.
         base: name of the settings that the others are compared with.
         pools: where.
         context: scale, store, processes.
@@ -33,9 +32,9 @@ def compare(
         SbmError: if recording or labelling fails.
     """
     folders = {pool.name: record(pool, context) for pool in pools}
-    configs = [config for settings in named.values() for config in settings]
+    every_setting = [one for settings in named.values() for one in settings]
     every = [folder for found in folders.values() for folder in found]
-    rows = iter(score_all(every, configs, context, title))
+    rows = iter(score_all(every, every_setting, context, title))
     scored = {name: [next(rows) for _ in settings] for name, settings in named.items()}
     results: dict[str, Any] = {name: {} for name in named}
     start = 0

@@ -3,6 +3,7 @@
 from dataclasses import asdict, fields, replace
 from typing import Any
 
+from experiments.ablations.label_scores import Setting
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables.thesis_tables import Row, Table
@@ -48,10 +49,10 @@ def run(context: RunContext) -> dict[str, Any]:
         if pool.split != "val":
             continue
         streets = pool.name.startswith("streets")
-        named: dict[str, list[LabelConfig | None]] = {"detector": [None]}
+        named = {"detector": [Setting(None)]}
         for name, config in settings.items():
             own = replace(config, **STREETS) if streets and not config.fuse_views else config
-            named[name] = [replace(own, seed=seed) for seed in context.seeds]
+            named[name] = [Setting(replace(own, seed=seed)) for seed in context.seeds]
         some_about, some_results = compare(named, BASE, [pool], context, f"label modes, {pool.name}")
         about |= some_about
         for name, found in some_results.items():

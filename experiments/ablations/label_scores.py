@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Hashable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,13 +11,14 @@ from experiments.cache.stages import RunContext, cached, digest, folder_digest
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
+from sbm_gym.sensors.noise_config import SensorNoise
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
     from labeling.metrics.matching import MaskInstance
 
-FIGURES = ("mask_ap50", "mask_ap30", "mean_iou", "mean_iou_matched", "amodal_mean_iou")
-"""As ``labeling.evaluate`` defines them."""
+FIGURES = ("mask_ap50", "mask_ap30", "box_ap50", "mean_iou", "mean_iou_matched", "amodal_mean_iou")
+"""As ``labeling.evaluate`` defines them; boxes are those around the masks."""
 _WARM: list[bool] = []
 """Whether this process has labelled anything."""
 
@@ -34,14 +35,24 @@ class Scored:
     """Modal masks; their ``image`` is (episode, view)."""
 
 
+@dataclass(frozen=True)
+class Setting:
+    """What is tried."""
+
+    config: LabelConfig | None
+    """Of the label generator; None for the detector alone."""
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    """Of depth and poses, which is added to the episodes."""
+
+
 def score_all(
-    folders: Sequence[Path], configs: Sequence[LabelConfig | None], context: RunContext, title: str
+    folders: Sequence[Path], settings: Sequence[Setting], context: RunContext, title: str
 ) -> list[list[Scored]]:
     """Labels and scores every episode under all settings, taking from the store what is there.
 
     Args:
         folders: the episodes.
-        configs: the settings; None for the detector alone.
+        settings: what to try.
         context: store and processes.
         title: of the progress bar.
 
@@ -53,13 +64,13 @@ def score_all(
     """
     common = [code_digest(_score), experiment_versions()]
     jobs = [
-        (digest(common, content, None if config is None else asdict(config)), (folder, config))
+        (digest(common, content, asdict(setting)), (folder, setting))
         for folder in folders  # one after the other, so that a process reads few of them
         for content in [folder_digest(folder)]
-        for config in configs
+        for setting in settings
     ]
     found = iter(cached("labels", _score, jobs, context, title, always_spawn=True))
-    by_folder = [[_scored(next(found), folder) for _ in configs] for folder in folders]
+    by_folder = [[_scored(next(found), folder) for _ in settings] for folder in folders]
     return [list(of_setting) for of_setting in zip(*by_folder, strict=True)]
 
 
@@ -80,12 +91,17 @@ def _read(folder: Path) -> "Episode":
     return read_episode(folder)
 
 
-def _score(job: tuple[Path, LabelConfig | None]) -> dict[str, Any]:
+def _score(job: tuple[Path, Setting]) -> dict[str, Any]:
+    from agents.rollouts.recorder import noise_seed
     from labeling.generator.propagate import propagate
     from labeling.metrics.matching import instances_of, match, mean_iou
+    from sbm_gym.sensors.sensor_noise import add_noise
 
-    (folder, config), seconds, objects = job, 0.0, 0
-    episode = _read(folder)
+    (folder, setting), seconds, objects = job, 0.0, 0
+    config, episode = setting.config, _read(folder)
+    if setting.noise != SensorNoise():
+        seed = 0 if config is None else config.seed
+        episode = add_noise(episode, setting.noise, noise_seed(seed, episode.metadata["episode"]))
     name, predictions, whole = episode.name, instances_of(episode.name, episode.detections or ()), []
     if config is not None:
         if not _WARM:  # an episode for nothing, so that loading compiled code is not counted as labelling
@@ -125,6 +141,7 @@ def _figures(predictions: "Sequence[MaskInstance]", truths: "Sequence[MaskInstan
     from labeling.metrics.matching import match, mean_iou
 
     ap = average_precision(predictions, truths, (0.5, 0.3)).mean
+    boxes = average_precision(predictions, truths, (0.5,), kind="box").mean
     iou = mean_iou(truths, match(predictions, truths))
     means = {"mean_iou": iou.mean_iou, "mean_iou_matched": iou.mean_iou_matched}
-    return {"mask_ap50": ap[0.5], "mask_ap30": ap[0.3], **means}
+    return {"mask_ap50": ap[0.5], "mask_ap30": ap[0.3], "box_ap50": boxes[0.5], **means}
