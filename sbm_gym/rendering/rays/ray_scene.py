@@ -195,9 +195,7 @@ class RayScene:
     def _triangle_scene(self, rows: Int64[np.ndarray, "n"], corners: Float32[np.ndarray, "n 3 3"]) -> TriangleScene:
         geoms = self.tables.triangles.geom[rows]
         kinds = self.tables.geoms.kind[geoms]
-        if not kinds.any():
-            return TriangleScene(corners, rows, self._workers)
-        return TriangleScene(corners, rows, self._workers, geoms, kinds == HOLES)
+        return TriangleScene(corners, rows, geoms, self._workers, kinds == HOLES if kinds.any() else None)
 
     def _measure_world(self) -> None:
         still = self.tables.spans[False, False]

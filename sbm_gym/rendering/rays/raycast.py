@@ -27,8 +27,8 @@ class TriangleScene:
         self,
         corners: Float32[np.ndarray, "n 3 3"],
         rows: Int64[np.ndarray, "n"],
+        geoms: Int32[np.ndarray, "n"],
         workers: Workers,
-        geoms: Int32[np.ndarray, "n"] | None = None,
         holes: Bool[np.ndarray, "n"] | None = None,
     ) -> None:
         """Builds the search tree.
@@ -36,18 +36,19 @@ class TriangleScene:
         Args:
             corners: triangles, world frame.
             rows: for each its row in the tables.
+            geoms: and its geom, in runs.
             workers: threads for casting.
-            geoms: the geom of each triangle, in runs; rays that pass all of them by are then told quickly.
-            holes: which triangles have holes, which stop light elsewhere.
+            holes: which triangles have holes, which stop light elsewhere; None if none is special.
         """
         self._workers = workers
         self.rows = rows
         self.has_holes = holes is not None and bool(holes.any())
         self.bounds = bounds_of(corners).astype(float)
-        self.boxes, self.hole_boxes = _boxes(corners, geoms), self.bounds[:0].reshape(0, 2, 3)
-        if holes is not None and self.has_holes:
-            self.hole_boxes = _boxes(corners[holes], None if geoms is None else geoms[holes])
-        self._tree = TriangleTree(corners)
+        self.boxes = self.hole_boxes = self.bounds[:0].reshape(0, 2, 3)
+        if holes is not None:
+            self.boxes = _boxes(corners, geoms)
+            self.hole_boxes = _boxes(corners[holes], geoms[holes]) if self.has_holes else self.hole_boxes
+        self._tree = TriangleTree(corners, _run_starts(geoms))
 
     def cast(
         self, rays: Float32[np.ndarray, "n 6"]
@@ -60,10 +61,15 @@ class TriangleScene:
         return self._tree.occluded(rays, far, self._workers)
 
 
-def _boxes(corners: Float32[np.ndarray, "n 3 3"], geoms: Int32[np.ndarray, "n"] | None) -> Float[np.ndarray, "b 2 3"]:
+def _run_starts(geoms: Int32[np.ndarray, "n"]) -> Int64[np.ndarray, "runs"]:
+    """Where the triangles of each geom begin."""
+    return np.append(0, np.flatnonzero(np.diff(geoms)) + 1)
+
+
+def _boxes(corners: Float32[np.ndarray, "n 3 3"], geoms: Int32[np.ndarray, "n"]) -> Float[np.ndarray, "b 2 3"]:
     """Bounding boxes (low and high corner) of geoms; of everything together if they are many."""
-    ends = np.zeros(0, int) if geoms is None else np.flatnonzero(np.diff(geoms)) + 1
-    runs = np.split(corners, ends) if len(ends) < MAX_BOXES else [corners]
+    starts = _run_starts(geoms)
+    runs = np.split(corners, starts[1:]) if len(starts) <= MAX_BOXES else [corners]
     boxes = np.array([bounds_of(run) for run in runs], float)
     # Rays are single precision: what only grazes a box is let in.
     return boxes + 1e-3 * np.array([[[-1.0], [1.0]]])
