@@ -28,6 +28,7 @@ PACKET = 16
 _TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
 _FAST_BUILD, _ROBUST = 0, 4
 _NOTHING = 0xFFFFFFFF
+_ONE_RUN = np.zeros(1, np.int64)
 # Where the fields of sixteen rays and their hits stand, in columns of sixteen words. Source: rtcore_ray.h.
 _TNEAR, _TIME, _TFAR, _MASK, _ID, _FLAGS, _U, _V, _PRIMITIVE, _GEOMETRY, _COLUMNS = (
     3,
@@ -118,9 +119,7 @@ def _corner_indices(count: int) -> np.ndarray:
 class TriangleTree:
     """A search tree over triangles. Casting is safe from several threads."""
 
-    def __init__(
-        self, corners: Float32[np.ndarray, "n 3 3"], first: Int64[np.ndarray, "runs"] = np.zeros(1, np.int64)
-    ) -> None:
+    def __init__(self, corners: Float32[np.ndarray, "n 3 3"], first: Int64[np.ndarray, "runs"] = _ONE_RUN) -> None:
         """Builds the tree.
 
         Args:
