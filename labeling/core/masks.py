@@ -77,7 +77,7 @@ def fill_polygons(polygons: Any, size: tuple[int, int]) -> Bool[np.ndarray, "h w
 
 
 def paste_mask(
-    probability: Float32[np.ndarray, "m m"], box_xyxy: Float32[np.ndarray, "4"], size: tuple[int, int]
+    probability: Float32[np.ndarray, "m k"], box_xyxy: Float32[np.ndarray, "4"], size: tuple[int, int]
 ) -> Bool[np.ndarray, "h w"]:
     """The mask of a picture from the probabilities in the cells of a box: bilinear, only inside the box.
 

@@ -60,7 +60,10 @@ package.module:function, the folder of a labeling.finetune run
     if name.startswith(ONNX_PREFIX):
         from labeling.detectors.adapters.onnx import OnnxDetector
 
-        return OnnxDetector(Path(name.removeprefix(ONNX_PREFIX)), name)
+        path = name.removeprefix(ONNX_PREFIX)
+        family, colon, file = path.partition(":")
+        told = bool(colon) and not Path(path).is_file()
+        return OnnxDetector(Path(file if told else path), name, family if told else None)
     from labeling.detectors.adapters.function import FunctionDetector
 
     return FunctionDetector(name)

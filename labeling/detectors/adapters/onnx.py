@@ -1,90 +1,34 @@
-"""Any exported detector, through ONNX Runtime: ``onnx:FILE``, with a small JSON beside it (``FILE`` with ``.json``).
+"""Any exported detector, through ONNX Runtime: ``onnx:FILE`` or ``onnx:FAMILY:FILE``, with a small JSON beside it
+(``FILE`` with ``.json``) where that does not say enough.
 
-docs/detectors.md says what the network must give and what the JSON may hold. Candidates that overlap are taken to be
-suppressed already, unless ``nms_iou`` is given.
+docs/detectors.md says what the network may give and what the JSON may hold.
 """
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Int, UInt8
 
 from labeling.core.box_masks import mask_in_box
 from labeling.core.detector import DetectorError, PictureDetections
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.masks import MASK_THRESHOLD, paste_mask
 from labeling.detectors.adapters.function import first_line
+from labeling.detectors.adapters.onnx_config import FAMILIES, read_config
+from labeling.detectors.adapters.onnx_layouts import DENSE_NMS_IOU, Candidates, read_candidates
 from labeling.detectors.data.augment import resize_picture
-from labeling.formats.checked_json import Json, read_json
+from labeling.formats.checked_json import read_json
 
-OUTPUTS = ("boxes", "scores", "labels", "masks")
+_TYPES: dict[str, Any] = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 PAD_VALUE = 114
 MAX_CANDIDATES = 100
-
-
-@dataclass(frozen=True)
-class OnnxConfig:
-    """What the JSON says."""
-
-    categories: tuple[str, ...]
-    first_label: int = 1
-    size: tuple[int, int] | None = None
-    multiple_of: int = 1
-    resize: str = "stretch"
-    colour: str = "rgb"
-    divide_by: float = 255.0
-    mean: tuple[float, ...] = (0.0, 0.0, 0.0)
-    std: tuple[float, ...] = (1.0, 1.0, 1.0)
-    boxes: str = "pixels"
-    masks: str = "box"
-    min_score: float = 0.05
-    nms_iou: float | None = None
-    outputs: tuple[tuple[str, str], ...] = tuple((name, name) for name in OUTPUTS)
-
-
-_CHOICES = {
-    "resize": ("stretch", "pad"),
-    "colour": ("rgb", "bgr"),
-    "boxes": ("pixels", "unit"),
-    "masks": ("box", "picture"),
-}
-_READERS: dict[str, Callable[[Json, str], Any]] = {
-    **dict.fromkeys(("first_label", "multiple_of"), Json.integer),
-    **dict.fromkeys(("divide_by", "min_score", "nms_iou"), Json.number),
-    **dict.fromkeys(("mean", "std"), lambda file, name: tuple(file.array(name, (3,)).tolist())),
-    "size": lambda file, name: tuple(int(side) for side in file.array(name, (2,))),
-}
-
-
-def _config(file: Json) -> OnnxConfig:
-    known = set(OnnxConfig.__dataclass_fields__)
-    unknown = sorted(set(file.mapping()) - known)
-    if unknown:
-        raise file.error(f"unknown field; known: {', '.join(sorted(known))}", unknown[0])
-    names = [item.value for item in file.list_of("categories")]
-    if not names or not all(isinstance(name, str) for name in names):
-        raise file.error("must be a list of names", "categories")
-    values: dict[str, Any] = {"categories": tuple(names)}
-    for name, choices in _CHOICES.items():
-        if file.has(name):
-            values[name] = file.text(name)
-            if values[name] not in choices:
-                raise file.error(f"must be one of {', '.join(choices)}, not {values[name]!r}", name)
-    for name, read in _READERS.items():
-        if file.has(name) and file.get(name).value is not None:
-            values[name] = read(file, name)
-    if file.has("outputs"):
-        given = file.get("outputs").mapping()
-        values["outputs"] = tuple((name, str(given.get(name, name))) for name in OUTPUTS)
-    config = OnnxConfig(**values)
-    if config.multiple_of < 1 or config.divide_by == 0 or 0 in config.std or (config.size and min(config.size) < 1):
-        raise file.error("multiple_of and size must be above 0, divide_by and std other than 0")
-    return config
+MAX_DENSE = 1000
+"""Candidates of dense layouts that are compared with each other at most, the most confident."""
+SIZES_INPUT = "orig_target_sizes"
+"""Input of exported RT-DETRs that says for which picture, width and height, boxes are to be."""
 
 
 class OnnxDetector:
@@ -92,33 +36,47 @@ class OnnxDetector:
 
     batch_size = 1
 
-    def __init__(self, path: Path, name: str) -> None:
+    def __init__(self, path: Path, name: str, family: str | None = None) -> None:
         self.name = name
         if not path.is_file():
             raise DetectorError(f"{name}: no such file")
         beside = path.with_suffix(".json")
-        if not beside.is_file():
-            raise DetectorError(
-                f"{name}: needs {beside} with the names of its categories (docs/detectors.md: what else it may hold)"
-            )
+        self._session = _session(path, name)
+        metadata = self._session.get_modelmeta().custom_metadata_map
         try:
-            self.config = _config(read_json(beside))
+            self.config = read_config(read_json(beside) if beside.is_file() else None, family, metadata)
         except EpisodeFormatError as error:
             raise DetectorError(str(error)) from None
-        self.categories = tuple(dict.fromkeys(name for name in self.config.categories if name))
-        self.digest = hashlib.sha256(path.read_bytes() + beside.read_bytes()).hexdigest()
-        self._session = _session(path, name)
-        self._outputs = dict(self.config.outputs)
-        there = [one.name for one in self._session.get_outputs()]
-        missing = [self._outputs[one] for one in ("boxes", "scores") if self._outputs[one] not in there]
+        if not self.config.categories:
+            raise DetectorError(
+                f"{name}: needs {beside} with the names of its categories (docs/detectors.md: what else it may hold), "
+                f"or its family, onnx:FAMILY:FILE, one of {', '.join(FAMILIES)}"
+            )
+        self.categories = tuple(dict.fromkeys(one for one in self.config.categories if one))
+        extra = beside.read_bytes() if beside.is_file() else (family or "").encode()
+        self.digest = hashlib.sha256(path.read_bytes() + extra).hexdigest()
+        self._outputs = [one.name for one in self._session.get_outputs()]
+        missing = [one for _, one in self.config.outputs if one not in self._outputs]
         if missing:
             raise DetectorError(
-                f"{name}: has no output {missing[0]!r}, only {', '.join(there)}; name them as outputs in {beside.name}"
+                f"{name}: has no output {missing[0]!r}, only {', '.join(self._outputs)}; name them as outputs in "
+                f"{beside.name}"
             )
-        self._present = {one: self._outputs[one] for one in OUTPUTS if self._outputs[one] in there}
-        shape = self._session.get_inputs()[0].shape
-        fixed = shape[2:] if len(shape) == 4 and all(isinstance(side, int) for side in shape[2:]) else None
-        self._size = self.config.size or (tuple(fixed) if fixed else None)
+        entry, *others = self._session.get_inputs()
+        self._entry, self._type, shape = entry.name, entry.type, entry.shape
+        if len(shape) != 4 or 3 not in (shape[1], shape[3]) or self._type not in _TYPES:
+            raise DetectorError(
+                f"{name}: takes {entry.name} {shape} of {entry.type}; expected pictures (1, 3, h, w) or (1, h, w, 3), "
+                f"one of {', '.join(_TYPES)}"
+            )
+        self._channels_last = shape[1] != 3
+        fixed = shape[1:3] if self._channels_last else shape[2:]
+        whole = all(isinstance(side, int) for side in fixed)
+        self._size = self.config.size or (tuple(fixed) if whole else None)
+        self._sizes_input = SIZES_INPUT if [one.name for one in others] == [SIZES_INPUT] else None
+        if others and self._sizes_input is None:
+            raise DetectorError(f"{name}: wants {', '.join(one.name for one in others)} beside a picture, too")
+        self._anchors = None if self.config.anchors is None else _anchors(path, self.config.anchors, name)
 
     def detect(
         self, rgb: UInt8[np.ndarray, "b h w 3"], depth_m: Float32[np.ndarray, "b h w"] | None = None
@@ -130,100 +88,100 @@ class OnnxDetector:
         self, picture: UInt8[np.ndarray, "h w 3"], depth_m: Float32[np.ndarray, "h w"] | None
     ) -> PictureDetections:
         x, scale = self._prepare(picture)
-        entry = self._session.get_inputs()[0].name
+        tall, wide = x.shape[1:3] if self._channels_last else x.shape[2:]
+        feed = {self._entry: x}
+        if self._sizes_input is not None:
+            feed[self._sizes_input] = np.array([[wide, tall]], np.int64)
         try:
-            values = self._session.run(list(self._present.values()), {entry: x})
+            values = self._session.run(self._outputs, feed)
         except Exception as error:  # its exceptions have no common root
             raise DetectorError(f"ONNX Runtime: {first_line(error)}") from error
-        found = {name: np.asarray(value) for name, value in zip(self._present, values, strict=True)}
-        boxes, scores, labels, masks = self._candidates(found, (x.shape[2], x.shape[3]))
+        given = dict(zip(self._outputs, map(np.asarray, values), strict=True))
+        if self._anchors is not None:
+            given["anchors"] = self._anchors
+        found = read_candidates(given, self.config, (tall, wide))
+        kept = self._kept(found)
         size = (int(picture.shape[0]), int(picture.shape[1]))
+        boxes = found.boxes_xyxy[kept]
         in_picture = (boxes / np.tile(scale, 2)).astype(np.float32)
         in_picture[:, 0::2] = in_picture[:, 0::2].clip(0, size[1])
         in_picture[:, 1::2] = in_picture[:, 1::2].clip(0, size[0])
+        made_here = found.masks is None and found.prototypes is None
         drawn = [
-            mask_in_box(picture, box, depth_m) if masks is None else self._mask(masks[i], boxes[i], box, scale, size)
-            for i, box in enumerate(in_picture)
+            mask_in_box(picture, box, depth_m)
+            if made_here
+            else self._mask(found, i, boxes[rank] / np.tile(scale, 2), scale, size)
+            for rank, (i, box) in enumerate(zip(kept.tolist(), in_picture, strict=True))
         ]
-        kept = [i for i, mask in enumerate(drawn) if mask.any()]
+        full = [rank for rank, mask in enumerate(drawn) if mask.any()]
         return PictureDetections(
-            categories=tuple(self.config.categories[labels[i]] for i in kept),
-            scores=scores[kept],
-            boxes_xyxy=in_picture[kept],
-            masks=np.stack([drawn[i] for i in kept]) if kept else np.zeros((0, *size), bool),
-            made_here=tuple(range(len(kept))) if masks is None else (),
+            categories=tuple(self.config.categories[found.labels[i]] for i in kept[full]),
+            scores=found.scores[kept[full]],
+            boxes_xyxy=in_picture[full],
+            masks=np.stack([drawn[rank] for rank in full]) if full else np.zeros((0, *size), bool),
+            made_here=tuple(range(len(full))) if made_here else (),
         )
 
-    def _prepare(self, picture: UInt8[np.ndarray, "h w 3"]) -> tuple[Float32[np.ndarray, "1 3 tall wide"], np.ndarray]:
+    def _prepare(self, picture: UInt8[np.ndarray, "h w 3"]) -> tuple[np.ndarray, Float32[np.ndarray, "2"]]:
         """The network's input, and how many of its pixels a pixel of the picture is, across and down."""
         height, width = picture.shape[:2]
-        step = self.config.multiple_of
-        tall, wide = self._size or (-(-height // step) * step, -(-width // step) * step)
+        tall, wide = self._input_size((height, width))
         if self.config.resize == "pad":
             factor = min(tall / height, wide / width)
             inner = max(1, round(height * factor)), max(1, round(width * factor))
         else:
             inner = tall, wide
-        small = resize_picture(picture, inner)
         room = np.full((tall, wide, 3), PAD_VALUE, np.uint8)
-        room[: inner[0], : inner[1]] = small
+        room[: inner[0], : inner[1]] = resize_picture(picture, inner)
         if self.config.colour == "bgr":
             room = room[:, :, ::-1]
-        mean, std = np.array([self.config.mean, self.config.std], np.float32)
-        x = (room.astype(np.float32) / self.config.divide_by - mean) / std
+        if self._type != "tensor(uint8)":
+            mean, std = np.array([self.config.mean, self.config.std], np.float32)
+            room = (room.astype(np.float32) / self.config.divide_by - mean) / std
+        x = room if self._channels_last else room.transpose(2, 0, 1)
         scale = np.array([inner[1] / width, inner[0] / height], np.float32)
-        return np.ascontiguousarray(x.transpose(2, 0, 1)[None].astype(np.float32)), scale
+        return np.ascontiguousarray(x[None].astype(_TYPES[self._type])), scale
 
-    def _candidates(
-        self, found: dict[str, np.ndarray], input_size: tuple[int, int]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """Boxes in pixels of the input, scores, indices of categories, and masks; the most confident first."""
-        boxes = _without_batch(found["boxes"], 2, "boxes").astype(np.float32)
-        n, names = len(boxes), len(self.config.categories)
-        if boxes.shape != (n, 4):
-            raise DetectorError(f"boxes must be (n, 4), not {boxes.shape}")
-        scores = found["scores"].astype(np.float32)
-        if scores.size == n * names and "labels" not in found:
-            scores = scores.reshape(n, names)
-            labels, scores = scores.argmax(axis=1) if n else np.zeros(0, int), scores.max(axis=1, initial=0.0)
-        elif scores.size == n and found.get("labels", np.zeros(0)).size == n:
-            scores, labels = scores.reshape(n), found["labels"].reshape(n).astype(int) - self.config.first_label
-        else:
-            shapes = {name: value.shape for name, value in found.items()}
-            raise DetectorError(
-                f"for {n} boxes and {names} categories, scores must be ({n},) beside labels ({n},), or ({n}, {names}); "
-                f"given: {shapes}"
-            )
-        if n and not (np.isfinite(boxes).all() and scores.min() >= 0 and scores.max() <= 1):
-            raise DetectorError("boxes must be finite and scores in [0, 1]; does the graph end before the sigmoid?")
-        if len(labels) and not (labels.min() >= 0 and labels.max() < names):
-            raise DetectorError(
-                f"labels are {labels.min() + self.config.first_label} to {labels.max() + self.config.first_label}, but "
-                f"there are {names} categories, counted from first_label {self.config.first_label}"
-            )
-        if self.config.boxes == "unit":
-            boxes = boxes * np.array([input_size[1], input_size[0]] * 2, np.float32)
-        kept = np.flatnonzero(scores >= self.config.min_score)
-        kept = kept[np.argsort(-scores[kept], kind="stable")]
-        if self.config.nms_iou is not None:
-            xywh = np.concatenate([boxes[kept, :2], boxes[kept, 2:] - boxes[kept, :2]], axis=1).tolist()
-            best = cv2.dnn.NMSBoxesBatched(
-                xywh, scores[kept].tolist(), labels[kept].tolist(), -1.0, self.config.nms_iou
-            )
+    def _input_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        step = self.config.multiple_of
+        return self._size or (-(-size[0] // step) * step, -(-size[1] // step) * step)
+
+    def _kept(self, found: Candidates) -> Int[np.ndarray, "k"]:
+        """Which candidates are detections, the most confident first."""
+        kept = np.flatnonzero(found.scores >= self.config.min_score)
+        kept = kept[np.argsort(-found.scores[kept], kind="stable")]
+        limit = self.config.nms_iou or (DENSE_NMS_IOU if found.dense else None)
+        if limit is not None and len(kept):
+            kept = kept[:MAX_DENSE]
+            xyxy = found.boxes_xyxy[kept]
+            xywh = np.concatenate([xyxy[:, :2], xyxy[:, 2:] - xyxy[:, :2]], axis=1).tolist()
+            best = cv2.dnn.NMSBoxesBatched(xywh, found.scores[kept].tolist(), found.labels[kept].tolist(), -1.0, limit)
             kept = kept[np.array(best, int)]
-        kept = np.array([i for i in kept if self.config.categories[labels[i]]], int)[:MAX_CANDIDATES]
-        has_masks = "masks" in found
-        masks = _without_batch(found["masks"], 3, "masks", n)[kept].astype(np.float32) if has_masks else None
-        return boxes[kept], scores[kept], labels[kept], masks
+        return np.array([i for i in kept if self.config.categories[found.labels[i]]], int)[:MAX_CANDIDATES]
 
     def _mask(
-        self, mask: np.ndarray, box: np.ndarray, box_in_picture: np.ndarray, scale: np.ndarray, size: tuple[int, int]
+        self,
+        found: Candidates,
+        index: int,
+        box: Float32[np.ndarray, "4"],
+        scale: Float32[np.ndarray, "2"],
+        size: tuple[int, int],
     ) -> Bool[np.ndarray, "h w"]:
-        if self.config.masks == "box":
-            return paste_mask(np.ascontiguousarray(mask), (box / np.tile(scale, 2)).astype(np.float32), size)
-        tall, wide = max(1, round(size[0] * float(scale[1]))), max(1, round(size[1] * float(scale[0])))
-        inner = np.ascontiguousarray(mask[:tall, :wide])
-        return cv2.resize(inner, size[::-1], interpolation=cv2.INTER_LINEAR) > MASK_THRESHOLD
+        """The graph's own mask of a candidate."""
+        if found.masks is not None and self.config.masks == "box":
+            return paste_mask(np.ascontiguousarray(found.masks[index]), box, size)
+        if found.masks is not None:
+            tall, wide = max(1, round(size[0] * float(scale[1]))), max(1, round(size[1] * float(scale[0])))
+            inner = np.ascontiguousarray(found.masks[index][:tall, :wide])
+            return cv2.resize(inner, size[::-1], interpolation=cv2.INTER_LINEAR) > MASK_THRESHOLD
+        assert found.prototypes is not None
+        assert found.coefficients is not None
+        logits = np.tensordot(found.coefficients[index], found.prototypes, 1)
+        whole = np.array([0, 0, *self._input_size(size)[::-1]], np.float32) / np.tile(scale, 2)
+        mask = paste_mask((1 / (1 + np.exp(-logits.clip(-50, 50)))).astype(np.float32), whole, size)
+        left, top, right, bottom = np.clip(np.rint(box), 0, [size[1], size[0]] * 2).astype(int)
+        mask[:top], mask[bottom:], mask[:, :left], mask[:, right:] = False, False, False, False
+        return mask
 
 
 def _session(path: Path, name: str) -> Any:
@@ -233,18 +191,29 @@ def _session(path: Path, name: str) -> Any:
         raise DetectorError(f"{name}: needs ONNX Runtime; pip install 'seeing-by-moving[onnx]' installs it") from None
     available = onnxruntime.get_available_providers()
     chosen = [one for one in ("CUDAExecutionProvider", "CPUExecutionProvider") if one in available]
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors: old exporters earn hundreds of warnings
     try:
-        return onnxruntime.InferenceSession(str(path), providers=chosen)
+        return onnxruntime.InferenceSession(str(path), options, providers=chosen)
     except Exception as error:  # its exceptions have no common root
         raise DetectorError(f"{name}: cannot be loaded ({first_line(error)})") from None
 
 
-def _without_batch(value: np.ndarray, axes: int, what: str, n: int | None = None) -> np.ndarray:
-    """Takes away axes of length 1: that of the batch, and that of the channels of masks."""
-    if value.ndim > axes and value.shape[0] == 1 and (n is None or n == 1 or value.shape[0] != n):
-        value = value[0]
-    if value.ndim == axes + 1 and axes == 3 and value.shape[1] == 1:
-        value = value[:, 0]
-    if value.ndim != axes or (n is not None and len(value) != n):
-        raise DetectorError(f"{what} have shape {value.shape}; expected {axes} axes, beside one for a batch of 1")
-    return value
+def _anchors(path: Path, where: str, name: str) -> Float32[np.ndarray, "n 4"]:
+    """Anchors from a file of numpy beside the graph, or from a constant of the graph."""
+    beside = path.with_name(where)
+    try:
+        if beside.suffix == ".npy":
+            return np.load(beside, allow_pickle=False).astype(np.float32)
+        import onnx
+        from onnx import numpy_helper
+
+        graph = onnx.load(str(path)).graph
+        constants = {one.name: one for one in graph.initializer}
+        return numpy_helper.to_array(constants[where]).astype(np.float32)
+    except ImportError:
+        raise DetectorError(f"{name}: to read constants of a graph, pip install 'seeing-by-moving[onnx]'") from None
+    except KeyError:
+        raise DetectorError(f"{name}: anchors: the graph has no constant {where!r}; or name a file .npy") from None
+    except (OSError, ValueError) as error:
+        raise DetectorError(f"{beside}: anchors cannot be read ({first_line(error)})") from None

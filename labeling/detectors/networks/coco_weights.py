@@ -5,12 +5,10 @@ from urllib.error import URLError
 from torch import nn
 
 from labeling.core.detector import DetectorError
+from labeling.detectors.data.coco_names import RENAMED
 from labeling.detectors.networks.mask_rcnn import Network, build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.torchvision_operators import torchvision
-
-RENAMED = {"potted plant": "plant", "refrigerator": "fridge", "dining table": "table"}
-"""COCO's categories that have another name here."""
 
 
 def category_names_of_coco(coco: list[str]) -> tuple[str, ...]:

@@ -249,16 +249,21 @@ def test_outputs_that_do_not_fit_are_refused(tmp_path):
     picture = np.zeros((1, 32, 48, 3), np.uint8)
     with pytest.raises(DetectorError, match="labels are 1 to 2, but there are 1 categories"):
         OnnxDetector(exported(tmp_path, {"categories": ["ball"]}), "d").detect(picture)
-    with pytest.raises(DetectorError, match=r"for 2 boxes and 3 categories, scores must be"):
+    with pytest.raises(
+        DetectorError, match=r"for 3 categories .* no layout that is known .*: boxes \(2, 4\), scores \(2, 2\)"
+    ):
         OnnxDetector(exported(tmp_path, {"categories": ["a", "b", "c"]}, classes=2), "d").detect(picture)
 
 
 def test_missing_and_damaged_graphs_are_refused(tmp_path):
     with pytest.raises(DetectorError, match="no such file"):
         load_detector(f"onnx:{tmp_path / 'd.onnx'}")
-    (tmp_path / "d.onnx").write_bytes(b"no graph")
-    with pytest.raises(DetectorError, match=r"needs .*d\.json with the names"):
+    exported(tmp_path, {})
+    (tmp_path / "d.json").unlink()
+    with pytest.raises(DetectorError, match=r"needs .*d\.json with the names of its categories"):
         load_detector(f"onnx:{tmp_path / 'd.onnx'}")
-    (tmp_path / "d.json").write_text('{"categories": ["ball"]}')
+    with pytest.raises(DetectorError, match="yolo9000 is no family of detectors; known: ultralytics, yolox"):
+        load_detector(f"onnx:yolo9000:{tmp_path / 'd.onnx'}")
+    (tmp_path / "d.onnx").write_bytes(b"no graph")
     with pytest.raises(DetectorError, match="cannot be loaded"):
         load_detector(f"onnx:{tmp_path / 'd.onnx'}")
