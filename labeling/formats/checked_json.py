@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from labeling.core.errors import EpisodeFormatError
@@ -131,6 +132,10 @@ def read_json(path: Path) -> Json:
         EpisodeFormatError: if the file is missing or is not JSON.
     """
     text = read_text(path)
+    try:
+        return Json(msgspec.json.decode(text), path)
+    except (msgspec.MsgspecError, RecursionError):
+        pass  # Python takes more for JSON, such as NaN, and says where it is wrong
     try:
         return Json(json.loads(text), path)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits

@@ -38,7 +38,7 @@ from labeling.generator.segment.crf import ObjectCrf
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
-from labeling.runtime.threads import in_background, in_threads
+from labeling.runtime.threads import in_background
 
 BOX_MARGIN_VOXELS = 0.75
 """Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
@@ -126,8 +126,9 @@ def _associate(
     """Which objects there are, and which detections speak for each."""
     confident: list[DetectionSeeds] = []
     weak: list[DetectionSeeds] = []
-    pairs = zip(detections, trimaps, strict=True)
-    for seeds in in_threads(lambda pair: trimap_seeds(cloud, *pair, config), pairs):
+    # In turn: many short jobs on several threads cost more than they save.
+    for detection, trimap in zip(detections, trimaps, strict=True):
+        seeds = trimap_seeds(cloud, detection, trimap, config)
         if len(seeds.foreground) > 0:
             (confident if seeds.detection.confidence >= config.confident else weak).append(seeds)
     space = cloud.num_points, config.merge_overlap

@@ -12,7 +12,6 @@ from labeling.generator.quality.box_completion import extend_to_support, floor_h
 from labeling.generator.quality.ignore_regions import unconfirmed_regions
 from labeling.generator.quality.label_quality import features_of, load_model
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.runtime.threads import in_background
 
 
 def finalise_labels(
@@ -29,16 +28,15 @@ def finalise_labels(
         cloud: the points of the views.
         config: settings.
     """
-    drawn = labels.labels if config.ignore_unconfirmed < 1 else None
-    with in_background(
-        lambda: [] if drawn is None else unconfirmed_regions(cloud, detections, drawn, config)
-    ) as unconfirmed:
-        if config.complete_boxes and labels.objects:
-            labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
-        # The model knows detectors, not people.
-        if config.calibrate and not any(detection.exact for detection in detections):
-            labels = _calibrated(labels, detections)
-        return _with_ignored_regions(labels, unconfirmed(), config)
+    unconfirmed = []
+    if config.ignore_unconfirmed < 1:
+        unconfirmed = unconfirmed_regions(cloud, detections, labels.labels, config)
+    if config.complete_boxes and labels.objects:
+        labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
+    # The model knows detectors, not people.
+    if config.calibrate and not any(detection.exact for detection in detections):
+        labels = _calibrated(labels, detections)
+    return _with_ignored_regions(labels, unconfirmed, config)
 
 
 def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:

@@ -11,7 +11,6 @@ from labeling.generator.objects.seeds import DetectionSeeds
 from labeling.generator.segment.gaussian_classifier import train_classifier, train_gaussian_classifier
 from labeling.generator.segment.training_points import crop_around, sample_background, sample_foreground
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.runtime.threads import in_threads
 
 UNREACHABLE_LOG_ODDS = -8.0
 """Given to points out of an object's reach: they can never join it."""
@@ -43,12 +42,9 @@ def object_log_odds(
         Log-odds per point and object, object after object in memory.
     """
     columns = np.full((len(candidates), cloud.num_points), UNREACHABLE_LOG_ODDS, np.float32)
-
-    def fill_column(k: int) -> None:
+    for k, candidate in enumerate(candidates):
         rng = np.random.default_rng([config.seed, k if numbers is None else numbers[k]])
-        _one_object(cloud, candidates[k], object_m, config, rng, columns[k])
-
-    in_threads(fill_column, range(len(candidates)))
+        _one_object(cloud, candidate, object_m, config, rng, columns[k])
     return columns.T
 
 
