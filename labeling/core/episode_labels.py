@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from labeling.core.pose_check import PoseCheck
 from labeling.core.types import Box3d, PseudoLabel
 
 
@@ -97,3 +98,6 @@ class EpisodeLabels:
     """None if no usable detection lies on known depth (there are no labels then)."""
     ignored: tuple[IgnoredRegion, ...] = ()
     """What is left out of ``labels`` for want of trust, sorted by view."""
+    poses: PoseCheck | None = None
+    """How well the views' poses agree with their depths, and those that were used instead; None if nothing was labelled
+    or no two views see enough of one another."""

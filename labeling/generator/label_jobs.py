@@ -109,7 +109,9 @@ class Job:
                 cloud = labels.cloud
                 points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
                 with in_background(lambda: write_ply(points_file, *points)) as written:
-                    record = episode_record(episode, labels, mark, sources.origin, (*episode.notes, *sources.notes))
+                    warning = labels.poses and labels.poses.warning
+                    notes = (*episode.notes, *sources.notes, *([warning] if warning else []))
+                    record = episode_record(episode, labels, mark, sources.origin, notes)
                     written()
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)

@@ -33,6 +33,7 @@ from labeling.generator.objects.association import (
     objects_by_agreement,
 )
 from labeling.generator.objects.seeds import DetectionSeeds, Trimap, detection_trimap, trimap_seeds
+from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
 from labeling.generator.settings.label_config import LabelConfig
@@ -80,6 +81,13 @@ def propagate(
     scale = measure_scale(confident or (usable if config.agreeing_views else []), views, config.max_range_m)
     if scale is None:
         return _empty_labels()
+    views, poses = with_agreeing_poses(views, voxel_edge_m(scale, config), config)
+    return replace(_label(views, usable, scale, config), poses=poses)
+
+
+def _label(views: RgbdViews, usable: Sequence[Detection], scale: Scale, config: LabelConfig) -> EpisodeLabels:
+    """Labels views whose poses are as good as they get; ``usable`` are their detections."""
+    confident = [one for one in usable if one.confidence >= config.confident]
     used = usable if config.weak_evidence or config.agreeing_views else confident
     with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
         cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)

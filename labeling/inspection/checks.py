@@ -74,6 +74,7 @@ def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes
     if unused:
         notes.append(f"no label has the categories {', '.join(unused)}")
     yield from _check_episodes(folder, summary, known)
+    yield from _check_poses(summary, notes)
 
 
 def _repeated(file: Json, name: str) -> Iterator[str]:
@@ -190,6 +191,20 @@ def _check_pairs(masks: dict[str, dict[int, np.ndarray]]) -> Iterator[str]:
         whole = masks.get(AMODAL_FILE, {}).get(number)
         if whole is not None and whole.shape == visible.shape and np.any(visible & ~whole):
             yield f"{AMODAL_FILE}: the whole-object mask of label {number} lacks pixels of its visible part"
+
+
+def _check_poses(summary: Json, notes: list[str]) -> Iterator[str]:
+    """Poses that do not fit the depths; where better ones were found, that is a note."""
+    for episode in summary.list_of("episodes"):
+        if not episode.has("poses"):
+            continue
+        poses = episode.get("poses")
+        if poses.has("warning"):
+            told = f"{episode.text('name')}: {poses.text('warning')}"
+            if poses.flag("refined"):
+                notes.append(told)
+            else:
+                yield f"{poses.where()}: {told}"
 
 
 def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from labeling.core.episode_labels import LabelledObject, Source
+from labeling.core.pose_check import PoseCheck
 from labeling.core.rle import encode_mask, rle_area, rle_box_xywh
 from labeling.core.types import Box3d, PseudoLabel
 
@@ -123,6 +124,7 @@ class EpisodeRecord:
     objects: tuple[ObjectRecord, ...]
     labels: tuple[LabelRecord, ...]
     ignored: tuple[IgnoredRecord, ...]
+    poses: PoseCheck | None = None
 
 
 def episode_record(
@@ -156,6 +158,7 @@ def episode_record(
             )
             for one in labels.ignored
         ),
+        poses=labels.poses,
     )
 
 

@@ -107,6 +107,14 @@ def recording_config(provenance: dict[str, Any]) -> RecordingConfig:
     return config
 
 
+def pose_warnings(provenance: dict[str, Any]) -> list[str]:
+    """What a label set says of episodes whose poses do not fit their depths, a sentence each."""
+    episodes = provenance.get("episodes")
+    named = [one for one in episodes if isinstance(one, dict)] if isinstance(episodes, list) else []
+    found = [(one.get("name"), one.get("poses")) for one in named]
+    return [f"{name}: {poses['warning']}" for name, poses in found if isinstance(poses, dict) and poses.get("warning")]
+
+
 def stated_dataset(folder: Path, summary: Json) -> Path | None:
     """Where a label set says that its dataset lies: beside the label set or, failing that, the working directory."""
     if not summary.has("dataset"):

@@ -115,6 +115,9 @@ class LabelConfig(Settings):
     masks of low confidence are less exact. 0 as in the thesis."""
     dilate_doubt: NonNegative[float] = 0.1
     """The same for the band outside."""
+    refine_poses: Literal["auto", "on", "off"] = "auto"
+    """Mend the poses of views by their depth and brightness: where they are worse than the voxels and mended ones fit
+    better (``auto``), wherever these fit better (``on``), or never; what is found is told in any case."""
     free_space: bool = True
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
     calibrate: bool = True

@@ -23,6 +23,7 @@ PAPER = LabelConfig(
     gaussian_share=0.0,
     erode_doubt=0.0,
     dilate_doubt=0.0,
+    refine_poses="off",
     free_space=False,
     calibrate=False,
     min_confidence=0.0,

@@ -107,6 +107,8 @@ def _with_shared(
 ) -> EpisodeResult:
     """The result with the objects of its scene that it is missing, as far as its views show them."""
     episode = read_episode(folder, job.recording, ground_truth=False)
+    if record.poses is not None and record.poses.camera_to_world is not None:
+        episode = replace(episode, camera_to_world=np.array(record.poses.camera_to_world))
     found: dict[int, list[tuple[int, ObjectMasks]]] = defaultdict(list)
     for view, labelled in enumerate(_labelled(record, episode)):
         masks_of = project_objects(missing, episode.depth_m[view], episode.camera(view))

@@ -1,0 +1,71 @@
+"""How well the poses of an episode agree with its depths, and what was done about it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+MAX_OFF = 0.5
+"""How far poses may misplace what a view sees, in voxels."""
+
+
+@dataclass(frozen=True)
+class PoseCheck:
+    """Of the views of one episode, compared with one another."""
+
+    voxel_m: float
+    """Edge of the voxels that the views are fused into."""
+    residual_m: float
+    """Distance between the surfaces of two views, from point to plane; robust root mean square."""
+    view_residual_m: list[float]
+    """The same of each view: from it to the others, and from them to it."""
+    rotation_deg: list[float]
+    """How far each view would have to be turned to agree with the others best."""
+    translation_m: list[float]
+    """How far its camera would have to be shifted."""
+    moved_m: list[float]
+    """How far both together move what it sees, at its median depth."""
+    refined_residual_m: float | None = None
+    """``residual_m`` after these corrections; None if they are a first estimate, made by the check alone."""
+    camera_to_world: list[list[list[float]]] | None = None
+    """The corrected poses, if labels were made with them. Their frame is the one in which corrections are least."""
+
+    @property
+    def is_off(self) -> bool:
+        """Whether a view's pose is worse than the voxels."""
+        return max(self.moved_m) > MAX_OFF * self.voxel_m
+
+    @property
+    def warning(self) -> str | None:
+        """What a user should know, in one sentence; None if poses and depths agree."""
+        if not self.is_off:
+            return None
+        worst = int(np.argmax(self.moved_m))
+        many = sum(one > MAX_OFF * self.voxel_m for one in self.moved_m)
+        off = (
+            f"{many} of {len(self.moved_m)} views do not fit the others' depth, view {worst} by "
+            f"{self.rotation_deg[worst]:.1f} degrees and {100 * self.translation_m[worst]:.1f} cm"
+        )
+        if self.refined_residual_m is None:
+            return f"{off}; --refine-poses auto may mend their poses"
+        fell = f"{100 * self.residual_m:.2g} to {100 * self.refined_residual_m:.2g} cm"
+        if self.camera_to_world is not None:
+            return f"{off}; labels were made with refined poses (distance between surfaces {fell})"
+        return (
+            f"{off}, but no poses were found under which they agree better (distance between surfaces {fell}); "
+            "check depth unit, intrinsics and that depth is registered to colour"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """The figures of the episode for ``label_set.json``."""
+        worst = int(np.argmax(self.moved_m))
+        told = {
+            "refined": self.camera_to_world is not None,
+            "residual_m": round(self.residual_m, 6),
+            "refined_residual_m": None if self.refined_residual_m is None else round(self.refined_residual_m, 6),
+            "worst_view": worst,
+            "rotation_deg": round(self.rotation_deg[worst], 4),
+            "translation_m": round(self.translation_m[worst], 6),
+            "warning": self.warning,
+        }
+        return {name: value for name, value in told.items() if value is not None}

@@ -1,0 +1,104 @@
+"""Whether the poses of views agree with their depths, and poses under which they agree better."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+
+from labeling.core.pose_check import PoseCheck
+from labeling.core.views import RgbdViews
+from labeling.generator.poses.joint_step import joint_step, motions, moved
+from labeling.generator.poses.pair_sums import PairSums, pair_sums
+from labeling.generator.poses.planelets import Planelets, planelets
+from labeling.generator.settings.label_config import LabelConfig
+
+CHECKED_CELLS, FITTED_CELLS = 32, 64
+"""Cells along a side of a square picture: for the check of all episodes, and for new poses."""
+MIN_PARTNERS = 0.03
+"""Share of a view's planelets that must have partners in another view for the two to be compared."""
+MAX_NEIGHBOURS = 24
+"""Views that each view is compared with at most: those that share the most with it."""
+STAGES = (
+    (0.08, False), (0.08, False), (0.04, False), (0.04, False),
+    (0.02, True), (0.02, True), (0.01, True), (0.01, True), (0.005, True), (0.005, True),
+)  # fmt: skip
+"""Scale of robust weights, as a share of the depth, and whether brightness counts, step by step: wide scales bring
+views into reach from several degrees, narrow ones leave noise out; brightness would mislead where they are far off."""
+JUDGED_SCALE = 0.02
+"""Scale at which poses are judged on planelets that they were not fitted to."""
+MIN_GAIN = 0.1
+"""Share of the cost that new poses must save there."""
+
+
+def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -> tuple[RgbdViews, PoseCheck | None]:
+    """Measures how well poses and depths agree, and mends poses if asked to.
+
+    Args:
+        views: of one scene.
+        voxel_m: edge of the voxels that the views will be fused into; smaller errors do no harm.
+        config: ``refine_poses``.
+
+    Returns:
+        The views, with new poses if these are better, else the very same; and what was found, None where no two views
+        see enough of one another.
+    """
+    coarse = planelets(views, CHECKED_CELLS, config.max_range_m)
+    found = _neighbours(coarse, views)
+    if len(found.pairs) == 0:
+        return views, None
+    depth_m, recorded = coarse.median_depth_m, np.asarray(views.camera_to_world, float)
+    nothing = np.zeros((views.num_views, 6))
+    check = _described(found, joint_step(found, nothing, depth_m), depth_m, voxel_m)
+    if config.refine_poses == "off" or (config.refine_poses == "auto" and not check.is_off):
+        return views, check
+    fine = planelets(views, FITTED_CELLS, config.max_range_m)
+    pairs = np.concatenate([found.pairs, found.pairs[:, ::-1]])
+    poses = _fitted(fine, views, pairs, depth_m)
+    before, after = (
+        pair_sums(fine, views.intrinsics, one, pairs, JUDGED_SCALE, held_out=True) for one in (recorded, poses)
+    )
+    check = replace(
+        _described(before, motions(recorded, poses), depth_m, voxel_m), refined_residual_m=after.residual_m()
+    )
+    better = after.cost() < (1 - MIN_GAIN) * before.cost()
+    if not better or (config.refine_poses == "auto" and not check.is_off):
+        return views, check
+    return replace(views, camera_to_world=poses), replace(check, camera_to_world=poses.tolist())
+
+
+def _neighbours(cells: Planelets, views: RgbdViews) -> PairSums:
+    """Every pair of views that share enough, compared at the widest scale."""
+    count = views.num_views
+    pairs = np.stack(np.triu_indices(count, 1), axis=1)
+    poses = np.asarray(views.camera_to_world, float)
+    found = pair_sums(cells, views.intrinsics, poses, pairs, STAGES[0][0])
+    shared = np.zeros((count, count))
+    shared[pairs[:, 0], pairs[:, 1]] = shared[pairs[:, 1], pairs[:, 0]] = found.partners
+    limit = np.sort(shared, axis=1)[:, -min(MAX_NEIGHBOURS, count)]
+    least = MIN_PARTNERS * 0.5 * cells.grids[0, ..., 0].size
+    return found.chosen(found.partners >= np.maximum(least, limit[pairs].min(axis=1)))
+
+
+def _fitted(
+    cells: Planelets, views: RgbdViews, pairs: Int[np.ndarray, "pairs 2"], depth_m: Float[np.ndarray, "views"]
+) -> Float64[np.ndarray, "views 4 4"]:
+    """The poses under which views agree best."""
+    recorded = np.asarray(views.camera_to_world, float)
+    poses = recorded
+    for scale, colour in STAGES:
+        found = pair_sums(cells, views.intrinsics, poses, pairs, scale, colour=colour)
+        poses = moved(poses, joint_step(found, motions(recorded, poses), depth_m))
+    return poses
+
+
+def _described(found: PairSums, motion, depth_m, voxel_m: float) -> PoseCheck:
+    """What pairs of views and the motions that would make them agree say of each view."""
+    rotation, shift = np.linalg.norm(motion[:, :3], axis=1), np.linalg.norm(motion[:, 3:], axis=1)
+    return PoseCheck(
+        voxel_m=voxel_m,
+        residual_m=found.residual_m(),
+        view_residual_m=[found.residual_m(np.any(found.pairs == view, axis=1)) for view in range(len(motion))],
+        rotation_deg=np.degrees(rotation).tolist(),
+        translation_m=shift.tolist(),
+        moved_m=(shift + rotation * depth_m).tolist(),
+    )
