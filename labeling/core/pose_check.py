@@ -7,6 +7,8 @@ import numpy as np
 
 MAX_OFF = 0.5
 """How far poses may misplace what a view sees, in voxels."""
+HOPELESS = 0.3
+"""Misfit from which on views do not belong together, whatever their poses."""
 
 
 @dataclass(frozen=True)
@@ -17,8 +19,10 @@ class PoseCheck:
     """Edge of the voxels that the views are fused into."""
     residual_m: float
     """Distance between the surfaces of two views, from point to plane; robust root mean square."""
+    misfit: float
+    """The same in [0, 1], with those that lie too far apart to be fitted: 0 if all surfaces agree, 1 if none does."""
     view_residual_m: list[float]
-    """The same of each view: from it to the others, and from them to it."""
+    """``residual_m`` of each view: from it to the others, and from them to it."""
     rotation_deg: list[float]
     """How far each view would have to be turned to agree with the others best."""
     translation_m: list[float]
@@ -26,7 +30,11 @@ class PoseCheck:
     moved_m: list[float]
     """How far both together move what it sees, at its median depth."""
     refined_residual_m: float | None = None
-    """``residual_m`` after these corrections; None if they are a first estimate, made by the check alone."""
+    """``residual_m`` after these corrections; None if they are a first estimate, which found nothing to correct."""
+    refined_misfit: float | None = None
+    """``misfit`` after them."""
+    can_be_refined: bool = False
+    """Whether the corrections are worth it."""
     camera_to_world: list[list[list[float]]] | None = None
     """The corrected poses, if labels were made with them. Their frame is the one in which corrections are least."""
 
@@ -37,23 +45,25 @@ class PoseCheck:
 
     @property
     def warning(self) -> str | None:
-        """What a user should know, in one sentence; None if poses and depths agree."""
-        if not self.is_off:
+        """What a user should know, in one sentence; None if poses and depths agree as far as anyone can tell."""
+        if self.refined_residual_m is None:
             return None
         worst = int(np.argmax(self.moved_m))
         many = sum(one > MAX_OFF * self.voxel_m for one in self.moved_m)
         off = (
-            f"{many} of {len(self.moved_m)} views do not fit the others' depth, view {worst} by "
+            f"poses do not fit depth in {many} of {len(self.moved_m)} views, in view {worst} by "
             f"{self.rotation_deg[worst]:.1f} degrees and {100 * self.translation_m[worst]:.1f} cm"
         )
-        if self.refined_residual_m is None:
-            return f"{off}; --refine-poses auto may mend their poses"
-        fell = f"{100 * self.residual_m:.2g} to {100 * self.refined_residual_m:.2g} cm"
+        fell = f"surfaces of two views {100 * self.residual_m:.2g} cm apart, then {100 * self.refined_residual_m:.2g}"
         if self.camera_to_world is not None:
-            return f"{off}; labels were made with refined poses (distance between surfaces {fell})"
+            return f"{off}; labels were made with refined poses ({fell})"
+        if self.can_be_refined:
+            return f"{off}; --refine-poses auto would mend them ({fell})"
+        if (self.refined_misfit or 0.0) < HOPELESS:
+            return None
         return (
-            f"{off}, but no poses were found under which they agree better (distance between surfaces {fell}); "
-            "check depth unit, intrinsics and that depth is registered to colour"
+            f"views do not fit together under any poses nearby ({self.refined_misfit:.0%} of their surfaces disagree); "
+            "check camera axes, depth unit, intrinsics, and that poses belong to their pictures"
         )
 
     def summary(self) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import LabelFormatError
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
+from labeling.evaluate import main as evaluate
 from labeling.generate import main as generate
 from labeling.inspect import main
 from labeling.inspection.checks import inspect_label_set
@@ -53,6 +55,26 @@ def test_a_sound_label_set_has_no_problem(labels, capsys):
     assert inspect_label_set(labels) == []
     assert main([str(labels)]) == 0
     assert "no problem found" in capsys.readouterr().out
+
+
+def test_poses_that_do_not_fit_depth_are_a_problem_and_mended_ones_a_note(tmp_path, capsys):
+    room = make_episode(1, num_views=6, size=(48, 64), num_objects=3, confident_share=2.0)
+    poses = room.camera_to_world.copy()
+    poses[2, :3, 3] += [0.15, -0.15, 0.1]
+    write_episode(tmp_path / "data" / room.name, replace(room, camera_to_world=poses))
+    for mode, code, line in (("off", 1, "--refine-poses auto would mend them"), ("auto", 0, "with refined poses")):
+        labels = tmp_path / mode
+        assert generate([str(tmp_path / "data"), "--out", str(labels), "--refine-poses", mode]) == 0
+        assert line in capsys.readouterr().err
+        assert main([str(labels)]) == code
+        said = capsys.readouterr().out
+        assert line in said
+        assert "in view 2 by" in said
+        about = json.loads((labels / "label_set.json").read_text())["episodes"][0]["poses"]
+        assert about["refined"] == (mode == "auto")
+        assert about["refined_residual_m"] < about["residual_m"]
+    assert evaluate([str(tmp_path / "auto")]) == 0
+    assert "note: room_1: poses do not fit depth" in capsys.readouterr().out
 
 
 def test_the_set_may_be_looked_at_without_its_dataset(labels):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
-from labeling.core.pose_check import PoseCheck
+from labeling.core.pose_check import HOPELESS, PoseCheck
 from labeling.core.views import RgbdViews
 from labeling.generator.poses.joint_step import joint_step, motions, moved
 from labeling.generator.poses.pair_sums import PairSums, pair_sums
@@ -26,8 +26,11 @@ STAGES = (
 views into reach from several degrees, narrow ones leave noise out; brightness would mislead where they are far off."""
 JUDGED_SCALE = 0.02
 """Scale at which poses are judged on planelets that they were not fitted to."""
-MIN_GAIN = 0.1
-"""Share of the cost that new poses must save there."""
+MAX_LEFT = 0.6
+"""Share of the distance between surfaces there that new poses may leave; more gain is the least that sensors that bend
+flat walls, or a robot arm that is in the picture, do not feign."""
+SUSPICIOUS = 0.2
+"""Misfit at the widest scale from which on the check does not trust its own estimate."""
 
 
 def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -> tuple[RgbdViews, PoseCheck | None]:
@@ -47,9 +50,8 @@ def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -
     if len(found.pairs) == 0:
         return views, None
     depth_m, recorded = coarse.median_depth_m, np.asarray(views.camera_to_world, float)
-    nothing = np.zeros((views.num_views, 6))
-    check = _described(found, joint_step(found, nothing, depth_m), depth_m, voxel_m)
-    if config.refine_poses == "off" or (config.refine_poses == "auto" and not check.is_off):
+    check = _described(found, joint_step(found, np.zeros((views.num_views, 6)), depth_m), depth_m, voxel_m)
+    if config.refine_poses != "on" and not check.is_off and check.misfit < SUSPICIOUS:
         return views, check
     fine = planelets(views, FITTED_CELLS, config.max_range_m)
     pairs = np.concatenate([found.pairs, found.pairs[:, ::-1]])
@@ -57,11 +59,15 @@ def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -
     before, after = (
         pair_sums(fine, views.intrinsics, one, pairs, JUDGED_SCALE, held_out=True) for one in (recorded, poses)
     )
+    check = _described(before, motions(recorded, poses), depth_m, voxel_m)
+    better = after.residual_m() < MAX_LEFT * before.residual_m() and after.cost() < min(HOPELESS, before.cost())
     check = replace(
-        _described(before, motions(recorded, poses), depth_m, voxel_m), refined_residual_m=after.residual_m()
+        check,
+        refined_residual_m=after.residual_m(),
+        refined_misfit=after.cost(),
+        can_be_refined=better and (check.is_off or config.refine_poses == "on"),
     )
-    better = after.cost() < (1 - MIN_GAIN) * before.cost()
-    if not better or (config.refine_poses == "auto" and not check.is_off):
+    if config.refine_poses == "off" or not check.can_be_refined:
         return views, check
     return replace(views, camera_to_world=poses), replace(check, camera_to_world=poses.tolist())
 
@@ -97,6 +103,7 @@ def _described(found: PairSums, motion, depth_m, voxel_m: float) -> PoseCheck:
     return PoseCheck(
         voxel_m=voxel_m,
         residual_m=found.residual_m(),
+        misfit=found.cost(),
         view_residual_m=[found.residual_m(np.any(found.pairs == view, axis=1)) for view in range(len(motion))],
         rotation_deg=np.degrees(rotation).tolist(),
         translation_m=shift.tolist(),

@@ -28,7 +28,9 @@ from labeling.runtime.threads import in_threads
 MIN_ALIGNED = 0.7
 """Cosine between two normals from which on planelets may be of one surface."""
 GATE = 3.0
-"""Planelets further apart than so many scales are of two surfaces."""
+"""Planelets further apart than so many scales do not count."""
+MAX_APART = 0.25
+"""Planelets further apart than this share of their depth are of two surfaces, one behind the other: no partners."""
 BRIGHTNESS_SCALE = 0.05
 """Difference of brightness, in [0, 1], that weighs as much as a distance of one scale."""
 ROBUST_BRIGHTNESS = 2.0
@@ -58,7 +60,7 @@ class PairSums:
 
     @property
     def partners(self) -> Float64[np.ndarray, "pairs"]:
-        """How many planelets have a partner that may be of one surface, however far away."""
+        """How many planelets have a partner that may be of one surface."""
         return self.sums[:, _PARTNERS]
 
     def chosen(self, kept) -> "PairSums":
@@ -140,6 +142,8 @@ def _compare(grids, cell_px, cameras, moved, pairs, some, scale, held_out, colou
                     continue
                 distance = bx * (x - b[CENTRE]) + by * (y - b[CENTRE + 1]) + bz * (z - b[CENTRE + 2])
                 limit = scale * z
+                if abs(distance) > MAX_APART * z:
+                    continue
                 squared = (distance / limit) ** 2
                 total[_COST] += squared / (1.0 + squared)
                 total[_PARTNERS] += 1.0
