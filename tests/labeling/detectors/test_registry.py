@@ -217,7 +217,7 @@ def test_detectors_without_masks_get_them_from_colour_and_where_colour_fails_fro
     assert len(found) >= 5
     box_only, bright, dim_colour, dim_depth = np.mean(found, axis=0)
     assert bright > box_only + 0.2
-    assert dim_depth > max(box_only, dim_colour) + 0.05
+    assert dim_depth > max(box_only, dim_colour) + 0.02
 
 
 def test_masks_in_boxes_without_content_are_empty_or_the_box():
