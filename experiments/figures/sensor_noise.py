@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 from matplotlib import pyplot as plt
 
-from experiments.figures.style import GREY, PALETTE, save, tidy
+from experiments.figures.style import INK, PALETTE, save, tidy
 
 
 def draw_sensor_noise(content: Mapping[str, Any], path: Path) -> None:
@@ -26,11 +27,11 @@ def draw_sensor_noise(content: Mapping[str, Any], path: Path) -> None:
         axes.bar(x, [100 * found[kind]["mean"]["mean_iou"] for kind in kinds], 0.92 * width, color=PALETTE[place + 1])
         for at, kind in zip(x, kinds, strict=True):
             homes = [100 * value for value in found[kind]["per_episode"]["mean_iou"] if value is not None]
-            axes.plot(np.full(len(homes), at), homes, ".", color=GREY, ms=3)
+            axes.plot(np.full(len(homes), at), homes, ".", color=INK, ms=2.5)
         axes.plot([], [], "s", color=PALETTE[place + 1], label=treatment)
     if len(treatments) > 1:
         axes.legend(frameon=False, fontsize=8)
-    axes.set_xticks(range(len(kinds)), [name.replace(", ", ",\n") for name in kinds], fontsize=7.5)
+    axes.set_xticks(range(len(kinds)), [fill(name, 10) for name in kinds], fontsize=7.5)
     axes.set_ylabel("mean IoU of labels, points; a dot is a home")
     tidy(axes)
     save(figure, path)
