@@ -13,8 +13,9 @@ from labeling.core.masks import box_xywh
 from labeling.core.types import Box3d
 from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import read_mask, read_valid_box_3d
+from labeling.io.episodes import find_episodes
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
-from labeling.io.label_set import stated_dataset
+from labeling.io.label_set import recording_config, stated_dataset
 
 BOX_TOLERANCE_PX = 1.0
 SAME_CATEGORY_OVERLAP, ANY_CATEGORY_OVERLAP = 0.5, 0.8
@@ -74,7 +75,11 @@ def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes
     if unused:
         notes.append(f"no label has the categories {', '.join(unused)}")
     yield from _check_episodes(folder, summary, known)
+<<<<<<< HEAD
     yield from _check_poses(summary, notes)
+=======
+    yield from _check_registration(folder, summary)
+>>>>>>> 23c0ae9 (Depth that lies beside colour is noticed by the edges of both, when a recording is read and by inspect)
 
 
 def _repeated(file: Json, name: str) -> Iterator[str]:
@@ -236,3 +241,19 @@ def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]
         for image in read_json(folder / MODAL_FILE).list_of("images"):
             if not (dataset / image.text("file_name")).is_file():
                 yield f"{image.where('file_name')}: {image.text('file_name')!r} is not in {dataset}"
+
+
+def _check_registration(folder: Path, summary: Json) -> Iterator[str]:
+    """Depth that lies beside colour in the recordings that were labelled, as far as they are still there."""
+    from labeling.io.recordings.registration import registration_problem
+
+    dataset = stated_dataset(folder, summary)
+    labelled = {one.text("name") for one in summary.list_of("episodes") if one.text("status") == "labelled"}
+    config = recording_config(summary.mapping())
+    try:
+        paths = [] if dataset is None or not dataset.is_dir() else find_episodes(dataset, config)
+        for path in paths:
+            if path.resolve().name in labelled and (problem := registration_problem(path, config)) is not None:
+                yield f"{path}: {problem}"
+    except EpisodeFormatError as error:
+        yield str(error)

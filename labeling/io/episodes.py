@@ -91,6 +91,7 @@ def read_episode(
     """
     from labeling.io.recordings.frames import load
     from labeling.io.recordings.layouts import frames_of
+    from labeling.io.recordings.registration import offset_note
 
     found = frames_of(folder, config or RecordingConfig())
     views, undistortions, notes = load(found.frames, undistort)
@@ -102,7 +103,11 @@ def read_episode(
         frame_names=() if names == found.names else found.names,
         notes=(*found.notes, *notes),
     )
-    return _undistorted_masks(_with_annotations(folder, episode, ground_truth), undistortions)
+    episode = _undistorted_masks(_with_annotations(folder, episode, ground_truth), undistortions)
+    if "world" in episode.metadata:  # a simulator's depth lies where its colour lies
+        return episode
+    beside = offset_note(views)
+    return episode if beside is None else replace(episode, notes=(*episode.notes, beside))
 
 
 def write_episode(folder: Path, episode: Episode) -> None:

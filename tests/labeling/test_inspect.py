@@ -83,6 +83,15 @@ def test_the_set_may_be_looked_at_without_its_dataset(labels):
     assert all(scene.cameras == () for scene in read_scenes(labels))
 
 
+def test_depth_that_lies_beside_colour_is_a_problem(tmp_path):
+    room = make_episode(3, num_views=6, size=(120, 160), num_objects=5, confident_share=2.0)
+    write_episode(tmp_path / "data" / "room", replace(room, depth_m=np.roll(room.depth_m, 10, axis=2)))
+    assert generate([str(tmp_path / "data"), "--out", str(tmp_path / "labels")]) == 0
+    problems = [one for one in inspect_label_set(tmp_path / "labels") if "registered" in one]
+    assert len(problems) == 1
+    assert "room: edges of depth lie 10 pixels to the right" in problems[0]
+
+
 def first(name: str, value: Any):
     return lambda content: content["annotations"][0].update({name: value})
 
