@@ -75,11 +75,8 @@ def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes
     if unused:
         notes.append(f"no label has the categories {', '.join(unused)}")
     yield from _check_episodes(folder, summary, known)
-<<<<<<< HEAD
     yield from _check_poses(summary, notes)
-=======
     yield from _check_registration(folder, summary)
->>>>>>> 23c0ae9 (Depth that lies beside colour is noticed by the edges of both, when a recording is read and by inspect)
 
 
 def _repeated(file: Json, name: str) -> Iterator[str]:
