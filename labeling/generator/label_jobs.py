@@ -87,6 +87,7 @@ class Job:
             How it went; after the first step already if there is nothing to label.
         """
         from labeling.formats.ply import write_ply
+        from labeling.generator.quality.unused_sources import notes_of_outlines, unused_sources
         from labeling.generator.settings.published_defects import with_amodal_boxes
         from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
         from labeling.io.episodes import read_episode
@@ -110,8 +111,10 @@ class Job:
                 points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
                 with in_background(lambda: write_ply(points_file, *points)) as written:
                     warning = labels.poses and labels.poses.warning
-                    notes = (*episode.notes, *sources.notes, *([warning] if warning else []))
-                    record = episode_record(episode, labels, mark, sources.origin, notes)
+                    unused = unused_sources(sources.detections, labels, self.label)
+                    lost = notes_of_outlines(episode, unused, self.label)
+                    notes = (*episode.notes, *sources.notes, *([warning] if warning else []), *lost)
+                    record = episode_record(episode, labels, mark, sources.origin, notes, len(unused))
                     written()
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)

@@ -121,6 +121,7 @@ def _summary(out: Path, dataset: Path, config: LabelConfig, results: Sequence[Ep
                 "sources": one.record and one.record.sources,
                 "notes": list(one.record.notes) if one.record else [],
                 **({"poses": one.record.poses.summary()} if one.record and one.record.poses else {}),
+                "unused_sources": one.record.unused_sources if one.record else 0,
                 "fingerprint": one.record and one.record.fingerprint,
                 "objects": len(one.record.objects) if one.record else 0,
                 "labels": len(one.record.labels) if one.record else 0,

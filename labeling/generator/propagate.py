@@ -32,6 +32,7 @@ from labeling.generator.objects.association import (
     is_consistent,
     objects_by_agreement,
 )
+from labeling.generator.objects.nested_masks import without_nested
 from labeling.generator.objects.seeds import DetectionSeeds, Trimap, detection_trimap, trimap_seeds
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
@@ -135,8 +136,10 @@ def _associate(
     confident: list[DetectionSeeds] = []
     weak: list[DetectionSeeds] = []
     # In turn: many short jobs on several threads cost more than they save.
-    for detection, trimap in zip(detections, trimaps, strict=True):
-        seeds = trimap_seeds(cloud, detection, trimap, config)
+    found = [trimap_seeds(cloud, *pair, config) for pair in zip(detections, trimaps, strict=True)]
+    if config.nested_masks:
+        found = without_nested(found, cloud.num_points, config.confident, config.merge_overlap)
+    for seeds in found:
         if len(seeds.foreground) > 0:
             (confident if seeds.detection.confidence >= config.confident else weak).append(seeds)
     space = cloud.num_points, config.merge_overlap

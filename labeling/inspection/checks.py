@@ -1,5 +1,6 @@
 """What can be wrong with a label set, one sentence per problem; unlike reading, inspection goes on after the first."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,8 @@ class _Known:
     """Image id -> episode."""
     objects: dict[int, str]
     """Instance id -> episode, from boxes_3d.json."""
+    sources: Counter[str]
+    """How many confident detections, or outlines, the objects of an episode were made of."""
     used: set[str]
     """Categories that some label or object has."""
 
@@ -60,7 +63,7 @@ def inspect_label_set(folder: Path, notes: list[str] | None = None) -> list[str]
 
 
 def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes: list[str]) -> Iterator[str]:
-    known = _Known({}, {}, set())
+    known = _Known({}, {}, Counter(), set())
     names: dict[int, str] = {}
     for file in files:
         yield from _repeated(file, "categories")
@@ -74,9 +77,24 @@ def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes
     unused = sorted(set(names.values()) - known.used)
     if unused:
         notes.append(f"no label has the categories {', '.join(unused)}")
+    yield from _check_sources(summary, known, notes)
     yield from _check_episodes(folder, summary, known)
     yield from _check_poses(summary, notes)
     yield from _check_registration(folder, summary)
+
+
+def _check_sources(summary: Json, known: _Known, notes: list[str]) -> Iterator[str]:
+    """Outlines and confident detections against the objects that were made of them."""
+    for episode in summary.list_of("episodes"):
+        unused = episode.integer("unused_sources") if episode.has("unused_sources") else 0
+        if not unused:
+            continue
+        name = episode.text("name")
+        given = known.sources[name] + unused
+        if episode.has("sources") and episode.text("sources").startswith("weak: "):
+            yield f"{episode.where()}: {unused} of {given} outlines of {name} gave no object; its notes name them"
+        else:
+            notes.append(f"{unused} of {given} confident detections of {name} are of no object")
 
 
 def _repeated(file: Json, name: str) -> Iterator[str]:
@@ -95,6 +113,7 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
         if number in known.objects:
             yield f"{record.where('instance_id')}: {number} is given twice"
         known.objects[number] = episode
+        known.sources[episode] += len(record.list_of("sources")) if record.has("sources") else 0
         category_id = record.integer("category_id")
         if category_id not in names:
             yield f"{record.where('category_id')}: there is no category {category_id}"

@@ -125,10 +125,17 @@ class EpisodeRecord:
     labels: tuple[LabelRecord, ...]
     ignored: tuple[IgnoredRecord, ...]
     poses: PoseCheck | None = None
+    unused_sources: int = 0
+    """Confident detections, or outlines, that no object was made of."""
 
 
 def episode_record(
-    episode: "Episode", labels: "EpisodeLabels", fingerprint: str, sources: str = "", notes: Sequence[str] = ()
+    episode: "Episode",
+    labels: "EpisodeLabels",
+    fingerprint: str,
+    sources: str = "",
+    notes: Sequence[str] = (),
+    unused_sources: int = 0,
 ) -> EpisodeRecord:
     """The record of a labelled episode.
 
@@ -138,6 +145,7 @@ def episode_record(
         fingerprint: of everything that the labels depend on.
         sources: where the masks came from that it was labelled from.
         notes: what a user should know about it.
+        unused_sources: how many confident detections, or outlines, no object was made of.
     """
     named = (*labels.objects, *labels.ignored)
     return EpisodeRecord(
@@ -159,6 +167,7 @@ def episode_record(
             for one in labels.ignored
         ),
         poses=labels.poses,
+        unused_sources=unused_sources,
     )
 
 

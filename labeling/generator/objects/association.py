@@ -57,6 +57,11 @@ class Candidate:
         return (self.votes_for > 0) | (self.votes_against > 0)
 
     @cached_property
+    def outlined_in(self) -> frozenset[int]:
+        """Views in which a person drew it."""
+        return frozenset(one.detection.view_index for one in self.sources if one.detection.exact)
+
+    @cached_property
     def foreground_voxels(self) -> Int[np.ndarray, "f"]:
         """Indices of the foreground: few of all voxels, so that two candidates are compared quickly."""
         return np.flatnonzero(self.foreground)
@@ -129,8 +134,11 @@ def _count_shared(foreground, seen, inside, outside):  # pragma: no cover - comp
 
 
 def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
-    """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch)."""
-    return _enough(overlap(a, b), a.category == b.category, threshold)
+    """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch).
+
+    What a person drew twice in one view are two objects.
+    """
+    return not a.outlined_in & b.outlined_in and _enough(overlap(a, b), a.category == b.category, threshold)
 
 
 def _enough(overlap: tuple[float, float], same_category: bool, threshold: float) -> bool:
@@ -158,7 +166,8 @@ def associate_detections(seeds: Sequence[DetectionSeeds], num_voxels: int, thres
             (
                 i
                 for i, other in enumerate(candidates)
-                if _enough(overlap_of_detection(other, one), other.category == name, threshold)
+                if not (one.detection.exact and one.detection.view_index in other.outlined_in)
+                and _enough(overlap_of_detection(other, one), other.category == name, threshold)
             ),
             None,
         )
@@ -268,7 +277,8 @@ def group_segments(
             sizes = np.count_nonzero(inside[:, k]), np.count_nonzero(inside[:, first])
             same = candidate.category == candidates[first].category
             base = min(sizes) if same else sum(sizes) - shared
-            if shared and shared >= threshold * base:
+            apart = any(candidate.outlined_in & candidates[member].outlined_in for member in group)
+            if shared and shared >= threshold * base and not apart:
                 group.append(k)
                 break
         else:

@@ -94,6 +94,9 @@ class LabelConfig(Settings):
     """One CRF in which objects compete for points; False: one binary CRF per object, as in the thesis."""
     merge_overlap: PositiveShare[float] = 0.5
     """Detections (or segments) that share this much of the space both can see are one object."""
+    nested_masks: bool = True
+    """What a confident mask shows inside a larger one of another category is background to that, as a cup is to its
+    table; where other views disagree, votes decide."""
     segment_outliers: Literal["pieces", "mean", "off"] = "pieces"
     """What is taken out of a finished segment: small pieces that lie apart, points more than ``outlier_spread``
     deviations from its mean (published code), or nothing."""

@@ -30,6 +30,7 @@ PAPER = LabelConfig(
     ignore_unconfirmed=1.0,
     complete_boxes=False,
     votes=False,
+    nested_masks=False,
     clamp_seeds=True,
     outer_share=0.5,
     appearance_weight=10.0,
