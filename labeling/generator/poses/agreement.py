@@ -19,8 +19,8 @@ MIN_PARTNERS = 0.03
 MAX_NEIGHBOURS = 24
 """Views that each view is compared with at most: those that share the most with it."""
 STAGES = (
-    (0.08, False), (0.08, False), (0.04, False), (0.04, False),
-    (0.02, True), (0.02, True), (0.01, True), (0.01, True), (0.005, True), (0.005, True),
+    *((0.08, False),) * 2, *((0.04, False),) * 2,
+    *((0.02, True),) * 3, *((0.01, True),) * 2, *((0.005, True),) * 3,
 )  # fmt: skip
 """Scale of robust weights, as a share of the depth, and whether brightness counts, step by step: wide scales bring
 views into reach from several degrees, narrow ones leave noise out; brightness would mislead where they are far off."""

@@ -10,7 +10,7 @@ from labeling.generator.poses.pair_sums import PairSums
 PRIOR_RAD = 0.05
 """How far off recorded rotations are taken to be (3 degrees), and positions as a share of the depth. It only decides
 what views do not show: how all of them lie in the world, and how planes lie along themselves."""
-INDEPENDENT = 0.02
+INDEPENDENT = 0.1
 """Share of the planelets that counts as evidence against that: neighbours err alike."""
 TOLERANCE, MAX_ITERATIONS = 1e-5, 300
 """Of conjugate gradients."""

@@ -151,6 +151,16 @@ def test_what_no_view_shows_stays_put():
     )
 
 
+def test_noise_hardly_moves_what_no_view_shows():
+    true, rng = floor(6), np.random.default_rng(1)
+    lifted = true.camera_to_world.copy()
+    lifted[:, 2, 3] += rng.normal(0, 0.05, 6)
+    noisy = true.depth_m + rng.normal(0, 0.002, true.depth_m.shape).astype(np.float32) * true.depth_m**2
+    mended, _ = mend(replace(true, camera_to_world=lifted, depth_m=noisy), ON)
+    assert np.ptp(mended.camera_to_world[:, 2, 3]) < 0.005
+    assert np.abs((mended.camera_to_world - lifted)[:, :2, 3]).max() < 0.02
+
+
 def test_the_right_poses_of_a_floor_stay():
     views = floor(4)
     same, check = mend(views, ON)
