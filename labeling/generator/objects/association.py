@@ -13,6 +13,9 @@ from labeling.generator.objects.seeds import DetectionSeeds
 OTHER_VIEWS = 3
 """How many views besides the source must be confident of a consistent object. Source: thesis A.5, criterion 1."""
 
+CUT_SHARE = 0.6
+"""Of the square root of a mask's pixels: from so many along one side of the picture on, the mask is cut off there."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -66,6 +69,15 @@ class Candidate:
         """Indices of the foreground: few of all voxels, so that two candidates are compared quickly."""
         return np.flatnonzero(self.foreground)
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether the border of the picture cuts it off in all of its sources."""
+        return all(_is_cut(one.detection.mask) for one in self.sources)
+
+    def size_m(self, voxel_m: float) -> float:
+        """Square root of the surface that a view shows of it, the median over its sources."""
+        return float(np.sqrt(np.median([len(one.foreground) for one in self.sources]))) * voxel_m
+
     @cached_property
     def category(self) -> str:
         """The category with the largest sum of confidences; of equal ones the first in the alphabet."""
@@ -79,6 +91,12 @@ class Candidate:
             detection = seeds.detection
             votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
         return votes
+
+
+def _is_cut(mask: Bool[np.ndarray, "h w"]) -> bool:
+    """Whether a mask touches one side of the picture so far that the object must go on beyond."""
+    sides_px = [np.count_nonzero(side) for side in (mask[0], mask[-1], mask[:, 0], mask[:, -1])]
+    return bool(max(sides_px) > CUT_SHARE * np.sqrt(np.count_nonzero(mask)))
 
 
 def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:

@@ -55,7 +55,7 @@ class ObjectCrf:
         numbers: Sequence[int] | None = None,
     ) -> "ObjectCrf":
         """The same of objects that are not numbered from 0."""
-        log_odds = object_log_odds(cloud, candidates, scale.object_m, config, numbers)
+        log_odds = object_log_odds(cloud, candidates, config, numbers)
         active = ActivePoints.of(log_odds > UNREACHABLE_LOG_ODDS)
         return cls(log_odds, active, crf_kernels(cloud, active, scale.object_m, config), config.iterations)
 

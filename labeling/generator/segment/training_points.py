@@ -20,7 +20,7 @@ def crop_around(
     cloud: Cloud,
     foreground: Int[np.ndarray, "f"],
     against: Bool[np.ndarray, "n"],
-    object_m: float,
+    margin_m: float,
     config: LabelConfig,
 ) -> tuple[Float32[np.ndarray, "3"], Bool[np.ndarray, "n"]]:
     """Centre of an object's seeds, and the points that may belong to it.
@@ -29,15 +29,14 @@ def crop_around(
         cloud: the points.
         foreground: indices of the seeds; at least one.
         against: which points are known not to belong to it.
-        object_m: size of a typical object, metres.
-        config: settings. By default the box of the seeds grown by ``crop`` object sizes; with ``crop_m`` a cube of
-            that half edge around their centre, grown in steps of 1 m up to ``max_crop_m`` until it holds seeds of both
-            classes (field notes, published code).
+        margin_m: by how much the box of the seeds grows on all sides.
+        config: settings. With ``crop_m``, instead, a cube of that half edge around their centre, grown in steps of 1 m
+            up to ``max_crop_m`` until it holds seeds of both classes (field notes, published code).
     """
     seeds = cloud.points[foreground]
     centre = np.median(seeds, axis=0)
     if config.crop_m is None:
-        half = np.quantile(np.abs(seeds - centre), 0.98, axis=0) + config.crop * object_m
+        half = np.quantile(np.abs(seeds - centre), 0.98, axis=0) + margin_m
         return centre, cloud.within(centre - half, centre + half)
     reach = np.abs(cloud.points - centre).max(axis=1)
     # The nearest background decides how far the cube has to grow; the centre lies among the seeds.

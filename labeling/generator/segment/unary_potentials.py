@@ -23,7 +23,6 @@ MAX_VOTES = 3.0
 def object_log_odds(
     cloud: Cloud,
     candidates: Sequence[Candidate],
-    object_m: float,
     config: LabelConfig,
     numbers: Sequence[int] | None = None,
 ) -> Float32[np.ndarray, "n k"]:
@@ -34,7 +33,6 @@ def object_log_odds(
     Args:
         cloud: the points.
         candidates: the objects.
-        object_m: size of a typical object, metres.
         config: settings.
         numbers: of the objects; each chooses the training points of its own. By default 0, 1 and so on.
 
@@ -44,18 +42,20 @@ def object_log_odds(
     columns = np.full((len(candidates), cloud.num_points), UNREACHABLE_LOG_ODDS, np.float32)
     for k, candidate in enumerate(candidates):
         rng = np.random.default_rng([config.seed, k if numbers is None else numbers[k]])
-        _one_object(cloud, candidate, object_m, config, rng, columns[k])
+        _one_object(cloud, candidate, config, rng, columns[k])
     return columns.T
 
 
-def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfig, rng, log_odds) -> None:
+def _one_object(cloud: Cloud, candidate: Candidate, config: LabelConfig, rng, log_odds) -> None:
     """Fills the column ``log_odds`` (n,) of one object in place."""
     votes_for, votes_against = _votes(cloud.num_points, candidate, config)
     foreground = np.flatnonzero(votes_for > votes_against)
     if len(foreground) == 0:
         return
     against = (votes_against >= votes_for) & (votes_against > 0)
-    centre, inside = crop_around(cloud, foreground, against, object_m, config)
+    is_cut = candidate.is_cut
+    margin_m = (config.crop_cut if is_cut else config.crop) * candidate.size_m(cloud.voxel_m)
+    centre, inside = crop_around(cloud, foreground, against, margin_m, config)
     background = np.flatnonzero(inside & against)
     reachable = np.flatnonzero(inside)
     decided = np.zeros(len(reachable), np.float32)
@@ -73,7 +73,16 @@ def _one_object(cloud: Cloud, candidate: Candidate, object_m, config: LabelConfi
             classifier = train_classifier(
                 _features(cloud, positives, centre), _features(cloud, negatives, centre), rng, config.gaussian_share
             )
-        decided += np.clip(classifier.log_odds(features), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+        odds = np.clip(classifier.log_odds(features), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+        if is_cut and config.colour_beyond > 0:
+            # Where a thing ends beyond the picture's border its seeds cannot say, but they know its colours.
+            own, other = votes_for[reachable] > votes_against[reachable], against[reachable]
+            beyond = (votes_for + votes_against)[reachable] == 0
+            colours = features[:, :3]
+            by_colour = train_gaussian_classifier(colours[own], colours[other], hard[background])
+            alike = np.clip(by_colour.log_odds(colours[beyond]), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+            odds[beyond] += np.float32(config.colour_beyond) * (alike - odds[beyond])
+        decided += odds
     log_odds[reachable] = decided
     if config.clamp_seeds:
         log_odds[foreground[inside[foreground]]] = MAX_LOG_ODDS

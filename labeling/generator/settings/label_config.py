@@ -58,8 +58,12 @@ class LabelConfig(Settings):
     """Voxel edge in metres; None derives it from object size and pixel footprint."""
     max_voxels: Positive[int] = 300_000
     """Voxels grow until the cloud has at most this many: bounds time and memory."""
-    crop: Positive[float] = 0.3
-    """Margin around an object's seeds within which points may belong to it, in object sizes (thesis: 1 m)."""
+    crop: Positive[float] = 0.25
+    """Margin around an object's seeds within which points may belong to it, in sizes of this object (thesis: 1 m)."""
+    crop_cut: Positive[float] = 1.0
+    """The same for an object that the border of the picture cuts off in all of its sources: it goes on beyond."""
+    colour_beyond: Share[float] = 0.5
+    """How much colour alone decides at points of such an object that none of its sources has seen."""
     crop_m: Positive[float] | None = None
     """Instead of ``crop``: half edge of a cube around the seeds, metres, which grows until it holds seeds of both
     classes (published code: 1 in rooms, 6 in streets)."""

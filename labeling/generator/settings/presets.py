@@ -20,6 +20,7 @@ PAPER = LabelConfig(
     dilations=4,
     seed_outliers="mean",
     crop_m=1.0,
+    colour_beyond=0.0,
     gaussian_share=0.0,
     erode_doubt=0.0,
     dilate_doubt=0.0,
