@@ -20,8 +20,9 @@ def crop_around(
     cloud: Cloud,
     foreground: Int[np.ndarray, "f"],
     against: Bool[np.ndarray, "n"],
-    margin_m: float,
+    size_m: float,
     config: LabelConfig,
+    is_cut: bool = False,
 ) -> tuple[Float32[np.ndarray, "3"], Bool[np.ndarray, "n"]]:
     """Centre of an object's seeds, and the points that may belong to it.
 
@@ -29,14 +30,18 @@ def crop_around(
         cloud: the points.
         foreground: indices of the seeds; at least one.
         against: which points are known not to belong to it.
-        margin_m: by how much the box of the seeds grows on all sides.
-        config: settings. With ``crop_m``, instead, a cube of that half edge around their centre, grown in steps of 1 m
-            up to ``max_crop_m`` until it holds seeds of both classes (field notes, published code).
+        size_m: of the object.
+        config: settings. By default the box of the seeds grown by ``crop`` sizes; with ``crop_m`` a cube of that half
+            edge around their centre, grown in steps of 1 m up to ``max_crop_m`` until it holds seeds of both classes
+            (field notes, published code).
+        is_cut: whether the border of the picture cuts the object off: the box is grown by ``crop_cut`` of its longest
+            side.
     """
     seeds = cloud.points[foreground]
     centre = np.median(seeds, axis=0)
     if config.crop_m is None:
-        half = np.quantile(np.abs(seeds - centre), 0.98, axis=0) + margin_m
+        half = np.quantile(np.abs(seeds - centre), 0.98, axis=0)
+        half += config.crop_cut * 2 * half.max() if is_cut else config.crop * size_m
         return centre, cloud.within(centre - half, centre + half)
     reach = np.abs(cloud.points - centre).max(axis=1)
     # The nearest background decides how far the cube has to grow; the centre lies among the seeds.

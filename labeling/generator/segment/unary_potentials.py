@@ -54,8 +54,7 @@ def _one_object(cloud: Cloud, candidate: Candidate, config: LabelConfig, rng, lo
         return
     against = (votes_against >= votes_for) & (votes_against > 0)
     is_cut = candidate.is_cut
-    margin_m = (config.crop_cut if is_cut else config.crop) * candidate.size_m(cloud.voxel_m)
-    centre, inside = crop_around(cloud, foreground, against, margin_m, config)
+    centre, inside = crop_around(cloud, foreground, against, candidate.size_m(cloud.voxel_m), config, is_cut)
     background = np.flatnonzero(inside & against)
     reachable = np.flatnonzero(inside)
     decided = np.zeros(len(reachable), np.float32)

@@ -60,8 +60,9 @@ class LabelConfig(Settings):
     """Voxels grow until the cloud has at most this many: bounds time and memory."""
     crop: Positive[float] = 0.25
     """Margin around an object's seeds within which points may belong to it, in sizes of this object (thesis: 1 m)."""
-    crop_cut: Positive[float] = 1.0
-    """The same for an object that the border of the picture cuts off in all of its sources: it goes on beyond."""
+    crop_cut: Positive[float] = 0.7
+    """The same for an object that the border of the picture cuts off in all of its sources, since it goes on beyond: as
+    a share of the longest side of what is seen of it."""
     colour_beyond: Share[float] = 0.5
     """How much colour alone decides at points of such an object that none of its sources has seen."""
     crop_m: Positive[float] | None = None
