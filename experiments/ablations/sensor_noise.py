@@ -32,10 +32,14 @@ KINDS = (
     Kind("stereo", SensorNoise("stereo")),
     Kind("lidar", SensorNoise("lidar")),
     Kind("Kinect, 2°, 5 cm", SensorNoise("kinect", pose_noise_deg=2.0, pose_noise_m=0.05)),
+    Kind("Kinect, 4°, 10 cm", SensorNoise("kinect", pose_noise_deg=4.0, pose_noise_m=0.1)),
     Kind("Kinect, drift to 2° and 5 cm", SensorNoise("kinect", pose_drift_deg=2.0, pose_drift_m=0.05)),
+    Kind("Kinect, drift to 4° and 10 cm", SensorNoise("kinect", pose_drift_deg=4.0, pose_drift_m=0.1)),
 )
-TREATMENTS: Mapping[str, LabelConfig] = MappingProxyType({"as recorded": LabelConfig()})
-"""How noisy episodes are labelled: the columns of the table."""
+TREATMENTS: Mapping[str, LabelConfig] = MappingProxyType(
+    {"poses as recorded": LabelConfig(refine_poses="off"), "poses mended": LabelConfig(refine_poses="auto")}
+)
+"""How noisy episodes are labelled."""
 EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 24, "full": 60}
 SEED = 3
 """Of the homes: nothing is chosen on these."""

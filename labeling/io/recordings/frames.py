@@ -21,18 +21,10 @@ from labeling.io.recordings.pictures import (
     same_view,
     size_text,
 )
-from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.io.recordings.recording_config import RecordingConfig, up_direction
 from labeling.runtime.threads import as_they_come
 
 MAX_DEPTH_UNIT_M = 1000.0
-_TURN_UP = {
-    "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
-    "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
-    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
-    "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-    "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
-}
-"""The rotation that brings an up axis to +Z, by the shortest way."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +132,7 @@ def choose(found: FrameList, config: RecordingConfig) -> FrameList:
         notes.append(f"took {config.max_views} of {len(frames)} frames, spread evenly (--max-views, --every)")
         frames = [frames[index] for index in kept]
     if config.up != "z":
-        turn = np.eye(4)
-        turn[:3, :3] = _TURN_UP[config.up]
+        turn = _turn_up(np.array(up_direction(config.up)))
         frames = [replace(frame, camera_to_world=turn @ frame.camera_to_world) for frame in frames]
     hint = _other_up(frames)
     if hint and config.up == "z":
@@ -228,6 +219,16 @@ def _align(frame: Frame, depth_m, camera, size: tuple[int, int]) -> np.ndarray:
             'docs/your-own-recordings.md, "Depth from a camera of its own"), or align depth to colour first'
         )
     return enlarge_depth(depth_m, size)
+
+
+def _turn_up(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """The rotation that brings a direction to +Z, by the shortest way; half a turn about X for what points down."""
+    x, y, z = up / np.linalg.norm(up)
+    turn = np.diag([1.0, -1.0, -1.0, 1.0])
+    if z > -1 + 1e-9:
+        cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+        turn[:3, :3] = np.eye(3) + cross + cross @ cross / (1 + z)
+    return turn
 
 
 def _other_up(frames: Sequence[Frame]) -> str | None:

@@ -7,7 +7,29 @@ from typing import Annotated, Literal
 from labeling.runtime.ranges import Count, Positive, Range, Settings
 
 LayoutName = Literal["auto", "nerfstudio", "tum", "scannet"]
-Up = Literal["z", "y", "x", "-z", "-y", "-x"]
+UP_AXES = {
+    f"{sign}{axis}": tuple(float(axis == other) * (-1 if sign else 1) + 0.0 for other in "xyz")
+    for sign in ("", "-")
+    for axis in "zyx"
+}
+"""What axes are called, and where they point."""
+
+
+def up_direction(up: str) -> tuple[float, float, float] | None:
+    """The direction that ``--up`` names, of any length above 0; None if it names none."""
+    words = up.replace(",", " ").split()
+    if len(words) == 1:
+        return UP_AXES.get(words[0])
+    try:
+        x, y, z = (float(word) for word in words)
+    except ValueError:
+        return None
+    return (x, y, z) if 1e-6 < math.hypot(x, y, z) < math.inf else None
+
+
+Up = Annotated[
+    str, Range(f"be an axis ({', '.join(UP_AXES)}) or a direction X,Y,Z", lambda up: up_direction(up) is not None)
+]
 PinholeParameters = Annotated[
     tuple[float, float, float, float],
     Range("be FX FY CX CY, finite, FX and FY above 0", lambda v: min(v[:2]) > 0 and all(map(math.isfinite, v))),
@@ -30,7 +52,8 @@ class RecordingConfig(Settings):
     max_views: Count = 200
     """Frames taken at most, spread evenly over the recording: bounds time and memory."""
     up: Up = "z"
-    """Axis of the recording's world that points up (ARKit, so Record3D: ``--up=y``). 3-D boxes stand upright on it."""
+    """What points up in the recording's world: an axis (z, y, x, -z, -y, -x; ARKit, so Record3D: ``--up=y``), or a
+    direction ``--up=X,Y,Z`` where gravity is tilted. 3-D boxes stand upright on it."""
     camera: PinholeParameters | None = None
     """Focal lengths and principal point ``FX FY CX CY`` in pixels, for TUM folders, whose files do not tell them."""
     depth_unit_m: Positive[float] | None = None

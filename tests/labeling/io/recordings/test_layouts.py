@@ -110,6 +110,28 @@ def test_the_up_axis_becomes_z(tmp_path, room, up):
     np.testing.assert_allclose(turn[:3, :3] @ axis, [0, 0, 1], atol=1e-12)
 
 
+@settings(max_examples=30, deadline=None)
+@given(
+    st.tuples(*[st.floats(-2, 2).map(lambda value: round(value, 3))] * 3).filter(lambda up: np.linalg.norm(up) > 0.1)
+)
+def test_any_direction_becomes_z_by_the_shortest_way(sound, up):
+    straight = read_episode(sound["tum"]).camera_to_world
+    turned = read_episode(sound["tum"], RecordingConfig(up=",".join(map(str, up)))).camera_to_world
+    turn = turned[0] @ np.linalg.inv(straight[0])
+    assert is_rigid(turn, 1e-6)
+    np.testing.assert_allclose(turned, turn @ straight, atol=1e-6)
+    direction = np.array(up) / np.linalg.norm(up)
+    np.testing.assert_allclose(turn[:3, :3] @ direction, [0, 0, 1], atol=1e-6)
+    # The angle of the rotation is that between the direction and +Z.
+    assert (np.trace(turn[:3, :3]) - 1) / 2 == pytest.approx(direction[2], abs=1e-6)
+
+
+@pytest.mark.parametrize("up", ["up", "w", "1,2", "0,0,0", "1,2,nan", "1,2,inf", "1,2,3,4", ""])
+def test_what_is_no_direction_is_refused(up):
+    with pytest.raises(UsageError, match=r"--up must be an axis \(z, y, x, -z, -y, -x\) or a direction X,Y,Z"):
+        RecordingConfig(up=up).check()
+
+
 def test_a_world_that_lies_on_its_side_is_noted(tmp_path, room):
     notes = read_episode(written(tmp_path, "record3d", room)).notes
     assert any("--up=y" in note for note in notes)
