@@ -30,7 +30,7 @@ def draw_sensor_noise(content: Mapping[str, Any], path: Path) -> None:
             axes.plot(np.full(len(homes), at), homes, ".", color=INK, ms=2.5)
         axes.plot([], [], "s", color=PALETTE[place + 1], label=treatment)
     if len(treatments) > 1:
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(treatments))
     axes.set_xticks(range(len(kinds)), [fill(name, 10) for name in kinds], fontsize=7.5)
     axes.set_ylabel("mean IoU of labels, points; a dot is a home")
     tidy(axes)
