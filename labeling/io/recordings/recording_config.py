@@ -8,9 +8,12 @@ from labeling.runtime.ranges import Count, Positive, Range, Settings
 
 LayoutName = Literal["auto", "nerfstudio", "tum", "scannet"]
 UP_AXES = {
-    f"{sign}{axis}": tuple(float(axis == other) * (-1 if sign else 1) + 0.0 for other in "xyz")
-    for sign in ("", "-")
-    for axis in "zyx"
+    "z": (0.0, 0.0, 1.0),
+    "y": (0.0, 1.0, 0.0),
+    "x": (1.0, 0.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
 }
 """What axes are called, and where they point."""
 
