@@ -98,7 +98,7 @@ def _label(views: RgbdViews, usable: Sequence[Detection], scale: Scale, config: 
                 views = cleared
                 cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
         if config.fuse_views:
-            candidates = _associate(cloud, used, trimaps(), config)
+            candidates = _associate(cloud, views, used, trimaps(), config)
         else:
             candidates = single_detection_candidates(cloud, usable, config)
     if not candidates:
@@ -130,13 +130,14 @@ def _empty_labels(scale: Scale | None = None) -> EpisodeLabels:
 
 
 def _associate(
-    cloud: Cloud, detections: Sequence[Detection], trimaps: Sequence[Trimap], config: LabelConfig
+    cloud: Cloud, views: RgbdViews, detections: Sequence[Detection], trimaps: Sequence[Trimap], config: LabelConfig
 ) -> list[Candidate]:
     """Which objects there are, and which detections speak for each."""
     confident: list[DetectionSeeds] = []
     weak: list[DetectionSeeds] = []
     # In turn: many short jobs on several threads cost more than they save.
-    found = [trimap_seeds(cloud, *pair, config) for pair in zip(detections, trimaps, strict=True)]
+    pairs = zip(detections, trimaps, strict=True)
+    found = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index)) for one, trimap in pairs]
     if config.nested_masks:
         found = without_nested(found, cloud.num_points, config.confident, config.merge_overlap)
     for seeds in found:

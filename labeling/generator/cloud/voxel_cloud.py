@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int32, Int64
 from numba import njit
 
-from labeling.core.views import RgbdViews
+from labeling.core.splatting import splat
+from labeling.core.views import Camera, RgbdViews
 
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
@@ -51,6 +52,12 @@ class Cloud:
                 self._visible.pop([*self._visible][0], None)  # noqa: RUF015 - a list, as other threads add entries
             self._visible[view] = known
         return known
+
+
+def voxels_of_blind_view(cloud: Cloud, view: int, camera: Camera):
+    """What ``Cloud.voxels_of_view`` returns, where pixels without depth show the nearest voxel of any view."""
+    own = cloud.voxel_of_pixel[view]
+    return _rank(np.where(own >= 0, own, splat(cloud.points, camera, cloud.voxel_m)), cloud.num_points)
 
 
 def build_cloud(views: RgbdViews, voxel_m: float, max_range_m: float = np.inf, max_voxels: int = 2_000_000) -> Cloud:

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
 from labeling.core.types import Detection
+from labeling.core.views import Camera
 from labeling.generator.cloud.outliers import far_from_mean
-from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.cloud.voxel_cloud import Cloud, voxels_of_blind_view
 from labeling.generator.objects.voxel_votes import split_voxels
 from labeling.generator.settings.label_config import LabelConfig
 
@@ -124,9 +125,23 @@ def detection_trimap(detection: Detection, config: LabelConfig) -> Trimap:
     return trimap
 
 
-def trimap_seeds(cloud: Cloud, detection: Detection, trimap: Trimap, config: LabelConfig) -> DetectionSeeds:
-    """Moves the trimap of a detection into the cloud."""
-    visible, ranks, pixels = cloud.voxels_of_view(detection.view_index)
+def trimap_seeds(
+    cloud: Cloud, detection: Detection, trimap: Trimap, config: LabelConfig, camera: Camera | None = None
+) -> DetectionSeeds:
+    """Moves the trimap of a detection into the cloud.
+
+    Args:
+        cloud: of all views.
+        detection: in one of them.
+        trimap: its.
+        config: settings.
+        camera: of its view. Given it, what a person drew where the view has no depth takes the points of other views.
+    """
+    view = detection.view_index
+    if camera is not None and detection.exact and np.all(cloud.voxel_of_pixel[view][detection.mask] < 0):
+        visible, ranks, pixels = voxels_of_blind_view(cloud, view, camera)
+    else:
+        visible, ranks, pixels = cloud.voxels_of_view(view)
     split = split_voxels(ranks[trimap.window], trimap.side, pixels)
     inside, outside, near = (visible[chosen] for chosen in split)
     return DetectionSeeds(detection, inside[~_seed_outliers(cloud.points[inside], config)], outside, near)
