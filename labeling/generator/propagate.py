@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, Int64
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
@@ -37,6 +37,7 @@ from labeling.generator.objects.seeds import DetectionSeeds, Trimap, detection_t
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
+from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
@@ -106,10 +107,20 @@ def _label(views: RgbdViews, usable: Sequence[Detection], scale: Scale, config: 
     if not config.fuse_views:
         return label_per_detection(views, cloud, candidates, scale, config)
     candidates, probability = _segment(cloud, candidates, scale, config)
-    owned = point_owners(probability, config.exclusive) >= 0
-    with in_background(lambda: FusedViews.of(views, cloud, owned, scale.pixel_m, config)) as fused:
-        objects, probability = _describe_objects(cloud, candidates, probability, config)
-        drawn = draw_labels(fused(), objects, probability, scale, config)
+    owner = point_owners(probability, config.exclusive)
+    outliers = segment_outliers(
+        cloud.points, owner, len(candidates), cloud.voxel_m, config, _detection_votes(owner, candidates)
+    )
+    inside, owner = owner >= 0, np.where(outliers, np.int32(-1), owner)
+    parts = None
+    if config.thin_parts:
+        parts = find_thin_parts(cloud, views, owner, len(candidates), scale.object_m)
+        inside |= parts.owner >= 0
+    with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:
+        objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
+        probability = np.where(outliers[:, None], np.float32(0), probability[:, columns])
+        parts = parts and parts.of_objects(columns)
+        drawn = draw_labels(fused(), objects, probability, parts, scale, config)
     labels = finalise_labels(drawn, usable, cloud, config)
     return replace(labels, labels=with_label_defects(labels.labels, config.published))
 
@@ -169,18 +180,20 @@ def _segment(
 
 
 def _describe_objects(
-    cloud: Cloud, candidates: Sequence[Candidate], probability: Float32[np.ndarray, "n k"], config: LabelConfig
-) -> tuple[list[LabelledObject], Float32[np.ndarray, "n o"]]:
-    """Objects that kept any point, numbered from 1, and their probabilities, 0 at points that are taken out of them."""
-    owner = point_owners(probability, config.exclusive)
-    votes = _detection_votes(owner, candidates)
-    outliers = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config, votes)
-    owner = np.where(outliers, np.int32(-1), owner)
-    objects, columns = [], []
+    cloud: Cloud,
+    candidates: Sequence[Candidate],
+    owner: Int32[np.ndarray, "n"],
+    parts: ThinParts | None,
+    config: LabelConfig,
+) -> tuple[list[LabelledObject], Int64[np.ndarray, "o"]]:
+    """Objects that have any point, numbered from 1, and which of the candidates each of them is."""
+    objects, kept = [], []
     for k, candidate in enumerate(candidates):
         members = owner == k
         if not members.any() or (config.consistency and not is_consistent(candidate, config.confident)):
             continue
+        if parts is not None:
+            members |= parts.owner == k
         sources = sorted(
             (seeds.detection for seeds in candidate.sources), key=lambda one: (-one.confidence, one.view_index)
         )
@@ -194,8 +207,8 @@ def _describe_objects(
                 sources=tuple(Source(one.view_index, float(one.confidence), one.category) for one in sources),
             )
         )
-        columns.append(k)
-    return objects, np.where(outliers[:, None], np.float32(0), probability[:, columns])
+        kept.append(k)
+    return objects, np.array(kept, np.int64)
 
 
 def _detection_votes(owner: Int32[np.ndarray, "n"], candidates: Sequence[Candidate]) -> Float32[np.ndarray, "n"]:

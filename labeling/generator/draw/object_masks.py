@@ -10,16 +10,22 @@ from labeling.core.masks import blank_masks
 from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px, has_holes
+from labeling.generator.draw.part_masks import draw_parts
 from labeling.generator.draw.view_masks import ViewChances, likely_voxels, point_owners, view_chances
+from labeling.generator.segment.thin_parts import ThinParts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import paint_in_order
 from labeling.runtime.threads import in_threads
+
+PART_PROBABILITY = np.float32(0.95)
+"""Of an object in the voxels of its thin parts: so many of their pixels are right on development scenes."""
 
 
 def draw_labels(
     fused: FusedViews,
     objects: Sequence[LabelledObject],
     probability: Float32[np.ndarray, "n k"],
+    parts: ThinParts | None,
     scale: Scale,
     config: LabelConfig,
 ) -> EpisodeLabels:
@@ -29,6 +35,7 @@ def draw_labels(
         fused: the views and their clouds.
         objects: numbered 1 to k.
         probability: of each object at each point of the cloud.
+        parts: what belongs to objects besides, if that is known.
         scale: of the episode.
         config: settings.
 
@@ -39,6 +46,9 @@ def draw_labels(
     cloud, fine, views = fused.cloud, fused.fine, fused.views
     owner = point_owners(probability, config.exclusive)
     owner_of_fine = owner[fine.voxel]
+    if parts is not None:
+        of_part = np.where(fine.points[:, 2] > parts.top_m[fine.voxel], parts.owner[fine.voxel], np.int32(-1))
+        owner_of_fine = np.where(of_part >= 0, of_part, owner_of_fine)
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
     whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
@@ -50,12 +60,16 @@ def draw_labels(
         rows = np.zeros((len(objects), voxels.shape[0]), bool)
         drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)
         shown, pixels, means = chances.masks(config.exclusive)
+        windows = chances.windows
+        if parts is not None:
+            own_voxels = cloud.voxel_of_pixel[view]
+            windows = draw_parts(shown, pixels, windows, parts, view, own_voxels, views.depth_m[view])
         if config.published.missing_z_buffer:
             shown, pixels, means = _painted(drawn, chances)
         seen = [k for k in range(len(objects)) if pixels[k] or np.any(rows[k])]
         blank, labels = blank_masks(2 * len(seen), voxels.shape), []
         for k, modal, amodal in zip(seen, blank[::2], blank[1::2], strict=True):
-            one, own = objects[k], slice(*chances.windows[k, :2])
+            one, own = objects[k], slice(*windows[k, :2])
             if config.published.missing_z_buffer:
                 own = slice(None)
             modal[own] = shown[own] == k
@@ -76,6 +90,12 @@ def draw_labels(
         return labels
 
     labels = tuple(label for found in in_threads(labels_of, range(views.num_views)) for label in found)
+    if parts is not None:
+        new = np.flatnonzero(parts.owner >= 0)
+        owner[new] = parts.owner[new]
+        probability = probability.copy()
+        probability[new] *= 1 - PART_PROBABILITY
+        probability[new, owner[new]] = PART_PROBABILITY
     instance_ids = np.array([0, *(one.instance_id for one in objects)], np.int32)[owner + 1]
     return EpisodeLabels(
         tuple(objects), labels, SegmentedCloud(cloud.points, cloud.colours, instance_ids, probability), scale

@@ -13,20 +13,6 @@ MAX_GAP, MAX_GAP_OF_FLAT = 0.5, 1.0
 stand on it; it lies or hangs. What is flat stands on legs, which are lost first: a table top."""
 COVERED = 0.3
 """Share of the footprint that points at one height must cover to be a surface that an object stands on."""
-COMMON = 0.2
-"""A height is the floor's if it holds this share of the points that the commonest height holds."""
-
-
-def floor_height(points: Float32[np.ndarray, "n 3"], voxel_m: float) -> float:
-    """Height of the lowest large horizontal surface of a cloud, metres; +Z is up."""
-    heights = np.asarray(points[:, 2], float)
-    low = float(np.quantile(heights, 0.001))
-    layer = np.floor((heights[heights >= low] - low) / voxel_m).astype(int)
-    count = np.bincount(layer)
-    count[:-1] += count[1:]  # a surface on the border of two layers
-    lowest = int(np.flatnonzero(count >= COMMON * count.max())[0])
-    inside = (heights >= low + lowest * voxel_m) & (heights < low + (lowest + 2) * voxel_m)
-    return float(np.median(heights[inside]))
 
 
 def extend_to_support(

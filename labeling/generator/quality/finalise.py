@@ -7,8 +7,9 @@ import numpy as np
 
 from labeling.core.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject
 from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.cloud.ground import floor_height
 from labeling.generator.cloud.voxel_cloud import Cloud
-from labeling.generator.quality.box_completion import extend_to_support, floor_height
+from labeling.generator.quality.box_completion import extend_to_support
 from labeling.generator.quality.ignore_regions import unconfirmed_regions
 from labeling.generator.quality.label_quality import features_of, load_model
 from labeling.generator.settings.label_config import LabelConfig

@@ -141,6 +141,8 @@ class LabelConfig(Settings):
     """False: a view knows only its own detections when it marks such regions."""
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
+    thin_parts: bool = True
+    """Give objects their legs, stems and feet: thin pieces between them and the ground, which detectors leave out."""
     seed: NonNegative[int] = 0
     """Seed of the sampling of training points."""
     published: PublishedDefects = field(default_factory=PublishedDefects)

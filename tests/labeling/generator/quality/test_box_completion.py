@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.types import Box3d
-from labeling.generator.quality.box_completion import MAX_GAP, MAX_GAP_OF_FLAT, extend_to_support, floor_height
+from labeling.generator.cloud.ground import floor_height
+from labeling.generator.quality.box_completion import MAX_GAP, MAX_GAP_OF_FLAT, extend_to_support
 
 VOXEL_M = 0.04
 

@@ -1,0 +1,233 @@
+"""Legs, stems and feet: what stands between an object and the ground, and is too thin for masks and classifiers.
+
+Detectors leave them out, so votes speak against them, and they are narrower than the kernels of the CRF. Geometry tells
+them: once the ground is taken away, what belongs to no object falls into pieces. A piece wholly beside and below an
+object is a part of it if it touches it and is thin (no wall, no other object), or if it carries it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int, Int32
+from numba import njit
+
+from labeling.core.boxes3d import fit_box
+from labeling.core.views import RgbdViews
+from labeling.generator.cloud.ground import Ground, find_ground, height_coefficients
+from labeling.generator.cloud.voxel_cloud import Cloud
+
+MARGIN = 0.15
+"""How far parts stick out sideways at most, as a share of the shorter side of the object."""
+RING = 0.3
+"""Pieces are followed so much further, in object sizes: what goes on there is something else."""
+INSIDE = 0.95
+"""Share of a piece that lies within the margin and not above the object if it is a part."""
+BELOW = 0.98
+"""Share of it that lies under the object, if nobody sees that they touch."""
+TOUCH_VOXELS = 2.0
+"""Points nearer to each other than this touch."""
+BALL_VOXELS = 3.5
+"""Radius of the balls in which thickness is measured."""
+THIN = 0.257
+"""Second principal standard deviation of the points in such a ball, as a share of its radius; it is .5 in planes."""
+MAX_VOXELS = 2000
+"""Larger pieces are not thin."""
+CONTACT = 0.02
+"""Share of the points of a thick piece that touch the object it carries."""
+HOVERS = 0.3
+"""An object hovers if its points begin above this share of its height."""
+RISES = 0.4
+"""What carries it out of sight is seen up to this share of the way to it."""
+MIN_PIXELS = 2
+"""Of a voxel above the ground; fewer are noise."""
+MIN_POINTS = 4
+"""Of an object that can have parts."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThinParts:
+    """What belongs to objects beside the points that they were segmented into."""
+
+    owner: Int32[np.ndarray, "n"]
+    """The object that the part in each voxel belongs to, -1 for none."""
+    top_m: Float32[np.ndarray, "n"]
+    """Height above which the pixels of each voxel show no ground, metres."""
+    rows: Float64[np.ndarray, "views 4"]
+    """Of the views (``ground.height_coefficients``)."""
+
+    def of_objects(self, numbers: Int[np.ndarray, "k"]) -> "ThinParts":
+        """The parts of some objects, which are numbered from 0 in this order from now on."""
+        place = np.full(max(int(self.owner.max(initial=-1)), int(np.max(numbers, initial=-1))) + 2, -1, np.int32)
+        place[numbers] = np.arange(len(numbers))
+        return ThinParts(place[self.owner], self.top_m, self.rows)
+
+
+def find_thin_parts(
+    cloud: Cloud, views: RgbdViews, owner: Int32[np.ndarray, "n"], num_objects: int, object_m: float
+) -> ThinParts:
+    """The thin parts of all objects of an episode.
+
+    Args:
+        cloud: the points.
+        views: those that the cloud was made from.
+        owner: the object that each point belongs to, -1 for none.
+        num_objects: how many objects there are.
+        object_m: size of a typical object, metres.
+
+    Returns:
+        They. A piece that could be of two objects goes to the one that it touches in more points.
+    """
+    ground = find_ground(cloud, views, owner < 0, object_m)
+    free = (owner < 0) & (ground.pixels_above >= MIN_PIXELS)
+    found, contact = np.full(cloud.num_points, -1, np.int32), np.full(cloud.num_points, -1)
+    for k in range(num_objects):
+        own = np.flatnonzero(owner == k)
+        if len(own) >= MIN_POINTS:
+            for piece, touching in _parts(cloud, own, free, ground, object_m):
+                won = piece[contact[piece] < touching]
+                found[won], contact[won] = k, touching
+    return ThinParts(found, ground.top_m, height_coefficients(views))
+
+
+def _parts(cloud: Cloud, own: Int[np.ndarray, "m"], free: Bool[np.ndarray, "n"], ground: Ground, object_m: float):
+    """Yields the parts of the object with the points ``own``: their points, and how many of these touch the object."""
+    from scipy.spatial import cKDTree
+
+    points, voxel_m = cloud.points, cloud.voxel_m
+    box = fit_box(points[own])
+    if box is None:
+        return
+    bottom, top = np.quantile(points[own, 2], [0.02, 0.99])
+    margin_m = max(MARGIN * float(np.min(box.extent_m[:2])), 2 * voxel_m)
+    ring_m = max(RING * object_m, 3 * voxel_m)
+    half = 0.5 * box.extent_m[:2]
+    reaches = half + voxel_m, half + margin_m, half + margin_m + ring_m
+    near, zone = _around(
+        points, free, box.centre_m, box.rotation, *reaches, top + 0.5 * voxel_m, top + margin_m + ring_m
+    )
+    if not np.any(zone > 0):
+        return
+    cell = np.floor(points[near] / voxel_m).astype(np.int32)
+    piece, count = _pieces(cell - cell.min(axis=0), np.ptp(cell, axis=0) + 1)
+    order = np.argsort(piece, kind="stable")
+    start = np.searchsorted(piece[order], np.arange(count + 1))
+    inside = np.bincount(piece, weights=zone > 0, minlength=count) / np.bincount(piece, minlength=count)
+    ground_m = float(np.mean(ground.height_m[own]))
+    hovers = bottom - ground_m > HOVERS * (top - ground_m)
+    tree = None
+    for number in np.flatnonzero(inside >= INSIDE):
+        rows = order[start[number] : start[number + 1]]
+        members = near[rows]
+        tree = tree or cKDTree(points[own])
+        distance, _ = tree.query(points[members], distance_upper_bound=TOUCH_VOXELS * voxel_m)
+        touching = int(np.count_nonzero(np.isfinite(distance)))
+        heights_m = points[members, 2]
+        stands = np.min(heights_m - ground.top_m[members]) < 1.5 * voxel_m
+        thin = _is_thin(cell[rows])
+        carries = inside[number] >= BELOW and stands and touching >= max(2, CONTACT * len(members))
+        hidden = (
+            stands
+            and hovers
+            and np.mean(zone[rows] > 1) >= BELOW
+            and heights_m.max() - ground_m > RISES * (bottom - ground_m)
+        )
+        if (touching and thin) or carries or (hidden and thin):
+            yield members, touching
+
+
+def _is_thin(cell: Int32[np.ndarray, "m 3"]) -> bool:
+    """Whether a piece has no surface: in balls around its points these lie along lines."""
+    if len(cell) > MAX_VOXELS:
+        return False
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(_covariances(cell, BALL_VOXELS))[:, 1], 0))
+    return len(cell) < MIN_POINTS or float(spread.mean()) < THIN * BALL_VOXELS
+
+
+@njit(cache=True, nogil=True)
+def _around(points, free, centre, rotation, under, beside, ring, top, limit):  # pragma: no cover - compiled
+    """Free points under and around an object.
+
+    Args:
+        points: (n, 3) float32, world, metres.
+        free: (n,) bool, which of them belong to no object.
+        centre: (3,) float64, of its box.
+        rotation: (3, 3) float64, of its box, whose third axis points up.
+        under: (2,) float64, how far from the centre they lie under it, along the box's horizontal axes.
+        beside: (2,) float64, the same for what may be a part of it.
+        ring: (2,) float64, the same for what is looked at.
+        top: up to which height parts may be.
+        limit: up to which height points are looked at.
+
+    Returns:
+        Their indices (m,) int64, and for each 2 under the object, 1 beside it, 0 beyond (m,) int8.
+    """
+    found, zone, count = np.empty(len(points), np.int64), np.empty(len(points), np.int8), 0
+    for p in range(len(points)):
+        if not free[p] or points[p, 2] > limit:
+            continue
+        x, y = points[p, 0] - centre[0], points[p, 1] - centre[1]
+        along = abs(x * rotation[0, 0] + y * rotation[1, 0])
+        across = abs(x * rotation[0, 1] + y * rotation[1, 1])
+        if along > ring[0] or across > ring[1]:
+            continue
+        found[count], zone[count] = p, 0
+        if points[p, 2] <= top and along <= beside[0] and across <= beside[1]:
+            zone[count] = 2 if along <= under[0] and across <= under[1] else 1
+        count += 1
+    return found[:count].copy(), zone[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _pieces(cell, shape):  # pragma: no cover - compiled
+    """Connected pieces of cells, corner to corner.
+
+    Args:
+        cell: (m, 3) int32, distinct, from 0.
+        shape: (3,) of the grid that holds them.
+
+    Returns:
+        The piece of each (m,) int32, and how many there are.
+    """
+    grid = np.full((shape[0] + 2, shape[1] + 2, shape[2] + 2), -1, np.int32)
+    for p in range(len(cell)):
+        grid[cell[p, 0] + 1, cell[p, 1] + 1, cell[p, 2] + 1] = p
+    piece, stack, count = np.full(len(cell), -1, np.int32), np.empty(len(cell), np.int32), 0
+    for start in range(len(cell)):
+        if piece[start] >= 0:
+            continue
+        piece[start] = count
+        stack[0], left = start, 1
+        while left > 0:
+            left -= 1
+            i, j, k = cell[stack[left]]
+            for a in range(i, i + 3):
+                for b in range(j, j + 3):
+                    for c in range(k, k + 3):
+                        p = grid[a, b, c]
+                        if p >= 0 and piece[p] < 0:
+                            piece[p] = count
+                            stack[left] = p
+                            left += 1
+        count += 1
+    return piece, count
+
+
+@njit(cache=True, nogil=True)
+def _covariances(cell, radius):  # pragma: no cover - compiled
+    """Covariance (m, 3, 3) of those of the cells (m, 3) that lie within ``radius`` of each."""
+    found = np.zeros((len(cell), 3, 3))
+    for p in range(len(cell)):
+        number, mean = 0.0, np.zeros(3)
+        for q in range(len(cell)):
+            a, b, c = cell[q, 0] - cell[p, 0], cell[q, 1] - cell[p, 1], cell[q, 2] - cell[p, 2]
+            if a * a + b * b + c * c <= radius * radius:
+                number += 1
+                apart = (a, b, c)
+                for i in range(3):
+                    mean[i] += apart[i]
+                    for j in range(3):
+                        found[p, i, j] += apart[i] * apart[j]
+        for i in range(3):
+            for j in range(3):
+                found[p, i, j] = found[p, i, j] / number - mean[i] * mean[j] / number**2
+    return found

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
+from labeling.core.views import RgbdViews
+from labeling.generator.cloud.ground import find_ground, height_coefficients
+from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
+
+from ...synthetic_room import Part, render
+
+RUG = Part((0.3, 0.2, 0.0075), (0.9, 0.7, 0.0075), (0.6, 0.1, 0.1))
+FOOT = Part((-1.2, 0.4, 0.01), (0.18, 0.18, 0.01), (0.2, 0.2, 0.2))
+OBJECT_M = 0.6
+
+
+def views_of(parts, noise_m: float = 0.0, shift_m: float = 0.0) -> RgbdViews:
+    """Four views from the corners of a room, with independent noise of depth, lifted as a whole."""
+    rng, size = np.random.default_rng(0), (90, 120)
+    intrinsics = intrinsics_from_fov(size[1], size[0], np.deg2rad(80))
+    rgb, depth, poses = [], [], []
+    for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2)):
+        pose = look_at(np.array([x, y, 1.5]), np.zeros(3))
+        colour, depth_m, _ = render(parts, pose, intrinsics, *size)
+        rgb.append(colour)
+        depth.append(depth_m + rng.normal(0, noise_m, size).astype(np.float32))
+        pose[2, 3] += shift_m
+        poses.append(pose)
+    return RgbdViews(np.stack(rgb), np.stack(depth), np.repeat(intrinsics[None], 4, 0), np.stack(poses))
+
+
+def cloud_of(views: RgbdViews) -> Cloud:
+    return build_cloud(views, 0.04)
+
+
+def all_free(cloud: Cloud):
+    return np.ones(cloud.num_points, bool)
+
+
+def test_heights_are_those_of_unprojected_pixels() -> None:
+    views = views_of([RUG])
+    y, x = np.mgrid[0 : views.size[0], 0 : views.size[1]]
+    for view, (a, b, c, d) in enumerate(height_coefficients(views)):
+        points, pixels = unproject_depth(
+            views.depth_m[view].astype(float), views.intrinsics[view], views.camera_to_world[view]
+        )
+        heights = (a * x + b * y + c) * views.depth_m[view] + d
+        np.testing.assert_allclose(heights.ravel()[pixels], points[:, 2], atol=1e-5)
+
+
+@pytest.mark.parametrize("shift_m", [0.0, -1.37])
+def test_floor_and_rug_are_ground_and_the_foot_of_a_lamp_is_not(shift_m: float) -> None:
+    views = views_of([RUG, FOOT], shift_m=shift_m)
+    cloud = cloud_of(views)
+    ground = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+    apart = np.abs(cloud.points - [0, 0, shift_m] - np.array(RUG.centre))[:, :2]
+    low = np.abs(cloud.points[:, 2] - shift_m) < 0.05
+    on_rug = low & np.all(apart < np.array(RUG.half[:2]) - 0.05, axis=1)
+    off_rug = low & np.any(apart > np.array(RUG.half[:2]) + 0.05, axis=1)
+    assert np.allclose(ground.height_m[on_rug], 0.015 + shift_m, atol=0.003)
+    assert np.mean(np.abs(ground.height_m[off_rug] - shift_m) < 0.003) > 0.99
+    assert 0.005 < ground.rise_m < 0.01
+    on_foot = low & np.all(np.abs(cloud.points - np.array(FOOT.centre))[:, :2] < 0.12, axis=1)
+    assert np.all(ground.pixels_above[on_foot] > 0)
+    assert np.all(ground.pixels_above[on_rug] == 0)
+    assert np.mean(ground.pixels_above[off_rug & ~on_foot] > 0) < 0.05
+
+
+def test_pixels_above_are_counted_as_one_by_one() -> None:
+    views = views_of([RUG, FOOT, Part((0, -0.8, 0.3), (0.03, 0.03, 0.3), (0.5, 0.4, 0.3))], noise_m=0.004)
+    cloud = cloud_of(views)
+    ground = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+    expected = np.zeros(cloud.num_points, int)
+    for view in range(views.num_views):
+        points, pixels = unproject_depth(
+            views.depth_m[view].astype(float), views.intrinsics[view], views.camera_to_world[view]
+        )
+        voxels = cloud.voxel_of_pixel[view].ravel()[pixels]
+        np.add.at(expected, voxels, points[:, 2] > ground.top_m[voxels])
+    low = cloud.points[:, 2] < 0.1
+    assert np.mean(ground.pixels_above[low] == expected[low]) > 0.999
+    above = cloud.points[:, 2] > 0.2
+    np.testing.assert_array_equal(ground.pixels_above[above], cloud.counts[above])
+
+
+def test_the_noisier_the_ground_the_higher_must_something_stand_out() -> None:
+    rises = []
+    for noise_m in (0.0, 0.01, 0.03):
+        views = views_of([], noise_m)
+        cloud = cloud_of(views)
+        ground = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+        rises.append(ground.rise_m)
+        floor = np.abs(cloud.points[:, 2]) < 0.02
+        assert cloud.counts[floor].sum() * 0.08 > ground.pixels_above[floor].sum()
+    assert rises == sorted(rises)
+    assert rises[0] < 0.01 < rises[-1]
+
+
+def test_a_cloud_without_a_level_surface_has_its_floor_for_ground() -> None:
+    views = views_of([])
+    cloud = cloud_of(views)
+    ground = find_ground(cloud, views, np.zeros(cloud.num_points, bool), OBJECT_M)
+    assert np.allclose(ground.height_m, ground.height_m[0])
+    assert ground.height_m[0] == pytest.approx(0, abs=0.04)
+    assert not np.any(ground.pixels_above[cloud.points[:, 2] < 0])
