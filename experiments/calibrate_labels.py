@@ -1,7 +1,7 @@
 """Fits how far labels can be trusted: ``python -m experiments.calibrate_labels TRAIN [TRAIN ...] --check VAL``."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,72 +13,87 @@ from labeling.runtime.cli import make_main
 if TYPE_CHECKING:
     from labeling.generator.quality.label_quality import LabelQualityModel
 
+RIGHT_IOU = 0.5
+"""Labels that overlap what they name less are wrong."""
+SURE = 0.5
+"""Confidence from which on a label is believed; ``sure_of_wrong`` is the share of wrong ones that are."""
+
 
 @dataclass(frozen=True)
 class CalibrateConfig:
-    """Labels recorded episodes, compares each label with ground truth, and fits the model of
-    labeling.generator.quality.label_quality.
+    """Fits what the detections of a detector are worth to recorded episodes with ground truth: what all looks at an
+    object say of it (labeling.generator.objects.object_posterior), and how good labels are
+    (labeling.generator.quality.label_quality).
 
-    The model goes to labeling/generator/quality/label_quality.json, from where the label generator reads it.
-    Use training scenes only.
+    It goes to labeling/generator/calibration/, from where the label generator reads it. Use training scenes only.
     """
 
     train: tyro.conf.Positional[tuple[Annotated[Path, tyro.conf.arg(metavar="TRAIN")], ...]]
-    """Datasets with detections and ground truth to fit to."""
+    """Datasets with detections of one detector and ground truth to fit to."""
     check: tuple[Path, ...] = ()
     """Datasets to measure the fit on, from other scenes."""
-    out: Path = Path("labeling/generator/quality/label_quality.json")
-    """The model."""
-    results: Path = Path("experiments/results/label_trust.json")
-    """File for the figures."""
-    picture: Path = Path("docs/pictures/label_trust.png")
-    """The reliability diagram; drawn if there is anything to check."""
+    out: Path = Path("labeling/generator/calibration")
+    """Folder for the fit; its file is named for the detector."""
+    results: Path | None = None
+    """File for the figures; by default experiments/results/label_trust_DETECTOR.json."""
+    picture: Path | None = None
+    """The reliability diagram, drawn if there is anything to check;
+    by default docs/pictures/label_trust_DETECTOR.png."""
     seed: int = 0
     """Of label generation."""
 
 
 def run(config: CalibrateConfig) -> None:
-    """Fits, writes the model, and measures it on what is to be checked.
+    """Fits, writes the fit, and measures it on what is to be checked.
 
     Raises:
         SbmError: if a dataset cannot be read or has no ground truth.
     """
     import numpy as np
 
-    from experiments.calibration.label_samples import samples_of
+    from experiments.calibration.episodes import detector_of
+    from experiments.calibration.label_samples import label_samples
+    from experiments.calibration.object_samples import object_samples
     from labeling.formats.atomic import atomic_file, write_json
-    from labeling.generator.quality.label_quality import FEATURES, fit_model
+    from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
+    from labeling.generator.objects.object_posterior import fit_object_model
+    from labeling.generator.quality.label_quality import fit_model
 
     if not config.train:
         raise UsageError("give at least one dataset of training episodes")
-    fitted = samples_of(config.train, config.seed)
+    detector = detector_of([*config.train, *config.check])
+    looks = object_samples(config.train)
+    if not looks:
+        raise UsageError("there is no detection on known depth in these episodes")
+    calibration = DetectorCalibration(fit_object_model(looks), calibration_of().labels)
+    fitted = label_samples(config.train, config.seed, calibration)
     counted = ~fitted.ignored
     if not counted.any():
         raise UsageError("no label of these episodes can be compared with ground truth")
-    model = fit_model(fitted.features[counted], fitted.iou[counted])
-    rows = {
-        name: {"mean": float(model.mean[i]), "scale": float(model.scale[i]), "weight": float(model.weight[i])}
-        for i, name in enumerate(FEATURES)
-    }
+    calibration = replace(calibration, labels=fit_model(fitted.features[counted], fitted.iou[counted]))
     provenance = {
         "command": "python -m experiments.calibrate_labels",
         "episodes": fitted.origins,
+        "objects": len(looks),
         "labels": int(np.count_nonzero(counted)),
         "mean_iou": round(float(fitted.iou[counted].mean()), 4),
     }
-    write_json(config.out, {"features": rows, "intercept": model.intercept, "fitted_to": provenance})
-    print(f"model: {config.out}, from {provenance['labels']} labels of {len(fitted.origins)} episodes")
-    figures: dict[str, Any] = {"fitted_to": _figures(fitted, model)}
+    file = config.out / f"{detector}.json"
+    write_json(file, {**calibration.as_json(), "fitted_to": provenance})
+    print(f"calibration: {file}, from {len(looks)} objects and {provenance['labels']} labels")
+    figures: dict[str, Any] = {"fitted_to": _figures(fitted, calibration.labels)}
     if config.check:
-        checked = samples_of(config.check, config.seed)
-        figures["checked_on"] = _figures(checked, model)
-        with atomic_file(config.picture) as temporary:
+        checked = label_samples(config.check, config.seed, calibration)
+        figures["checked_on"] = _figures(checked, calibration.labels)
+        picture = config.picture or Path(f"docs/pictures/label_trust_{detector}.png")
+        with atomic_file(picture) as temporary:
             _draw(figures["checked_on"], temporary)
-        print(f"picture: {config.picture}")
-    write_json(config.results, figures)
+        print(f"picture: {picture}")
+    results = config.results or Path(f"experiments/results/label_trust_{detector}.json")
+    write_json(results, figures)
     for name, record in figures.items():
         print(name, {key: record[key] for key in ("labels", "before", "after")})
-    print(f"figures: {config.results}")
+    print(f"figures: {results}")
 
 
 def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
@@ -88,7 +103,7 @@ def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
     from labeling.metrics.calibration_error import calibration_curve
     from labeling.metrics.mask_ap import average_precision
 
-    counted = ~samples.ignored
+    counted, wrong = ~samples.ignored, samples.iou < RIGHT_IOU
     found: dict[str, Any] = {"episodes": samples.origins, "labels": int(np.count_nonzero(counted))}
     for name, confidence in (("before", samples.confidence), ("after", model.expected_iou(samples.features))):
         curve = calibration_curve(confidence[counted], samples.iou[counted])
@@ -98,6 +113,7 @@ def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
         found[name] = {
             "ece": round(curve.expected_calibration_error, 4),
             "mean_squared_error": round(float(np.mean((confidence - samples.iou)[counted] ** 2)), 4),
+            "sure_of_wrong": round(float(np.mean(confidence[counted & wrong] >= SURE)), 4),
             "correlation": round(float(np.corrcoef(confidence[counted], samples.iou[counted])[0, 1]), 4),
             "mask_ap50": round(ap50, 4),
         }

@@ -1,23 +1,22 @@
 """Labels of recorded episodes with the IoU each turned out to have, to fit and check label quality."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from tqdm import tqdm
 
 from experiments.ablations.label_scores import known_truths
+from experiments.calibration.episodes import training_episodes
 from labeling.core.episode import Episode
 from labeling.core.errors import UsageError
 from labeling.core.masks import mask_iou
 from labeling.core.types import PseudoLabel
+from labeling.generator.calibration.detector_calibration import DetectorCalibration
 from labeling.generator.propagate import propagate
 from labeling.generator.quality.label_quality import FEATURES, features_of
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.io.episodes import find_episodes, read_episode
 from labeling.metrics.matching import MaskInstance, instances_of
 
 
@@ -45,21 +44,23 @@ class Samples:
         ]
 
 
-def samples_of(datasets: Sequence[Path], seed: int) -> Samples:
-    """Labels all episodes of some datasets, without calibration.
+def label_samples(datasets: Sequence[Path], seed: int, calibration: DetectorCalibration) -> Samples:
+    """Labels all episodes of some datasets; the confidence of labels is not calibrated.
+
+    Args:
+        datasets: folders of episodes.
+        seed: of label generation.
+        calibration: of their detector; only what it says of objects counts.
 
     Raises:
         SbmError: if a dataset cannot be read or has no ground truth, or if there is no label at all.
     """
     config = LabelConfig(calibrate=False, min_confidence=0, ignore_unconfirmed=1, complete_boxes=False, seed=seed)
     features, rest, masks, truths, origins = [np.zeros((0, len(FEATURES)))], [], [], [], []
-    folders = [folder for dataset in datasets for folder in find_episodes(dataset)]
-    for number, folder in enumerate(tqdm(folders, desc="labelling", unit="episode", file=sys.stderr)):
-        episode = read_episode(folder)
-        if episode.ground_truth is None or episode.detections is None:
-            raise UsageError(f"{folder}: needs detections.json and ground_truth.json")
-        found = propagate(episode, episode.detections, config)
-        features.append(features_of(found, episode.detections)[[one.modal.any() for one in found.labels]])
+    for number, episode in enumerate(training_episodes(datasets, "labels")):
+        detections = episode.detections or ()
+        found = propagate(episode, detections, config, calibration)
+        features.append(features_of(found, detections)[[one.modal.any() for one in found.labels]])
         visible = [one for one in found.labels if one.modal.any()]
         rest += [(one.confidence, *_compared(one, episode)) for one in visible]
         masks += instances_of(number, visible)

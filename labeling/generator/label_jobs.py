@@ -103,9 +103,10 @@ class Job:
                 yield episode.depth_m.size
                 cache = self.out / DETECTIONS_FOLDER / f"{name}.json"
                 sources = find_sources(folder, episode, relative, self.sources, self.label, cache)
+                from labeling.generator.calibration.detector_calibration import calibration_of
                 from labeling.generator.propagate import propagate
 
-                labels = propagate(episode, sources.detections, self.label)
+                labels = propagate(episode, sources.detections, self.label, calibration_of(sources.detector))
                 yield episode.depth_m.size
                 cloud = labels.cloud
                 points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence

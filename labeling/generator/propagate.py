@@ -8,15 +8,17 @@ Source: thesis 4.3 and figure 4.1; what goes beyond it is told in docs/how-it-wo
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float32, Int32, Int64
+from jaxtyping import Float32, Float64, Int32, Int64
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
+from labeling.core.pose_check import PoseCheck
 from labeling.core.types import Detection
 from labeling.core.views import RgbdViews
+from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
 from labeling.generator.cloud.free_space import clear_free_space
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.outliers import segment_outliers
@@ -24,16 +26,10 @@ from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 from labeling.generator.draw.fused_views import FusedViews
 from labeling.generator.draw.object_masks import draw_labels
 from labeling.generator.draw.view_masks import point_owners
-from labeling.generator.objects.association import (
-    Candidate,
-    assign_weak_detections,
-    associate_detections,
-    group_segments,
-    is_consistent,
-    objects_by_agreement,
-)
+from labeling.generator.objects.association import Candidate, group_segments, is_consistent
+from labeling.generator.objects.find_objects import find_objects, with_posteriors
 from labeling.generator.objects.nested_masks import without_nested
-from labeling.generator.objects.seeds import DetectionSeeds, Trimap, detection_trimap, trimap_seeds
+from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, trimap_seeds
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
@@ -48,7 +44,10 @@ BOX_MARGIN_VOXELS = 0.75
 
 
 def propagate(
-    views: RgbdViews, detections: Sequence[Detection] | None, config: LabelConfig | None = None
+    views: RgbdViews,
+    detections: Sequence[Detection] | None,
+    config: LabelConfig | None = None,
+    calibration: DetectorCalibration | None = None,
 ) -> EpisodeLabels:
     """Labels every view of an episode from its confident detections.
 
@@ -56,6 +55,7 @@ def propagate(
         views: of one scene; an ``Episode`` is one, too.
         detections: of all views, confident or not, with masks of the views' size; None is as good as none.
         config: settings; the defaults if None.
+        calibration: what the detections are worth; None takes them to be like those of most detectors.
 
     Returns:
         Objects, masks and the segmented cloud. Without a confident detection on known depth all are empty.
@@ -79,34 +79,30 @@ def propagate(
     config, detections = config or LabelConfig(), detections or ()
     _check_detections(detections, views)
     usable = [one for one in detections if np.count_nonzero(one.mask) >= config.min_mask_px]
-    confident = [one for one in usable if one.confidence >= config.confident]
-    scale = measure_scale(confident or (usable if config.agreeing_views else []), views, config.max_range_m)
-    if scale is None:
+    calibration = calibration or calibration_of()
+    evidence = gather_evidence(views, usable, config)
+    if evidence is None:
         return _empty_labels()
-    views, poses = with_agreeing_poses(views, voxel_edge_m(scale, config), config)
-    return replace(_label(views, usable, scale, config), poses=poses)
+    return replace(_label(evidence, usable, calibration, config), poses=evidence.poses)
 
 
-def _label(views: RgbdViews, usable: Sequence[Detection], scale: Scale, config: LabelConfig) -> EpisodeLabels:
-    """Labels views whose poses are as good as they get; ``usable`` are their detections."""
-    confident = [one for one in usable if one.confidence >= config.confident]
-    used = usable if config.weak_evidence or config.agreeing_views else confident
-    with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
-        cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
-        if config.free_space:
-            cleared = clear_free_space(cloud, views)
-            if cleared is not views:
-                views = cleared
-                cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
-        if config.fuse_views:
-            candidates = _associate(cloud, views, used, trimaps(), config)
-        else:
-            candidates = single_detection_candidates(cloud, usable, config)
+def _label(
+    evidence: "SceneEvidence", usable: Sequence[Detection], calibration: DetectorCalibration, config: LabelConfig
+) -> EpisodeLabels:
+    """Labels the views of ``evidence``; ``usable`` are their detections."""
+    views, cloud, scale = evidence.views, evidence.cloud, evidence.scale
+    if config.fuse_views:
+        candidates = find_objects(cloud, evidence.eyes_m, evidence.seeds, calibration.objects, config)
+    else:
+        candidates = single_detection_candidates(cloud, usable, config)
     if not candidates:
-        return finalise_labels(_empty_labels(scale), usable, cloud, config)
+        return finalise_labels(_empty_labels(scale), usable, cloud, calibration.labels, config)
     if not config.fuse_views:
         return label_per_detection(views, cloud, candidates, scale, config)
+    known = len(candidates)
     candidates, probability = _segment(cloud, candidates, scale, config)
+    if len(candidates) < known:
+        candidates = with_posteriors(cloud, evidence.eyes_m, candidates, calibration.objects)
     owner = point_owners(probability, config.exclusive)
     outliers = segment_outliers(
         cloud.points, owner, len(candidates), cloud.voxel_m, config, _detection_votes(owner, candidates)
@@ -121,8 +117,59 @@ def _label(views: RgbdViews, usable: Sequence[Detection], scale: Scale, config: 
         probability = np.where(outliers[:, None], np.float32(0), probability[:, columns])
         parts = parts and parts.of_objects(columns)
         drawn = draw_labels(fused(), objects, probability, parts, scale, config)
-    labels = finalise_labels(drawn, usable, cloud, config)
+    labels = finalise_labels(drawn, usable, cloud, calibration.labels, config)
     return replace(labels, labels=with_label_defects(labels.labels, config.published))
+
+
+@dataclass(frozen=True)
+class SceneEvidence:
+    """The views of an episode as one cloud, and what the detections say about it."""
+
+    views: RgbdViews
+    """With poses as good as they get, without depth in free space."""
+    cloud: Cloud
+    scale: Scale
+    poses: PoseCheck | None
+    seeds: list[DetectionSeeds]
+    """None unless ``config.fuse_views``."""
+
+    @property
+    def eyes_m(self) -> Float64[np.ndarray, "v 3"]:
+        """Where the views were taken from, world."""
+        return np.asarray(self.views.camera_to_world, np.float64)[:, :3, 3]
+
+
+def gather_evidence(views: RgbdViews, detections: Sequence[Detection], config: LabelConfig) -> SceneEvidence | None:
+    """Moves views and detections into one cloud.
+
+    Args:
+        views: of one scene.
+        detections: of all views.
+        config: settings.
+
+    Returns:
+        None if there is no detection to label from on known depth.
+    """
+    confident = [one for one in detections if one.confidence >= config.confident]
+    unsure_too = config.min_posterior < 1
+    scale = measure_scale(confident or (detections if unsure_too else []), views, config.max_range_m)
+    if scale is None:
+        return None
+    views, poses = with_agreeing_poses(views, voxel_edge_m(scale, config), config)
+    used = detections if config.weak_evidence or unsure_too else confident
+    with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
+        cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
+        if config.free_space:
+            cleared = clear_free_space(cloud, views)
+            if cleared is not views:
+                views = cleared
+                cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
+        # In turn: many short jobs on several threads cost more than they save. No trimaps, no seeds.
+        pairs = zip(used, trimaps(), strict=False)
+        seeds = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index)) for one, trimap in pairs]
+    if config.nested_masks:
+        seeds = without_nested(seeds, cloud.num_points, config.confident, config.merge_overlap)
+    return SceneEvidence(views, cloud, scale, poses, seeds)
 
 
 def _check_detections(detections: Sequence[Detection], views: RgbdViews) -> None:
@@ -138,30 +185,6 @@ def _empty_labels(scale: Scale | None = None) -> EpisodeLabels:
     empty = np.zeros((0, 3), np.float32)
     cloud = SegmentedCloud(empty, empty, np.zeros(0, np.int32), np.zeros((0, 0), np.float32))
     return EpisodeLabels((), (), cloud, scale)
-
-
-def _associate(
-    cloud: Cloud, views: RgbdViews, detections: Sequence[Detection], trimaps: Sequence[Trimap], config: LabelConfig
-) -> list[Candidate]:
-    """Which objects there are, and which detections speak for each."""
-    confident: list[DetectionSeeds] = []
-    weak: list[DetectionSeeds] = []
-    # In turn: many short jobs on several threads cost more than they save.
-    pairs = zip(detections, trimaps, strict=True)
-    found = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index)) for one, trimap in pairs]
-    if config.nested_masks:
-        found = without_nested(found, cloud.num_points, config.confident, config.merge_overlap)
-    for seeds in found:
-        if len(seeds.foreground) > 0:
-            (confident if seeds.detection.confidence >= config.confident else weak).append(seeds)
-    space = cloud.num_points, config.merge_overlap
-    candidates = associate_detections(confident, *space)
-    assigned, unassigned = assign_weak_detections(candidates, weak, config.merge_overlap)
-    if config.weak_evidence:
-        candidates = assigned
-    if config.agreeing_views:
-        candidates += objects_by_agreement(unassigned, *space, config.agreeing_views, config.confident)
-    return candidates
 
 
 def _segment(
@@ -222,7 +245,9 @@ def _detection_votes(owner: Int32[np.ndarray, "n"], candidates: Sequence[Candida
 
 
 def _object_confidence(candidate: Candidate, category: str) -> float:
-    """Mean confidence of the sources, times the share of the votes on the object that its category won."""
+    """The chance that it is one of its category; of what a person drew, from confidence and agreement."""
+    if candidate.posterior is not None:
+        return candidate.posterior[category]
     votes = candidate.category_votes()
     mean = float(np.mean([seeds.detection.confidence for seeds in candidate.sources]))
     return mean * votes[category] / max(sum(votes.values()), 1e-9)

@@ -30,6 +30,8 @@ class Sources:
     origin: str
     """Where they come from, for the records."""
     notes: tuple[str, ...] = ()
+    detector: str | None = None
+    """What made the detections, if that is known."""
 
 
 def find_sources(
@@ -71,7 +73,8 @@ def find_sources(
             f"{episode.name}: has no detections.json; run a detector on the views first, or give --detections FILE, "
             "--detector NAME (such as compact), or your own masks with --annotations FILE"
         )
-    return Sources(episode.detections, "detections.json")
+    made_by = episode.metadata.get("detector")
+    return Sources(episode.detections, "detections.json", detector=made_by if isinstance(made_by, str) else None)
 
 
 def source_fingerprint(config: SourceConfig) -> list[Any]:
@@ -138,7 +141,7 @@ def _detect(episode: Episode, name: str, cache: Path) -> Sources:
         try:
             file = read_json(cache)
             if file.get("info").mapping().get("fingerprint") == mark:
-                return Sources(read_shared_file(file, episode, ".", scored=True)[0], f"detector {name}")
+                return Sources(read_shared_file(file, episode, ".", scored=True)[0], f"detector {name}", detector=name)
         except EpisodeFormatError:
             pass  # damaged: made again below
     found = run_detector(detector, episode)
@@ -147,7 +150,7 @@ def _detect(episode: Episode, name: str, cache: Path) -> Sources:
         cache,
         detections_record(episode, found, {"origin": name, "fingerprint": mark, "detector_categories": known}),
     )
-    return Sources(found, f"detector {name}")
+    return Sources(found, f"detector {name}", detector=name)
 
 
 def _with_recorded(found: Sources, episode: Episode) -> Sources:
@@ -155,7 +158,11 @@ def _with_recorded(found: Sources, episode: Episode) -> Sources:
         raise EpisodeFormatError(
             f"{episode.name}: has no detections.json to take beside what the detector finds; leave out --with-recorded"
         )
-    return Sources(pool_detections(found.detections, episode.detections), f"{found.origin} and detections.json")
+    return replace(
+        found,
+        detections=pool_detections(found.detections, episode.detections),
+        origin=f"{found.origin} and detections.json",
+    )
 
 
 def _read_detections(

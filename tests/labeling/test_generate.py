@@ -177,7 +177,7 @@ def test_an_episode_without_detections_is_told(
 def test_no_confident_detection_gives_an_empty_but_valid_label_set(
     dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(dataset, tmp_path / "labels", "--confident", "1.0") == 0
+    assert run(dataset, tmp_path / "labels", "--confident", "1.0", "--min-posterior", "1") == 0
     content = read(tmp_path / "labels" / "instances_modal.json")
     assert len(content["images"]) == 8
     assert all(one["iscrowd"] for one in content["annotations"])

@@ -1,6 +1,6 @@
 """Which detections, seen from different views, are of one object: by the space they share, not by their names alone."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 from numba import njit
 
+from labeling.core.types import Detection
 from labeling.generator.objects.seeds import DetectionSeeds
 
 OTHER_VIEWS = 3
@@ -29,6 +30,8 @@ class Candidate:
     """Sum of the confidences of the sources that saw it outside."""
     weak: tuple[DetectionSeeds, ...] = ()
     """Detections below the confidence threshold that overlap it."""
+    posterior: Mapping[str, float] | None = None
+    """The chance of each category, once it has been found; the confidences of detections vote until then."""
 
     @classmethod
     def of(cls, seeds: DetectionSeeds, num_voxels: int) -> "Candidate":
@@ -48,6 +51,11 @@ class Candidate:
         others = list(others)
         sources = [seeds for other in others for seeds in other.sources]
         return self.with_sources(sources, [seeds for other in others for seeds in other.weak]) if others else self
+
+    @property
+    def detections(self) -> list[Detection]:
+        """All that speak for it, sure or not."""
+        return [seeds.detection for seeds in (*self.sources, *self.weak)]
 
     @cached_property
     def foreground(self) -> Bool[np.ndarray, "n"]:
@@ -80,15 +88,14 @@ class Candidate:
 
     @cached_property
     def category(self) -> str:
-        """The category with the largest sum of confidences; of equal ones the first in the alphabet."""
-        votes = self.category_votes()
+        """The likeliest; before that is known, with the largest sum of confidences. Of equals first by alphabet."""
+        votes = self.posterior or self.category_votes()
         return min(votes, key=lambda name: (-votes[name], name))
 
     def category_votes(self) -> dict[str, float]:
         """Sum of the confidences of all detections that speak for the object, by category."""
         votes: dict[str, float] = {}
-        for seeds in [*self.sources, *self.weak]:
-            detection = seeds.detection
+        for detection in self.detections:
             votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
         return votes
 
@@ -236,41 +243,45 @@ def assign_weak_detections(
     return [replace(one, weak=(*one.weak, *own)) for one, own in zip(candidates, weak, strict=True)], unassigned
 
 
-def objects_by_agreement(
-    seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float, min_views: int, confident: float
-) -> list[Candidate]:
-    """Objects without a confident detection that several views agree on.
+@dataclass(frozen=True)
+class UnsureGroup:
+    """Detections below the confidence threshold that share space: an object, if they are right."""
+
+    seeds: tuple[DetectionSeeds, ...]
+    """The most confident first."""
+    foreground_voxels: Int[np.ndarray, "f"]
+    """Voxels that more of them place inside than outside; at least one."""
+
+    def as_candidate(self, num_voxels: int) -> Candidate:
+        """The object that they speak for."""
+        first, *others = self.seeds
+        return Candidate.of(first, num_voxels).with_sources(others)
+
+
+def group_unsure(seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: float) -> list[UnsureGroup]:
+    """Groups detections that overlap no object.
 
     Args:
-        seeds: detections below the confidence threshold that overlap no object.
+        seeds: detections below the confidence threshold.
         num_voxels: size of the cloud.
         threshold: as in ``associate_detections``.
-        min_views: how many different views must place an object of one category there.
-        confident: what the chance that not all of them are wrong (``1 - prod(1 - score)``) must reach.
-
-    Returns:
-        Those objects; their sources are the agreeing detections.
     """
     # Only voxels in some foreground decide what overlaps: a fraction of the cloud.
     place = np.full(num_voxels, -1, np.int32)
     for one in seeds:
         place[one.foreground] = 0
-    place[place == 0] = np.arange(np.count_nonzero(place == 0))
+    voxels = np.flatnonzero(place == 0)
+    place[voxels] = np.arange(len(voxels))
     near, given = [], {}
     for one in seeds:
         background = place[one.background]
         near.append(replace(one, foreground=place[one.foreground], background=background[background >= 0]))
         given[id(near[-1])] = one
-    accepted = []
-    for candidate in associate_detections(near, int(place.max(initial=-1)) + 1, threshold):
-        category = candidate.category
-        agreeing = [s for s in candidate.sources if s.detection.category == category]
-        views = {s.detection.view_index for s in agreeing}
-        all_wrong = float(np.prod([1 - s.detection.confidence for s in agreeing]))
-        if len(views) >= min_views and 1 - all_wrong >= confident:
-            first, *others = (given[id(one)] for one in candidate.sources)
-            accepted.append(Candidate.of(first, num_voxels).with_sources(others))
-    return accepted
+    return [
+        UnsureGroup(tuple(given[id(one)] for one in found.sources), voxels[found.foreground_voxels])
+        for found in associate_detections(near, len(voxels), threshold)
+        if len(found.foreground_voxels) > 0
+    ]
 
 
 def group_segments(

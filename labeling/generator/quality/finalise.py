@@ -11,7 +11,7 @@ from labeling.generator.cloud.ground import floor_height
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.quality.box_completion import extend_to_support
 from labeling.generator.quality.ignore_regions import unconfirmed_regions
-from labeling.generator.quality.label_quality import features_of, load_model
+from labeling.generator.quality.label_quality import LabelQualityModel, features_of
 from labeling.generator.settings.label_config import LabelConfig
 
 
@@ -19,6 +19,7 @@ def finalise_labels(
     labels: EpisodeLabels,
     detections: Sequence[Detection],
     cloud: Cloud,
+    model: LabelQualityModel,
     config: LabelConfig,
 ) -> EpisodeLabels:
     """The labels with expected IoU as confidence, those below a threshold as regions to ignore, and completed boxes.
@@ -27,6 +28,7 @@ def finalise_labels(
         labels: as segmented; the confidence of a label is its object's, times the mean probability in its mask.
         detections: of all views, confident or not.
         cloud: the points of the views.
+        model: of the labels' expected IoU.
         config: settings.
     """
     unconfirmed = []
@@ -36,7 +38,7 @@ def finalise_labels(
         labels = replace(labels, objects=_with_completed_boxes(labels, cloud.voxel_m))
     # The model knows detectors, not people.
     if config.calibrate and not any(detection.exact for detection in detections):
-        labels = _calibrated(labels, detections)
+        labels = _calibrated(labels, detections, model)
     return _with_ignored_regions(labels, unconfirmed, config)
 
 
@@ -52,9 +54,9 @@ def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[Labell
     )
 
 
-def _calibrated(labels: EpisodeLabels, detections: Sequence[Detection]) -> EpisodeLabels:
+def _calibrated(labels: EpisodeLabels, detections: Sequence[Detection], model: LabelQualityModel) -> EpisodeLabels:
     """The labels with their expected IoU as confidence."""
-    expected = load_model().expected_iou(features_of(labels, detections))
+    expected = model.expected_iou(features_of(labels, detections))
     found = tuple(replace(one, confidence=float(iou)) for one, iou in zip(labels.labels, expected, strict=True))
     return replace(labels, labels=found, objects=tuple(_with_mean_confidence(one, found) for one in labels.objects))
 

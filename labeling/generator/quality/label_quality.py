@@ -1,16 +1,12 @@
 """The quality of a label: its expected IoU, from what the views say about its object and from its own mask.
 
 The model is a logistic function of a few features, with weights whose signs are held to what the features mean; they
-are fitted to ground truth of training episodes by ``python -m experiments.calibrate_labels``, and shipped as
-``label_quality.json``.
+are fitted to ground truth of training episodes of each detector by ``python -m experiments.calibrate_labels``.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +18,6 @@ from labeling.core.types import Detection, PseudoLabel
 if TYPE_CHECKING:
     from labeling.core.episode_labels import EpisodeLabels
 
-MODEL_FILE = Path(__file__).with_name("label_quality.json")
 SAME_PLACE_IOU = 0.3
 """A detection that overlaps a label this much speaks of the label's object."""
 PIXELS_A_SIDE = 128
@@ -31,6 +26,7 @@ MIN_VIEW_PX = 16.0
 """Of that, views that show less of an object say little about it when no detection is there."""
 
 FEATURES = {
+    "posterior": 1,
     "mean_probability": 1,
     "best_detection": 1,
     "agreement": 1,
@@ -40,13 +36,14 @@ FEATURES = {
     "visible_size": 1,
     "visible_share": 1,
 }
-"""Name -> sign of its weight. mean_probability: in the mask, log-odds. best_detection: highest confidence of a
-detection of the object under its name, log-odds. agreement and contradiction: mean over the views that show the
-object, each weighted with the size it is seen at, of the confidence of the detection of it under its name, and under
-another one; 0 in views where the detector finds nothing, so that missed detections count against the object.
-agreeing_views: log2 of 1 + how many views found it. own_detection: IoU with the detection in the label's own view,
-times its confidence. visible_size: log2 of the side of the visible part, as a share of the picture's. visible_share: of
-the whole object, what is visible."""
+"""Name -> sign of its weight. posterior: the chance of the object's category, log-odds. mean_probability: in the mask,
+log-odds. best_detection: highest confidence of a detection of the object under its name, log-odds. agreement and
+contradiction: mean over the views that show the object, each weighted with the size it is seen at, of the confidence of
+the detection of it under its name, and under another one; 0 in views where the detector finds nothing, so that missed
+detections count against the object. agreeing_views: log2 of 1 + how many views found it. own_detection: IoU with the
+detection in the label's own view, times its confidence. visible_size: log2 of the side of the visible part, as a share
+of the picture's. visible_share: of the whole object, what is visible."""
+COLUMN = {name: column for column, name in enumerate(FEATURES)}
 
 
 @dataclass(frozen=True)
@@ -61,17 +58,6 @@ class LabelQualityModel:
     def expected_iou(self, features: Float[np.ndarray, "n f"]) -> Float[np.ndarray, "n"]:
         """Expected IoU, in (0, 1), of labels with these features."""
         return 1 / (1 + np.exp(-np.clip(((features - self.mean) / self.scale) @ self.weight + self.intercept, -30, 30)))
-
-
-@cache
-def load_model() -> LabelQualityModel:
-    """The model that is shipped."""
-    content = json.loads(MODEL_FILE.read_text(encoding="utf-8"))
-    rows = [content["features"][name] for name in FEATURES]
-    return LabelQualityModel(
-        *(np.array([row[key] for row in rows], float) for key in ("mean", "scale", "weight")),
-        intercept=float(content["intercept"]),
-    )
 
 
 def fit_model(
@@ -107,16 +93,22 @@ def features_of(labels: "EpisodeLabels", detections: Sequence[Detection]) -> Flo
     """Features of the labels of an episode whose confidences are still their objects' times their mean probability."""
     object_confidence = {one.instance_id: max(one.confidence, 1e-6) for one in labels.objects}
     mean_probability = [min(1.0, one.confidence / object_confidence[one.instance_id]) for one in labels.labels]
-    return label_features(labels.labels, mean_probability, detections)
+    return label_features(
+        labels.labels, [object_confidence[one.instance_id] for one in labels.labels], mean_probability, detections
+    )
 
 
 def label_features(
-    labels: Sequence[PseudoLabel], mean_probability: Sequence[float], detections: Sequence[Detection]
+    labels: Sequence[PseudoLabel],
+    posterior: Sequence[float],
+    mean_probability: Sequence[float],
+    detections: Sequence[Detection],
 ) -> Float[np.ndarray, "n f"]:
     """Features of all labels of an episode, in the order of ``FEATURES``.
 
     Args:
         labels: of all views.
+        posterior: of each label's object and category.
         mean_probability: within each label's mask.
         detections: all there are, confident or not.
     """
@@ -134,15 +126,16 @@ def label_features(
         by_object.setdefault(one.instance_id, []).append(index)
     for members in by_object.values():
         view_weight = sides[members] * (sides[members] ** 2 >= MIN_VIEW_PX) + 1e-6
-        rows[members, 1] = _log_odds(same[members].max())
-        rows[members, 2] = view_weight @ same[members] / view_weight.sum()
-        rows[members, 3] = np.log2(1 + np.count_nonzero(same[members]))
-        rows[members, 4] = view_weight @ other[members] / view_weight.sum()
-    rows[:, 0] = _log_odds(np.asarray(mean_probability, float))
-    rows[:, 5] = own
+        rows[members, COLUMN["best_detection"]] = _log_odds(same[members].max())
+        rows[members, COLUMN["agreement"]] = view_weight @ same[members] / view_weight.sum()
+        rows[members, COLUMN["agreeing_views"]] = np.log2(1 + np.count_nonzero(same[members]))
+        rows[members, COLUMN["contradiction"]] = view_weight @ other[members] / view_weight.sum()
     side = float(np.sqrt(size[0] * size[1])) / stride
-    rows[:, 6] = np.log2(np.clip(sides / side, 1 / 64, 0.25))
-    rows[:, 7] = sides**2 / np.maximum(wholes, 1)
+    rows[:, COLUMN["posterior"]] = _log_odds(np.asarray(posterior, float))
+    rows[:, COLUMN["mean_probability"]] = _log_odds(np.asarray(mean_probability, float))
+    rows[:, COLUMN["own_detection"]] = own
+    rows[:, COLUMN["visible_size"]] = np.log2(np.clip(sides / side, 1 / 64, 0.25))
+    rows[:, COLUMN["visible_share"]] = sides**2 / np.maximum(wholes, 1)
     return rows
 
 

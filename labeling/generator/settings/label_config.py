@@ -27,9 +27,9 @@ class LabelConfig(Settings):
     """Detections at least this confident become sources of labels. Source: thesis A.2.2."""
     weak_evidence: bool = True
     """Let detections below ``confident`` vote, with the weight of their score, on objects that a source has found."""
-    agreeing_views: NonNegative[int] = 2
-    """Objects that no view is sure of are labelled too if at least this many views agree on place and category, and the
-    chance that not all of them are wrong reaches ``confident``. 0 leaves them out, as in the thesis."""
+    min_posterior: Share[float] = 0.15
+    """Objects that no view is sure of are labelled too if the chance of their category, from all looks at them, reaches
+    this (labeling.generator.objects.object_posterior). 1 leaves them out, as in the thesis."""
     fuse_views: bool = True
     """Detections of one object speak for it together. False: every confident detection is segmented alone, and where
     masks then overlap in a view the most confident one is kept, as in the thesis."""
@@ -130,7 +130,7 @@ class LabelConfig(Settings):
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
     calibrate: bool = True
     """Give each label its expected IoU as confidence, from what all views say about its object
-    (labeling.generator.quality.label_quality); False: the mean confidence of its sources times the mean probability in
+    (labeling.generator.quality.label_quality); False: the chance of its object's category times the mean probability in
     its mask."""
     min_confidence: Share[float] = 0.05
     """Labels below are marked as regions to ignore instead."""

@@ -13,7 +13,7 @@ PresetName = Literal["default", "paper", "released"]
 
 PAPER = LabelConfig(
     weak_evidence=False,
-    agreeing_views=0,
+    min_posterior=1.0,
     fuse_views=False,
     exclusive=False,
     erosions=1,

@@ -63,7 +63,7 @@ def test_every_module_that_labels_counts(tmp_path: Path) -> None:
         ("generator/objects/seeds.py", True),
         ("generator/settings/source_config.py", True),
         ("generator/detection_pooling.py", True),
-        ("generator/quality/label_quality.json", True),
+        ("generator/calibration/compact.json", True),
         ("metrics/matching.py", True),
         ("io/recordings/tum.py", True),
         ("core/rle.py", True),

@@ -74,7 +74,7 @@ def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(roo
     person = Detection(0, "person", 0.97, mask)
 
     def objects(free_space: bool):
-        config = LabelConfig(free_space=free_space, calibrate=False, weak_evidence=False, agreeing_views=0)
+        config = LabelConfig(free_space=free_space, calibrate=False, weak_evidence=False, min_posterior=1)
         return propagate(replace(room, depth_m=depth_m), (person,), config).labels
 
     without = {one.view_index for one in objects(False) if one.modal.any()}

@@ -8,7 +8,7 @@ from labeling.generator.objects.association import (
     assign_weak_detections,
     associate_detections,
     group_segments,
-    objects_by_agreement,
+    group_unsure,
     overlap,
     overlap_of_detection,
 )
@@ -119,14 +119,16 @@ def test_weak_detections_of_a_part_under_another_name_are_nobodys() -> None:
     assert couch.weak == ()
 
 
-def test_views_that_agree_make_an_object_nobody_is_sure_of() -> None:
+def test_unsure_detections_of_one_place_are_one_group() -> None:
     seen = range(0, 500)
-    views = [seeds(v, "chair", 0.7, range(100, 200), seen) for v in (1, 2)]
-    twice = [seeds(1, "chair", 0.7, range(100, 200), seen)] * 2
-    assert categories(objects_by_agreement(views, NUM_VOXELS, 0.5, 2, 0.9)) == [("chair", [1, 2])]
-    assert objects_by_agreement(views, NUM_VOXELS, 0.5, 2, 0.95) == []  # 1 - .3 * .3 = .91
-    assert objects_by_agreement(views, NUM_VOXELS, 0.5, 3, 0.9) == []
-    assert objects_by_agreement(twice, NUM_VOXELS, 0.5, 2, 0.9) == []
+    views = [seeds(v, "chair", 0.5 + 0.1 * v, range(100, 200), seen) for v in (1, 2)]
+    elsewhere = seeds(1, "chair", 0.4, range(300, 400), seen)
+    chair, other = group_unsure([*views, elsewhere], NUM_VOXELS, 0.5)
+    assert chair.seeds == (views[1], views[0])
+    assert chair.foreground_voxels.tolist() == list(range(100, 200))
+    assert other.seeds == (elsewhere,)
+    assert categories([chair.as_candidate(NUM_VOXELS)]) == [("chair", [1, 2])]
+    assert group_unsure([], NUM_VOXELS, 0.5) == []
 
 
 def test_segments_that_turn_out_to_be_one_object_are_merged() -> None:

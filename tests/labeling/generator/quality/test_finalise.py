@@ -155,7 +155,7 @@ def test_ignored_regions_reach_the_files_and_count_neither_for_nor_against(room,
     write_episode(tmp_path / "data" / "room", replace(room, detections=doubtful))
     figures = {}
     for name, flags in (("plain", ["--ignore-unconfirmed", "1"]), ("ignoring", ["--ignore-unconfirmed", "0.5"])):
-        assert main([str(tmp_path / "data"), "--out", str(tmp_path / name), "--agreeing-views", "0", *flags]) == 0
+        assert main([str(tmp_path / "data"), "--out", str(tmp_path / name), "--min-posterior", "1", *flags]) == 0
         assert inspect_label_set(tmp_path / name) == []
         figures[name] = evaluate_label_set(tmp_path / name).metrics["pseudo_labels"]
     assert figures["plain"] == figures["ignoring"]
@@ -171,7 +171,7 @@ def test_ignored_regions_reach_the_files_and_count_neither_for_nor_against(room,
 
 def test_inspection_finds_a_region_that_contradicts_itself(room, tmp_path: Path) -> None:
     write_episode(tmp_path / "data" / "room", replace(room, detections=(*room.detections, phantom(room, 1, 0.6))))
-    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "labels"), "--agreeing-views", "0"]) == 0
+    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "labels"), "--min-posterior", "1"]) == 0
     file = tmp_path / "labels" / "instances_modal.json"
     content = json.loads(file.read_text())
     region = next(one for one in content["annotations"] if one["iscrowd"] == 1)

@@ -7,12 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.calibration.detector_calibration import FOLDER, calibration_of
 from labeling.generator.quality.label_quality import (
     FEATURES,
-    MODEL_FILE,
     fit_model,
     label_features,
-    load_model,
 )
 
 NAMES = list(FEATURES)
@@ -34,8 +33,8 @@ def seen(one: PseudoLabel, confidence: float, category: str = "chair") -> Detect
 
 def test_views_where_the_detector_finds_nothing_count_against_an_object() -> None:
     labels = [label(view) for view in range(4)]
-    all_views = label_features(labels, [0.9] * 4, [seen(one, 0.8) for one in labels])
-    one_view = label_features(labels, [0.9] * 4, [seen(labels[0], 0.8)])
+    all_views = label_features(labels, [0.5] * 4, [0.9] * 4, [seen(one, 0.8) for one in labels])
+    one_view = label_features(labels, [0.5] * 4, [0.9] * 4, [seen(labels[0], 0.8)])
     assert np.allclose(feature(all_views, "agreement"), 0.8, atol=1e-4)
     assert np.allclose(feature(one_view, "agreement"), 0.2, atol=1e-4)
     assert np.allclose(feature(one_view, "agreeing_views"), 1)
@@ -45,15 +44,15 @@ def test_views_where_the_detector_finds_nothing_count_against_an_object() -> Non
 
 def test_another_name_contradicts_and_another_place_says_nothing() -> None:
     labels = [label(0), label(1)]
-    rows = label_features(labels, [0.9, 0.9], [seen(labels[0], 0.6, "bed"), seen(label(1, left=40), 0.9)])
+    rows = label_features(labels, [0.5, 0.5], [0.9, 0.9], [seen(labels[0], 0.6, "bed"), seen(label(1, left=40), 0.9)])
     assert np.allclose(feature(rows, "contradiction"), 0.3, atol=1e-4)
     assert np.allclose(feature(rows, "agreement"), 0)
 
 
 def test_a_view_of_a_sliver_counts_less_than_a_view_from_near() -> None:
     labels = [label(0, side=20), label(1, side=5)]
-    near = label_features(labels, [0.9, 0.9], [seen(labels[0], 0.8)])
-    far = label_features(labels, [0.9, 0.9], [seen(labels[1], 0.8)])
+    near = label_features(labels, [0.5, 0.5], [0.9, 0.9], [seen(labels[0], 0.8)])
+    far = label_features(labels, [0.5, 0.5], [0.9, 0.9], [seen(labels[1], 0.8)])
     assert np.allclose(feature(near, "agreement"), 0.64, atol=1e-3)
     assert np.allclose(feature(far, "agreement"), 0.16, atol=1e-3)
 
@@ -66,7 +65,9 @@ def test_the_order_of_the_detections_does_not_matter(seed: int) -> None:
     found = [seen(labels[i], float(rng.random()), str(rng.choice(["chair", "bed"]))) for i in rng.integers(0, 5, 8)]
     order = rng.permutation(len(found))
     sure = rng.random(5).tolist()
-    assert np.allclose(label_features(labels, sure, found), label_features(labels, sure, [found[i] for i in order]))
+    assert np.allclose(
+        label_features(labels, sure, sure, found), label_features(labels, sure, sure, [found[i] for i in order])
+    )
 
 
 def test_a_fit_recovers_the_model_that_made_the_data() -> None:
@@ -89,21 +90,22 @@ def test_no_feature_can_count_the_wrong_way(name: str) -> None:
     assert np.all(fitted.weight * [*FEATURES.values()] >= 0)
 
 
-def test_the_model_that_is_shipped_is_monotone_and_says_where_it_comes_from() -> None:
-    model = load_model()
+@pytest.mark.parametrize("detector", ["compact", "simulated"])
+def test_the_models_that_are_shipped_are_monotone_and_say_where_they_come_from(detector: str) -> None:
+    model = calibration_of(detector).labels
     assert np.all(model.weight * [*FEATURES.values()] >= 0)
-    assert model.weight[NAMES.index("agreement")] > 0
-    about = json.loads(MODEL_FILE.read_text())["fitted_to"]
+    assert model.weight[NAMES.index("posterior")] > 0
+    about = json.loads((FOLDER / f"{detector}.json").read_text())["fitted_to"]
     assert about["labels"] > 500
-    assert all("train" in origin for origin in about["episodes"])
+    assert all(("endless" in origin or "seed/" in origin) and detector in origin for origin in about["episodes"])
 
 
 def test_no_labels_have_no_features() -> None:
-    assert label_features([], [], []).shape == (0, len(NAMES))
+    assert label_features([], [], [], []).shape == (0, len(NAMES))
 
 
 def test_a_hidden_object_has_finite_features() -> None:
     hidden = replace(label(0), modal=np.zeros((40, 60), bool))
-    rows = label_features([hidden], [0.9], [seen(label(0), 0.8)])
+    rows = label_features([hidden], [0.5], [0.9], [seen(label(0), 0.8)])
     assert np.isfinite(rows).all()
     assert feature(rows, "visible_share")[0] == 0

@@ -1,0 +1,1 @@
+"""What detections of each detector are worth, fitted to ground truth of training episodes."""
