@@ -29,6 +29,8 @@ _TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
 _FAST_BUILD, _ROBUST = 0, 4
 _NOTHING = 0xFFFFFFFF
 _ONE_RUN = np.zeros(1, np.int64)
+AS_THEY_ARE = np.zeros(0, np.int64)
+"""The order of rays as they stand."""
 # Where the fields of sixteen rays and their hits stand, in columns of sixteen words. Source: rtcore_ray.h.
 _TNEAR, _TIME, _TFAR, _MASK, _ID, _FLAGS, _U, _V, _PRIMITIVE, _GEOMETRY, _COLUMNS = (
     3,
@@ -156,7 +158,11 @@ class TriangleTree:
             raise SbmError(f"Embree cannot build a tree over {len(corners)} triangles (its error {error})")
 
     def cast(
-        self, rays: Float32[np.ndarray, "n 6"], rows: Int64[np.ndarray, "triangles"], workers: Workers
+        self,
+        rays: Float32[np.ndarray, "n 6"],
+        rows: Int64[np.ndarray, "triangles"],
+        workers: Workers,
+        order: Int64[np.ndarray, "n"] = AS_THEY_ARE,
     ) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"], Float32[np.ndarray, "n 2"]]:
         """Nearest hits.
 
@@ -164,6 +170,8 @@ class TriangleTree:
             rays: origins and un-normalised directions.
             rows: what to call each triangle.
             workers: threads.
+            order: which rays to trace together: it takes less time if they point alike. Where surfaces share a place,
+                which of them is hit may depend on it.
 
         Returns:
             parameters (inf: no hit), names of the triangles (-1: no hit) and barycentric coordinates.
@@ -171,14 +179,14 @@ class TriangleTree:
         t, triangle = np.empty(len(rays), np.float32), np.empty(len(rays), np.int64)
         uv = np.empty((len(rays), 2), np.float32)
         calls = (_address("rtcIntersect16"), self._scene, _query(True).ctypes.data)
-        _split(workers, _intersect, *calls, np.ascontiguousarray(rays), self._first, rows, t, triangle, uv)
+        _split(workers, _intersect, *calls, np.ascontiguousarray(rays), order, self._first, rows, t, triangle, uv)
         return t, triangle, uv
 
     def occluded(self, rays: Float32[np.ndarray, "n 6"], far: float, workers: Workers) -> Bool[np.ndarray, "n"]:
         """Whether anything lies on each ray before parameter ``far``."""
         hidden = np.empty(len(rays), bool)
         calls = (_address("rtcOccluded16"), self._scene, _query(False).ctypes.data)
-        _split(workers, _occlude, *calls, np.ascontiguousarray(rays), np.float32(far), hidden)
+        _split(workers, _occlude, *calls, np.ascontiguousarray(rays), AS_THEY_ARE, np.float32(far), hidden)
         return hidden
 
 
@@ -221,16 +229,17 @@ def _packet_memory():
 
 
 @njit(cache=True, nogil=True)
-def _fill_packet(words, start, rays, far):
-    """Puts up to sixteen rays, the first of them ``start``, into a packet; returns how many."""
+def _fill_packet(words, start, rays, order, far):
+    """Puts up to sixteen rays, from ``start`` on in their order, into a packet; returns how many."""
     count = min(PACKET, len(rays) - start)
     whole = words.view(np.uint32)
     for k in range(PACKET):
         whole[0, k] = _NOTHING if k < count else 0
     for k in range(count):
+        ray = order[start + k] if len(order) else start + k
         for axis in range(3):
-            words[1 + axis, k] = rays[start + k, axis]
-            words[5 + axis, k] = rays[start + k, 3 + axis]
+            words[1 + axis, k] = rays[ray, axis]
+            words[5 + axis, k] = rays[ray, 3 + axis]
         words[1 + _TNEAR, k] = 0.0
         words[1 + _TIME, k] = 0.0
         words[1 + _TFAR, k] = far
@@ -243,32 +252,33 @@ def _fill_packet(words, start, rays, far):
 
 
 @njit(cache=True, nogil=True)
-def _intersect(start, stop, function, scene, query, rays, first_of, rows, t, triangle, uv):
+def _intersect(start, stop, function, scene, query, rays, order, first_of, rows, t, triangle, uv):
     """Nearest hits of the packets [start, stop); columns as in ``TriangleTree.cast``."""
     words = _packet_memory()
     whole = words.view(np.uint32)
     at = words.ctypes.data
     for packet in range(start, stop):
         first = packet * PACKET
-        count = _fill_packet(words, first, rays, np.float32(np.inf))
+        count = _fill_packet(words, first, rays, order, np.float32(np.inf))
         _call(function, at, scene, at + 4 * PACKET, query)  # type: ignore[call-arg]
         for k in range(count):
-            t[first + k] = words[1 + _TFAR, k]
-            if t[first + k] < np.inf:
-                triangle[first + k] = rows[first_of[whole[1 + _GEOMETRY, k]] + whole[1 + _PRIMITIVE, k]]
-                uv[first + k, 0], uv[first + k, 1] = words[1 + _U, k], words[1 + _V, k]
+            ray = order[first + k] if len(order) else first + k
+            t[ray] = words[1 + _TFAR, k]
+            if t[ray] < np.inf:
+                triangle[ray] = rows[first_of[whole[1 + _GEOMETRY, k]] + whole[1 + _PRIMITIVE, k]]
+                uv[ray, 0], uv[ray, 1] = words[1 + _U, k], words[1 + _V, k]
             else:
-                triangle[first + k], uv[first + k, 0], uv[first + k, 1] = -1, 0.0, 0.0
+                triangle[ray], uv[ray, 0], uv[ray, 1] = -1, 0.0, 0.0
 
 
 @njit(cache=True, nogil=True)
-def _occlude(start, stop, function, scene, query, rays, far, hidden):
+def _occlude(start, stop, function, scene, query, rays, order, far, hidden):
     """Whether rays of the packets [start, stop) meet anything before ``far``."""
     words = _packet_memory()
     at = words.ctypes.data
     for packet in range(start, stop):
         first = packet * PACKET
-        count = _fill_packet(words, first, rays, far)
+        count = _fill_packet(words, first, rays, order, far)
         _call(function, at, scene, at + 4 * PACKET, query)  # type: ignore[call-arg]
         for k in range(count):
             # Embree says so by minus infinity.

@@ -18,7 +18,7 @@ from sbm_gym.rendering.rays.raycast import Hits, RayCaster
 from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.surface_kernels import describe
 from sbm_gym.rendering.rays.surface_table import SurfaceTable
-from sbm_gym.rendering.rays.workers import MIN_RAYS, Workers
+from sbm_gym.rendering.rays.workers import MIN_RAYS, MIN_RAYS_OF_A_MOMENT, Workers
 from sbm_gym.rendering.tables.light_tables import AmbientTable, LampReach, LightTable
 from sbm_gym.rendering.tables.scene_tables import SceneTables
 from sbm_gym.rendering.tables.texture_sampling import TextureTable
@@ -131,7 +131,9 @@ class Shader:
         """Whether pixels of a picture see the same surface as their right and as their lower neighbour."""
         count = height_px * width_px
         across, below = np.empty(count, bool), np.empty(count, bool)
-        self._workers.split(same_surface, count, width_px, height_px, surfaces.table, across, below)
+        self._workers.split(
+            same_surface, count, width_px, height_px, surfaces.table, across, below, least=MIN_RAYS_OF_A_MOMENT
+        )
         return across, below
 
     def light_picture(
@@ -156,7 +158,7 @@ class Shader:
         self._light(black, surfaces, scene)
         is_open = np.empty(len(surfaces.rays), bool)
         columns = (surfaces.geom, *related, surfaces.light, surfaces.lit, is_open)
-        self._workers.split(interpolate_light, len(is_open), width_px, height_px, *columns)
+        self._workers.split(interpolate_light, len(is_open), width_px, height_px, *columns, least=MIN_RAYS_OF_A_MOMENT)
         self._light(np.flatnonzero(is_open), surfaces, scene)
 
     def soften_shadows(
@@ -178,7 +180,7 @@ class Shader:
         """
         softened = memory.take("softened", surfaces.light.shape)
         columns = (surfaces.geom, *related, surfaces.light, surfaces.lit, softened)
-        self._workers.split(soften_shadows, len(softened), width_px, height_px, *columns)
+        self._workers.split(soften_shadows, len(softened), width_px, height_px, *columns, least=MIN_RAYS_OF_A_MOMENT)
         surfaces.light = softened
 
     def light_samples(
@@ -221,7 +223,7 @@ class Shader:
         """Linear light that comes back along each ray."""
         colour = memory.take("colour", surfaces.albedo.shape)
         columns = (surfaces.table, self._tables.geoms, ambient, surfaces.albedo, surfaces.light, colour)
-        self._workers.split(combine, len(colour), *columns)
+        self._workers.split(combine, len(colour), *columns, least=MIN_RAYS_OF_A_MOMENT)
         return colour
 
     def _light(self, chosen: Int64[np.ndarray, "k"], surfaces: Surfaces, scene: Illumination) -> None:
@@ -237,6 +239,7 @@ class Shader:
         self._split(
             lamp_rays,
             blocks,
+            MIN_RAYS,
             chosen,
             surfaces.table,
             *(self._tables.triangles, self._tables.geoms, scene.lights, scene.reach, scene.ambient, scene.far_m),
@@ -246,10 +249,10 @@ class Shader:
         if ends[-1] == 0:
             return
         first, together = ends - count, take("together", (int(ends[-1]), 6))
-        self._split(line_up, blocks, count, first, shadow_rays, together)
+        self._split(line_up, blocks, MIN_RAYS_OF_A_MOMENT, count, first, shadow_rays, together)
         occluded = self._caster.shadows(together)
         arrived = (count, first, occluded, point_of, lamp_of, gain, scene.lights, surfaces.light, surfaces.lit)
-        self._split(add_lamps, blocks, *arrived)
+        self._split(add_lamps, blocks, MIN_RAYS_OF_A_MOMENT, *arrived)
 
-    def _split(self, kernel: Callable[..., None], blocks: int, *arguments: object) -> None:
-        self._workers.split(kernel, blocks, *arguments, least=MIN_RAYS // BLOCK)
+    def _split(self, kernel: Callable[..., None], blocks: int, least: int, *arguments: object) -> None:
+        self._workers.split(kernel, blocks, *arguments, least=least // BLOCK)

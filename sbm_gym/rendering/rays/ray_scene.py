@@ -14,7 +14,7 @@ from sbm_gym.rendering.rays.lighting import Illumination
 from sbm_gym.rendering.rays.raycast import RayCaster, TriangleScene
 from sbm_gym.rendering.rays.workers import Workers
 from sbm_gym.rendering.tables.light_tables import LampReach, LightTable
-from sbm_gym.rendering.tables.lights import LightMeter, ambient_light, light_table, skybox_of
+from sbm_gym.rendering.tables.lights import LightMeter, ambient_light, light_key, light_table, skybox_of
 from sbm_gym.rendering.tables.occupancy import FilledSpace, bounds_of, fill_space
 from sbm_gym.rendering.tables.scene_tables import HOLES, SceneTables
 from sbm_gym.rendering.tables.texture_sampling import TextureTable
@@ -89,6 +89,7 @@ class RayScene:
         self._bounds = np.zeros((2, 3)) if still is None else still.bounds
         self._meter = LightMeter(None if still is None else still.together)
         self._reach: tuple[bytes, LampReach] | None = None
+        self._light: tuple[bytes, Illumination] | None = None
         if still is not None:
             self._placed[False] = still.poses
             self._reach = None if still.reach is None else (still.lamps, still.reach)
@@ -150,9 +151,12 @@ class RayScene:
             camera_to_world: the headlight shines from here.
             shadows: whether any light casts shadows.
         """
-        lights = light_table(self._model, data, camera_to_world, shadows)
-        ambient = ambient_light(self._model, self._filled, self._meter.level(self._model, data), self._skybox)
-        return Illumination(lights, self._lamp_reach(lights), ambient, self._far_m)
+        key = light_key(self._model, data, camera_to_world) + bytes([shadows])
+        if self._light is None or self._light[0] != key:
+            lights = light_table(self._model, data, camera_to_world, shadows)
+            ambient = ambient_light(self._model, self._filled, self._meter.level(self._model, data), self._skybox)
+            self._light = (key, Illumination(lights, self._lamp_reach(lights), ambient, self._far_m))
+        return self._light[1]
 
     def _lamp_reach(self, lights: LightTable) -> LampReach:
         """Where light can arrive, worked out anew when lamps or walls have moved."""
@@ -201,7 +205,7 @@ class RayScene:
         still = self.tables.spans[False, False]
         corners = self.tables.corners[still.start : still.stop]
         self._filled = fill_space(corners)
-        self._reach, self._meter = None, LightMeter()
+        self._reach, self._light, self._meter = None, None, LightMeter()
         if len(corners):
             bounds = bounds_of(corners)
             self._bounds = bounds.astype(float)

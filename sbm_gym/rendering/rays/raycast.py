@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Int64
 
-from sbm_gym.rendering.rays.embree import TriangleTree
+from sbm_gym.rendering.rays.embree import AS_THEY_ARE, TriangleTree
 from sbm_gym.rendering.rays.ray_kernels import intersect_planes, occlude_planes, reach_boxes
-from sbm_gym.rendering.rays.workers import Workers
+from sbm_gym.rendering.rays.workers import MIN_RAYS_OF_A_MOMENT, Workers
 from sbm_gym.rendering.tables.occupancy import bounds_of
 from sbm_gym.rendering.tables.scene_tables import GLASS, SceneTables
 from sbm_gym.rendering.tables.texture_sampling import TextureTable, hole_test
@@ -51,10 +51,10 @@ class TriangleScene:
         self._tree = TriangleTree(corners, _run_starts(geoms))
 
     def cast(
-        self, rays: Float32[np.ndarray, "n 6"]
+        self, rays: Float32[np.ndarray, "n 6"], order: Int64[np.ndarray, "n"] = AS_THEY_ARE
     ) -> tuple[Float32[np.ndarray, "n"], Int64[np.ndarray, "n"], Float32[np.ndarray, "n 2"]]:
         """Nearest hits: parameter (inf: none), row in the tables (-1: none), barycentric coordinates."""
-        return self._tree.cast(rays, self.rows, self._workers)
+        return self._tree.cast(rays, self.rows, self._workers, order)
 
     def occluded(self, rays: Float32[np.ndarray, "n 6"], far: float) -> Bool[np.ndarray, "n"]:
         """Whether anything lies on each ray before parameter ``far``."""
@@ -122,7 +122,11 @@ class RayCaster:
         return type(self._tables.planes)(*(column[chosen] for column in self._tables.planes))
 
     def first_hits(
-        self, rays: Float32[np.ndarray, "n 6"], footprint: float, with_panes: bool = True
+        self,
+        rays: Float32[np.ndarray, "n 6"],
+        footprint: float,
+        with_panes: bool = True,
+        order: Int64[np.ndarray, "n"] = AS_THEY_ARE,
     ) -> tuple[Hits, GlassHits | None]:
         """Nearest opaque hits, and the panes of glass before them.
 
@@ -130,8 +134,9 @@ class RayCaster:
             rays: origins and un-normalised directions.
             footprint: metres per metre of depth that a ray stands for; decides how textures with holes are filtered.
             with_panes: whether panes are looked for; without, hits are the same.
+            order: which rays to trace together, see ``TriangleTree.cast``.
         """
-        hits = self._nearest(self.opaque, rays)
+        hits = self._nearest(self.opaque, rays, order)
         if len(self.plane_rows):
             # Rows of planes stand together; a subset is cast as its own table.
             local = np.full(len(rays), -1, np.int64)
@@ -152,17 +157,17 @@ class RayCaster:
         """Rays that may hit something with holes or of glass."""
         boxes = np.concatenate([scene.hole_boxes if holes_only else scene.boxes for scene in scenes])
         reached = np.empty(len(rays), bool)
-        self._workers.split(reach_boxes, len(rays), rays, far, boxes, reached)
+        self._workers.split(reach_boxes, len(rays), rays, far, boxes, reached, least=MIN_RAYS_OF_A_MOMENT)
         return np.flatnonzero(reached)
 
-    def _nearest(self, scenes: list[TriangleScene], rays) -> Hits:
+    def _nearest(self, scenes: list[TriangleScene], rays, order: Int64[np.ndarray, "n"] = AS_THEY_ARE) -> Hits:
         if not scenes:
             count = len(rays)
             t, triangle = np.full(count, np.inf, np.float32), np.full(count, -1, np.int64)
             return Hits(t, triangle, np.zeros((count, 2), np.float32))
-        t, triangle, uv = scenes[0].cast(rays)
+        t, triangle, uv = scenes[0].cast(rays, order)
         for scene in scenes[1:]:
-            other_t, other_triangle, other_uv = scene.cast(rays)
+            other_t, other_triangle, other_uv = scene.cast(rays, order)
             nearer = np.flatnonzero(other_t < t)
             t[nearer], triangle[nearer], uv[nearer] = other_t[nearer], other_triangle[nearer], other_uv[nearer]
         return Hits(t, triangle, uv)

@@ -18,12 +18,14 @@ from sbm_gym.rendering.rays.ray_kernels import camera_rays, name_geoms
 from sbm_gym.rendering.rays.ray_scene import RayScene, StillScene
 from sbm_gym.rendering.rays.raycast import GlassHits
 from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
-from sbm_gym.rendering.rays.workers import Workers
+from sbm_gym.rendering.rays.workers import MIN_RAYS_OF_A_MOMENT, Workers
 
 CENTRE = np.zeros((1, 2))
 EDGE_OFFSETS_PX = np.array([[0.12, -0.34], [0.235, 0.274], [-0.355, 0.066]])
 """Sub-rays of an edge pixel beside the one in its centre. No two of the four share a row or column, so that edges of
 any direction are smoothed."""
+TILE_PX = 4
+"""Rays through a square of pixels find their way together: sixteen of them, as many as are traced at a time."""
 
 
 class RaysRenderer:
@@ -57,14 +59,15 @@ class RaysRenderer:
         self._scene.update(data)
         footprint = _footprint(camera)
         shape = height_px, width_px = camera.size
-        pixels, black = _chessboard(height_px, width_px)
+        pixels, tiled, black = _pixels(height_px, width_px)
         memory = self._memory["picture"]
         rays = self._rays(pixels, CENTRE, camera, memory)
-        hits, panes = self._scene.caster.first_hits(rays, footprint, with_panes=colours)
+        hits, panes = self._scene.caster.first_hits(rays, footprint, with_panes=colours, order=tiled)
         depth_m = np.where(hits.triangle >= 0, hits.t, np.float32(0.0))
         if not colours:
             geom = np.empty(len(pixels), np.int32)
-            self._workers.split(name_geoms, len(pixels), hits.triangle, self._scene.tables.triangles.geom, geom)
+            columns = (hits.triangle, self._scene.tables.triangles.geom, geom)
+            self._workers.split(name_geoms, len(pixels), *columns, least=MIN_RAYS_OF_A_MOMENT)
             return Frame(np.zeros((*shape, 3), np.uint8), depth_m.reshape(shape), geom.reshape(shape))
         scene = self._scene.illumination(data, camera.camera_to_world, self._shadows)
         surfaces = self._shader.surfaces(rays, hits, scene.ambient, footprint, memory)
@@ -75,7 +78,7 @@ class RaysRenderer:
         colour = self._shader.colours(surfaces, scene.ambient, memory)
         self._add_panes(colour, rays, panes, scene, footprint)
         rgb = np.empty((len(pixels), 3), np.uint8)
-        self._workers.split(encode, len(pixels), colour, scene.ambient.exposure, rgb)
+        self._workers.split(encode, len(pixels), colour, scene.ambient.exposure, rgb, least=MIN_RAYS_OF_A_MOMENT)
         if antialias:
             is_edge = _edges(*related, height_px, width_px)
             if panes is not None:
@@ -123,7 +126,7 @@ class RaysRenderer:
         rays = memory.take("rays", (len(pixels) * len(offsets), 6))
         origin = np.asarray(camera.camera_to_world[:3, 3], float)
         columns = (pixels, camera.size[1], offsets, origin, pixel_to_world(camera), rays)
-        self._workers.split(camera_rays, len(rays), *columns)
+        self._workers.split(camera_rays, len(rays), *columns, least=MIN_RAYS_OF_A_MOMENT)
         return rays
 
     def _add_panes(self, colour, rays, panes: GlassHits | None, scene: Illumination, footprint: float) -> None:
@@ -172,10 +175,14 @@ class RaysRenderer:
 
 
 @functools.lru_cache(maxsize=4)
-def _chessboard(height_px: int, width_px: int) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "k"]]:
-    """The pixels of a picture, and those that are black if it is a chessboard."""
+def _pixels(
+    height_px: int, width_px: int
+) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n"], Int64[np.ndarray, "k"]]:
+    """The pixels of a picture; the same tile by tile; and those that are black if it is a chessboard."""
     pixels = np.arange(height_px * width_px, dtype=np.int64)
-    return pixels, pixels[(pixels // width_px + pixels % width_px) % 2 == 0]
+    y, x = np.divmod(pixels, width_px)
+    tiled = np.lexsort((x, y, x // TILE_PX, y // TILE_PX))
+    return pixels, tiled, pixels[(y + x) % 2 == 0]
 
 
 def _footprint(camera: Camera) -> float:

@@ -6,6 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 MIN_RAYS = 2048
 """Rays for which another thread is worth its start."""
+MIN_RAYS_OF_A_MOMENT = 16_384
+"""The same where little is done with each ray."""
 
 
 class Workers:

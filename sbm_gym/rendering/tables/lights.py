@@ -74,6 +74,19 @@ def light_table(
     return LightTable(kind, place, direction, diffuse, specular, attenuation, spot, slot, is_fixed)
 
 
+def light_key(model: mujoco.MjModel, data: mujoco.MjData, camera_to_world: Float[np.ndarray, "4 4"]) -> bytes:
+    """Differs where the light of a world does whose walls stand still; arguments as in ``light_table``."""
+    headlight = model.vis.headlight
+    columns = [model.light_active, model.light_type, model.light_mode, model.light_castshadow]
+    columns += [model.light_pos, model.light_dir, model.light_cutoff, model.light_exponent, model.light_attenuation]
+    columns += [model.light_ambient, model.light_diffuse, model.light_specular, model.numeric_data]
+    columns += [data.xpos[model.light_bodyid], data.xmat[model.light_bodyid], data.light_xpos, data.light_xdir]
+    columns += [headlight.ambient, np.array(headlight.active)]
+    if headlight.active:
+        columns += [headlight.diffuse, headlight.specular, np.asarray(camera_to_world, float)]
+    return b"".join(column.tobytes() for column in columns)
+
+
 def active_lights(model: mujoco.MjModel) -> list[int]:
     """Lights that are on and of a kind that rays can follow."""
     return [i for i in range(model.nlight) if model.light_active[i] and int(model.light_type[i]) in _KINDS]
