@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt16
 
-from labeling.core.rle import decode_mask, encode_mask
+from labeling.core.rle import encode_mask
 from labeling.core.types import Detection
+from sbm_gym.atlas.rle_kernels import draw_masks
 
 LEVEL = 6
 """Of zlib."""
@@ -63,11 +64,18 @@ def encode_detections(detections: Sequence[Detection]) -> bytes:
 
 
 def decode_detections(content: bytes, size: tuple[int, int]) -> tuple[Detection, ...]:
-    """What ``encode_detections`` made of detections in a picture of this size."""
-    return tuple(
-        Detection(0, category, confidence, decode_mask({"size": list(size), "counts": counts}))
-        for category, confidence, counts in json.loads(content)
-    )
+    """What ``encode_detections`` made of detections in a picture of this size.
+
+    Raises:
+        ValueError: if a mask does not fill the picture.
+    """
+    found = json.loads(content)
+    counts = [one[2].encode("ascii") for one in found]
+    ends = np.cumsum([0, *map(len, counts)])
+    masks = np.zeros((len(found), *size), bool)
+    if not draw_masks(np.frombuffer(b"".join(counts), np.uint8), ends, masks):
+        raise ValueError(f"a mask does not fill a picture of {size[0]}x{size[1]} pixels")
+    return tuple(Detection(0, one[0], one[1], mask) for one, mask in zip(found, masks, strict=True))
 
 
 def _by_bytes(numbers: UInt16[np.ndarray, "h w"]) -> bytes:

@@ -180,8 +180,7 @@ class Simulation:
         """What the atlas holds of this pose. Pictures are black."""
         body = self.scene.body
         pose, poses = body.camera_to_world, atlas.poses
-        place = poses.nearest_place(body.position_m, self.scene.world.navigable)
-        stored = atlas.view(place, poses.nearest_heading(body.yaw_rad))
+        stored = atlas.view(self._place, poses.nearest_heading(body.yaw_rad))
         instance_map = self.scene.instance_of_geom[stored.geom_id]
         camera = Camera.from_fov(pose, self._config.image_size, 0.5 * np.pi)
         self.view = View(Frame(_black(*camera.size), stored.depth_m, stored.geom_id), instance_map, camera)
@@ -197,8 +196,8 @@ class Simulation:
         """With an atlas: stands where the atlas has views from."""
         if self._atlas is not None:
             body, poses = self.scene.body, self._atlas.poses
-            place = poses.nearest_place(body.position_m, self.scene.world.navigable)
-            body.place(poses.places_m[place], body.yaw_rad, body.tilt_rad)
+            self._place = poses.nearest_place(body.position_m, self.scene.world.navigable)
+            body.place(poses.places_m[self._place], body.yaw_rad, body.tilt_rad)
 
     def _keep_to_headings(self) -> None:
         """With an atlas: looks where the atlas has views to."""

@@ -265,21 +265,24 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
         (n, 3) float64, row by row; nothing if there are less than three pixels with depth.
     """
     height_px, width_px = mask.shape
-    rows, columns = np.empty(mask.size, np.int64), np.empty(mask.size, np.int64)
-    area = num_inner = 0
+    in_row = np.zeros(height_px, np.int64)
     for row in range(height_px):
+        # Summed up fast, so that rows without a mask are passed by.
         for column in range(width_px):
-            if mask[row, column]:
-                area += 1
-                if is_inner(mask, row, column):
-                    rows[num_inner], columns[num_inner] = row, column
-                    num_inner += 1
+            in_row[row] += mask[row, column]
+    area, num_inner = in_row.sum(), 0
     if area < min_pixels:
         return np.empty((0, 3))
+    rows, columns = np.empty(area, np.int64), np.empty(area, np.int64)
+    for row in range(height_px):
+        for column in range(width_px if in_row[row] > 0 else 0):
+            if mask[row, column] and is_inner(mask, row, column):
+                rows[num_inner], columns[num_inner] = row, column
+                num_inner += 1
     if num_inner < 0.3 * area:
         num_inner = 0
         for row in range(height_px):
-            for column in range(width_px):
+            for column in range(width_px if in_row[row] > 0 else 0):
                 if mask[row, column]:
                     rows[num_inner], columns[num_inner] = row, column
                     num_inner += 1
@@ -301,22 +304,20 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
 def _without_outliers(points_m):
     """Leaves out points more than three standard deviations from the mean along any axis, unless those are all."""
     count = len(points_m)
-    near = np.ones(count, np.bool_)
-    for axis in range(3):
-        mean_m = spread = 0.0
-        for number in range(count):
-            mean_m += points_m[number, axis]
-        mean_m /= count
-        for number in range(count):
-            off_m = points_m[number, axis] - mean_m
-            spread += off_m * off_m
-        reach_m = 3.0 * np.sqrt(spread / count) + 1e-9
-        for number in range(count):
-            near[number] &= abs(points_m[number, axis] - mean_m) <= reach_m
+    # The axes side by side: one sum need not wait for another.
+    mean_x, mean_y, mean_z = mean_point(points_m)
+    x_2 = y_2 = z_2 = 0.0
+    for number in range(count):
+        off_x, off_y, off_z = points_m[number, 0] - mean_x, points_m[number, 1] - mean_y, points_m[number, 2] - mean_z
+        x_2, y_2, z_2 = x_2 + off_x * off_x, y_2 + off_y * off_y, z_2 + off_z * off_z
+    reach_x = 3.0 * np.sqrt(x_2 / count) + 1e-9
+    reach_y = 3.0 * np.sqrt(y_2 / count) + 1e-9
+    reach_z = 3.0 * np.sqrt(z_2 / count) + 1e-9
     kept_m = np.empty((count, 3))
     num_kept = 0
     for number in range(count):
-        if near[number]:
+        is_near = abs(points_m[number, 0] - mean_x) <= reach_x and abs(points_m[number, 1] - mean_y) <= reach_y
+        if is_near and abs(points_m[number, 2] - mean_z) <= reach_z:
             for axis in range(3):
                 kept_m[num_kept, axis] = points_m[number, axis]
             num_kept += 1
@@ -326,21 +327,19 @@ def _without_outliers(points_m):
 @njit(cache=True, nogil=True, error_model="numpy")
 def mean_point(points_m):
     """The mean of points, (n, 3) float64, n > 0; (3,)."""
-    mean_m = np.zeros(3)
-    for axis in range(3):
-        for number in range(len(points_m)):
-            mean_m[axis] += points_m[number, axis]
-        mean_m[axis] /= len(points_m)
-    return mean_m
+    x = y = z = 0.0
+    for number in range(len(points_m)):
+        x, y, z = x + points_m[number, 0], y + points_m[number, 1], z + points_m[number, 2]
+    return np.array([x / len(points_m), y / len(points_m), z / len(points_m)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def largest_extent(points_m):
     """The largest of the extents of points, (n, 3) float64, n > 0, along the world's axes."""
-    largest_m = 0.0
-    for axis in range(3):
-        low_m, high_m = points_m[0, axis], points_m[0, axis]
-        for number in range(1, len(points_m)):
-            low_m, high_m = min(low_m, points_m[number, axis]), max(high_m, points_m[number, axis])
-        largest_m = max(largest_m, high_m - low_m)
-    return largest_m
+    low_x, low_y, low_z = points_m[0]
+    high_x, high_y, high_z = points_m[0]
+    for number in range(1, len(points_m)):
+        x, y, z = points_m[number]
+        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    return max(high_x - low_x, high_y - low_y, high_z - low_z)

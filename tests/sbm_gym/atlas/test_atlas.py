@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.errors import UsageError
+from labeling.core.rle import decode_mask, encode_mask
 from labeling.core.types import Detection
 from sbm_gym import build_atlas
 from sbm_gym.atlas import stored_views
@@ -95,6 +96,28 @@ def test_what_is_stored_comes_back(seed, height, width):
     )
     content = stored_views.encode_detections(found)
     assert stored_views.decode_detections(content, (height, width)) == found
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 40), st.sampled_from(["", "0", "o", "P1", "P"]))
+@settings(max_examples=80, deadline=None)
+def test_stored_masks_are_those_of_the_codec_or_refused(seed, height, width, inserted):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((height, width)) < rng.choice([0.0, 0.02, 0.5, 1.0])
+    mask[: rng.integers(0, height + 1)] = rng.random() < 0.5
+    counts = encode_mask(mask)["counts"]
+    at = int(rng.integers(0, len(counts) + 1))
+    counts = counts[:at] + inserted + counts[at:]
+    content = json.dumps([["chair", 0.5, encode_mask(mask)["counts"]], ["lamp", 0.9, counts]]).encode()
+    try:
+        expected = decode_mask({"size": [height, width], "counts": counts})
+    except ValueError:
+        with pytest.raises(ValueError, match="does not fill"):
+            stored_views.decode_detections(content, (height, width))
+        return
+    first, second = stored_views.decode_detections(content, (height, width))
+    np.testing.assert_array_equal(first.mask, mask)
+    np.testing.assert_array_equal(second.mask, expected)
+    assert (second.category, second.confidence) == ("lamp", 0.9)
 
 
 def test_an_atlas_and_the_plain_environment_agree_at_the_same_poses(atlas):

@@ -68,6 +68,22 @@ def test_threads_change_nothing() -> None:
         np.testing.assert_array_equal(one, other)
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(1, 200), st.integers(1, 30), st.integers(1, 100))
+@settings(max_examples=40, deadline=None)
+def test_neither_runs_nor_the_order_of_rays_change_what_is_hit(
+    seed: int, triangles: int, runs: int, count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (triangles, 3, 3)).astype(np.float32)
+    rays = rng.normal(0, 1, (count, 6)).astype(np.float32)
+    names = rng.permutation(triangles)
+    first = np.unique(np.append(0, rng.integers(0, triangles, runs)))
+    expected = TriangleTree(corners).cast(rays, names, WORKERS)
+    found = TriangleTree(corners, first).cast(rays, names, WORKERS, rng.permutation(count))
+    for one, other in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_no_light_gets_through_the_seams_of_a_surface() -> None:
     """A wavy sheet whose triangles do not share corners: every ray that crosses it is stopped."""
     n = 60
