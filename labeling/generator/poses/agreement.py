@@ -24,6 +24,8 @@ STAGES = (
 )  # fmt: skip
 """Scale of robust weights, as a share of the depth, and whether brightness counts, step by step: wide scales bring
 views into reach from several degrees, narrow ones leave noise out; brightness would mislead where they are far off."""
+NEARER_SCALE = 0.04
+"""Scale at which views that seem off are looked at again."""
 JUDGED_SCALE = 0.02
 """Scale at which poses are judged on planelets that they were not fitted to."""
 MAX_LEFT = 0.6
@@ -50,7 +52,15 @@ def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -
     if len(found.pairs) == 0:
         return views, None
     depth_m, recorded = coarse.median_depth_m, np.asarray(views.camera_to_world, float)
-    check = _described(found, joint_step(found, np.zeros((views.num_views, 6)), depth_m), depth_m, voxel_m)
+    motion = joint_step(found, np.zeros((views.num_views, 6)), depth_m)
+    check = _described(found, motion, depth_m, voxel_m)
+    if check.is_off:
+        # At the widest scale, where surfaces that only lie near one another count as one, a view among hundreds is off
+        # by chance. Fitting them all takes seconds, so a narrower scale is asked before.
+        poses = moved(recorded, motion)
+        nearer = pair_sums(coarse, views.intrinsics, poses, found.pairs, NEARER_SCALE)
+        poses = moved(poses, joint_step(nearer, motion, depth_m))
+        check = _described(found, motions(recorded, poses), depth_m, voxel_m)
     if config.refine_poses != "on" and not check.is_off and check.misfit < SUSPICIOUS:
         return views, check
     fine = planelets(views, FITTED_CELLS, config.max_range_m)
