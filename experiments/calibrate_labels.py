@@ -55,7 +55,11 @@ def run(config: CalibrateConfig) -> None:
     from experiments.calibration.label_samples import label_samples
     from experiments.calibration.object_samples import object_samples
     from labeling.formats.atomic import atomic_file, write_json
-    from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
+    from labeling.generator.calibration.detector_calibration import (
+        DetectorCalibration,
+        calibration_of,
+        file_name,
+    )
     from labeling.generator.objects.object_posterior import fit_object_model
     from labeling.generator.quality.label_quality import fit_model
 
@@ -78,18 +82,18 @@ def run(config: CalibrateConfig) -> None:
         "labels": int(np.count_nonzero(counted)),
         "mean_iou": round(float(fitted.iou[counted].mean()), 4),
     }
-    file = config.out / f"{detector}.json"
+    file = config.out / file_name(detector)
     write_json(file, {**calibration.as_json(), "fitted_to": provenance})
     print(f"calibration: {file}, from {len(looks)} objects and {provenance['labels']} labels")
     figures: dict[str, Any] = {"fitted_to": _figures(fitted, calibration.labels)}
     if config.check:
         checked = label_samples(config.check, config.seed, calibration)
         figures["checked_on"] = _figures(checked, calibration.labels)
-        picture = config.picture or Path(f"docs/pictures/label_trust_{detector}.png")
+        picture = config.picture or Path(f"docs/pictures/label_trust_{file.stem}.png")
         with atomic_file(picture) as temporary:
             _draw(figures["checked_on"], temporary)
         print(f"picture: {picture}")
-    results = config.results or Path(f"experiments/results/label_trust_{detector}.json")
+    results = config.results or Path(f"experiments/results/label_trust_{file.stem}.json")
     write_json(results, figures)
     for name, record in figures.items():
         print(name, {key: record[key] for key in ("labels", "before", "after")})

@@ -115,6 +115,9 @@ def _check_out(out: Path, dataset: Path) -> None:
 
 
 def _report(config: GenerateConfig, results: list[EpisodeResult]) -> None:
+    from labeling.generator.label_writer import uncalibrated_detectors
+    from labeling.io.label_set import calibration_note
+
     records = [result.record for result in results if result.record is not None]
     views = sum(len(record.file_names) for record in records)
     objects = sum(len(record.objects) for record in records)
@@ -122,6 +125,8 @@ def _report(config: GenerateConfig, results: list[EpisodeResult]) -> None:
     print(f"{objects} objects, {labels} masks in {views} views of {len(records)} episodes")
     if objects == 0 and records:
         print(f"note: no object reached --confident {config.label.confident:g}; a lower threshold may find sources")
+    if unmeasured := calibration_note({"uncalibrated_detectors": uncalibrated_detectors(results)}):
+        print(f"note: {unmeasured}")
     print(f"labels: {config.out}")
 
 

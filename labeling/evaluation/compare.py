@@ -11,7 +11,7 @@ import numpy as np
 from hotcoco import mask as coco_mask
 
 from labeling.evaluation.records import EpisodeRecords, note_missing, read_records, without_unknown_categories
-from labeling.io.label_set import LabelSet, View, pose_warnings, read_label_set
+from labeling.io.label_set import LabelSet, View, calibration_note, pose_warnings, read_label_set
 from labeling.metrics.average_precision import mean_of
 from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, average_precision
 from labeling.metrics.matching import Kind, MaskInstance, Match, match, mean_iou
@@ -76,6 +76,8 @@ def evaluate_label_set(
     episodes = without_unknown_categories(tuple(read_records(dataset, labels, progress, notes)), labels, notes)
     note_missing(episodes, labels, notes)
     notes += pose_warnings(labels.provenance)
+    unmeasured = calibration_note(labels.provenance)
+    notes += [unmeasured] if unmeasured else []
     kept = {view for episode in episodes for view in episode.views}
     truths = [item for episode in episodes for item in episode.truths]
     instance_ids = [number for episode in episodes for number in episode.instance_ids]

@@ -115,7 +115,8 @@ class Job:
                     unused = unused_sources(sources.detections, labels, self.label)
                     lost = notes_of_outlines(episode, unused, self.label)
                     notes = (*episode.notes, *sources.notes, *([warning] if warning else []), *lost)
-                    record = episode_record(episode, labels, mark, sources.origin, notes, len(unused))
+                    doubtful = sources.uncalibrated if self.label.fuse_views else None
+                    record = episode_record(episode, labels, mark, sources.origin, notes, len(unused), doubtful)
                     written()
                 if self.label.published.amodal_boxes:
                     record = with_amodal_boxes(record)

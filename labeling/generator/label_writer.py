@@ -90,6 +90,12 @@ def write_label_set(
     write_json(out / SUMMARY_FILE, {**_summary(out, dataset, config, results), **(inputs or {})})
 
 
+def uncalibrated_detectors(results: Sequence[EpisodeResult]) -> list[str]:
+    """The detectors, each once, whose detections count without a calibration of their own."""
+    named = {one.record.uncalibrated for one in results if one.record is not None}
+    return sorted(name for name in named if name is not None)
+
+
 def _images(result: EpisodeResult, record: EpisodeRecord, first_image: int) -> list[dict[str, Any]]:
     prefix = "" if result.folder == "." else f"{result.folder}/"
     return [
@@ -112,6 +118,7 @@ def _summary(out: Path, dataset: Path, config: LabelConfig, results: Sequence[Ep
         "dataset_as_given": str(dataset),
         "config": asdict(config),
         "versions": package_versions(LIBRARIES),
+        "uncalibrated_detectors": uncalibrated_detectors(results),
         "episodes": [
             {
                 "name": one.name,

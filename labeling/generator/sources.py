@@ -12,6 +12,7 @@ from labeling.core.types import Detection
 from labeling.detectors.registry import detector_by_name
 from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
+from labeling.generator.calibration.detector_calibration import is_calibrated
 from labeling.generator.detection_pooling import pool_detections
 from labeling.generator.objects.weak_supervision import one_view_per_object
 from labeling.generator.settings.label_config import LabelConfig
@@ -32,6 +33,12 @@ class Sources:
     notes: tuple[str, ...] = ()
     detector: str | None = None
     """What made the detections, if that is known."""
+
+    @property
+    def uncalibrated(self) -> str | None:
+        """The detector, if it has no calibration of its own; empty if nothing names it, None for a person's masks."""
+        needed = any(not one.exact for one in self.detections) and not is_calibrated(self.detector)
+        return self.detector or "" if needed else None
 
 
 def find_sources(

@@ -16,7 +16,7 @@ from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import read_mask, read_valid_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
-from labeling.io.label_set import recording_config, stated_dataset
+from labeling.io.label_set import calibration_note, recording_config, stated_dataset
 
 BOX_TOLERANCE_PX = 1.0
 SAME_CATEGORY_OVERLAP, ANY_CATEGORY_OVERLAP = 0.5, 0.8
@@ -77,6 +77,8 @@ def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes
     unused = sorted(set(names.values()) - known.used)
     if unused:
         notes.append(f"no label has the categories {', '.join(unused)}")
+    unmeasured = calibration_note(summary.mapping())
+    notes += [unmeasured] if unmeasured else []
     yield from _check_sources(summary, known, notes)
     yield from _check_episodes(folder, summary, known)
     yield from _check_poses(summary, notes)

@@ -127,6 +127,8 @@ class EpisodeRecord:
     poses: PoseCheck | None = None
     unused_sources: int = 0
     """Confident detections, or outlines, that no object was made of."""
+    uncalibrated: str | None = None
+    """The detector, where its detections count without a calibration of its own; empty if nothing names it."""
 
 
 def episode_record(
@@ -136,6 +138,7 @@ def episode_record(
     sources: str = "",
     notes: Sequence[str] = (),
     unused_sources: int = 0,
+    uncalibrated: str | None = None,
 ) -> EpisodeRecord:
     """The record of a labelled episode.
 
@@ -146,6 +149,7 @@ def episode_record(
         sources: where the masks came from that it was labelled from.
         notes: what a user should know about it.
         unused_sources: how many confident detections, or outlines, no object was made of.
+        uncalibrated: the detector, where its detections count without a calibration of its own.
     """
     named = (*labels.objects, *labels.ignored)
     return EpisodeRecord(
@@ -168,6 +172,7 @@ def episode_record(
         ),
         poses=labels.poses,
         unused_sources=unused_sources,
+        uncalibrated=uncalibrated,
     )
 
 

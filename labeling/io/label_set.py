@@ -115,6 +115,19 @@ def pose_warnings(provenance: dict[str, Any]) -> list[str]:
     return [f"{name}: {poses['warning']}" for name, poses in found if isinstance(poses, dict) and poses.get("warning")]
 
 
+def calibration_note(provenance: dict[str, Any]) -> str | None:
+    """One sentence, if a label set was made with detectors that are not calibrated; None if not."""
+    stated = provenance.get("uncalibrated_detectors")
+    names = [str(name) or "a detector without a name" for name in stated] if isinstance(stated, list) else []
+    if not names:
+        return None
+    return (
+        f"what detections of {' and '.join(names)} are worth has not been measured, so confidences of labels are "
+        "guessed from those of compact; to measure it, take episodes with ground truth and its detections: "
+        "python -m labeling.detect EPISODES --detector NAME, then python -m experiments.calibrate_labels EPISODES"
+    )
+
+
 def stated_dataset(folder: Path, summary: Json) -> Path | None:
     """Where a label set says that its dataset lies: beside the label set or, failing that, the working directory."""
     if not summary.has("dataset"):

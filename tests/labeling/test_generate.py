@@ -10,6 +10,7 @@ import pytest
 
 from labeling.formats.ply import read_ply
 from labeling.generate import main
+from labeling.inspect import main as inspect
 from labeling.io.episodes import write_episode
 
 from .synthetic_room import make_episode
@@ -102,6 +103,38 @@ def test_a_label_set_says_where_it_comes_from(dataset: Path, tmp_path: Path) -> 
     assert summary["config"]["confident"] == 0.8
     assert [episode["status"] for episode in summary["episodes"]] == ["labelled", "labelled"]
     assert "numpy" in summary["versions"]
+
+
+NOTE = "are worth has not been measured"
+
+
+def test_a_detector_without_a_calibration_is_told_once_for_the_whole_label_set(
+    dataset: Path, tmp_path: Path, capsys
+) -> None:
+    def told(*flags: str) -> list[str]:
+        assert run(dataset, tmp_path / "labels", *flags) == 0
+        shown = capsys.readouterr()
+        found = [line for line in (shown.out + shown.err).splitlines() if NOTE in line]
+        assert inspect([str(tmp_path / "labels")]) == 0
+        assert [line for line in capsys.readouterr().out.splitlines() if NOTE in line] == found
+        return found
+
+    def name(detector: str) -> None:
+        for file in dataset.glob("*/episode.json"):
+            file.write_text(json.dumps({**read(file), "detector": detector}))
+
+    (unnamed,) = told()
+    assert unnamed.startswith("note: what detections of a detector without a name")
+    name("onnx:models/yolo.onnx")
+    (named,) = told()
+    assert "of onnx:models/yolo.onnx are" in named
+    assert "python -m experiments.calibrate_labels EPISODES" in named
+    assert told() == [named], "a rerun says it, too"
+    assert read(tmp_path / "labels" / "label_set.json")["uncalibrated_detectors"] == ["onnx:models/yolo.onnx"]
+    assert told("--preset", "paper") == [], "does not weigh detections"
+    assert told("--weak", "one-view") == [], "outlines are true"
+    name("compact")
+    assert told() == []
 
 
 def test_a_rerun_takes_finished_episodes_as_they_are(

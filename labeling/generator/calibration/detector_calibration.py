@@ -3,6 +3,7 @@
 They are written by ``python -m experiments.calibrate_labels``.
 """
 
+import re
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -31,16 +32,21 @@ class DetectorCalibration:
         return msgspec.to_builtins(asdict(self), enc_hook=lambda value: np.round(value, 6).tolist())
 
 
+def file_name(detector: str) -> str:
+    """What the file of a detector is called, whose name may be a path."""
+    return re.sub(r"[^\w.-]", "_", detector) + ".json"
+
+
 def is_calibrated(detector: str | None) -> bool:
     """Whether there is a file for a detector."""
-    return detector in {file.stem for file in FOLDER.glob("*.json")}
+    return detector is not None and (FOLDER / file_name(detector)).is_file()
 
 
 @cache
 def calibration_of(detector: str | None = None) -> DetectorCalibration:
     """The calibration of a detector by its name; that of ``DEFAULT``, without biases, for others."""
     known = is_calibrated(detector)
-    content = msgspec.json.decode((FOLDER / f"{detector if known else DEFAULT}.json").read_bytes())
+    content = msgspec.json.decode((FOLDER / file_name(detector if detector and known else DEFAULT)).read_bytes())
     objects, labels = _with_arrays(content["objects"]), _with_arrays(content["labels"])
     found = DetectorCalibration(ObjectModel(**objects), LabelQualityModel(**labels))
     return found if known else replace(found, objects=replace(found.objects, category_bias={}))

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.types import Detection
-from labeling.generator.calibration.detector_calibration import calibration_of, is_calibrated
+from labeling.generator.calibration.detector_calibration import calibration_of, file_name, is_calibrated
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.object_posterior import (
     FEATURES,
@@ -98,6 +98,7 @@ def test_more_views_that_find_it_make_it_likelier() -> None:
 def test_a_detector_that_is_not_calibrated_is_like_most_without_biases() -> None:
     assert is_calibrated("compact")
     assert not is_calibrated("somebody's")
+    assert file_name("onnx:models/yolo.onnx") == "onnx_models_yolo.onnx.json"
     default, compact = calibration_of("somebody's").objects, calibration_of("compact").objects
     assert default.category_bias == {} != compact.category_bias
     assert np.array_equal(default.weight, compact.weight)
