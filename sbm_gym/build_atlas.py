@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
-from labeling.runtime.ranges import Count
+from labeling.runtime.ranges import Count, NonNegative
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,8 +33,10 @@ class AtlasConfig:
     """Gymnasium id of the world; rooms, since streets are arranged anew for every episode."""
     split: Literal["train", "val", "test", "wide", "endless"] = "train"
     """Its scenes."""
+    skip: NonNegative[int] = 0
+    """So many of them, the first, are left out: those for validation come after those for training."""
     scenes: Count | None = None
-    """Only the first so many of them; all if not given."""
+    """Only so many after that; all if not given."""
     detector: str = "compact"
     """Whose findings are kept: any name that agents.collect takes."""
     grid_m: float = 0.5
@@ -59,7 +61,9 @@ def build(config: AtlasConfig) -> list[Path]:
     from sbm_gym.atlas.scene_atlas import scene_folder
 
     env = _make_env(config)
-    names = env.get_wrapper_attr("scene_names")[: config.scenes]
+    names = env.get_wrapper_attr("scene_names")[config.skip :][: config.scenes]
+    if not names:
+        raise UsageError(f"--skip {config.skip} leaves no scene of split {config.split}")
     make_views = PerProcess(partial(_view_maker, config))
     for number, name in enumerate(names):
         builder = _builder(config, env, name)

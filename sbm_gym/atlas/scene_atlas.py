@@ -73,9 +73,19 @@ def scene_digest(world: WorldContents) -> str:
     return digest.hexdigest()[:16]
 
 
+def folder_name(scene: str) -> str:
+    """What the folder of a scene's atlas is called."""
+    return scene.replace("/", "-")
+
+
 def scene_folder(atlas: Path, scene: str) -> Path:
     """Where the atlas of a scene lies."""
-    return atlas / scene.replace("/", "-")
+    return atlas / folder_name(scene)
+
+
+def finished_folders(atlas: Path) -> set[str]:
+    """Names of the folders of finished atlases."""
+    return {path.parent.name for path in atlas.glob(f"*/{VIEWS_FILE}")}
 
 
 class SceneAtlas:

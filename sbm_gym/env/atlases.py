@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from labeling.core.errors import UsageError
-from sbm_gym.atlas.scene_atlas import AtlasKey, SceneAtlas, scene_digest
+from sbm_gym.atlas.scene_atlas import AtlasKey, SceneAtlas, finished_folders, folder_name, scene_digest
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env.simulation import SimulationConfig
 from sbm_gym.env.view_detectors import SIMULATED, SIMULATED_WEAK
@@ -27,6 +27,13 @@ class Atlases:
         self._detector = SIMULATED if is_simulated else str(detector)
         self._digest: str | None = None
         self._open: dict[str, SceneAtlas] = {}
+
+    def held(self, scenes: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of some scenes that there are finished atlases of; all of them if there is none, or nothing is looked
+        up.
+        """
+        finished = set() if self._folder is None else finished_folders(self._folder)
+        return tuple(scene for scene in scenes if folder_name(scene) in finished) or scenes
 
     def of_scene(self, scene: Scene) -> SceneAtlas | None:
         """The atlas of a scene, None if nothing is looked up.

@@ -105,7 +105,8 @@ class FixationEnv(gym.Env, EzPickle):
       at none (the simulated detector does not either).
     - `atlas`: a folder of `python -m sbm_gym.build_atlas`: the robot keeps to the places and headings of the atlas,
       its camera to one tilt, and what it sees is looked up: pictures are black, depth is true to a millimetre, and a
-      real detector costs no more than a look at a file. Rooms only.
+      real detector costs no more than a look at a file. Scenes are those of the split that the folder holds. Rooms
+      only.
     - `reward_weights`, `memory`, `body`: frozen dataclasses of settings.
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
@@ -169,8 +170,6 @@ class FixationEnv(gym.Env, EzPickle):
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
         self._detector = make_detector(detector, self.profile.detector, load=atlas is None)
-        self.scene_names = self._source.scenes(split)
-        """Names of the scenes that ``reset`` draws from."""
         self._weights = reward_weights or RewardWeights()
         robot = replace(
             self.profile,
@@ -190,6 +189,8 @@ class FixationEnv(gym.Env, EzPickle):
         # MuJoCo's viewer shows the very model that moves, which is then the one with all textures and meshes.
         self._cache = SceneCache(self._source, renderer, robot.body, scene_cache, on_disk=render_mode != "human")
         self._atlases = Atlases(None if atlas is None else Path(atlas), self._config, detector)
+        self.scene_names = self._atlases.held(self._source.scenes(split))
+        """Names of the scenes that ``reset`` draws from."""
         self.render_mode, self._render_size = render_mode, render_size or self.profile.capture_size
         self.state_names = state_names(robot.memory.bins)
         """What the entries of the ``state`` observation mean."""

@@ -175,6 +175,17 @@ def test_every_step_of_an_episode_sees_what_a_camera_would_draw_there(atlas, tmp
         assert list(capture.detections) == info["detections"]
 
 
+def test_scenes_are_those_that_the_folder_holds(atlas, tmp_path):
+    assert plain().scene_names == ("box_0", "box_1")
+    assert plain(atlas=atlas).scene_names == ("box_0",)
+    assert plain(atlas=tmp_path).scene_names == plain().scene_names, "reset says that there is none"
+    (folder,) = build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, skip=1, scenes=1, detector=DETECTOR))
+    assert folder.name == "box_1"
+    assert plain(atlas=tmp_path).scene_names == ("box_1",)
+    with pytest.raises(UsageError, match="--skip 2 leaves no scene of split train"):
+        build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, skip=2, detector=DETECTOR))
+
+
 def test_the_same_seed_gives_the_same_rollout(atlas):
     def rollout():
         env = plain(atlas=atlas, split=None)
