@@ -1,4 +1,4 @@
-"""Results of episodes on disk: one JSON file for each policy, seed and episode."""
+"""Results of episodes on disk: one JSON file for each policy, seed, episode and draw."""
 
 import hashlib
 import json
@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from agents.policies.registry import checkpoint_of
+from agents.rollouts.run_episode import EpisodeSpec
 from labeling.core.errors import UsageError
 from labeling.formats.atomic import write_json
 
 SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
-DECISIVE_SETTINGS = ("env", "split", "detector", "labels", "size")
+DECISIVE_SETTINGS = ("env", "split", "scenes", "detector", "labels", "size")
 """Settings that decide what an episode's result is."""
-EARLIER_DEFAULTS = {"views": [5, 10, 15, 20, 25]}
+EARLIER_DEFAULTS = {"views": [5, 10, 15, 20, 25], "scenes": None}
 """Settings of folders that are older than these settings."""
 
 
@@ -33,9 +34,10 @@ def policy_key(policy: str, env_id: str) -> str:
     return f"ppo-{found.hexdigest()[:12]}"
 
 
-def result_path(out: Path, key: str, seed: int, episode: int) -> Path:
+def result_path(out: Path, key: str, spec: EpisodeSpec) -> Path:
     """Where the result of an episode lies."""
-    return out / EPISODES_FOLDER / key / f"seed{seed}-{episode:04d}.json"
+    draw = f"-draw{spec.draw}" if spec.draw else ""
+    return out / EPISODES_FOLDER / key / f"seed{spec.seed}-{spec.episode:04d}{draw}.json"
 
 
 def copy_results(source: Path, out: Path) -> None:

@@ -23,12 +23,14 @@ from agents.evaluation.table import print_tables
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
 from agents.rollouts.environments import capture_size, inner_env, make_env
-from agents.rollouts.run_episode import EpisodeSpec, episode_spec, run_episode
+from agents.rollouts.run_episode import EpisodeSpec, another_draw, episode_spec, run_episode
+from agents.rollouts.scene_shares import scenes_for
 from labeling.core.errors import UsageError
 from labeling.formats.atomic import write_json
 from labeling.runtime.process_pool import PerProcess, map_jobs
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
+from labeling.runtime.threads import one_network_thread
 
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
@@ -57,7 +59,7 @@ def evaluate_policies(config: EvaluateConfig, reuse: Path | None = None) -> dict
     """
     _check(config)
     evaluator = Evaluator(config)
-    with contextlib.closing(evaluator.env):
+    with contextlib.closing(evaluator.env), one_network_thread():
         settings = {name: getattr(config, name) for name in DECISIVE_SETTINGS}
         if config.labels:
             settings["views"] = list(VIEW_COUNTS)
@@ -75,7 +77,7 @@ def evaluate_policies(config: EvaluateConfig, reuse: Path | None = None) -> dict
             for episode in range(config.episodes)
         ]
         _run_missing(evaluator, specs)
-        records = {policy: [read_result(evaluator.path(spec, policy)) for spec in specs] for policy in config.policies}
+        records = {policy: [evaluator.results(spec, policy) for spec in specs] for policy in config.policies}
         content = summary(config, records)
         write_json(config.out / RESULT_FILE, content)
         print_tables(content)
@@ -99,12 +101,27 @@ class Evaluator:
         self._keys = {policy: policy_key(policy, config.env) for policy in config.policies}
         self._policies: dict[str, Policy] = {policy: make_policy(policy, config.env) for policy in config.policies}
         self.env = make_env(config.env, config.split, config.detector)
-        self.scenes = inner_env(self.env).scene_names
-        """Names of the scenes of the split."""
+        self.scenes = scenes_for("comparing", config.split, inner_env(self.env).scene_names)[: config.scenes]
+        """Names of the scenes that episodes begin in."""
 
     def path(self, spec: EpisodeSpec, policy: str) -> Path:
         """Where the result of an episode lies."""
-        return result_path(self.config.out, self._keys[policy], spec.seed, spec.episode)
+        return result_path(self.config.out, self._keys[policy], spec)
+
+    def next_missing(self, spec: EpisodeSpec, policy: str) -> EpisodeSpec | None:
+        """The first play of a start that has no result yet."""
+        return next((play for play in self._plays(spec, policy) if not self.path(play, policy).is_file()), None)
+
+    def results(self, spec: EpisodeSpec, policy: str) -> list[dict[str, Any]]:
+        """What came of all plays of a start."""
+        return [read_result(self.path(play, policy)) for play in self._plays(spec, policy)]
+
+    def _plays(self, spec: EpisodeSpec, policy: str) -> list[EpisodeSpec]:
+        """All draws of a policy that draws at random, which its first play tells; else that one alone."""
+        first = self.path(spec, policy)
+        if self.config.draws == 1 or not first.is_file() or not read_result(first).get("is_random", True):
+            return [spec]
+        return [another_draw(spec, draw) for draw in range(self.config.draws)]
 
     def run(self, spec: EpisodeSpec, policy: str) -> None:
         """Runs an episode and keeps its result."""
@@ -116,9 +133,10 @@ class Evaluator:
         write_json(self.path(spec, policy), record)
 
     def run_all(self, jobs: Sequence[tuple[EpisodeSpec, str]]) -> int:
-        """Runs several episodes; returns how many."""
+        """Runs what is missing of several starts, each with a policy; returns how many there were."""
         for spec, policy in jobs:
-            self.run(spec, policy)
+            while play := self.next_missing(spec, policy):
+                self.run(play, policy)
         return len(jobs)
 
 
@@ -132,12 +150,13 @@ def _check(config: EvaluateConfig) -> None:
 
 
 def _run_missing(evaluator: Evaluator, specs: Sequence[EpisodeSpec]) -> None:
-    """Runs what has no result yet: all policies from one start after the other, while its scene is at hand."""
+    """Runs what has no result yet: all policies from one start after the other, scene by scene while it is at hand."""
     from tqdm import tqdm
 
     config = evaluator.config
     waiting = [
-        [(spec, policy) for policy in config.policies if not evaluator.path(spec, policy).is_file()] for spec in specs
+        [(spec, policy) for policy in config.policies if evaluator.next_missing(spec, policy)]
+        for spec in sorted(specs, key=lambda spec: evaluator.scenes.index(spec.scene))
     ]
     total, missing = len(specs) * len(config.policies), sum(map(len, waiting))
     if missing < total:
@@ -165,7 +184,7 @@ def _draw(evaluator: Evaluator, content: dict[str, Any], records: dict[str, Any]
     for number, spec in enumerate(specs[:pictures]):
         path = out / PICTURES_FOLDER / f"seed{spec.seed}-{spec.episode:04d}.png"
         evaluator.env.reset(seed=spec.env_seed, options={"scene": spec.scene})
-        episodes = {policy: found[number] for policy, found in records.items()}
+        episodes = {policy: plays[number][0] for policy, plays in records.items()}
         draw_trajectories(inner_env(evaluator.env), episodes, path)
     if pictures:
         print(f"ways:    {out / PICTURES_FOLDER}")

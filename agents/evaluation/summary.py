@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, VIEW_COUNTS, episode_figures, pooled_ap
-from agents.evaluation.statistics import difference_record, over_seeds, rounded
+from agents.evaluation.statistics import MIN_SCENES, MIN_STARTS, interval_record, over_seeds, paired_record, rounded
 from labeling.metrics.average_precision import mean_of
 from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
 
@@ -19,18 +19,23 @@ PROTOCOL = tomllib.loads(Path(__file__).with_name("protocol.toml").read_text(enc
 """How the figures come about; written beside them."""
 
 
-def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+Plays = list[dict[str, Any]]
+"""Results of one start: one, or as many as a policy that draws at random has played it."""
+
+
+def summary(config: EvaluateConfig, records: dict[str, list[Plays]]) -> dict[str, Any]:
     """Sums up.
 
     Args:
         config: the settings.
-        records: by policy the results of its episodes, seed by seed.
+        records: by policy the results of its starts, seed by seed.
 
     Returns:
         Content of ``evaluation.json``.
     """
     base = config.policies[0]
-    per_episode = {policy: [_flat(record) for record in found] for policy, found in records.items()}
+    per_episode = {policy: [_flat(plays) for plays in found] for policy, found in records.items()}
+    scenes = [plays[0]["scene"] for plays in records[base]]
     names = list(dict.fromkeys(name for found in per_episode.values() for figures in found for name in figures))
     policies = {}
     for policy, found in records.items():
@@ -40,12 +45,13 @@ def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) ->
             theirs = [one.get(name) for one in per_episode[base]]
             figures[name] = {
                 **over_seeds([mean_of(part) for part in _by_seed(values, config.seeds)]),
-                "difference": None if policy == base else difference_record(values, theirs),
+                **interval_record(values, scenes),
+                "difference": None if policy == base else paired_record(values, theirs, scenes),
             }
         policies[policy] = {
             "figures": {name: value for name, value in figures.items() if "@" not in name},
             "labels": _label_figures(config, found, figures),
-            "early": _early(per_episode[policy], per_episode[base]),
+            "early": _early(per_episode[policy], per_episode[base], scenes),
             "curves": _curves(config, found),
         }
     return {
@@ -57,22 +63,27 @@ def summary(config: EvaluateConfig, records: dict[str, list[dict[str, Any]]]) ->
             "episodes": config.episodes,
             "seeds": list(range(config.seeds)),
             "size": config.size,
-            "scenes": sorted({record["scene"] for found in records.values() for record in found}),
+            "draws": config.draws,
+            "scenes": sorted(set(scenes)),
         },
         "compared_with": base,
+        "shown_with": {"starts": MIN_STARTS, "scenes": MIN_SCENES},
         "policies": policies,
         "protocol": PROTOCOL,
         "versions": package_versions(SIMULATION_PACKAGES),
     }
 
 
-def _flat(record: dict[str, Any]) -> dict[str, float | None]:
-    """All figures of an episode by name; those of labels as ``name@views``."""
-    found: dict[str, float | None] = dict(record["figures"])
-    if "label_quality" in record:
-        for count, figures in episode_figures(record["label_quality"]).items():
-            found.update({f"{name}@{count}": value for name, value in figures.items()})
-    return found
+def _flat(plays: Plays) -> dict[str, float | None]:
+    """All figures of a start by name, those of labels as ``name@views``: means over its plays."""
+    each = []
+    for record in plays:
+        found: dict[str, float | None] = dict(record["figures"])
+        if "label_quality" in record:
+            for count, figures in episode_figures(record["label_quality"]).items():
+                found.update({f"{name}@{count}": value for name, value in figures.items()})
+        each.append(found)
+    return {name: mean_of([one[name] for one in each]) for name in each[0]}
 
 
 def _by_seed(values: Sequence[Any], seeds: int) -> list[Sequence[Any]]:
@@ -81,7 +92,7 @@ def _by_seed(values: Sequence[Any], seeds: int) -> list[Sequence[Any]]:
 
 
 def _label_figures(
-    config: EvaluateConfig, records: list[dict[str, Any]], figures: dict[str, Any]
+    config: EvaluateConfig, records: list[Plays], figures: dict[str, Any]
 ) -> dict[str, dict[str, Any]] | None:
     """Views -> figures; None where no labels were made."""
     if not config.labels:
@@ -91,32 +102,32 @@ def _label_figures(
         figure, at, count = name.partition("@")
         if at:
             found.setdefault(count, {})[figure] = value
-    parts = _by_seed([record["label_quality"] for record in records], config.seeds)
+    parts = _by_seed(records, config.seeds)
     for count, row in found.items():
-        pooled = [pooled_ap(part, count) for part in parts]
+        pooled = [pooled_ap([record["label_quality"] for plays in part for record in plays], count) for part in parts]
         for name in AP_THRESHOLDS:
             row[f"pooled_{name}"] = over_seeds([one[name] for one in pooled])
     return found
 
 
-def _early(ours: list[dict[str, Any]], base: list[dict[str, Any]]) -> dict[str, Any] | None:
+def _early(ours: list[dict[str, Any]], base: list[dict[str, Any]], scenes: Sequence[str]) -> dict[str, Any] | None:
     """A policy's labels after half the views beside those of the first policy after all; None where there are none."""
     early, end = EARLY_VIEWS, VIEW_COUNTS[-1]
     if not all(f"right@{early}" in one for one in ours) or not all(f"right@{end}" in one for one in base):
         return None
     differences = {
-        name: difference_record([one[f"{name}@{early}"] for one in ours], [one[f"{name}@{end}"] for one in base])
+        name: paired_record([one[f"{name}@{early}"] for one in ours], [one[f"{name}@{end}"] for one in base], scenes)
         for name in EARLY_FIGURES
     }
     return {"views": early, "base_views": end, "difference": differences}
 
 
-def _curves(config: EvaluateConfig, records: list[dict[str, Any]]) -> dict[str, Any]:
+def _curves(config: EvaluateConfig, records: list[Plays]) -> dict[str, Any]:
     """Return and sectors after each view: mean and standard deviation over seeds, as for all figures."""
     found = {}
     for name, series in (
-        ("return", [np.cumsum([step["reward"] for step in record["steps"]]) for record in records]),
-        ("sectors", [np.array([step["sectors"] for step in record["steps"]], float) for record in records]),
+        ("return", [_over_plays(plays, "reward").cumsum() for plays in records]),
+        ("sectors", [_over_plays(plays, "sectors") for plays in records]),
     ):
         seeds = np.array([np.mean(part, axis=0) for part in _by_seed(series, config.seeds)])
         found[name] = {
@@ -124,3 +135,8 @@ def _curves(config: EvaluateConfig, records: list[dict[str, Any]]) -> dict[str, 
             "std": [rounded(value) for value in seeds.std(axis=0, ddof=1)] if len(seeds) > 1 else None,
         }
     return found
+
+
+def _over_plays(plays: Plays, name: str) -> np.ndarray:
+    """A figure after each view, mean over the plays of a start."""
+    return np.mean([[step[name] for step in record["steps"]] for record in plays], axis=0)

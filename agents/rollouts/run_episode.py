@@ -1,7 +1,7 @@
 """One episode of one policy as JSON: where it starts, what the policy did, what it saw."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium as gym
@@ -27,6 +27,8 @@ class EpisodeSpec:
     """Decides start, heading, what the scene shows in this episode, and the detector's noise."""
     policy_seed: int
     """Of the policy's own generator."""
+    draw: int = 0
+    """The how many-eth time that a policy which draws at random plays it."""
 
 
 def episode_spec(scenes: Sequence[str], seed: int, episode: int) -> EpisodeSpec:
@@ -40,6 +42,12 @@ def episode_spec(scenes: Sequence[str], seed: int, episode: int) -> EpisodeSpec:
     order = np.random.default_rng([seed, 2]).permutation(len(scenes))
     env_seed, policy_seed = np.random.SeedSequence([seed, 3, episode]).generate_state(2)
     return EpisodeSpec(seed, episode, scenes[int(order[episode % len(scenes)])], int(env_seed), int(policy_seed))
+
+
+def another_draw(spec: EpisodeSpec, draw: int) -> EpisodeSpec:
+    """The same start, for a policy that draws otherwise."""
+    state = np.random.SeedSequence([spec.seed, 3, spec.episode, draw]).generate_state(1)
+    return replace(spec, policy_seed=int(state[0]), draw=draw) if draw else spec
 
 
 def run_episode(
@@ -61,7 +69,9 @@ def run_episode(
     """
     observation, info = env.reset(seed=spec.env_seed, options={"scene": spec.scene})
     start, steps, captures = _pose(info), [], []
-    for step in rollout(env, policy, observation, info, np.random.default_rng(spec.policy_seed)):
+    rng = np.random.default_rng(spec.policy_seed)
+    undrawn = rng.bit_generator.state
+    for step in rollout(env, policy, observation, info, rng):
         info = step.info
         steps.append(
             {
@@ -81,6 +91,8 @@ def run_episode(
         "episode": spec.episode,
         "scene": spec.scene,
         "env_seed": spec.env_seed,
+        "draw": spec.draw,
+        "is_random": rng.bit_generator.state != undrawn,
         "start": start,
         "figures": _figures(steps, info),
         "objects": [

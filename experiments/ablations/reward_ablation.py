@@ -17,13 +17,13 @@ POLICIES = (
 """Differences are to the first, which values both."""
 
 
-EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 20, "full": 100}
+EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 40, "full": 140}
 """Of each world, policy and seed."""
 
 
 @experiment(
     "reward_ablation",
-    "next_best_view with parts of the reward only, measured by the whole on validation scenes",
+    "next_best_view with parts of the reward only, measured by the whole in unseen scenes",
     pages=("policies",),
 )
 def run(context: RunContext) -> dict[str, Any]:

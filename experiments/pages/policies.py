@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from agents.evaluation.statistics import shown_sign
 from experiments.pages.markdown import Pictures, mean_std, points, read_result, render, table
 from labeling.core.errors import SbmError
-from labeling.metrics.bootstrap import significant_sign
 
 PAGE = "policies-results.md"
 EVALUATION, TEACHING, ABLATION = "policy_evaluation.json", "policies.json", "reward_ablation.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
-SPLITS = {"train": "training", "val": "validation", "test": "test"}
+SPLITS = {"train": "training", "val": "validation", "test": "test", "endless": "unseen endless"}
 PERCENT = 100
 EARNED = {
     **{name: (name, 1) for name in ("return", "discovery", "diversity", "objects")},
@@ -113,7 +113,7 @@ def _earned(world: Mapping[str, Any]) -> str:
 
 
 def figures_table(headings: Mapping[str, tuple[str, float]], policies: Mapping[str, Mapping[str, Any]]) -> str:
-    """A table of figures with their deviation, one row for each policy; bold where the difference is beyond chance.
+    """A table of figures with their deviation, one row for each policy; bold where the difference is shown.
 
     Args:
         headings: by figure, its heading and what it is multiplied with.
@@ -127,7 +127,7 @@ def figures_table(headings: Mapping[str, tuple[str, float]], policies: Mapping[s
 
 
 def cell(figure: Mapping[str, Any] | None, factor: float = 1) -> str:
-    """Mean and deviation of a figure; bold where the interval of its difference excludes 0.
+    """Mean and deviation of a figure; bold where its difference is shown.
 
     Args:
         figure: as ``agents.evaluation`` sums it up.
@@ -138,13 +138,13 @@ def cell(figure: Mapping[str, Any] | None, factor: float = 1) -> str:
     digits = 1 if factor == PERCENT else 2
     mean, std = f"{factor * figure['mean']:.{digits}f}", figure["std"]
     difference = figure.get("difference")
-    if difference is not None and significant_sign(difference):
+    if shown_sign(difference):
         mean = f"**{mean}**"
     return mean if std is None else f"{mean} ± {factor * std:.{digits}f}"
 
 
 def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
-    """A difference with its interval; bold where this excludes 0."""
+    """A difference with its interval; bold where it is shown."""
     if difference is None:
         return "-"
     digits = 1 if factor == PERCENT else 2
@@ -152,7 +152,7 @@ def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
     if difference["low"] is None:
         return mean
     low, high = (f"{factor * difference[name]:+.{digits}f}" for name in ("low", "high"))
-    return f"{f'**{mean}**' if significant_sign(dict(difference)) else mean} [{low}, {high}]"
+    return f"{f'**{mean}**' if shown_sign(difference) else mean} [{low}, {high}]"
 
 
 # What detectors learn ------------------------------------------------------------------------------------------------

@@ -12,7 +12,8 @@ from labeling.runtime.code_digest import code_digest
 if TYPE_CHECKING:
     from agents.evaluation.evaluate_config import EvaluateConfig
 
-SPLIT = "val"
+SPLIT, SCENES = "endless", 40
+"""Scenes that no policy was trained in or chosen by, as many homes and as many towns."""
 POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
 LABELLED = ("ring", "next_best_view", "ppo")
@@ -31,12 +32,12 @@ class Size:
     """Height of the pictures that labels are made on; None is the world's own."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(20, 6), "full": Size(50, 50)}
+SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(40, 6), "full": Size(140, 50)}
 
 
 @experiment(
     "policy_evaluation",
-    "what policies earn, and how good the labels of their views are, on validation scenes with compact",
+    "what policies earn, and how good the labels of their views are, in unseen scenes with compact",
     pages=("policies",),
 )
 def run(context: RunContext) -> dict[str, Any]:
@@ -120,12 +121,13 @@ def evaluate_config(
     from experiments.cache.episode_pool import detector_digest
     from labeling.runtime.provenance import experiment_versions
 
-    settings = [env_id, SPLIT, detector, picture_px]
+    settings = [env_id, SPLIT, SCENES, detector, picture_px]
     name = digest(settings, experiment_versions(), code_digest(Evaluator), detector_digest(detector))
     return EvaluateConfig(
         policies=policies,
         env=env_id,
         split=SPLIT,
+        scenes=SCENES,
         episodes=episodes,
         seeds=len(context.seeds),
         detector=detector,

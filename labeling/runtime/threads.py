@@ -79,6 +79,23 @@ def as_they_come(work: Callable[[Item], Result], items: Iterable[Item]) -> Gener
 
 
 @contextmanager
+def one_network_thread() -> Iterator[None]:
+    """PyTorch computes in one thread meanwhile.
+
+    More of them add in another order: confidences differ in the fifth digit, and a robot that decides by them goes
+    another way.
+    """
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
 def threads_of_children(count: int) -> Iterator[None]:
     """Lets each process that is started meanwhile compute in so many threads."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}

@@ -29,9 +29,9 @@ class BoxRooms:
     profile: WorldProfile = INDOOR
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
-        """The last scene is for validation, all others for training."""
+        """The last scene is for validation, all others for training; the endless split ends with them all."""
         names = tuple(f"box_{k}" for k in range(self.num_scenes))
-        return {"train": names[:-1], "val": names[-1:], "test": names[-1:], None: names}[split]
+        return {"train": names[:-1], "val": names[-1:], "test": names[-1:], "endless": names, None: names}[split]
 
     def canonical(self, scene: str | int) -> str:
         """Checks a name."""

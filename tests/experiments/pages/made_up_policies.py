@@ -12,7 +12,8 @@ COUNTS = ("5", "12", "25")
 def figure(numbers: Iterator[int], sure: bool, first: bool) -> dict[str, Any]:
     """A figure with spread, and with a difference that is beyond chance or not."""
     mean = next(numbers) / 100
-    difference = {"mean": mean + 1, "low": mean + 0.5 if sure else -mean - 1, "high": mean + 2, "episodes": 4}
+    ends = {"low": mean + 0.5 if sure else -mean - 1, "high": mean + 2}
+    difference = {"mean": mean + 1, **ends, "episodes": 120, "scenes": 12}
     return {"mean": mean, "std": mean / 10, "per_seed": [mean, mean], "difference": None if first else difference}
 
 

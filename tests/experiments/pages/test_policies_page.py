@@ -155,10 +155,13 @@ def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
 
 
 def test_spread_and_bold_follow_the_figure() -> None:
-    sure = {"mean": 1.0, "low": 0.1, "high": 2.0, "episodes": 9}
+    enough = {"episodes": 100, "scenes": 4}
+    sure = {"mean": 1.0, "low": 0.1, "high": 2.0, **enough}
     assert cell({"mean": 0.5, "std": None, "difference": sure}) == "**0.50**"
     assert cell({"mean": 0.5, "std": 0.25, "difference": {**sure, "low": -0.1}}, 100) == "50.0 ± 25.0"
     assert cell({"mean": 0.5, "std": None, "difference": {**sure, "low": None, "high": None}}) == "0.50"
     assert cell({"mean": None, "std": None, "difference": None}) == cell(None) == interval(None) == "-"
-    assert interval({"mean": -1.0, "low": -2.0, "high": -0.5, "episodes": 9}) == "**-1.00** [-2.00, -0.50]"
+    assert cell({"mean": 0.5, "std": None, "difference": {**sure, "episodes": 99}}) == "0.50"
+    assert interval({"mean": -1.0, "low": -2.0, "high": -0.5, **enough}) == "**-1.00** [-2.00, -0.50]"
+    assert interval({"mean": -1.0, "low": -2.0, "high": -0.5, "episodes": 400}) == "-1.00 [-2.00, -0.50]"
     assert interval({"mean": -1.0, "low": None, "high": None, "episodes": 2}) == "-1.00"

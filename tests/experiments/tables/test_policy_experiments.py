@@ -32,7 +32,7 @@ def test_policies_are_compared_and_results_kept(
     assert run("policy_evaluation", tmp_path) == 0
     content = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
     boxes = content["worlds"]["boxes"]
-    assert boxes["settings"]["split"] == "val"
+    assert boxes["settings"]["split"] == "endless"
     assert boxes["settings"]["scenes"] == ["box_3"]
     assert list(boxes["policies"]) == ["ring", "random", "spin"]
     assert boxes["policies"]["spin"]["labels"] is None
@@ -63,7 +63,7 @@ def test_parts_of_the_reward_are_compared_from_the_same_starts(
     monkeypatch.setattr(reward_ablation, "WORLDS", {"boxes": SHORT_ENV_ID})
     assert run("reward_ablation", tmp_path, seeds=2) == 0
     content = json.loads((tmp_path / "results" / "reward_ablation.json").read_text())
-    assert content["worlds"]["boxes"]["settings"]["split"] == "val"
+    assert content["worlds"]["boxes"]["settings"]["split"] == "endless"
     policies = content["worlds"]["boxes"]["policies"]
     assert list(policies) == list(reward_ablation.POLICIES)
     for policy, found in policies.items():
@@ -79,7 +79,7 @@ def test_parts_of_the_reward_are_compared_from_the_same_starts(
 
 
 def test_no_policy_is_compared_on_test_scenes() -> None:
-    assert policy_evaluation.SPLIT == "val"
+    assert policy_evaluation.SPLIT == "endless"
 
 
 def test_commands_name_what_differs_from_the_defaults() -> None:
