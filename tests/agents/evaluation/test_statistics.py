@@ -75,7 +75,7 @@ def test_the_order_of_starts_within_scenes_changes_nothing(starts, random):
 @pytest.mark.parametrize(("scenes", "starts", "scene_std"), [(20, 10, 1.0), (8, 5, 0.0), (40, 2, 0.5)])
 def test_intervals_hold_the_truth_as_often_as_they_say(scenes, starts, scene_std):
     rng, trials, hits = np.random.default_rng(scenes), 400, 0
-    names = np.repeat(np.arange(scenes), starts)
+    names = np.repeat(np.arange(scenes), starts).tolist()
     for _ in range(trials):
         values = (scene_std * rng.normal(size=(scenes, 1)) + rng.normal(0.0, 2.0, (scenes, starts))).ravel()
         low, high = mean_interval(values, names) or (0.0, 0.0)
