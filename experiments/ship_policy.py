@@ -6,7 +6,7 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,7 @@ from labeling.runtime.cli import make_main
 
 MAX_MB = 20
 MAX_POINTS = 400
-REFERENCE = "ring"
+REFERENCES = ("random", "ring", "next_best_view")
 SUFFIXES = (".safetensors", ".json")
 """Of the files of a checkpoint that is to be shipped."""
 RECORD = "policy_training_{}.json"
@@ -30,8 +30,8 @@ ENV_NAME = re.compile(r"[A-Za-z0-9_]+-v\d+")
 class ShipConfig:
     """Copies a checkpoint of RUN to where the policy ``ppo`` is read from, and keeps how it was trained.
 
-    Plays the validation episodes of the run once more with ``ring``, so that the learning curve has something to be
-    compared with.
+    Plays the validation episodes of the run once more with hand-written policies, so that the learning curve has
+    something to be compared with.
     """
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
@@ -107,7 +107,9 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
     """
     from agents.network.files import HISTORY_FILE, SETTINGS_FILE
     from agents.policies.registry import make_policy
-    from agents.ppo.envs import EnvConfig, make_env
+    from agents.ppo.config import PpoConfig
+    from agents.ppo.envs import make_env, validation_scenes
+    from agents.ppo.run_settings import resolve_settings
     from agents.ppo.validation import validate
     from experiments.tables.trained_policies import training_command
     from labeling.formats.checked_json import read_json
@@ -117,9 +119,13 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
     rollouts, validations = history["rollouts"], history["validations"]
     if not validations:
         raise UsageError(f"{folder / HISTORY_FILE}: has no validation; train on with --resume {folder}")
-    with contextlib.closing(make_env(EnvConfig(settings["env"], settings["detector"]), "val")) as env:
-        reference = validate(make_policy(REFERENCE, settings["env"]), env, settings["eval_episodes"])
-    assert reference is not None
+    config = replace(resolve_settings(PpoConfig(resume=folder)).env_config, wrapper=None, reward="both")
+    references = {}
+    with contextlib.closing(make_env(config)) as env:
+        scenes = validation_scenes(env, config)
+        for name in REFERENCES:
+            policy = make_policy(name, settings["env"])
+            references[name] = validate(policy, env, settings["eval_episodes"], scenes=scenes)
     return {
         "env": settings["env"],
         "command": training_command(settings),
@@ -128,7 +134,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
         "validations": [_short(one) for one in validations],
         "rollouts": [_short(one) for one in thinned(rollouts, MAX_POINTS)],
         "rollouts_in_all": len(rollouts),
-        "references": {REFERENCE: _short(reference)},
+        "references": {name: _short(figures) for name, figures in references.items() if figures is not None},
         "checkpoint": {
             **{name: value for name, value in origin.items() if name not in ("command", "hyperparameters")},
             "sha256": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},

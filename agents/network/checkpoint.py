@@ -76,20 +76,21 @@ def read_description(folder: Path) -> dict[str, Any]:
     return description
 
 
-def _spaces(description: dict[str, Any], path: Path) -> tuple[spaces.Dict, spaces.Box]:
+def _spaces(description: dict[str, Any], path: Path) -> tuple[spaces.Dict, spaces.Space]:
     """The spaces of observations and actions in a description.
 
     Raises:
         SbmError: if one is none, or not of the kind that policies have.
     """
     found: list[Any] = []
-    for name, kind in (("observation_space", spaces.Dict), ("action_space", spaces.Box)):
+    for name, kinds in (("observation_space", (spaces.Dict,)), ("action_space", (spaces.Box, spaces.MultiDiscrete))):
         try:
             found.append(space_of(description.get(name)))
         except ValueError as error:
             raise SbmError(f"{path}: is damaged: {name}: {error}") from None
-        if not isinstance(found[-1], kind):
-            raise SbmError(f"{path}: is damaged: {name} must be a {kind.__name__}")
+        if not isinstance(found[-1], kinds):
+            wanted = " or ".join(kind.__name__ for kind in kinds)
+            raise SbmError(f"{path}: is damaged: {name} must be a {wanted}")
     return found[0], found[1]
 
 

@@ -15,8 +15,8 @@ from jaxtyping import Float
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-KEYS = ("rgb", "depth", "state")
-PICTURES = ("rgb", "depth")
+CHANNELS = {"rgb": 3, "depth": 1}
+PICTURES = tuple(CHANNELS)
 
 
 class LookFeatures(BaseFeaturesExtractor):
@@ -34,8 +34,8 @@ class LookFeatures(BaseFeaturesExtractor):
         """Makes an extractor with random weights.
 
         Args:
-            observation_space: ``rgb`` (3 h w) and ``depth`` (1 h w), both uint8 and channels first as
-                Stable-Baselines3 hands them on, and ``state`` (n).
+            observation_space: ``state`` (n) and, where they are looked at, ``rgb`` (3 h w) and ``depth`` (1 h w), both
+                uint8 and channels first as Stable-Baselines3 hands them on.
             features: how many features come out; the state encoder is as wide.
             pictures: which of ``rgb`` and ``depth`` are looked at; none of them leaves the state vector alone.
             picture_features: how many of what goes into the last layer are of the pictures.
@@ -45,16 +45,16 @@ class LookFeatures(BaseFeaturesExtractor):
         Raises:
             ValueError: if the observation space is of another kind, or there is no such picture.
         """
-        _check(observation_space)
         unknown = [name for name in pictures if name not in PICTURES]
         if unknown:
             raise ValueError(f"pictures may be {' and '.join(PICTURES)}, not {unknown[0]!r}")
+        _check(observation_space, pictures)
         super().__init__(observation_space, features)
         self.block_px = block_px
         self.looks_at = tuple(pictures)
         """The pictures that it looks at."""
         if pictures:
-            height_px, width_px = observation_space["rgb"].shape[1:]  # type: ignore[index]
+            height_px, width_px = observation_space[pictures[0]].shape[1:]  # type: ignore[index]
             depths = sum(observation_space[name].shape[0] for name in pictures)  # type: ignore[index]
             size = (height_px // block_px, width_px // block_px)
             self.pictures = _picture_encoder(depths, *size, channels, picture_features)
@@ -94,13 +94,15 @@ def _picture_encoder(before: int, height: int, width: int, channels: Sequence[in
     return nn.Sequential(*layers, nn.Flatten(), nn.Linear(before * height * width, features), nn.ReLU())
 
 
-def _check(space: spaces.Space) -> None:
+def _check(space: spaces.Space, pictures: Sequence[str]) -> None:
     parts: dict[str, Any] = space.spaces if isinstance(space, spaces.Dict) else {}
-    fits = set(parts) == set(KEYS) and all(isinstance(part, spaces.Box) for part in parts.values())
-    if fits:
-        rgb, depth, state = (np.empty(parts[name].shape, parts[name].dtype) for name in KEYS)
-        fits = rgb.dtype == depth.dtype == np.uint8 and (rgb.ndim, state.ndim) == (3, 1)
-        fits = fits and (len(rgb), depth.shape) == (3, (1, *rgb.shape[1:]))
+    fits = {*pictures, "state"} <= set(parts) <= {*PICTURES, "state"}
+    fits = fits and all(isinstance(part, spaces.Box) for part in parts.values())
+    fits = fits and len(parts["state"].shape) == 1
+    for name in pictures if fits else ():
+        shape = parts[name].shape
+        fits = fits and parts[name].dtype == np.uint8 and len(shape) == 3 and shape[0] == CHANNELS[name]
+        fits = fits and shape[1:] == parts[pictures[0]].shape[1:]
     if not fits:
-        wanted = f"a Dict of {', '.join(KEYS)}: pictures 3 x h x w and 1 x h x w of uint8, and a vector"
+        wanted = f"a Dict of {', '.join((*pictures, 'state'))}: pictures 3 x h x w and 1 x h x w of uint8, and a vector"
         raise ValueError(f"observations must be {wanted}; not {space}")

@@ -40,10 +40,11 @@ def policy_arguments(plain: dict[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def pictures(plain: dict[str, Any]) -> tuple[str, ...]:
-    """The pictures that a network with these ``policy_kwargs`` looks at."""
+def observed_keys(plain: dict[str, Any]) -> tuple[str, ...]:
+    """The parts of observations that a network with these ``policy_kwargs`` looks at."""
     given = plain.get("features_extractor_kwargs")
-    return tuple(given.get("pictures", PICTURES)) if isinstance(given, dict) else PICTURES
+    pictures = given.get("pictures", PICTURES) if isinstance(given, dict) else PICTURES
+    return (*pictures, "state")
 
 
 def policy_class(name: str) -> type[ActorCriticPolicy]:
@@ -58,7 +59,7 @@ def policy_class(name: str) -> type[ActorCriticPolicy]:
 
 
 def build_policy(
-    observation_space: spaces.Dict, action_space: spaces.Box, name: str, plain: dict[str, Any], use_sde: bool = False
+    observation_space: spaces.Dict, action_space: spaces.Space, name: str, plain: dict[str, Any], use_sde: bool = False
 ) -> ActorCriticPolicy:
     """A network with random weights on the CPU, not to be trained.
 

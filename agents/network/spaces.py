@@ -12,12 +12,14 @@ def describe(space: spaces.Space) -> dict[str, Any]:
     """A space as JSON; bounds are numbers, or lists where they differ from entry to entry.
 
     Raises:
-        ValueError: if it is neither a Box nor a Dict of such.
+        ValueError: if it is no Box, no Dict of such and no MultiDiscrete.
     """
     if isinstance(space, spaces.Dict):
         return {"type": "Dict", "spaces": {name: describe(part) for name, part in space.spaces.items()}}
+    if isinstance(space, spaces.MultiDiscrete):
+        return {"type": "MultiDiscrete", "nvec": space.nvec.tolist()}
     if not isinstance(space, spaces.Box):
-        raise ValueError(f"only Box spaces and Dicts of them can be described, not {space}")
+        raise ValueError(f"only Box and MultiDiscrete spaces and Dicts can be described, not {space}")
     return {
         "type": "Box",
         "shape": list(space.shape),
@@ -46,6 +48,11 @@ def space_of(description: Any) -> spaces.Space:
     try:
         if description["type"] == "Dict":
             return spaces.Dict({str(name): space_of(part) for name, part in description["spaces"].items()})
+        if description["type"] == "MultiDiscrete":
+            counts = [int(count) for count in description["nvec"]]
+            if not counts or min(counts) < 1:
+                raise ValueError(f"no space has the choices {counts}")
+            return spaces.MultiDiscrete(counts)
         if description["type"] != "Box" or description["dtype"] not in PLAIN:
             raise ValueError(f"no space is described by {description!r}")
         dtype: Any = np.dtype(description["dtype"])
@@ -64,18 +71,17 @@ def _array(bound: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def difference(wanted: spaces.Space, given: spaces.Space, name: str) -> str | None:
-    """The first difference between two spaces, in words; None if there is none.
+    """The first difference between what a checkpoint wants and an environment has, in words; None if there is none.
 
     Args:
-        wanted: one space.
-        given: the other.
+        wanted: a space of the checkpoint; a Dict may lack parts that nothing in the network looks at.
+        given: that of the environment.
         name: what to call them.
     """
     if isinstance(wanted, spaces.Dict) and isinstance(given, spaces.Dict):
-        for key in (*wanted.spaces, *given.spaces):
-            if key not in given.spaces or key not in wanted.spaces:
-                where = "only the checkpoint" if key in wanted.spaces else "only the env"
-                return f"{where} has {name} {key!r}"
+        for key in wanted.spaces:
+            if key not in given.spaces:
+                return f"only the checkpoint has {name} {key!r}"
             found = difference(wanted[key], given[key], f"{name} {key!r}")
             if found:
                 return found

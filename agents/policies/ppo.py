@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.planning.prioritised_views import ACTION_SPACE, planner_of, priorities_of
+from agents.planning import moves_and_looks, prioritised_views
 
 
 class Ppo:
@@ -25,7 +25,9 @@ class Ppo:
 
         self._folder = checkpoint_folder(checkpoint)
         self._network, self.description = read_policy(self._folder)
-        self._sets_priorities = self.description.get("hyperparameters", {}).get("env_wrapper") is not None
+        wrapper = self.description.get("hyperparameters", {}).get("env_wrapper")
+        self._chooses = wrapper == "moves_and_looks"
+        self._sets_priorities = wrapper is not None and not self._chooses
 
     def reset(
         self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
@@ -37,11 +39,19 @@ class Ppo:
         """
         from agents.network.checkpoint import check_spaces
 
-        actions = ACTION_SPACE if self._sets_priorities else env.action_space
+        actions = env.action_space
+        if self._chooses:
+            actions = moves_and_looks.ACTION_SPACE
+        elif self._sets_priorities:
+            actions = prioritised_views.ACTION_SPACE
         check_spaces(self._folder, self.description, env.observation_space, actions)
-        self._planner = planner_of(env) if self._sets_priorities else None
+        self._robot = env.get_wrapper_attr("knowledge") if self._chooses else None
+        self._planner = prioritised_views.planner_of(env) if self._sets_priorities else None
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action."""
-        action, _ = self._network.predict(observation, deterministic=True)
-        return action if self._planner is None else self._planner.act(info, priorities_of(action))
+        seen = {name: observation[name] for name in self.description["observation_space"]["spaces"]}
+        action, _ = self._network.predict(seen, deterministic=True)
+        if self._robot is not None:
+            return moves_and_looks.chosen_action(action, info, self._robot)
+        return action if self._planner is None else self._planner.act(info, prioritised_views.priorities_of(action))

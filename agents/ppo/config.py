@@ -27,18 +27,26 @@ class PpoConfig:
     seed: Seed = 0
     """Decides the first weights, scenes, starting places and all noise."""
     envs: Count | None = None
-    """Environments that run side by side, each in a process of its own; by default as the hyperparameters say."""
+    """Environments that are stepped together; by default as the hyperparameters say."""
+    processes: Count | None = None
+    """Processes that the environments are spread over; by default one for each core. Changes nothing but the time."""
     reward: PaidReward = "both"
     """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward."""
-    detector: str = "simulated"
+    detector: str = "simulated_weak"
     """The detector in the loop."""
+    atlas: Path | None = None
+    """Folder of python -m sbm_gym.build_atlas with views of the scenes: they are looked up instead of drawn."""
+    scenes: Count = 120
+    """So many scenes to train in: the first of the endless split."""
+    validation_scenes: Count = 20
+    """So many scenes to validate in: those that come next in the endless split."""
     hyperparams: Path | None = None
     """YAML file in the shape of rl-zoo's, with the env as a key; by default the one that comes with the project."""
-    eval_every: Count = 20_000
+    eval_every: Count = 100_000
     """Steps between validations."""
-    eval_episodes: Count = 20
+    eval_episodes: Count = 200
     """Episodes of a validation; the same starts every time."""
     device: str = "auto"
     """Where the network computes: cpu, cuda, ...; auto takes a GPU if there is one."""
     resume: Path | None = None
-    """Go on with this run, with its settings; only --steps, --envs and --device may be given with it."""
+    """Go on with this run, with its settings; only --steps, --envs, --processes and --device may be given with it."""

@@ -1,15 +1,18 @@
-"""The environments of training: what is paid, which scenes each worker has, several of them side by side."""
+"""The environments of training: what is paid, what is seen, which scenes each has, many of them side by side."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+from gymnasium.wrappers import FilterObservation
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.ppo.config import PaidReward
 from agents.ppo.hyperparameters import ENV_WRAPPERS
+from agents.ppo.vec_env import ProcessVecEnv
 from agents.rollouts import environments
 from agents.rollouts.episode_statistics import EpisodeStatistics
 from labeling.runtime.interrupts import hold_back_interrupts
@@ -26,6 +29,10 @@ REWARDS: dict[str, RewardWeights] = {
 }
 
 
+EPISODES_PER_SCENE = 8
+"""So many episodes in a row are in the same scene: to open another one takes as long as some of them."""
+
+
 @dataclass(frozen=True)
 class EnvConfig:
     """Which environment; plain values, so that it can be sent to workers."""
@@ -34,10 +41,16 @@ class EnvConfig:
     """Gymnasium id."""
     detector: str = "simulated"
     reward: PaidReward = "both"
-    colours: bool = True
-    """Whether observed pictures have colours; without, steps are faster."""
+    keys: tuple[str, ...] = ("rgb", "depth", "state")
+    """Parts of observations that are handed on; without "rgb" pictures have no colours, and steps are faster."""
     wrapper: str | None = None
     """One of ``ENV_WRAPPERS``, which changes what actions mean."""
+    atlas: str | None = None
+    """Folder of ``sbm_gym.build_atlas`` to look views up in."""
+    scenes: int = 120
+    """The first so many of the endless split are for training,"""
+    validation_scenes: int = 20
+    """and so many after them for validation."""
 
 
 class CompleteEpisodes(gym.Wrapper):
@@ -71,71 +84,92 @@ class CompleteEpisodes(gym.Wrapper):
 
 
 class ShareOfScenes(gym.Wrapper):
-    """Draws the scene of every episode from a share of the scenes, so that no two workers build the same one.
+    """Draws scenes from a share of those for training, so that no two environments build the same one.
 
-    To build a scene takes as long as some hundred steps, and while one worker builds all others wait. Once built, it is
-    opened from disk.
+    To build a scene takes as long as some hundred steps. Once built, it is opened from disk.
     """
 
-    def __init__(self, env: gym.Env, scenes: tuple[str, ...]) -> None:
+    def __init__(self, env: gym.Env, scenes: Sequence[str]) -> None:
         """Wraps an environment that takes the option ``scene``."""
         super().__init__(env)
         self._scenes = scenes
         self._rng = np.random.default_rng()
+        self._scene, self._episodes = "", 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode in one of the scenes."""
         if seed is not None:
-            self._rng = np.random.default_rng(seed)
-        scene = self._scenes[int(self._rng.integers(len(self._scenes)))]
-        return self.env.reset(seed=seed, options={"scene": scene, **(options or {})})
+            self._rng, self._episodes = np.random.default_rng(seed), 0
+        if self._episodes % EPISODES_PER_SCENE == 0:
+            self._scene = self._scenes[int(self._rng.integers(len(self._scenes)))]
+        self._episodes += 1
+        return self.env.reset(seed=seed, options={"scene": self._scene, **(options or {})})
 
 
-def make_env(config: EnvConfig, split: str) -> gym.Env:
-    """An environment as it is, but for its wrapper.
+def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
+    """An environment as policies in training see it: observations and actions are those of the network.
+
+    Args:
+        config: which environment.
+        scene_cache: how many scenes it keeps open.
 
     Raises:
         UsageError: if there is no such environment, or a setting makes no sense to it.
     """
+    settings: dict[str, Any] = {} if "rgb" in config.keys else {"colours": False}
+    if config.atlas is not None:
+        settings["atlas"] = config.atlas
+    weights = REWARDS[config.reward]
     env = environments.make_env(
-        config.env,
-        split,
-        config.detector,
-        reward_weights=REWARDS[config.reward],
-        **({} if config.colours else {"colours": False}),
+        config.env, "endless", config.detector, reward_weights=weights, scene_cache=scene_cache, **settings
     )
-    return env if config.wrapper is None else ENV_WRAPPERS[config.wrapper](env)
+    if config.wrapper is not None:
+        env = ENV_WRAPPERS[config.wrapper](env)
+    return FilterObservation(env, config.keys)
 
 
-def make_training_env(config: EnvConfig, index: int, count: int, scenes: tuple[str, ...] | None = None) -> gym.Env:
-    """The training environment of one of several workers.
+def training_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
+    """Names of the scenes to train in; none if the environment has none by name."""
+    return _scene_names(env)[: config.scenes]
+
+
+def validation_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
+    """Names of the scenes to validate in, none of them trained in; none if the environment has none by name."""
+    return _scene_names(env)[config.scenes : config.scenes + config.validation_scenes]
+
+
+def _scene_names(env: gym.Env) -> tuple[str, ...]:
+    return env.get_wrapper_attr("scene_names") if env.has_wrapper_attr("scene_names") else ()
+
+
+def make_training_env(config: EnvConfig, index: int, count: int) -> gym.Env:
+    """One of several training environments.
 
     Args:
         config: which environment.
-        index: number of the worker, from 0.
+        index: its number, from 0.
         count: how many there are.
-        scenes: what they share; by default all training scenes, if the environment has any by name.
     """
-    env = make_env(config, "train")
-    if scenes is None and env.has_wrapper_attr("scene_names"):
-        scenes = env.get_wrapper_attr("scene_names")
-    return CompleteEpisodes(env if scenes is None else ShareOfScenes(env, share(scenes, index, count)))
+    env = make_env(config)
+    scenes = training_scenes(env, config)
+    return CompleteEpisodes(ShareOfScenes(env, share(scenes, index, count)) if scenes else env)
 
 
-def share(scenes: tuple[str, ...], index: int, count: int) -> tuple[str, ...]:
-    """The scenes of one of several workers: every scene has one worker, unless there are more workers than scenes."""
+def share(scenes: Sequence[str], index: int, count: int) -> Sequence[str]:
+    """The scenes of one of several environments; no other one has them unless there are fewer scenes than these."""
     return scenes if len(scenes) < count else scenes[index::count]
 
 
-def make_vec_env(config: EnvConfig, count: int) -> VecEnv:
-    """Several environments that step side by side; a single one steps in this process."""
-    if count == 1:
-        return DummyVecEnv([functools.partial(make_training_env, config, 0, 1)])
-    return make_subproc_vec_env(config, count)
+def make_vec_env(config: EnvConfig, count: int, processes: int) -> VecEnv:
+    """Several environments, in this process or spread over others, each of these in a thread of its own.
 
-
-def make_subproc_vec_env(config: EnvConfig, count: int, scenes: tuple[str, ...] | None = None) -> VecEnv:
-    """Several environments, each in a process and a thread of its own; arguments as of ``make_training_env``."""
-    factories = [functools.partial(make_training_env, config, index, count, scenes) for index in range(count)]
+    Args:
+        config: which environment.
+        count: how many of it.
+        processes: over how many they are spread; 1 steps them here.
+    """
+    factories = [functools.partial(make_training_env, config, index, count) for index in range(count)]
+    if processes == 1:
+        return DummyVecEnv(factories)  # type: ignore[arg-type]
     with threads_of_children(1), hold_back_interrupts():
-        return SubprocVecEnv(factories, start_method="spawn")
+        return ProcessVecEnv(factories, min(processes, count))

@@ -6,13 +6,14 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from agents.planning.moves_and_looks import MovesAndLooks
 from agents.planning.prioritised_views import PrioritisedViews
 from labeling.core.errors import UsageError
 
 SHIPPED_FILE = Path(__file__).resolve().parents[1] / "hyperparams" / "ppo.yaml"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
-ENV_WRAPPERS = {"prioritised_views": PrioritisedViews}
+ENV_WRAPPERS = {"moves_and_looks": MovesAndLooks, "prioritised_views": PrioritisedViews}
 EARLIER_WRAPPER_NAMES = (
     "agents.prioritised_views.PrioritisedViews",
     "agents.network.prioritised_views.PrioritisedViews",

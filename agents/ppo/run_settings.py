@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.network.files import SETTINGS_FILE
-from agents.network.policy_network import pictures
+from agents.network.policy_network import observed_keys
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import EnvConfig
 from agents.ppo.hyperparameters import Hyperparameters, checked_hyperparameters, read_hyperparameters
@@ -16,7 +16,10 @@ from labeling.formats.checked_json import read_json
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import claim_run_folder
 
-KEPT = ("env", "detector", "reward", "seed", "eval_every", "eval_episodes")
+KEPT = (
+    *("env", "detector", "atlas", "reward", "seed"),
+    *("scenes", "validation_scenes", "eval_every", "eval_episodes"),
+)
 """Options that a run is begun with, kept in its folder beside the hyperparameters."""
 CHANGEABLE = ("eval_every", "n_timesteps", "n_envs")
 """Of these, the ones that a run may go on with in another size."""
@@ -34,12 +37,21 @@ class RunSettings:
     def env_config(self) -> EnvConfig:
         """The environment to train in."""
         options, hyperparameters = self.options, self.hyperparameters
-        colours = "rgb" in pictures(hyperparameters.policy_kwargs)
-        return EnvConfig(options.env, options.detector, options.reward, colours, hyperparameters.env_wrapper)
+        return EnvConfig(
+            env=options.env,
+            detector=options.detector,
+            reward=options.reward,
+            keys=observed_keys(hyperparameters.policy_kwargs),
+            wrapper=hyperparameters.env_wrapper,
+            atlas=None if options.atlas is None else str(options.atlas),
+            scenes=options.scenes,
+            validation_scenes=options.validation_scenes,
+        )
 
     def as_json(self) -> dict[str, Any]:
         """As it is written into the folder."""
         kept = {name: getattr(self.options, name) for name in KEPT}
+        kept["atlas"] = self.env_config.atlas
         return kept | {"hyperparameters": dataclasses.asdict(self.hyperparameters)}
 
 
@@ -96,13 +108,16 @@ def _resumed(config: PpoConfig, folder: Path) -> RunSettings:
 
 
 def _read_settings(folder: Path) -> RunSettings:
-    """The settings in the folder of a run; names of before, and settings that are no more, may be among them."""
+    """The settings in the folder of a run; settings that are no more may be among them."""
     path = folder / SETTINGS_FILE
     content = read_json(path)
     options: dict[str, Any] = {
         name: content.integer(name) if isinstance(getattr(PpoConfig, name), int) else content.text(name)
         for name in KEPT
+        if name != "atlas"
     }
+    if content.get("atlas").value is not None:
+        options["atlas"] = Path(content.text("atlas"))
     hyperparameters = checked_hyperparameters(content.get("hyperparameters").mapping(), str(path))
     return RunSettings(folder, PpoConfig(**options), hyperparameters)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
@@ -19,7 +20,7 @@ from agents.network.policy_network import build_policy, policy_arguments, policy
 from agents.network.spaces import describe
 from agents.ppo.callback import TrainingCallback
 from agents.ppo.config import PpoConfig
-from agents.ppo.envs import make_env, make_vec_env
+from agents.ppo.envs import make_env, make_vec_env, validation_scenes
 from agents.ppo.run_settings import RunSettings, claim_run, resolve_settings
 from agents.ppo.training_state import Progress, normalization_of, restore_training, write_training_state
 from agents.ppo.validation import MostLikelyAction, validate
@@ -28,6 +29,7 @@ from labeling.detectors.registry import choose_device
 from labeling.formats.atomic import atomic_folder, write_json
 from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.provenance import simulation_provenance
+from labeling.runtime.threads import num_threads
 from labeling.training.curves import open_tensorboard
 
 
@@ -55,15 +57,18 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
     folder, seed, hyperparameters = settings.folder, settings.options.seed, settings.hyperparameters
     device = choose_device(None if config.device == "auto" else config.device)
     with contextlib.ExitStack() as stack:
-        validation_env = make_env(replace(settings.env_config, reward="both"), "val")
+        stack.enter_context(_one_thread())
+        validation_env = make_env(replace(settings.env_config, reward="both"))
         stack.callback(validation_env.close)
+        scenes = validation_scenes(validation_env, settings.env_config)
         _check_network(settings, validation_env)
         claim_run(settings)
         say(f"run: {folder} (curves: tensorboard --logdir {folder / TENSORBOARD_FOLDER})")
 
         request = stack.enter_context(graceful_interrupt())
         stack.enter_context(_dead_workers_explained(folder))
-        workers = make_vec_env(settings.env_config, hyperparameters.n_envs)
+        processes = min(config.processes or num_threads(), hyperparameters.n_envs)
+        workers = make_vec_env(settings.env_config, hyperparameters.n_envs, processes)
         stack.callback(_close, workers)
         env = VecNormalize(workers, gamma=hyperparameters.gamma, **hyperparameters.normalize)
         model = PPO(
@@ -98,7 +103,7 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
 
         def validated() -> dict[str, float] | None:
             policy = MostLikelyAction(model.policy)
-            return validate(policy, validation_env, settings.options.eval_episodes, request.is_set)
+            return validate(policy, validation_env, settings.options.eval_episodes, request.is_set, scenes)
 
         callback = TrainingCallback(progress, settings.options.eval_every, validated, save, request, say, progress_bar)
         model.learn(hyperparameters.n_timesteps - progress.steps, callback=callback, reset_num_timesteps=False)
@@ -108,6 +113,17 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
         raise KeyboardInterrupt
     say(f"policy: {folder / BEST} (return {progress.best:.2f} on validation scenes, at step {progress.best_steps})")
     return progress
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Has torch compute in one thread: for networks so small more are slower, and results depend on their number."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class _Curves(TensorBoardOutputFormat):
@@ -120,8 +136,11 @@ class _Curves(TensorBoardOutputFormat):
 def _check_network(settings: RunSettings, env: gym.Env) -> None:
     """Refuses an environment or a network that do not go together, before any worker starts."""
     observation_space, action_space = env.observation_space, env.action_space
-    if not isinstance(observation_space, spaces.Dict) or not isinstance(action_space, spaces.Box):
-        raise UsageError(f"env {settings.options.env!r}: observations must be a Dict and actions a Box")
+    kinds = (spaces.Box, spaces.MultiDiscrete)
+    if not isinstance(observation_space, spaces.Dict) or not isinstance(action_space, kinds):
+        raise UsageError(
+            f"env {settings.options.env!r}: observations must be a Dict and actions a Box or MultiDiscrete"
+        )
     hyperparameters = settings.hyperparameters
     build_policy(observation_space, action_space, hyperparameters.policy, hyperparameters.policy_kwargs)
 
@@ -139,9 +158,7 @@ def _description(settings: RunSettings, env: gym.Env, progress: Progress) -> dic
             "use_sde": hyperparameters.use_sde,
         },
         "hyperparameters": asdict(hyperparameters),
-        "detector": options.detector,
-        "reward": options.reward,
-        "seed": options.seed,
+        **{name: getattr(options, name) for name in ("detector", "reward", "seed", "scenes", "validation_scenes")},
         "steps": progress.steps,
         "validation": {"episodes": options.eval_episodes, "figures": (progress.validations or [None])[-1]},
     }

@@ -1,6 +1,6 @@
 """How good a policy is on validation scenes: the same starts every time, and always the full reward."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -34,7 +34,11 @@ class MostLikelyAction:
 
 
 def validate(
-    policy: Policy, env: gym.Env, episodes: int, given_up: Callable[[], bool] = lambda: False
+    policy: Policy,
+    env: gym.Env,
+    episodes: int,
+    given_up: Callable[[], bool] = lambda: False,
+    scenes: Sequence[str] = (),
 ) -> dict[str, float] | None:
     """Statistics of a policy on validation episodes.
 
@@ -43,13 +47,15 @@ def validate(
         env: the environment, with validation scenes.
         episodes: how many.
         given_up: asked after every episode whether there is no more time.
+        scenes: where they are, spread evenly over these; none leaves it to the environment.
 
     Returns:
         Means over the episodes by name, None if given up.
     """
     done = []
     for number in range(episodes):
-        observation, info = env.reset(seed=FIRST_SEED + number)
+        options = {"scene": scenes[number * len(scenes) // episodes]} if scenes else None
+        observation, info = env.reset(seed=FIRST_SEED + number, options=options)
         statistics = EpisodeStatistics()
         for step in rollout(env, policy, observation, info, np.random.default_rng([number])):
             statistics.add(step.reward, step.info)

@@ -69,14 +69,15 @@ def _step(env: gym.Env, episodes: int) -> tuple[float, list[Float[np.ndarray, "4
 
 
 def _with_workers(quick: bool, colours: bool) -> Iterator[Row]:
-    """Steps of several workers side by side, ends of episodes included; each worker has one thread."""
-    from agents.ppo.envs import EnvConfig, make_subproc_vec_env
+    """Steps of several workers side by side in one scene, ends of episodes included; each worker has one thread."""
+    from agents.ppo.envs import EnvConfig, make_vec_env
 
     steps = MAX_EPISODE_STEPS * (1 if quick else 12)
     rng = np.random.default_rng(0)
     alone = None
     for count in WORKERS:
-        with contextlib.closing(make_subproc_vec_env(EnvConfig(ENV_ID, colours=colours), count, (SCENE,))) as workers:
+        config = EnvConfig(ENV_ID, keys=("rgb", "depth", "state") if colours else ("depth", "state"), scenes=1)
+        with contextlib.closing(make_vec_env(config, count, count)) as workers:
             workers.seed(0)
             workers.reset()
             started = time.perf_counter()
@@ -98,13 +99,14 @@ def _learning(quick: bool) -> Iterator[Row]:
     from stable_baselines3.common.logger import Logger
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from agents.network.policy_network import policy_arguments, policy_class
+    from agents.network.policy_network import observed_keys, policy_arguments, policy_class
     from agents.ppo.envs import EnvConfig, make_training_env
     from agents.ppo.hyperparameters import read_hyperparameters
 
     settings = read_hyperparameters(ENV_ID)
     arguments = replace(settings, n_steps=settings.batch_size).ppo_arguments()
-    env = DummyVecEnv([lambda: make_training_env(EnvConfig(ENV_ID), 0, 1)])
+    config = EnvConfig(ENV_ID, keys=observed_keys(settings.policy_kwargs), wrapper=settings.env_wrapper)
+    env = DummyVecEnv([lambda: make_training_env(config, 0, 1)])
     network = policy_arguments(settings.policy_kwargs)
     model = PPO(policy_class(settings.policy), env, policy_kwargs=network, device="cpu", seed=0, **arguments)
     model.set_logger(Logger(None, []))

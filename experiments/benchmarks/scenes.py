@@ -115,7 +115,7 @@ def visit(env_id: str, episodes: int, steps: int | None, scenes: bool = False, t
     if training:
         from agents.ppo.envs import EnvConfig, make_training_env
 
-        env = make_training_env(EnvConfig(env_id, colours=False), 0, 1)
+        env = make_training_env(EnvConfig(env_id, keys=("state",)), 0, 1)
     else:
         env = gym.make(f"sbm_gym:{env_id}")
     names = env.get_wrapper_attr("scene_names")

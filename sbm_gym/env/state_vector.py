@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from sbm_gym.env.simulation import Simulation
+from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import KnownObject, ViewBins
 from sbm_gym.robot.view_history import Candidate
 from sbm_gym.scenes.profiles import ObservationScales
@@ -78,9 +79,7 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
     def of_candidate(one: Candidate | None) -> list[Any]:
         return [0.0] * 5 if one is None else [one.confidence, *place(one.centroid_m), len(one.looks) / MANY_LOOKS]
 
-    others = [known for known in robot.objects if known is not target]
-    others.sort(key=lambda known: float(np.linalg.norm((known.centroid_m - camera_m)[:2])))
-    likely = sorted(robot.view_history.candidates, key=confirmation_score, reverse=True)
+    others, likely = nearest_others(robot, camera_m), likely_candidates(robot)
     about_target = [0.0, 0.0, 0.0]
     if target is not None:
         x, y, z = target.centroid_m - camera_m
@@ -98,6 +97,17 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         *robot.seen_floor.unseen_around(position_m, yaw_rad, rings, UNSEEN_DIRECTIONS).ravel().tolist(),
     ]
     return np.array(entries, float).clip(-1.0, 1.0).astype(np.float32)
+
+
+def nearest_others(robot: RobotKnowledge, camera_m: Float[np.ndarray, "3"]) -> list[KnownObject]:
+    """The confirmed objects beside the fixation target in the order that observations have them: nearest first."""
+    others = [known for known in robot.objects if known is not robot.target]
+    return sorted(others, key=lambda known: float(np.linalg.norm((known.centroid_m - camera_m)[:2])))
+
+
+def likely_candidates(robot: RobotKnowledge) -> list[Candidate]:
+    """The unconfirmed ones in the order that observations have them: the most promising first."""
+    return sorted(robot.view_history.candidates, key=confirmation_score, reverse=True)
 
 
 def confirmation_score(candidate: Candidate) -> float:

@@ -1,5 +1,6 @@
 """Training: it learns, goes on where it stopped, and says in one line what it cannot do."""
 
+import contextlib
 import json
 import os
 import signal
@@ -8,6 +9,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -18,12 +20,23 @@ from agents.network.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE,
 from agents.policies.ppo import Ppo
 from agents.ppo import training
 from agents.ppo.config import PpoConfig
-from agents.ppo.envs import REWARDS, CompleteEpisodes, EnvConfig, ShareOfScenes, make_env, share
-from agents.ppo.run_settings import claim_run, resolve_settings
+from agents.ppo.envs import (
+    EPISODES_PER_SCENE,
+    REWARDS,
+    CompleteEpisodes,
+    EnvConfig,
+    ShareOfScenes,
+    make_env,
+    make_vec_env,
+    share,
+    training_scenes,
+    validation_scenes,
+)
 from agents.train import main
 from labeling.core.errors import UsageError
 from sbm_gym.env.rewards import reward_terms
 from sbm_gym.robot.object_memory import MemoryUpdate
+from sbm_gym.worlds.splits import INTERIORS
 
 from .toy_world import ENV_ID, Echo
 
@@ -197,22 +210,6 @@ def test_other_settings_in_the_same_folder_are_refused(trained, config, change, 
     assert says in str(caught.value)
 
 
-def test_runs_of_before_go_on(config, tmp_path):
-    path = tmp_path / "toy.yaml"
-    path.write_text(HYPERPARAMS.replace("n_timesteps", "env_wrapper: prioritised_views\n  n_timesteps"))
-    out = tmp_path / "run"
-    begun = resolve_settings(replace(config, out=out, hyperparams=path))
-    content = begun.as_json()
-    assert content["hyperparameters"]["env_wrapper"] == "prioritised_views"
-    content["hyperparameters"]["env_wrapper"] = "agents.prioritised_views.PrioritisedViews"
-    out.mkdir()
-    (out / SETTINGS_FILE).write_text(json.dumps(content | {"imitate": "ring", "imitate_episodes": 0}))
-    claim_run(begun)
-    assert json.loads((out / SETTINGS_FILE).read_text()) == begun.as_json()
-    resumed = resolve_settings(PpoConfig(resume=out))
-    assert (resumed.as_json(), resumed.env_config) == (begun.as_json(), begun.env_config)
-
-
 def test_what_cannot_be_changed_is_refused_with_resume(trained, config):
     with pytest.raises(UsageError, match=r"--seed 7 cannot be given with --resume"):
         train(PpoConfig(resume=config.out, seed=7))
@@ -314,6 +311,32 @@ def test_episodes_end_for_good_and_hand_on_statistics_only():
     assert info["episode_statistics"]["steps"] == 10
 
 
+def test_training_and_validation_share_no_scene():
+    config = EnvConfig("sbm_gym/IndoorBuiltin-v0", keys=("state",), scenes=7, validation_scenes=4)
+    env = make_env(config)
+    training, validation = training_scenes(env, config), validation_scenes(env, config)
+    env.close()
+    assert (len(training), len(validation)) == (7, 4)
+    assert not set(training) & set(validation)
+    assert set(training) | set(validation) <= set(INTERIORS.of_split("endless"))
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_processes(hyperparams, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    config, found = EnvConfig(f"toy_world:{ENV_ID}"), []
+    for processes in (1, 2):
+        with contextlib.closing(make_vec_env(config, 3, processes)) as envs:
+            envs.seed(5)
+            seen: list[Any] = [envs.reset()["state"]]  # type: ignore[call-overload]
+            for step in range(12):
+                observation, rewards, ends, infos = envs.step(np.full((3, 4), 0.1 * step))
+                seen += [observation["state"], rewards, ends, len(infos)]  # type: ignore[call-overload]
+            assert envs.get_attr("split") == ["endless"] * 3
+        found.append(seen)
+    assert all(np.array_equal(one, other) for one, other in zip(*found, strict=True))
+
+
 @pytest.mark.parametrize(("scenes", "workers"), [(15, 4), (3, 3), (3, 4), (15, 1)])
 def test_every_scene_has_a_worker(scenes, workers):
     names = tuple(f"train/{k:02d}" for k in range(scenes))
@@ -331,7 +354,7 @@ def test_workers_stay_in_their_share_of_the_scenes_and_are_seeded():
 
     def visited(seed):
         env, found = ShareOfScenes(Rooms(), ("a", "b", "c")), []
-        for episode in range(12):
+        for episode in range(12 * EPISODES_PER_SCENE):
             env.reset(seed=seed if episode == 0 else None)
             found.append(env.unwrapped.scene)  # type: ignore[attr-defined]
         return found
@@ -358,9 +381,9 @@ def test_rewards_switch_terms_off_by_name():
 
 
 def test_training_pays_the_reward_asked_for_in_the_scenes_of_its_split():
-    env = make_env(EnvConfig(ENV_ID, reward="discovery"), "val").unwrapped
+    env = make_env(EnvConfig(ENV_ID, reward="discovery")).unwrapped
     assert isinstance(env, Echo)
-    assert env.split == "val"
+    assert env.split == "endless"
     assert env.settings["reward_weights"] == REWARDS["discovery"]
     assert env.settings["detector"] == "simulated"
 

@@ -1,0 +1,113 @@
+"""Moves and looks: they do what their numbers say, and never run into what the map shows."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.network.checkpoint import write_policy
+from agents.network.policy_network import build_policy
+from agents.network.spaces import describe
+from agents.planning.moves_and_looks import ACTION_SPACE, DIRECTIONS, LOOKS, STAY, MovesAndLooks, free_step
+from agents.policies.ppo import Ppo
+from sbm_gym.env.state_vector import likely_candidates, nearest_others
+from sbm_gym.robot.object_memory import MemoryConfig
+from sbm_gym.worlds.geometry.navigable import NavigableMap
+
+from ...sbm_gym.box_rooms import BoxRooms
+
+KWARGS = {"net_arch": [8], "features_extractor_kwargs": {"features": 8, "pictures": []}}
+
+
+def make_env() -> gym.Env:
+    # Confirms more than the usual one or two.
+    memory = MemoryConfig(confident=0.4)
+    return gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), memory=memory, colours=False)
+
+
+def angle_between(a_rad: float, b_rad: float) -> float:
+    return abs((a_rad - b_rad + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def test_choices_do_what_they_say_and_hit_nothing():
+    env, rng = MovesAndLooks(make_env()), np.random.default_rng(0)
+    looked = dict.fromkeys(LOOKS, 0)
+    straight = 0
+    for seed in range(6):
+        _, info = env.reset(seed=seed)
+        robot = env.get_wrapper_attr("knowledge")
+        for _ in range(25):
+            move, look = int(rng.integers(DIRECTIONS + 1)), int(rng.integers(len(LOOKS)))
+            before, target = info["agent"], robot.target
+            places = {"target": None if target is None else target.centroid_m}
+            camera_m = before["camera_to_world"][:3, 3]
+            places |= {f"candidate_{k}": one.centroid_m for k, one in enumerate(likely_candidates(robot))}
+            places |= {f"other_{k}": one.centroid_m for k, one in enumerate(nearest_others(robot, camera_m))}
+            wanted_m = places.get(str(LOOKS[look]))
+            *_, info = env.step(np.array([move, look]))
+            after = info["agent"]
+            assert not info["collided"]
+            moved_m = after["position_m"] - before["position_m"]
+            length_m = float(np.linalg.norm(moved_m))
+            assert length_m < robot.stride_m + 1e-3
+            if move == STAY:
+                assert length_m < 1e-3
+            elif length_m > 1e-3:
+                side_rad = before["yaw_rad"] + move * np.pi / 4
+                aside_rad = angle_between(np.arctan2(moved_m[1], moved_m[0]), side_rad)
+                assert aside_rad < np.pi / 2 + 1e-2
+                straight += aside_rad < 1e-2
+            if target is not None and wanted_m is not None:
+                offset = wanted_m - after["camera_to_world"][:3, 3]
+                assert angle_between(after["yaw_rad"], np.arctan2(offset[1], offset[0])) < 0.02
+                looked[LOOKS[look]] += 1
+            elif target is not None and not isinstance(LOOKS[look], str):
+                assert angle_between(after["yaw_rad"], before["yaw_rad"] + LOOKS[look]) < 0.02
+                looked[LOOKS[look]] += 1
+    assert straight > 20
+    assert all(looked[what] for what in ("target", "candidate_0", np.pi))
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), max_size=150),
+    st.floats(0.0, 2.0 * np.pi),
+    st.floats(0.1, 0.9),
+    st.floats(0.1, 0.9),
+)
+def test_no_step_leaves_the_free_floor(blocked, direction_rad, x, y):
+    free = np.ones((20, 20), bool)
+    for row, column in blocked:
+        free[row, column] = False
+    navigable = NavigableMap(free, np.zeros(2))
+    start_m = np.array([x, y])
+    step_m = free_step(navigable, start_m, 0.3, direction_rad)
+    # By brute force: every point of the way.
+    if np.any(step_m):
+        assert all(navigable.is_free(start_m + share * step_m) for share in np.linspace(0.0, 1.0, 200))
+        assert np.linalg.norm(step_m) == pytest.approx(0.3) or np.linalg.norm(step_m) == pytest.approx(0.15)
+    ahead_m = start_m + 0.3 * np.array([np.cos(direction_rad), np.sin(direction_rad)])
+    if navigable.line_is_free(start_m, ahead_m):
+        assert step_m == pytest.approx(ahead_m - start_m)
+
+
+def test_a_checkpoint_acts_as_in_training(tmp_path):
+    wrapped, env = MovesAndLooks(make_env()), make_env()
+    space = gym.spaces.Dict({"state": env.observation_space["state"]})  # type: ignore[index]
+    network = build_policy(space, ACTION_SPACE, "MultiInputPolicy", KWARGS)
+    description = {
+        "env": "sbm_gym/Indoor-v0",
+        "observation_space": describe(space),
+        "action_space": describe(ACTION_SPACE),
+        "policy": {"class": "MultiInputPolicy", "kwargs": KWARGS},
+        "hyperparameters": {"env_wrapper": "moves_and_looks"},
+    }
+    write_policy(tmp_path, network, description, {})
+    policy = Ppo(tmp_path)
+    seen, _ = wrapped.reset(seed=3)
+    observation, info = env.reset(seed=3)
+    policy.reset(env, observation, info, np.random.default_rng(0))
+    for _ in range(25):
+        seen, *_ = wrapped.step(network.predict({"state": seen["state"]}, deterministic=True)[0])
+        observation, *_, info = env.step(policy.act(observation, info))
+        assert np.array_equal(seen["state"], observation["state"])
