@@ -1,12 +1,11 @@
 """Makes a trained policy the one that comes with the project: ``python -m experiments.ship_policy RUN``."""
 
-import contextlib
 import hashlib
 import re
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +17,6 @@ from labeling.runtime.cli import make_main
 
 MAX_MB = 20
 MAX_POINTS = 400
-REFERENCES = ("random", "ring", "next_best_view")
 SUFFIXES = (".safetensors", ".json")
 """Of the files of a checkpoint that is to be shipped."""
 RECORD = "policy_training_{}.json"
@@ -28,11 +26,7 @@ ENV_NAME = re.compile(r"[A-Za-z0-9_]+-v\d+")
 
 @dataclass(frozen=True)
 class ShipConfig:
-    """Copies a checkpoint of RUN to where the policy ``ppo`` is read from, and keeps how it was trained.
-
-    Plays the validation episodes of the run once more with hand-written policies, so that the learning curve has
-    something to be compared with.
-    """
+    """Copies a checkpoint of RUN to where the policy ``ppo`` is read from, and keeps how it was trained."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
     """Folder of a run of agents.train."""
@@ -106,11 +100,6 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
         SbmError: if the run keeps no history.
     """
     from agents.network.files import HISTORY_FILE, SETTINGS_FILE
-    from agents.policies.registry import make_policy
-    from agents.ppo.config import PpoConfig
-    from agents.ppo.envs import make_env, validation_scenes
-    from agents.ppo.run_settings import resolve_settings
-    from agents.ppo.validation import validate
     from experiments.tables.trained_policies import training_command
     from labeling.formats.checked_json import read_json
     from labeling.runtime.provenance import experiment_provenance
@@ -119,13 +108,6 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
     rollouts, validations = history["rollouts"], history["validations"]
     if not validations:
         raise UsageError(f"{folder / HISTORY_FILE}: has no validation; train on with --resume {folder}")
-    config = replace(resolve_settings(PpoConfig(resume=folder)).env_config, wrapper=None, reward="both")
-    references = {}
-    with contextlib.closing(make_env(config)) as env:
-        scenes = validation_scenes(env, config)
-        for name in REFERENCES:
-            policy = make_policy(name, settings["env"])
-            references[name] = validate(policy, env, settings["eval_episodes"], scenes=scenes)
     return {
         "env": settings["env"],
         "command": training_command(settings),
@@ -134,7 +116,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
         "validations": [_short(one) for one in validations],
         "rollouts": [_short(one) for one in thinned(rollouts, MAX_POINTS)],
         "rollouts_in_all": len(rollouts),
-        "references": {name: _short(figures) for name, figures in references.items() if figures is not None},
+        "references": {name: _short(figures) for name, figures in history.get("baselines", {}).items()},
         "checkpoint": {
             **{name: value for name, value in origin.items() if name not in ("command", "hyperparameters")},
             "sha256": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},

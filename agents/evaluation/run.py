@@ -24,7 +24,7 @@ from agents.policies.base import Policy
 from agents.policies.registry import make_policy
 from agents.rollouts.environments import capture_size, inner_env, make_env
 from agents.rollouts.run_episode import EpisodeSpec, another_draw, episode_spec, run_episode
-from agents.rollouts.scene_shares import scenes_for
+from agents.rollouts.scene_shares import scenes_to_compare_in
 from labeling.core.errors import UsageError
 from labeling.formats.atomic import write_json
 from labeling.runtime.process_pool import PerProcess, map_jobs
@@ -35,12 +35,15 @@ from labeling.runtime.threads import one_network_thread
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
 
-def evaluate_policies(config: EvaluateConfig, reuse: Path | None = None) -> dict[str, Any]:
+def evaluate_policies(
+    config: EvaluateConfig, reuse: Path | None = None, show: Callable[[dict[str, Any]], None] = print_tables
+) -> dict[str, Any]:
     """Evaluates policies; see ``EvaluateConfig``.
 
     Args:
         config: the settings.
         reuse: for an evaluation without labels: the folder of one with, whose episodes need not be run again.
+        show: takes what was found and tells it.
 
     Returns:
         The content of ``evaluation.json``.
@@ -80,7 +83,7 @@ def evaluate_policies(config: EvaluateConfig, reuse: Path | None = None) -> dict
         records = {policy: [evaluator.results(spec, policy) for spec in specs] for policy in config.policies}
         content = summary(config, records)
         write_json(config.out / RESULT_FILE, content)
-        print_tables(content)
+        show(content)
         _draw(evaluator, content, records, specs)
     return content
 
@@ -101,7 +104,7 @@ class Evaluator:
         self._keys = {policy: policy_key(policy, config.env) for policy in config.policies}
         self._policies: dict[str, Policy] = {policy: make_policy(policy, config.env) for policy in config.policies}
         self.env = make_env(config.env, config.split, config.detector)
-        self.scenes = scenes_for("comparing", config.split, inner_env(self.env).scene_names)[: config.scenes]
+        self.scenes = scenes_to_compare_in(config.split, inner_env(self.env).scene_names)[: config.scenes]
         """Names of the scenes that episodes begin in."""
 
     def path(self, spec: EpisodeSpec, policy: str) -> Path:

@@ -1,11 +1,13 @@
 """What happens beside training: progress, curves, validation, checkpoints."""
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
+from agents.ppo.report import Pace, beside
 from agents.ppo.training_state import Progress
 from agents.rollouts.episode_statistics import TERM_PREFIX, means
 
@@ -26,6 +28,8 @@ class TrainingCallback(BaseCallback):
         request: threading.Event,
         say: Callable[[str], None],
         progress_bar: Callable[..., Any],
+        pace: Pace,
+        baselines: Mapping[str, Mapping[str, float]],
     ) -> None:
         """Starts where training stands.
 
@@ -37,8 +41,11 @@ class TrainingCallback(BaseCallback):
             request: to stop at the next good moment.
             say: where progress is told.
             progress_bar: makes a progress bar (``tqdm``).
+            pace: told when what begins and how long it takes.
+            baselines: figures of hand-written policies in the validation episodes.
         """
         super().__init__()
+        self._pace, self._beside, self._forecast_said = pace, beside(baselines), False
         self._progress, self._eval_every = progress, eval_every
         self._validate, self._save, self._request, self._say = validate, save, request, say
         self._make_bar = progress_bar
@@ -52,8 +59,12 @@ class TrainingCallback(BaseCallback):
         self._bar = self._make_bar(total=total, initial=self._progress.steps, desc="training")
 
     def _on_rollout_start(self) -> None:
+        if not self._forecast_said and (forecast := self._pace.forecast(self.num_timesteps)):
+            self._say(forecast)
+            self._forecast_said = True
         self._after_update(last=False)
         self._episodes, self._in_rollout = [], True
+        self._pace.begin_rollout(self.num_timesteps)
 
     def _on_step(self) -> bool:
         infos = self.locals["infos"]
@@ -70,7 +81,8 @@ class TrainingCallback(BaseCallback):
         for name, value in statistics.items():
             self.logger.record(name if name.startswith(TERM_PREFIX) else f"episode/{name}", value)
         self._progress.rollouts.append({"at": float(self.num_timesteps), **statistics})
-        self._bar.set_postfix_str(f"return {statistics['return']:.2f}, success {statistics['success']:.0%}")
+        validated = f", validation {self._progress.validations[-1]['return']:.2f}" if self._progress.validations else ""
+        self._bar.set_postfix_str(f"return {statistics['return']:.2f}{validated}{self._beside}")
 
     def _on_training_end(self) -> None:
         if not self._in_rollout:
@@ -84,7 +96,11 @@ class TrainingCallback(BaseCallback):
             return  # just restored: all of this has been done
         progress.steps = now
         since = now - int(progress.validations[-1]["at"]) if progress.validations else self._eval_every
-        statistics = self._validate() if since >= self._eval_every or (last and since) else None
+        statistics = None
+        if since >= self._eval_every or (last and since):
+            began_s = time.monotonic()
+            statistics = self._validate()
+            self._pace.validation_s = time.monotonic() - began_s
         is_best = statistics is not None and (progress.best is None or statistics["return"] > progress.best)
         if statistics is not None:
             progress.validations.append({"at": float(now), **statistics})
@@ -95,8 +111,8 @@ class TrainingCallback(BaseCallback):
             if is_best:
                 progress.best, progress.best_steps = statistics["return"], now
             self._say(
-                f"step {now}: validation return {statistics['return']:.2f}, success {statistics['success']:.0%}, "
-                f"coverage {statistics['coverage']:.0%}, collisions {statistics['collisions']:.1f}; "
-                f"best {progress.best:.2f} at step {progress.best_steps}"
+                f"step {now}: validation return {statistics['return']:.2f}{self._beside}, "
+                f"success {statistics['success']:.0%}, coverage {statistics['coverage']:.0%}, "
+                f"collisions {statistics['collisions']:.1f}; best {progress.best:.2f} at step {progress.best_steps}"
             )
         self._save(is_best)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from labeling.runtime.ranges import Count, Seed
+from labeling.runtime.ranges import Count, NonNegative, Seed
 
 PaidReward = Literal["both", "discovery", "diversity", "neither"]
 """Which terms of the reward are paid beside those for collisions and steps."""
@@ -14,8 +14,11 @@ PaidReward = Literal["both", "discovery", "diversity", "neither"]
 class PpoConfig:
     """Trains a policy that decides where to go and where to look, with PPO.
 
-    RUN/best holds the policy with the highest return on the validation scenes, RUN/last the latest one; either is a
-    policy by the name of ppo:FOLDER. A run that was stopped goes on where it was when the same command is given again.
+    Says beforehand what it will take and then how fast it goes, tells the return on validation scenes beside those of
+    hand-written policies from the same starts, and ends with a table on unseen scenes and the commands that use the
+    policy. RUN/best holds the policy with the highest return on the validation scenes, RUN/last the latest one; either
+    is a policy by the name of ppo:FOLDER. A run that was stopped goes on where it was when the same command is given
+    again.
     """
 
     out: Path | None = None
@@ -46,7 +49,11 @@ class PpoConfig:
     """Steps between validations."""
     eval_episodes: Count = 200
     """Episodes of a validation; the same starts every time."""
+    compare_episodes: NonNegative[int] = 100
+    """Starts of the table at the end, which says how the policy does beside hand-written ones and its untrained self
+    in scenes that it was neither trained in nor chosen by; 0 makes none."""
     device: str = "auto"
     """Where the network computes: cpu, cuda, ...; auto takes a GPU if there is one."""
     resume: Path | None = None
-    """Go on with this run, with its settings; only --steps, --envs, --processes and --device may be given with it."""
+    """Go on with this run, with its settings; only --steps, --envs, --processes, --compare-episodes
+    and --device may be given with it."""

@@ -11,6 +11,7 @@ from agents.network.policy_network import observed_keys
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import EnvConfig
 from agents.ppo.hyperparameters import Hyperparameters, checked_hyperparameters, read_hyperparameters
+from agents.rollouts.scene_shares import LEARNT_FROM
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.formats.checked_json import read_json
 from labeling.runtime.ranges import check_ranges
@@ -62,6 +63,11 @@ def resolve_settings(config: PpoConfig) -> RunSettings:
         SbmError: if a setting makes no sense, or there is no run to go on with.
     """
     check_ranges(config)
+    if config.scenes + config.validation_scenes > LEARNT_FROM:
+        raise UsageError(
+            f"--scenes and --validation-scenes must be {LEARNT_FROM} or less together, not {config.scenes} and "
+            f"{config.validation_scenes}: the others are for comparing policies"
+        )
     if config.resume is None:
         env_id = config.env.rpartition(":")[2]
         folder = config.out or Path("out/ppo") / env_id.rpartition("/")[2]

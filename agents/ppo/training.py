@@ -8,19 +8,21 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from agents.evaluation.run import evaluate_policies
 from agents.network.checkpoint import write_policy
-from agents.network.files import BEST, HISTORY_FILE, LAST, STATE_FILE, TENSORBOARD_FOLDER
+from agents.network.files import BEST, FIRST, HISTORY_FILE, LAST, STATE_FILE, TENSORBOARD_FOLDER
 from agents.network.policy_network import build_policy, policy_arguments, policy_class
 from agents.network.spaces import describe
+from agents.ppo.baselines import kept_baselines, play_baselines
 from agents.ppo.callback import TrainingCallback
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import make_env, make_vec_env, validation_scenes
+from agents.ppo.report import Pace, commands, comparison, plan, table
 from agents.ppo.run_settings import RunSettings, claim_run, resolve_settings
 from agents.ppo.training_state import Progress, normalization_of, restore_training, write_training_state
 from agents.ppo.validation import MostLikelyAction, validate
@@ -29,7 +31,7 @@ from labeling.detectors.registry import choose_device
 from labeling.formats.atomic import atomic_folder, write_json
 from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.provenance import simulation_provenance
-from labeling.runtime.threads import num_threads
+from labeling.runtime.threads import num_threads, one_network_thread
 from labeling.training.curves import open_tensorboard
 
 
@@ -54,20 +56,44 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
         >>> progress = train_ppo(PpoConfig(out=Path("run"), steps=8000), print, tqdm)  # doctest: +SKIP, takes minutes
     """
     settings = resolve_settings(config)
+    processes = min(config.processes or num_threads(), settings.hyperparameters.n_envs)
+    progress, scenes = _train(settings, config, processes, say, progress_bar)
+    say(
+        f"policy: {settings.folder / BEST} (return {progress.best:.2f} on validation scenes, at step "
+        f"{progress.best_steps})"
+    )
+    if scenes and config.compare_episodes and (settings.folder / FIRST).is_dir():
+        content = evaluate_policies(comparison(settings, config.compare_episodes, processes), show=lambda _: None)
+        say(table(content, progress))
+    say(commands(settings))
+    return progress
+
+
+def _train(
+    settings: RunSettings,
+    config: PpoConfig,
+    processes: int,
+    say: Callable[[str], None],
+    progress_bar: Callable[..., Any],
+) -> tuple[Progress, tuple[str, ...]]:
+    """Trains to the end; returns how it went, and the scenes it was validated in.
+
+    Raises:
+        SbmError: see ``train_ppo``.
+        KeyboardInterrupt: likewise.
+    """
     folder, seed, hyperparameters = settings.folder, settings.options.seed, settings.hyperparameters
     device = choose_device(None if config.device == "auto" else config.device)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(_one_thread())
+        stack.enter_context(one_network_thread())
         validation_env = make_env(replace(settings.env_config, reward="both"))
         stack.callback(validation_env.close)
         scenes = validation_scenes(validation_env, settings.env_config)
         _check_network(settings, validation_env)
         claim_run(settings)
-        say(f"run: {folder} (curves: tensorboard --logdir {folder / TENSORBOARD_FOLDER})")
 
         request = stack.enter_context(graceful_interrupt())
         stack.enter_context(_dead_workers_explained(folder))
-        processes = min(config.processes or num_threads(), hyperparameters.n_envs)
         workers = make_vec_env(settings.env_config, hyperparameters.n_envs, processes)
         stack.callback(_close, workers)
         env = VecNormalize(workers, gamma=hyperparameters.gamma, **hyperparameters.normalize)
@@ -85,45 +111,53 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
             say(f"going on from step {progress.steps}")
         if progress.steps >= hyperparameters.n_timesteps:
             say(f"finished at step {progress.steps} already; --steps with more goes on")
-            return progress
+            return progress, scenes
+        say(plan(settings, progress.steps, len(scenes), config.compare_episodes))
+        baselines = kept_baselines(folder)
+        if baselines is None and scenes:
+            validation = replace(settings.env_config, reward="both")
+            episodes = settings.options.eval_episodes
+            baselines = play_baselines(validation, episodes, scenes, processes, progress_bar, request.is_set)
+            if baselines is None:
+                say(f"stopped before the first step; python -m agents.train --resume {folder} goes on")
+                raise KeyboardInterrupt
+        baselines = baselines or {}
         # Environments cannot be put back into the middle of an episode: they start new ones, other than those before.
         env.seed(int(np.random.SeedSequence([seed, progress.steps]).generate_state(1)[0] % 2**31))
         curves = open_tensorboard(folder / TENSORBOARD_FOLDER, progress.steps, say)
         model.set_logger(Logger(None, [] if curves is None else [_Curves(curves)]))
+        levels = {} if curves is None else {name: folder / TENSORBOARD_FOLDER / name for name in baselines}
+        lines = {name: open_tensorboard(path, progress.steps, say) for name, path in levels.items()}
         origin = simulation_provenance()
 
         def save(is_best: bool) -> None:
             description = _description(settings, validation_env, progress) | origin
-            for name in (BEST, LAST) if is_best else (LAST,):
+            untrained = progress.steps == 0
+            for name in (*(FIRST,) * untrained, *(BEST,) * is_best, LAST):
                 with atomic_folder(folder / name) as temporary:
                     write_policy(temporary, model.policy, description, normalization_of(env))
                     if name == LAST:
                         write_training_state(temporary / STATE_FILE, model, progress)
-            write_json(folder / HISTORY_FILE, {"rollouts": progress.rollouts, "validations": progress.validations})
+            history = {"rollouts": progress.rollouts, "validations": progress.validations, "baselines": baselines}
+            write_json(folder / HISTORY_FILE, history)
+            for name, line in lines.items():
+                line.add_scalar("validation/return", baselines[name]["return"], progress.steps)
 
         def validated() -> dict[str, float] | None:
             policy = MostLikelyAction(model.policy)
             return validate(policy, validation_env, settings.options.eval_episodes, request.is_set, scenes)
 
-        callback = TrainingCallback(progress, settings.options.eval_every, validated, save, request, say, progress_bar)
+        eval_every = settings.options.eval_every
+        pace = Pace(hyperparameters.n_timesteps, eval_every)
+        callback = TrainingCallback(progress, eval_every, validated, save, request, say, progress_bar, pace, baselines)
         model.learn(hyperparameters.n_timesteps - progress.steps, callback=callback, reset_num_timesteps=False)
         model.logger.close()
+        for line in lines.values():
+            line.close()
     if callback.stopped:
         say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
         raise KeyboardInterrupt
-    say(f"policy: {folder / BEST} (return {progress.best:.2f} on validation scenes, at step {progress.best_steps})")
-    return progress
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Has torch compute in one thread: for networks so small more are slower, and results depend on their number."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+    return progress, scenes
 
 
 class _Curves(TensorBoardOutputFormat):

@@ -54,12 +54,23 @@ def validate(
     """
     done = []
     for number in range(episodes):
-        options = {"scene": scenes[number * len(scenes) // episodes]} if scenes else None
-        observation, info = env.reset(seed=FIRST_SEED + number, options=options)
-        statistics = EpisodeStatistics()
-        for step in rollout(env, policy, observation, info, np.random.default_rng([number])):
-            statistics.add(step.reward, step.info)
-        done.append(statistics.result())
+        done.append(play(policy, env, number, scenes[number * len(scenes) // episodes] if scenes else None))
         if given_up():
             return None
     return means(done)
+
+
+def play(policy: Policy, env: gym.Env, number: int, scene: str | None) -> dict[str, float]:
+    """Statistics of one validation episode.
+
+    Args:
+        policy: who acts.
+        env: the environment.
+        number: of the episode: decides where it starts.
+        scene: where it is; None leaves it to the environment.
+    """
+    observation, info = env.reset(seed=FIRST_SEED + number, options=None if scene is None else {"scene": scene})
+    statistics = EpisodeStatistics()
+    for step in rollout(env, policy, observation, info, np.random.default_rng([number])):
+        statistics.add(step.reward, step.info)
+    return statistics.result()

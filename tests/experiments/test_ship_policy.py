@@ -42,6 +42,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         hyperparams=write_hyperparams(folder),
         eval_every=20,
         eval_episodes=2,
+        scenes=2,
+        validation_scenes=1,
+        compare_episodes=0,
         seed=3,
     )
     train_ppo(config, lambda _: None, Silent)
@@ -80,6 +83,9 @@ def test_the_record_tells_how_the_run_went(trained: Path, tmp_path: Path) -> Non
     assert record["best"]["return"] == max(returns)
     assert record["checkpoint"]["steps"] == record["best"]["at"]
     assert record["rollouts_in_all"] == len(record["rollouts"]) == len(history["rollouts"])
+    assert list(record["references"]) == ["random", "ring", "next_best_view"]
+    for name, figures in record["references"].items():
+        assert figures["return"] == pytest.approx(history["baselines"][name]["return"], abs=1e-4)
     assert record["settings"]["seed"] == 3
     assert f"--env {SHORT_ENV_ID} --steps 30 --seed 3" in record["command"]
     assert str(trained) not in json.dumps(record)
