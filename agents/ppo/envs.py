@@ -83,27 +83,38 @@ class CompleteEpisodes(gym.Wrapper):
         return observation, float(reward), ended, False, last
 
 
-class ShareOfScenes(gym.Wrapper):
-    """Draws scenes from a share of those for training, so that no two environments build the same one.
+class NumberedEpisodes(gym.Wrapper):
+    """Begins every episode as its number and the seed say, whatever went before, in a share of the training scenes.
 
-    To build a scene takes as long as some hundred steps. Once built, it is opened from disk.
+    So a run that goes on plays what it would have played. No two environments have the same scene: to open one takes as
+    long as some hundred steps.
     """
 
     def __init__(self, env: gym.Env, scenes: Sequence[str]) -> None:
-        """Wraps an environment that takes the option ``scene``."""
+        """Wraps an environment.
+
+        Args:
+            env: takes the option ``scene``, if there are any.
+            scenes: to draw from; none leaves it to the environment.
+        """
         super().__init__(env)
         self._scenes = scenes
-        self._rng = np.random.default_rng()
-        self._scene, self._episodes = "", 0
+        self._seed = self._number = 0
+
+    def begin_at(self, number: int) -> None:
+        """The next episode is that of the number."""
+        self._number = number
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode in one of the scenes."""
-        if seed is not None:
-            self._rng, self._episodes = np.random.default_rng(seed), 0
-        if self._episodes % EPISODES_PER_SCENE == 0:
-            self._scene = self._scenes[int(self._rng.integers(len(self._scenes)))]
-        self._episodes += 1
-        return self.env.reset(seed=seed, options={"scene": self._scene, **(options or {})})
+        """Starts the next episode; a seed is that of all episodes from now on."""
+        self._seed = self._seed if seed is None else seed
+        chosen: dict[str, Any] = {}
+        if self._scenes:
+            drawn = np.random.default_rng([self._seed, 0, self._number // EPISODES_PER_SCENE])
+            chosen["scene"] = self._scenes[int(drawn.integers(len(self._scenes)))]
+        episode_seed = np.random.SeedSequence([self._seed, 1, self._number]).generate_state(1)
+        self._number += 1
+        return self.env.reset(seed=int(episode_seed[0]), options={**chosen, **(options or {})})
 
 
 def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
@@ -151,8 +162,7 @@ def make_training_env(config: EnvConfig, index: int, count: int) -> gym.Env:
         count: how many there are.
     """
     env = make_env(config)
-    scenes = training_scenes(env, config)
-    return CompleteEpisodes(ShareOfScenes(env, share(scenes, index, count)) if scenes else env)
+    return CompleteEpisodes(NumberedEpisodes(env, share(training_scenes(env, config), index, count)))
 
 
 def share(scenes: Sequence[str], index: int, count: int) -> Sequence[str]:

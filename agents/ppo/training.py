@@ -122,8 +122,10 @@ def _train(
                 say(f"stopped before the first step; python -m agents.train --resume {folder} goes on")
                 raise KeyboardInterrupt
         baselines = baselines or {}
-        # Environments cannot be put back into the middle of an episode: they start new ones, other than those before.
-        env.seed(int(np.random.SeedSequence([seed, progress.steps]).generate_state(1)[0] % 2**31))
+        # Where rollouts hold whole episodes, a run that goes on plays the very ones that it would have played.
+        env.seed(int(np.random.SeedSequence([seed, 0]).generate_state(1)[0] % 2**31))
+        views = validation_env.spec.max_episode_steps if validation_env.spec else None
+        env.env_method("begin_at", progress.steps // (hyperparameters.n_envs * (views or 1)))
         curves = open_tensorboard(folder / TENSORBOARD_FOLDER, progress.steps, say)
         model.set_logger(Logger(None, [] if curves is None else [_Curves(curves)]))
         levels = {} if curves is None else {name: folder / TENSORBOARD_FOLDER / name for name in baselines}

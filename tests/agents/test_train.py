@@ -25,7 +25,7 @@ from agents.ppo.envs import (
     REWARDS,
     CompleteEpisodes,
     EnvConfig,
-    ShareOfScenes,
+    NumberedEpisodes,
     make_env,
     make_vec_env,
     share,
@@ -182,6 +182,22 @@ def test_an_interrupted_run_goes_on_from_the_last_update_exactly(config, tmp_pat
     assert "going on from step 200" in said
     assert progress.steps == 600
     assert [int(one["at"]) for one in progress.rollouts] == [100, 200, 300, 400, 500, 600]
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(config, tmp_path, envs):
+    config = replace(config, steps=600, envs=envs, processes=1)
+    straight, _ = train(replace(config, out=tmp_path / "straight"))
+    stopped = replace(config, out=tmp_path / "stopped")
+    for interrupt_at in (250, 100):
+        with pytest.raises(KeyboardInterrupt):
+            train(stopped, interrupt_at=interrupt_at)
+    progress, _ = train(stopped)
+    assert progress == straight
+    for name in ("policy.safetensors", "vecnormalize.json"):
+        one, other = (tmp_path / run / LAST / name for run in ("straight", "stopped"))
+        assert one.read_bytes() == other.read_bytes()
+    assert same(tensors(tmp_path / "straight"), tensors(tmp_path / "stopped"))
 
 
 def test_the_same_command_goes_on_and_a_finished_run_takes_more_steps(config, tmp_path):
@@ -346,22 +362,44 @@ def test_every_scene_has_a_worker(scenes, workers):
     assert sum(map(len, shares)) == (scenes if scenes >= workers else scenes * workers)
 
 
+class Rooms(Echo):
+    """Notes where its episodes are and how they begin."""
+
+    def reset(self, *, seed=None, options=None):
+        observation, info = super().reset(seed=seed)
+        self.began = (options or {}).get("scene"), tuple(observation["state"])
+        return observation, info
+
+
+def begun(env: gym.Env, count: int, seed: int | None) -> list[tuple]:
+    found = []
+    for episode in range(count):
+        env.reset(seed=seed if episode == 0 else None)
+        found.append(env.unwrapped.began)  # type: ignore[attr-defined]
+    return found
+
+
 def test_workers_stay_in_their_share_of_the_scenes_and_are_seeded():
-    class Rooms(Echo):
-        def reset(self, *, seed=None, options=None):
-            self.scene = (options or {})["scene"]
-            return super().reset(seed=seed)
+    count = 12 * EPISODES_PER_SCENE
+    first, again, other = (begun(NumberedEpisodes(Rooms(), "abc"), count, seed) for seed in (0, 0, 1))
+    assert {scene for scene, _ in first} == set("abc")
+    assert first == again
+    assert first != other
+    assert len(set(first)) == count
+    for episode in range(0, count, EPISODES_PER_SCENE):
+        assert len({scene for scene, _ in first[episode : episode + EPISODES_PER_SCENE]}) == 1
 
-    def visited(seed):
-        env, found = ShareOfScenes(Rooms(), ("a", "b", "c")), []
-        for episode in range(12 * EPISODES_PER_SCENE):
-            env.reset(seed=seed if episode == 0 else None)
-            found.append(env.unwrapped.scene)  # type: ignore[attr-defined]
-        return found
 
-    assert set(visited(0)) == {"a", "b", "c"}
-    assert visited(0) == visited(0)
-    assert visited(0) != visited(1)
+@pytest.mark.parametrize("scenes", ["abc", ""])
+@pytest.mark.parametrize("number", [0, 3, EPISODES_PER_SCENE, 19])
+def test_episodes_are_what_their_numbers_say(scenes, number):
+    env = NumberedEpisodes(Rooms(), scenes)
+    straight = begun(env, 24, 5)
+    env.begin_at(number)
+    assert begun(env, 24 - number, None) == straight[number:]
+    env = NumberedEpisodes(Rooms(), scenes)
+    env.begin_at(number)
+    assert begun(env, 24 - number, 5) == straight[number:]
 
 
 def test_rewards_switch_terms_off_by_name():
