@@ -113,32 +113,37 @@ class SceneAtlas:
         if not self._path.is_file():
             raise AtlasError(f"{folder} is not finished; the same python -m sbm_gym.build_atlas goes on with it")
         shape = (len(self.poses.places_m), _PARTS * self.poses.num_headings + 1)
-        self._content = np.memmap(self._path, np.uint8, "r")
+        self._content = np.memmap(self._path, np.uint8, "r").data
         table_bytes = 8 * shape[0] * shape[1]
         damaged = len(self._content) < table_bytes
         if not damaged:
-            self._starts: Int64[np.ndarray, "places parts"] = self._content[:table_bytes].view(np.int64).reshape(shape)
+            self._starts: Int64[np.ndarray, "places parts"] = np.frombuffer(
+                self._content[:table_bytes], np.int64
+            ).reshape(shape)
             damaged = self._starts[-1, -1] != len(self._content) or bool((np.diff(self._starts) < 0).any())
         if damaged:
             raise AtlasError(f"{self._path} is damaged; delete {folder} and build it again")
 
-    def view(self, place: int, heading: int) -> StoredView:
+    def view(self, place: int, heading: int, view_index: int) -> StoredView:
         """What there is to see from a pose.
+
+        Args:
+            place: number of a place.
+            heading: number of a heading.
+            view_index: that detections are to have.
 
         Raises:
             AtlasError: if that part of the file is damaged.
         """
-        starts = self._starts[place, _PARTS * heading : _PARTS * heading + _PARTS + 1]
-        depth, ids, detector_depth, found = (
-            self._content[start:stop].tobytes() for start, stop in itertools.pairwise(starts)
-        )
+        starts = self._starts[place, _PARTS * heading : _PARTS * heading + _PARTS + 1].tolist()
+        depth, ids, detector_depth, found = (self._content[a:b] for a, b in itertools.pairwise(starts))
         image_size, detector_size = self._sizes
         try:
             return StoredView(
                 decode_depth(depth, image_size, self._unit_m),
                 decode_ids(ids, image_size),
                 decode_depth(detector_depth, detector_size, self._unit_m),
-                decode_detections(found, detector_size),
+                decode_detections(found, detector_size, view_index),
             )
         except Exception as error:  # of zlib, JSON, masks
             raise AtlasError(

@@ -8,8 +8,6 @@ return, both of the whole view; ``top`` and ``left``, where the window that is w
 import numpy as np
 from numba import njit
 
-from sbm_gym.robot.view_kernels import is_inner
-
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def window_of(mask, margin_share, margin_px):
@@ -166,6 +164,23 @@ def _quantile(values, share):
     high, part = _nth(values, before + 1), position - before
     difference = high - low
     return high - difference * (1.0 - part) if part >= 0.5 else low + difference * part
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_inner(mask, row, column):
+    """Whether all neighbours of a pixel that lie in the picture are in a mask, as is the pixel itself.
+
+    Args:
+        mask: (h, w) bool.
+        row: of the pixel.
+        column: of the pixel.
+    """
+    height_px, width_px = mask.shape
+    for i in range(max(row - 1, 0), min(row + 2, height_px)):
+        for j in range(max(column - 1, 0), min(column + 2, width_px)):
+            if not mask[i, j]:
+                return False
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

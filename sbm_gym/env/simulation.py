@@ -1,10 +1,10 @@
 """The simulation of one episode: a robot in a scene that moves, looks and detects."""
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int32, UInt8
 
 from labeling.core.types import Detection
 from labeling.core.views import Camera
@@ -180,17 +180,17 @@ class Simulation:
         """What the atlas holds of this pose. Pictures are black."""
         body = self.scene.body
         pose, poses = body.camera_to_world, atlas.poses
-        stored = atlas.view(self._place, poses.nearest_heading(body.yaw_rad))
+        stored = atlas.view(self._place, poses.nearest_heading(body.yaw_rad), self.step_index)
         instance_map = self.scene.instance_of_geom[stored.geom_id]
         camera = Camera.from_fov(pose, self._config.image_size, 0.5 * np.pi)
-        self.view = View(Frame(_black(*camera.size), stored.depth_m, stored.geom_id), instance_map, camera)
+        self.view = View(Frame(_nothing(*camera.size)[0], stored.depth_m, stored.geom_id), instance_map, camera)
         if not self._detector.needs_detail:
             self.sight, self.detections = self.view, self._detect(self.view)
             return
         camera = Camera.from_fov(pose, self._config.detector_size, 0.5 * np.pi)
-        nothing = np.full(camera.size, -1, np.int32)
-        self.sight = View(Frame(_black(*camera.size), stored.detector_depth_m, nothing), nothing + 1, camera)
-        self.detections = [replace(one, view_index=self.step_index) for one in stored.detections]
+        black, no_geom, no_instance = _nothing(*camera.size)
+        self.sight = View(Frame(black, stored.detector_depth_m, no_geom), no_instance, camera)
+        self.detections = list(stored.detections)
 
     def _keep_to_places(self) -> None:
         """With an atlas: stands where the atlas has views from."""
@@ -212,8 +212,12 @@ class Simulation:
 
 
 @functools.lru_cache(maxsize=4)
-def _black(height_px: int, width_px: int) -> UInt8[np.ndarray, "h w 3"]:
-    """A picture that nobody may write to."""
-    picture = np.zeros((height_px, width_px, 3), np.uint8)
-    picture.flags.writeable = False
-    return picture
+def _nothing(
+    height_px: int, width_px: int
+) -> tuple[UInt8[np.ndarray, "h w 3"], Int32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
+    """A black picture, and geom and instance ids of pixels that show nothing; nobody may write to them."""
+    size = (height_px, width_px)
+    arrays = np.zeros((*size, 3), np.uint8), np.full(size, -1, np.int32), np.zeros(size, np.int32)
+    for array in arrays:
+        array.flags.writeable = False
+    return arrays

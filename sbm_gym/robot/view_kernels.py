@@ -233,20 +233,38 @@ def fill_cells(depth_m, intrinsics, camera_to_world, origin_m, cell_m, filled):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_inner(mask, row, column):
-    """Whether all neighbours of a pixel that lie in the picture are in a mask, as is the pixel itself.
+def find_inner(mask, inner):
+    """Finds the pixels of a mask all of whose neighbours that lie in the picture are in it, too.
+
+    Row by row, in loops that compilers turn into operations on many pixels at a time.
 
     Args:
         mask: (h, w) bool.
-        row: of the pixel.
-        column: of the pixel.
+        inner: (h, w) bool; written.
+
+    Returns:
+        How many pixels are in the mask, and how many of them are such.
     """
     height_px, width_px = mask.shape
-    for i in range(max(row - 1, 0), min(row + 2, height_px)):
-        for j in range(max(column - 1, 0), min(column + 2, width_px)):
-            if not mask[i, j]:
-                return False
-    return True
+    upright = np.ones(width_px + 2, np.bool_)
+    area = num_inner = 0
+    for row in range(height_px):
+        some = False
+        for column in range(width_px):
+            some |= mask[row, column]
+        if not some:
+            inner[row] = False
+            continue
+        above, below = max(row - 1, 0), min(row + 1, height_px - 1)
+        for column in range(width_px):
+            upright[column + 1] = mask[above, column] & mask[row, column] & mask[below, column]
+        for column in range(width_px):
+            inner[row, column] = upright[column] & upright[column + 1] & upright[column + 2]
+        for column in range(width_px):
+            area += mask[row, column]
+        for column in range(width_px):
+            num_inner += inner[row, column]
+    return area, num_inner
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -265,47 +283,37 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
         (n, 3) float64, row by row; nothing if there are less than three pixels with depth.
     """
     height_px, width_px = mask.shape
-    in_row = np.zeros(height_px, np.int64)
-    for row in range(height_px):
-        # Summed up fast, so that rows without a mask are passed by.
-        for column in range(width_px):
-            in_row[row] += mask[row, column]
-    area, num_inner = in_row.sum(), 0
+    inner = np.empty(mask.shape, np.bool_)
+    area, num_inner = find_inner(mask, inner)
     if area < min_pixels:
         return np.empty((0, 3))
-    rows, columns = np.empty(area, np.int64), np.empty(area, np.int64)
-    for row in range(height_px):
-        for column in range(width_px if in_row[row] > 0 else 0):
-            if mask[row, column] and is_inner(mask, row, column):
-                rows[num_inner], columns[num_inner] = row, column
-                num_inner += 1
-    if num_inner < 0.3 * area:
-        num_inner = 0
-        for row in range(height_px):
-            for column in range(width_px if in_row[row] > 0 else 0):
-                if mask[row, column]:
-                    rows[num_inner], columns[num_inner] = row, column
-                    num_inner += 1
-    points_m = np.empty((num_inner, 3))
+    chosen = inner if num_inner >= 0.3 * area else mask
+    points_m = np.empty((area, 3))
     count = 0
-    for number in range(num_inner):
-        seen_m = depth_m[rows[number], columns[number]]
-        if seen_m > 0.0 and seen_m < max_depth_m:
-            points_m[count] = world_point(
-                rows[number], columns[number], np.float64(seen_m), intrinsics, camera_to_world
-            )
-            count += 1
+    sum_x = sum_y = sum_z = 0.0
+    for row in range(height_px):
+        some = False
+        for column in range(width_px):
+            some |= chosen[row, column]
+        for column in range(width_px if some else 0):
+            seen_m = np.float64(depth_m[row, column])
+            if chosen[row, column] and seen_m > 0.0 and seen_m < max_depth_m:
+                x, y, z = world_point(row, column, seen_m, intrinsics, camera_to_world)
+                points_m[count, 0], points_m[count, 1], points_m[count, 2] = x, y, z
+                sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
+                count += 1
     if count < 3:
         return np.empty((0, 3))
-    return _without_outliers(points_m[:count])
+    return _without_outliers(points_m[:count], sum_x / count, sum_y / count, sum_z / count)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _without_outliers(points_m):
-    """Leaves out points more than three standard deviations from the mean along any axis, unless those are all."""
+def _without_outliers(points_m, mean_x, mean_y, mean_z):
+    """The points at most three standard deviations from their mean along every axis, in their own memory; all if those
+    are none.
+    """
     count = len(points_m)
     # The axes side by side: one sum need not wait for another.
-    mean_x, mean_y, mean_z = mean_point(points_m)
     x_2 = y_2 = z_2 = 0.0
     for number in range(count):
         off_x, off_y, off_z = points_m[number, 0] - mean_x, points_m[number, 1] - mean_y, points_m[number, 2] - mean_z
@@ -313,15 +321,14 @@ def _without_outliers(points_m):
     reach_x = 3.0 * np.sqrt(x_2 / count) + 1e-9
     reach_y = 3.0 * np.sqrt(y_2 / count) + 1e-9
     reach_z = 3.0 * np.sqrt(z_2 / count) + 1e-9
-    kept_m = np.empty((count, 3))
     num_kept = 0
     for number in range(count):
-        is_near = abs(points_m[number, 0] - mean_x) <= reach_x and abs(points_m[number, 1] - mean_y) <= reach_y
-        if is_near and abs(points_m[number, 2] - mean_z) <= reach_z:
-            for axis in range(3):
-                kept_m[num_kept, axis] = points_m[number, axis]
+        x, y, z = points_m[number]
+        is_near = (abs(x - mean_x) <= reach_x) & (abs(y - mean_y) <= reach_y) & (abs(z - mean_z) <= reach_z)
+        if is_near:
+            points_m[num_kept, 0], points_m[num_kept, 1], points_m[num_kept, 2] = x, y, z
             num_kept += 1
-    return kept_m[:num_kept] if num_kept > 0 else points_m
+    return points_m[:num_kept] if num_kept > 0 else points_m
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,6 +1,24 @@
-"""Compiled decoding of masks."""
+"""Compiled decoding of views."""
 
+import numpy as np
 from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def sum_along_rows(low, high, unit, numbers):
+    """Adds up differences along rows, modulo 65,536.
+
+    Args:
+        low: (h, w) uint8, the differences' low bytes.
+        high: (h, w) uint8, their high bytes.
+        unit: what a difference of 1 is.
+        numbers: (h, w), the sums times the unit; written.
+    """
+    for row in range(low.shape[0]):
+        total = np.uint16(0)
+        for column in range(low.shape[1]):
+            total = np.uint16(total + low[row, column] + (np.uint16(high[row, column]) << 8))
+            numbers[row, column] = total * unit
 
 
 @njit(cache=True, nogil=True)
