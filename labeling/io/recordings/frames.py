@@ -11,6 +11,7 @@ from jaxtyping import Float
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import is_rigid
 from labeling.core.views import RgbdViews
+from labeling.io.recordings.floor import MAX_VIEWS, floor_normal
 from labeling.io.recordings.pictures import (
     Undistortion,
     enlarge_depth,
@@ -21,7 +22,7 @@ from labeling.io.recordings.pictures import (
     same_view,
     size_text,
 )
-from labeling.io.recordings.recording_config import RecordingConfig, up_direction
+from labeling.io.recordings.recording_config import FLOOR, RecordingConfig, up_direction
 from labeling.runtime.threads import as_they_come
 
 MAX_DEPTH_UNIT_M = 1000.0
@@ -124,20 +125,40 @@ def file_inside(folder: Path, relative: str, extensions: Sequence[str] = ()) -> 
     return path
 
 
-def choose(found: FrameList, config: RecordingConfig) -> FrameList:
-    """The frames that ``--every`` and ``--max-views`` leave, turned so that +Z is up."""
+def choose(found: FrameList, config: RecordingConfig, folder: Path) -> FrameList:
+    """The frames that ``--every`` and ``--max-views`` leave, turned so that +Z is up.
+
+    Raises:
+        EpisodeFormatError: if up is to be found from the floor of this folder's recording, and there is none.
+    """
     frames, notes = found.frames[:: config.every], list(found.notes)
     if len(frames) > config.max_views:
         kept = np.rint(np.linspace(0, len(frames) - 1, config.max_views)).astype(int)
         notes.append(f"took {config.max_views} of {len(frames)} frames, spread evenly (--max-views, --every)")
         frames = [frames[index] for index in kept]
     if config.up != "z":
-        turn = _turn_up(np.array(up_direction(config.up)))
+        direction = _floor(frames, folder) if config.up == FLOOR else np.array(up_direction(config.up))
+        if config.up == FLOOR:
+            told = ",".join(f"{value:.4f}" for value in direction)
+            notes.append(f"the floor's normal was taken for up: --up={told}")
+        turn = _turn_up(direction)
         frames = [replace(frame, camera_to_world=turn @ frame.camera_to_world) for frame in frames]
     hint = _other_up(frames)
     if hint and config.up == "z":
         notes.append(f"the cameras' own up is the recording's {hint} axis; if that is so, say --up={hint}")
     return FrameList(found.names, frames, notes)
+
+
+def _floor(frames: Sequence[Frame], folder: Path) -> Float[np.ndarray, "3"]:
+    """The normal of the floor, from a few of the frames."""
+    kept = np.unique(np.rint(np.linspace(0, len(frames) - 1, MAX_VIEWS)).astype(int))
+    normal = floor_normal(load([frames[index] for index in kept], undistort=True)[0])
+    if normal is None:
+        raise EpisodeFormatError(
+            f"{folder}: no plane clearly is its floor (large, below most cameras, facing the upper edge of the "
+            "pictures); say which way is up: --up=X,Y,Z"
+        )
+    return normal
 
 
 def load(

@@ -64,4 +64,4 @@ def frames_of(folder: Path, config: RecordingConfig) -> FrameList:
         raise EpisodeFormatError(f"{folder}: no recording here; looked for {expected_files(folder, config)}")
     if config.camera is not None and layout.name != "tum":
         raise UsageError(f"--camera is for TUM folders; {folder} tells its camera itself")
-    return choose(layout.list_frames(folder, config), config)
+    return choose(layout.list_frames(folder, config), config, folder)

@@ -16,6 +16,8 @@ UP_AXES = {
     "-x": (-1.0, 0.0, 0.0),
 }
 """What axes are called, and where they point."""
+FLOOR = "floor"
+"""Up is where the floor's normal points."""
 
 
 def up_direction(up: str) -> tuple[float, float, float] | None:
@@ -31,7 +33,11 @@ def up_direction(up: str) -> tuple[float, float, float] | None:
 
 
 Up = Annotated[
-    str, Range(f"be an axis ({', '.join(UP_AXES)}) or a direction X,Y,Z", lambda up: up_direction(up) is not None)
+    str,
+    Range(
+        f"be an axis ({', '.join(UP_AXES)}), a direction X,Y,Z or {FLOOR}",
+        lambda up: up == FLOOR or up_direction(up) is not None,
+    ),
 ]
 PinholeParameters = Annotated[
     tuple[float, float, float, float],
@@ -55,8 +61,9 @@ class RecordingConfig(Settings):
     max_views: Count = 200
     """Frames taken at most, spread evenly over the recording: bounds time and memory."""
     up: Up = "z"
-    """What points up in the recording's world: an axis (z, y, x, -z, -y, -x; ARKit, so Record3D: ``--up=y``), or a
-    direction ``--up=X,Y,Z`` where gravity is tilted. 3-D boxes stand upright on it."""
+    """What points up in the recording's world: an axis (z, y, x, -z, -y, -x; ARKit, so Record3D: ``--up=y``), or, where
+    gravity is tilted, a direction ``--up=X,Y,Z``, or ``--up=floor``: found from the floor. 3-D boxes stand upright on
+    it."""
     camera: PinholeParameters | None = None
     """Focal lengths and principal point ``FX FY CX CY`` in pixels, for TUM folders, whose files do not tell them."""
     depth_unit_m: Positive[float] | None = None

@@ -128,7 +128,7 @@ def test_any_direction_becomes_z_by_the_shortest_way(sound, up):
 
 @pytest.mark.parametrize("up", ["up", "w", "1,2", "0,0,0", "1,2,nan", "1,2,inf", "1,2,3,4", ""])
 def test_what_is_no_direction_is_refused(up):
-    with pytest.raises(UsageError, match=r"--up must be an axis \(z, y, x, -z, -y, -x\) or a direction X,Y,Z"):
+    with pytest.raises(UsageError, match=r"--up must be an axis \(z, y, x, -z, -y, -x\), a direction X,Y,Z or floor"):
         RecordingConfig(up=up).check()
 
 
