@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.types import Detection
-from labeling.generator.calibration.detector_calibration import calibration_of, file_name, is_calibrated
+from labeling.generator.calibration.detector_calibration import FOLDER, calibration_of, file_name, is_calibrated
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.object_posterior import (
     FEATURES,
@@ -93,6 +93,32 @@ def test_more_views_that_find_it_make_it_likelier() -> None:
         for k in (1, 3, 6, 8)
     ]
     assert found == sorted(found)
+
+
+DETECTORS = sorted(file.stem for file in FOLDER.glob("*.json"))
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@settings(max_examples=50, deadline=None)
+@given(st.data())
+def test_a_look_that_grows_surer_of_a_name_never_favours_another(detector: str, data: st.DataObject) -> None:
+    views = data.draw(st.integers(2, 8))
+    row = st.lists(st.floats(0.01, 0.98), min_size=views, max_size=views)
+    found = {name: data.draw(row) for name in "ab"}
+    degrees = data.draw(st.lists(st.floats(0, 360), min_size=views, max_size=views))
+    view = data.draw(st.integers(0, views - 1))
+    surer = [max(one, data.draw(st.floats(0.01, 0.98))) if v == view else one for v, one in enumerate(found["a"])]
+    model = calibration_of(detector).objects
+    before = model.posterior(looks(found, degrees))
+    after = model.posterior(looks({**found, "a": surer}, degrees))
+    assert after["a"] / after["b"] >= before["a"] / before["b"] * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_a_dozen_half_sure_views_around_outvote_a_confident_one(detector: str) -> None:
+    views = looks({"submarine": [0.95] + [0.0] * 12, "chair": [0.0] + [0.6] * 12}, [360 / 13 * v for v in range(13)])
+    found = calibration_of(detector).objects.posterior(views)
+    assert found["chair"] > 2 * found["submarine"]
 
 
 def test_a_detector_that_is_not_calibrated_is_like_most_without_biases() -> None:
