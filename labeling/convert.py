@@ -9,7 +9,7 @@ import tyro
 
 from labeling.core.errors import UsageError
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import make_main
+from labeling.runtime.cli import make_main, progress_bar, showing_stages
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,12 @@ def run(config: ConvertConfig) -> None:
     config.recording.check()
     if config.out.exists():
         raise UsageError(f"--out {config.out}: exists already; give a new folder")
-    episode = read_episode(config.recording_folder, config.recording, undistort=config.undistort)
-    try:
-        write_episode(config.out, episode)
-    except OSError as error:
-        raise UsageError(f"--out {config.out}: cannot be written ({error})") from None
+    with progress_bar(total=1, unit="recording", desc="converting") as bar, showing_stages(bar):
+        episode = read_episode(config.recording_folder, config.recording, undistort=config.undistort)
+        try:
+            write_episode(config.out, episode)
+        except OSError as error:
+            raise UsageError(f"--out {config.out}: cannot be written ({error})") from None
     for note in episode.notes:
         print(f"note: {note}")
     height_px, width_px = episode.size

@@ -17,7 +17,7 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import progress_bar, run_command
+from labeling.runtime.cli import progress_bar, run_command, showing_stages
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def run(config: GenerateConfig) -> None:
     job = Job(config.dataset, config.out, config.recording, config.sources, config.label, inputs)
     results = []
     bar = progress_bar(total=len(folders), desc="labelling", unit="episode")
-    with bar, closing(label_all(job, folders, config.workers)) as found:
+    with bar, showing_stages(bar), closing(label_all(job, folders, config.workers)) as found:
         for result in found:
             bar.update()
             results.append(result)

@@ -10,7 +10,7 @@ import tyro
 
 from labeling.core.errors import SbmError
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import progress_bar
+from labeling.runtime.cli import progress_bar, showing_stages
 
 Found = TypeVar("Found")
 
@@ -44,9 +44,10 @@ class DetectionCommand:
         folders = find_episodes(self.dataset, self.recording)
         done: list[Found] = []
         failed = passed_over = 0
-        for folder in progress_bar(folders, "episode", desc="detecting"):
+        for folder in (bar := progress_bar(folders, "episode", desc="detecting")):
             try:
-                found = detect(folder)
+                with showing_stages(bar):
+                    found = detect(folder)
             except SbmError as error:
                 tqdm.write(f"error: {error}", file=sys.stderr)
                 failed += 1

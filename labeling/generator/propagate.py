@@ -37,6 +37,7 @@ from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
+from labeling.runtime.progress import tell
 from labeling.runtime.threads import in_background
 
 BOX_MARGIN_VOXELS = 0.75
@@ -100,6 +101,7 @@ def _label(
     if not config.fuse_views:
         return label_per_detection(views, cloud, candidates, scale, config)
     known = len(candidates)
+    tell(f"segmenting {known} objects in {cloud.num_points} voxels")
     candidates, probability = _segment(cloud, candidates, scale, config)
     if len(candidates) < known:
         candidates = with_posteriors(cloud, evidence.eyes_m, candidates, calibration.objects)
@@ -112,6 +114,7 @@ def _label(
     if config.thin_parts:
         parts = find_thin_parts(cloud, views, owner, len(candidates), scale.object_m)
         inside |= parts.owner >= 0
+    tell(f"drawing masks into {views.num_views} views")
     with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:
         objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
         probability = np.where(outliers[:, None], np.float32(0), probability[:, columns])
@@ -155,7 +158,9 @@ def gather_evidence(views: RgbdViews, detections: Sequence[Detection], config: L
     scale = measure_scale(confident or (detections if unsure_too else []), views, config.max_range_m)
     if scale is None:
         return None
+    tell(f"comparing the poses of {views.num_views} views")
     views, poses = with_agreeing_poses(views, voxel_edge_m(scale, config), config)
+    tell(f"fusing {views.num_views} views")
     used = detections if config.weak_evidence or unsure_too else confident
     with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
         cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)

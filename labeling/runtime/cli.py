@@ -3,7 +3,9 @@
 import functools
 import os
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import tyro
@@ -22,6 +24,24 @@ def progress_bar(items: Any = None, unit: str = "batch", **options: Any) -> Any:
     from tqdm import tqdm
 
     return tqdm(items, unit=unit, delay=2.0, leave=False, file=sys.stderr, **options)
+
+
+@contextmanager
+def showing_stages(bar: Any) -> Iterator[None]:
+    """Shows beside a progress bar what this thread tells of its work (``labeling.runtime.progress``)."""
+    from labeling.runtime.progress import listening
+
+    def show(stage: str) -> None:
+        if bar.disable:
+            return
+        bar.set_postfix_str(stage, refresh=False)
+        now_s = time.time()
+        if now_s - bar.start_t > bar.delay and now_s - bar.last_print_t > bar.mininterval:
+            bar.last_print_t = now_s
+            bar.refresh()
+
+    with listening(show):
+        yield
 
 
 def make_main(name: str, config_type: type[Config], run: Callable[[Config], object]) -> Callable[..., int]:

@@ -23,6 +23,7 @@ from labeling.io.recordings.pictures import (
     size_text,
 )
 from labeling.io.recordings.recording_config import FLOOR, RecordingConfig, up_direction
+from labeling.runtime.progress import views_told
 from labeling.runtime.threads import as_they_come
 
 MAX_DEPTH_UNIT_M = 1000.0
@@ -178,7 +179,7 @@ def load(
     """
     rgb, depth_m = np.zeros((0, 0, 0, 3), np.uint8), np.zeros((0, 0, 0), np.float32)
     intrinsics, undistortions = [], []
-    resized = 0
+    resized, read = 0, views_told("reading", len(frames))
     pictures = as_they_come(lambda frame: (read_colour(frame.colour_file), _read_depth(frame)), frames)
     with closing(pictures):
         for view, (frame, (colour, depth_or_error)) in enumerate(zip(frames, pictures, strict=True)):
@@ -210,6 +211,7 @@ def load(
             rgb[view], depth_m[view] = colour, aligned
             intrinsics.append(camera)
             undistortions.append(undistortion)
+            read(1)
     notes = (f"depth of {resized} views was brought into their colour pictures",) if resized else ()
     poses = np.stack([frame.camera_to_world for frame in frames])
     views = RgbdViews(rgb, depth_m, np.stack(intrinsics), poses)
