@@ -33,8 +33,8 @@ NOT_LABELLING = (
     "labeling/generator/label_writer.py",
     "labeling/io/label_set.py",
 )
-"""Loaded by the command, and without a say in the labels of an episode: label_writer writes them anew every time, label_set
-says what is in them."""
+"""Loaded by the command, and without a say in the labels of an episode: label_writer writes them anew every time,
+label_set says what a finished set holds."""
 
 
 @pytest.fixture
