@@ -8,13 +8,20 @@ from stable_baselines3.common.preprocessing import is_image_space, is_image_spac
 from stable_baselines3.common.vec_env import VecTransposeImage
 from torch import nn
 
+from agents.network.choice_policy import PARTS, ChoicePolicy
 from agents.network.features import PICTURES, LookFeatures
 from labeling.core.errors import UsageError
 
-POLICIES: dict[str, type[ActorCriticPolicy]] = {"MultiInputPolicy": MultiInputActorCriticPolicy}
+POLICIES: dict[str, type[ActorCriticPolicy]] = {
+    "ChoicePolicy": ChoicePolicy,
+    "MultiInputPolicy": MultiInputActorCriticPolicy,
+}
 EXTRACTORS = {"LookFeatures": LookFeatures}
 ACTIVATIONS: dict[str, type[nn.Module]] = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
-PLAIN = ("net_arch", "log_std_init", "ortho_init", "full_std", "share_features_extractor", "features_extractor_kwargs")
+PLAIN = (
+    *("net_arch", "log_std_init", "ortho_init", "full_std", "share_features_extractor", "features_extractor_kwargs"),
+    "width",
+)
 TABLES: dict[str, dict[str, Any]] = {"activation_fn": ACTIVATIONS, "features_extractor_class": EXTRACTORS}
 
 
@@ -40,8 +47,10 @@ def policy_arguments(plain: dict[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def observed_keys(plain: dict[str, Any]) -> tuple[str, ...]:
-    """The parts of observations that a network with these ``policy_kwargs`` looks at."""
+def observed_keys(name: str, plain: dict[str, Any]) -> tuple[str, ...]:
+    """The parts of observations that a network of that class with these ``policy_kwargs`` looks at."""
+    if policy_class(name) is ChoicePolicy:
+        return PARTS
     given = plain.get("features_extractor_kwargs")
     pictures = given.get("pictures", PICTURES) if isinstance(given, dict) else PICTURES
     return (*pictures, "state")

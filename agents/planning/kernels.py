@@ -1,4 +1,4 @@
-"""Compiled loops of the view planner: shortest paths over a grid, and expected gains of looks from many places."""
+"""Compiled loops over places: shortest paths over a grid, expected gains of looks, new sides that are seen."""
 
 import heapq
 
@@ -84,3 +84,47 @@ def expected_gains(
                 if abs(side) < in_view_rad:
                     gains[place, direction] += values[target, place]
     return gains
+
+
+@numba.njit(cache=True)
+def new_sides(
+    eyes_m,
+    centres_m,
+    stop_short_m,
+    is_done,
+    low_m: float,
+    high_m: float,
+    filled,
+    origin_m,
+    cell_m: float,
+    clear_m: float,
+):
+    """From which places each target is seen from a side that is not done.
+
+    Args:
+        eyes_m: (p, 3) float64, camera positions, metres, world.
+        centres_m: (t, 3) float64, targets, likewise.
+        stop_short_m: (t,) float64, so near to a target nothing can hide it.
+        is_done: (t, s) bool, for each of as many sectors around it, counter-clockwise from +X.
+        low_m: least horizontal distance of a place.
+        high_m: greatest.
+        filled: (nx, ny, nz) bool, cells that hide things, as for ``unhidden``.
+        origin_m: (3,) float64, lower corner of the first cell.
+        cell_m: edge length of a cell.
+        clear_m: so near to the eye nothing hides anything.
+
+    Returns:
+        (t, p) bool.
+    """
+    found = np.zeros((len(centres_m), len(eyes_m)), np.bool_)
+    count = is_done.shape[1]
+    for target in range(len(centres_m)):
+        for place in range(len(eyes_m)):
+            dx, dy = eyes_m[place, 0] - centres_m[target, 0], eyes_m[place, 1] - centres_m[target, 1]
+            distance_m = np.sqrt(dx * dx + dy * dy)
+            sector = min(int(np.floor((np.arctan2(dy, dx) / (2.0 * np.pi)) % 1.0 * count)), count - 1)
+            if low_m <= distance_m < high_m and not is_done[target, sector]:
+                eye_m = eyes_m[place : place + 1]
+                short_m = stop_short_m[target]
+                found[target, place] = unhidden(filled, origin_m, cell_m, eye_m, centres_m[target], short_m, clear_m)[0]
+    return found

@@ -3,8 +3,11 @@
 A move goes a stride to one of eight sides, counted from where the camera points. Where the map shows something in the
 way it is turned aside by as little as possible, so that no choice runs into furniture. What to look at are the things
 that the ``state`` observation tells about, in its order, or directions; the camera points there after the move.
+
+The observation tells of each move and each look what it promises, ``MOVE_ENTRIES`` and ``LOOK_ENTRIES``.
 """
 
+import functools
 from typing import Any
 
 import gymnasium as gym
@@ -12,9 +15,13 @@ import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float
 
-from agents.planning.steering import bearing_rad, move_and_look
-from sbm_gym.env.state_vector import CANDIDATES, likely_candidates, nearest_others
+from agents.planning.kernels import new_sides
+from agents.planning.steering import bearing_rad, move_and_look, wrap
+from sbm_gym.env.state_vector import CANDIDATES, UNSEEN_STRIDES, likely_candidates, nearest_others, state_names
 from sbm_gym.robot.knowledge import RobotKnowledge
+from sbm_gym.robot.object_memory import ViewBins
+from sbm_gym.robot.seen_space import CLEAR_M
+from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 DIRECTIONS = 8
@@ -29,6 +36,34 @@ without a target straight ahead."""
 ACTION_SPACE = spaces.MultiDiscrete([DIRECTIONS + 1, len(LOOKS)])
 ASIDE_RAD = np.deg2rad([0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0, 60.0, -60.0, 75.0, -75.0, 90.0, -90.0])
 """By how much a blocked move is turned aside, tried in this order."""
+FARTHER_STRIDES = (2.0, 4.0)
+"""How far beyond a move new sides are looked for, straight on."""
+KINDS = ("target", "others", "candidates")
+"""Whose new sides are told apart."""
+_SIDES = tuple(f"{kind}_new" for kind in KINDS)
+MOVE_ENTRIES = (
+    *("length", "aside", *_SIDES, *(f"{name}_{strides:g}_strides" for strides in FARTHER_STRIDES for name in _SIDES)),
+    *("unseen_near", "unseen_far", "to_target", "to_other", "to_candidate_0", "to_candidate_1"),
+)
+"""What each move promises, as far as the robot knows: the share of a stride that it goes and of a quarter turn that it
+is turned aside; then, at the place it ends at and farther on, whether a side of the target would be new, of how many
+others one would be (divided by two) and how likely the candidates are that have not been looked at from there (in sum);
+unseen floor on that side, as in ``state``; the cosine of the angle to things."""
+LOOK_ENTRIES = (
+    *("is_target", "is_candidate", "is_other", "is_turn", "there", "turn", "range", "confidence", "looks", "new"),
+    *(*_SIDES, "unseen_near", "unseen_far"),
+)
+"""What each look promises: what it is of, and whether there is such a thing; how far the camera turns (divided by pi);
+of things their range (divided by 5 strides of a stride each), confidence, vain looks (divided by five) and whether they
+have not been seen from this side; then what is new within the view from here, and unseen floor, as for moves."""
+SUMMARY = (
+    *("target_known", "target_visible", "target_range", "target_azimuths_covered", "target_confidence_now"),
+    *("target_best_confidence", "other_0_known", "candidate_0_confidence", "objects_confirmed", "time_left"),
+)
+"""Entries of ``state`` that bear on all choices alike."""
+IN_VIEW_RAD = np.deg2rad(38.0)
+_RANGE_STRIDES = 16.0
+_MANY_LOOKS = 5.0
 
 
 class MovesAndLooks(gym.Wrapper):
@@ -37,19 +72,19 @@ class MovesAndLooks(gym.Wrapper):
     def __init__(self, env: gym.Env) -> None:
         """Wraps an environment with a ``FixationEnv`` inside."""
         super().__init__(env)
-        self.action_space = ACTION_SPACE
+        self.action_space, self.observation_space = ACTION_SPACE, observation_space(env.observation_space)
         self._info: dict[str, Any] = {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode."""
         observation, self._info = self.env.reset(seed=seed, options=options)
-        return observation, self._info
+        return with_promises(observation, self._info, self.env.get_wrapper_attr("knowledge")), self._info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Moves and looks."""
-        chosen = chosen_action(action, self._info, self.env.get_wrapper_attr("knowledge"))
-        observation, reward, terminated, truncated, self._info = self.env.step(chosen)
-        return observation, reward, terminated, truncated, self._info
+        robot = self.env.get_wrapper_attr("knowledge")
+        observation, reward, terminated, truncated, self._info = self.env.step(chosen_action(action, self._info, robot))
+        return with_promises(observation, self._info, robot), reward, terminated, truncated, self._info
 
 
 def chosen_action(choice: Any, info: dict[str, Any], robot: RobotKnowledge) -> Float[np.ndarray, "4"]:
@@ -108,3 +143,133 @@ def _looked_at_rad(
         camera_m = agent["camera_to_world"][:3, 3]
         found = [one.centroid_m for one in nearest_others(robot, camera_m)[int(number) :]] + found
     return bearing_rad(from_m, found[0][:2]) if found else agent["yaw_rad"]
+
+
+# What it sees -----------------------------------------------------------------------------------------------------
+
+
+def observation_space(space: spaces.Space) -> spaces.Dict:
+    """The observation space with what moves and looks promise, from that of the environment."""
+    assert isinstance(space, spaces.Dict)
+    moves = spaces.Box(-1.0, 1.0, (DIRECTIONS + 1, len(MOVE_ENTRIES)), np.float32)
+    looks = spaces.Box(-1.0, 1.0, (len(LOOKS), len(LOOK_ENTRIES)), np.float32)
+    summary = spaces.Box(-1.0, 1.0, (len(SUMMARY),), np.float32)
+    return spaces.Dict({**space.spaces, "summary": summary, "moves": moves, "looks": looks})
+
+
+def with_promises(observation: dict[str, Any], info: dict[str, Any], robot: RobotKnowledge) -> dict[str, Any]:
+    """An observation with what each move and each look promises.
+
+    Args:
+        observation: of the environment.
+        info: that came with it.
+        robot: what it knows.
+    """
+    agent = info["agent"]
+    position_m, heading_rad = agent["position_m"], agent["yaw_rad"]
+    things = _Things(robot, agent["camera_to_world"][:3, 3], position_m)
+    angles = heading_rad + np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    steps_m = np.array([free_step(robot.navigable, position_m, robot.stride_m, angle) for angle in angles])
+    lengths = np.linalg.norm(steps_m, axis=1) / robot.stride_m
+    along = (steps_m * directions).sum(axis=1) / np.maximum(lengths * robot.stride_m, 1e-9)
+    farther_m = robot.stride_m * np.array(FARTHER_STRIDES)
+    free_m = _free_m(robot.navigable, position_m, directions, farther_m[-1])
+    far_m = (farther_m[:, None, None] * directions).reshape(-1, 2)
+    places_m = position_m + np.concatenate([np.zeros((1, 2)), steps_m, far_m])
+    new = things.new_from(places_m)
+    promised = np.minimum(things.worth @ new, 1.0)
+    promised[:, 1 + DIRECTIONS :] *= (free_m >= farther_m[:, None]).ravel()
+    unseen = robot.seen_floor.unseen_around(position_m, heading_rad, tuple(UNSEEN_STRIDES.values()), DIRECTIONS)
+
+    moves = np.zeros((DIRECTIONS + 1, len(MOVE_ENTRIES)))
+    moves[STAY, 2:5] = promised[:, 0]
+    rows = moves[:DIRECTIONS]
+    rows[:, 0], rows[:, 1] = lengths, np.arccos(np.clip(along, -1.0, 1.0)) / (0.5 * np.pi) * (lengths > 0.0)
+    rows[:, 2:11] = promised[:, 1:].reshape(len(KINDS), -1, DIRECTIONS).transpose(2, 1, 0).reshape(DIRECTIONS, -1)
+    rows[:, 11:13] = unseen.T
+    for column, name in enumerate(("target", "other_0", "candidate_0", "candidate_1"), 13):
+        index = things.index_of(name)
+        if index is not None:
+            rows[:, column] = np.cos(angles - things.bearings_rad[index])
+
+    looks = np.zeros((len(LOOKS), len(LOOK_ENTRIES)))
+    ahead_rad = np.full(len(LOOKS), heading_rad)
+    for row, what in enumerate(LOOKS):
+        index = things.index_of(what) if isinstance(what, str) else None
+        kind = ("target", "candidate", "other").index(what.partition("_")[0]) if isinstance(what, str) else 3
+        looks[row, kind] = 1.0
+        if index is not None:
+            ahead_rad[row] = things.bearings_rad[index]
+            looks[row, 4] = 1.0
+            looks[row, 6] = min(1.0, things.ranges_m[index] / (_RANGE_STRIDES * robot.stride_m))
+            looks[row, 7:9] = things.confidence[index], min(1.0, things.vain_looks[index] / _MANY_LOOKS)
+            looks[row, 9] = new[index, 0]
+        elif not isinstance(what, str):
+            ahead_rad[row] += what
+            looks[row, 4] = 1.0
+    turns_rad = wrap(ahead_rad - heading_rad)
+    looks[:, 5] = np.abs(turns_rad) / np.pi
+    in_view = np.abs(wrap(things.bearings_rad[:, None] - ahead_rad)) < IN_VIEW_RAD
+    looks[:, 10:13] = np.minimum((things.worth * new[:, 0]) @ in_view, 1.0).T
+    looks[:, 13:15] = unseen[:, np.rint(turns_rad / (2.0 * np.pi / DIRECTIONS)).astype(int) % DIRECTIONS].T
+    summary = observation["state"][_summary_indices(robot.view_bins)]
+    rows = {"moves": moves.astype(np.float32), "looks": looks.astype(np.float32)}
+    return {**observation, "summary": summary, **rows}
+
+
+@functools.cache
+def _summary_indices(bins: ViewBins) -> list[int]:
+    names = state_names(bins)
+    return [names.index(name) for name in SUMMARY]
+
+
+class _Things:
+    """What the robot knows of or suspects, as arrays: confirmed objects, then candidates."""
+
+    def __init__(self, robot: RobotKnowledge, camera_m: Float[np.ndarray, "3"], position_m: Float[np.ndarray, "2"]):
+        self._robot = robot
+        others, candidates = nearest_others(robot, camera_m), likely_candidates(robot)
+        target = [] if robot.target is None else [robot.target]
+        self._names = [*("target" for _ in target), *(f"other_{k}" for k in range(len(others)))]
+        self._names += [f"candidate_{k}" for k in range(len(candidates))]
+        known = [*target, *others]
+        count = len(self._names)
+        self.centres_m = np.array([one.centroid_m for one in (*known, *candidates)]).reshape(-1, 3)
+        sizes_m = [float(np.max(one.extent_m)) for one in known] + [one.size_m for one in candidates]
+        self._short_m = 0.25 + 0.5 * np.array(sizes_m)
+        self._done = np.zeros((count, robot.view_bins.num_azimuths), bool)
+        for row, cells in enumerate([*(one.cells for one in known), *(one.looks for one in candidates)]):
+            self._done[row, [cell[0] for cell in cells]] = True
+        offsets = self.centres_m[:, :2] - position_m
+        self.bearings_rad = np.arctan2(offsets[:, 1], offsets[:, 0])
+        self.ranges_m = np.hypot(offsets[:, 0], offsets[:, 1])
+        self.confidence = [*(one.best_confidence for one in known), *(one.confidence for one in candidates)]
+        self.vain_looks = [0] * len(known) + [len(one.looks) for one in candidates]
+        self.worth = np.zeros((len(KINDS), count))
+        """What a new side of each thing counts, kind by kind."""
+        self.worth[0, : len(target)] = 1.0
+        self.worth[1, len(target) : len(known)] = 0.5
+        self.worth[2, len(known) :] = [one.confidence for one in candidates]
+
+    def index_of(self, name: str) -> int | None:
+        """Where a thing stands; None if there is none of that name."""
+        return self._names.index(name) if name in self._names else None
+
+    def new_from(self, places_m: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "t p"]:
+        """1 where a place shows a side of a thing that is new."""
+        robot, edges_m = self._robot, self._robot.view_bins.range_edges_m
+        eyes_m = np.column_stack([places_m, np.full(len(places_m), robot.camera_height_m)])
+        space = robot.seen_space.grid
+        ends_m = edges_m[0], edges_m[-1]
+        found = new_sides(eyes_m, self.centres_m, self._short_m, self._done, *ends_m, *space, CLEAR_M)
+        return found.astype(float)
+
+
+def _free_m(
+    navigable: NavigableMap, position_m: Float[np.ndarray, "2"], directions: Float[np.ndarray, "d 2"], most_m: float
+) -> Float[np.ndarray, "d"]:
+    """How far the straight way is free on each side."""
+    most = int(np.ceil(most_m / navigable.cell_m))
+    x, y = position_m.tolist()
+    return navigable.cell_m * free_steps(navigable.free, navigable.origin_m, navigable.cell_m, x, y, directions, most)

@@ -39,17 +39,19 @@ class Ppo:
         """
         from agents.network.checkpoint import check_spaces
 
-        actions = env.action_space
+        observations, actions = env.observation_space, env.action_space
         if self._chooses:
-            actions = moves_and_looks.ACTION_SPACE
+            observations, actions = moves_and_looks.observation_space(observations), moves_and_looks.ACTION_SPACE
         elif self._sets_priorities:
             actions = prioritised_views.ACTION_SPACE
-        check_spaces(self._folder, self.description, env.observation_space, actions)
+        check_spaces(self._folder, self.description, observations, actions)
         self._robot = env.get_wrapper_attr("knowledge") if self._chooses else None
         self._planner = prioritised_views.planner_of(env) if self._sets_priorities else None
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action."""
+        if self._robot is not None:
+            observation = moves_and_looks.with_promises(observation, info, self._robot)
         seen = {name: observation[name] for name in self.description["observation_space"]["spaces"]}
         action, _ = self._network.predict(seen, deterministic=True)
         if self._robot is not None:

@@ -42,7 +42,7 @@ class RunSettings:
             env=options.env,
             detector=options.detector,
             reward=options.reward,
-            keys=observed_keys(hyperparameters.policy_kwargs),
+            keys=observed_keys(hyperparameters.policy, hyperparameters.policy_kwargs),
             wrapper=hyperparameters.env_wrapper,
             atlas=None if options.atlas is None else str(options.atlas),
             scenes=options.scenes,

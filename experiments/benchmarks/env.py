@@ -105,7 +105,8 @@ def _learning(quick: bool) -> Iterator[Row]:
 
     settings = read_hyperparameters(ENV_ID)
     arguments = replace(settings, n_steps=settings.batch_size).ppo_arguments()
-    config = EnvConfig(ENV_ID, keys=observed_keys(settings.policy_kwargs), wrapper=settings.env_wrapper)
+    keys = observed_keys(settings.policy, settings.policy_kwargs)
+    config = EnvConfig(ENV_ID, keys=keys, wrapper=settings.env_wrapper)
     env = DummyVecEnv([lambda: make_training_env(config, 0, 1)])
     network = policy_arguments(settings.policy_kwargs)
     model = PPO(policy_class(settings.policy), env, policy_kwargs=network, device="cpu", seed=0, **arguments)

@@ -7,9 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.network.checkpoint import write_policy
+from agents.network.choice_policy import PARTS
 from agents.network.policy_network import build_policy
 from agents.network.spaces import describe
-from agents.planning.moves_and_looks import ACTION_SPACE, DIRECTIONS, LOOKS, STAY, MovesAndLooks, free_step
+from agents.planning.moves_and_looks import (
+    ACTION_SPACE,
+    DIRECTIONS,
+    LOOK_ENTRIES,
+    LOOKS,
+    MOVE_ENTRIES,
+    STAY,
+    MovesAndLooks,
+    free_step,
+)
 from agents.policies.ppo import Ppo
 from sbm_gym.env.state_vector import likely_candidates, nearest_others
 from sbm_gym.robot.object_memory import MemoryConfig
@@ -17,7 +27,7 @@ from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 from ...sbm_gym.box_rooms import BoxRooms
 
-KWARGS = {"net_arch": [8], "features_extractor_kwargs": {"features": 8, "pictures": []}}
+KWARGS = {"width": 8}
 
 
 def make_env() -> gym.Env:
@@ -91,15 +101,57 @@ def test_no_step_leaves_the_free_floor(blocked, direction_rad, x, y):
         assert step_m == pytest.approx(ahead_m - start_m)
 
 
+def test_promises_are_what_the_robot_knows():
+    env, rng = MovesAndLooks(make_env()), np.random.default_rng(1)
+    promised = dict.fromkeys(("target", "others", "candidates"), 0)
+    for seed in range(4):
+        seen, info = env.reset(seed=seed)
+        robot = env.get_wrapper_attr("knowledge")
+        for _ in range(25):
+            assert env.observation_space.contains(seen)
+            agent = info["agent"]
+            for move in range(DIRECTIONS):
+                row = dict(zip(MOVE_ENTRIES, seen["moves"][move].tolist(), strict=True))
+                angle = agent["yaw_rad"] + move * np.pi / 4
+                step_m = free_step(robot.navigable, agent["position_m"], robot.stride_m, angle)
+                assert row["length"] == pytest.approx(np.linalg.norm(step_m) / robot.stride_m, abs=1e-6)
+                eye_m = np.array([*(agent["position_m"] + step_m), robot.camera_height_m])
+                wanted = {"target": 0.0, "others": 0.0, "candidates": 0.0}
+                for known in robot.objects:
+                    cell, short_m = robot.view_bins.cell(eye_m, known.centroid_m), 0.25 + 0.5 * known.extent_m.max()
+                    new = cell is not None and cell[0] not in known.azimuths
+                    if new and robot.seen_space.sees(eye_m[None], known.centroid_m, short_m)[0]:
+                        wanted["target" if known is robot.target else "others"] += 1.0 if known is robot.target else 0.5
+                for one in robot.view_history.candidates:
+                    cell, short_m = robot.view_bins.cell(eye_m, one.centroid_m), 0.25 + 0.5 * one.size_m
+                    new = cell is not None and cell[0] not in {cell[0] for cell in one.looks}
+                    if new and robot.seen_space.sees(eye_m[None], one.centroid_m, short_m)[0]:
+                        wanted["candidates"] += one.confidence
+                for kind, value in wanted.items():
+                    assert row[f"{kind}_new"] == pytest.approx(min(value, 1.0), abs=1e-6)
+                    promised[kind] += value > 0.0
+                if robot.target is not None:
+                    towards = robot.target.centroid_m[:2] - agent["position_m"]
+                    ahead = np.array([np.cos(angle), np.sin(angle)]) @ towards / np.linalg.norm(towards)
+                    assert row["to_target"] == pytest.approx(ahead, abs=1e-5)
+            looks = {name: seen["looks"][:, k] for k, name in enumerate(LOOK_ENTRIES)}
+            assert looks["there"][0] == (robot.target is not None)
+            assert looks["there"][1:4].sum() == min(3, len(robot.view_history.candidates))
+            best = likely_candidates(robot)[:3]
+            assert looks["confidence"][1 : 1 + len(best)] == pytest.approx([one.confidence for one in best], abs=1e-6)
+            seen, *_, info = env.step(np.array([rng.integers(DIRECTIONS + 1), rng.integers(len(LOOKS))]))
+    assert all(promised.values())
+
+
 def test_a_checkpoint_acts_as_in_training(tmp_path):
     wrapped, env = MovesAndLooks(make_env()), make_env()
-    space = gym.spaces.Dict({"state": env.observation_space["state"]})  # type: ignore[index]
-    network = build_policy(space, ACTION_SPACE, "MultiInputPolicy", KWARGS)
+    space = gym.spaces.Dict({name: wrapped.observation_space[name] for name in PARTS})  # type: ignore[index]
+    network = build_policy(space, ACTION_SPACE, "ChoicePolicy", KWARGS)
     description = {
         "env": "sbm_gym/Indoor-v0",
         "observation_space": describe(space),
         "action_space": describe(ACTION_SPACE),
-        "policy": {"class": "MultiInputPolicy", "kwargs": KWARGS},
+        "policy": {"class": "ChoicePolicy", "kwargs": KWARGS},
         "hyperparameters": {"env_wrapper": "moves_and_looks"},
     }
     write_policy(tmp_path, network, description, {})
@@ -108,6 +160,6 @@ def test_a_checkpoint_acts_as_in_training(tmp_path):
     observation, info = env.reset(seed=3)
     policy.reset(env, observation, info, np.random.default_rng(0))
     for _ in range(25):
-        seen, *_ = wrapped.step(network.predict({"state": seen["state"]}, deterministic=True)[0])
+        seen, *_ = wrapped.step(network.predict({name: seen[name] for name in PARTS}, deterministic=True)[0])
         observation, *_, info = env.step(policy.act(observation, info))
         assert np.array_equal(seen["state"], observation["state"])
