@@ -139,7 +139,7 @@ def table(content: Mapping[str, Any], progress: Progress) -> str:
         lines.append(f"  {name:{width}}  {mean:>12}  {_gain(figure['difference'])}".rstrip())
     resolved = [one["difference"]["resolves"] or 0.0 for one in figures[1:]]
     if max(resolved) > 0.0:
-        lines.append(f"So many starts resolve differences of {max(resolved):.2f}; * is shown.")
+        lines.append(f"{starts} starts resolve differences of {max(resolved):.2f}; * marks what is shown.")
     if starts < MIN_STARTS or scenes < MIN_SCENES:
         lines.append(f"Nothing is shown by fewer than {MIN_STARTS} starts in {MIN_SCENES} scenes.")
     return "\n".join(lines)
@@ -149,9 +149,9 @@ def _gain(difference: Mapping[str, Any] | None) -> str:
     """The trained policy's lead over another: the difference to it, turned round."""
     if difference is None:
         return ""
-    gain = f"{-difference['mean']:+.2f}"
+    gain = f"{0.0 - difference['mean']:+.2f}"
     if difference["low"] is not None:
-        gain += f" [{-difference['high']:+.2f}, {-difference['low']:+.2f}]"
+        gain += f" [{0.0 - difference['high']:+.2f}, {0.0 - difference['low']:+.2f}]"
     return f"{gain}{' *' if shown_sign(difference) else ''}"
 
 

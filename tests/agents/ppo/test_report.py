@@ -12,7 +12,7 @@ import pytest
 
 from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.statistics import paired_record
-from agents.network.files import FIRST, HISTORY_FILE
+from agents.network.files import FIRST, HISTORY_FILE, LAST, WEIGHTS_FILE
 from agents.policies.ppo import Ppo
 from agents.policies.registry import make_policy
 from agents.ppo import report, training
@@ -153,6 +153,15 @@ def test_a_run_that_is_stopped_meanwhile_goes_on(config, tmp_path, monkeypatch):
     assert train(again)[0].steps == 20
 
 
+def test_a_run_in_rooms_goes_on_as_if_it_had_never_stopped(trained, config, tmp_path):
+    stopped = replace(config, out=tmp_path / "run", compare_episodes=0)
+    train(replace(stopped, steps=20))  # no hyperparameter depends on how many there are to be
+    progress, _, _ = train(replace(stopped, steps=60))
+    assert progress == trained[0]
+    one, other = (run / LAST / WEIGHTS_FILE for run in (config.out, tmp_path / "run"))
+    assert one.read_bytes() == other.read_bytes()
+
+
 def test_it_ends_with_a_table_on_scenes_that_nothing_was_done_in(trained, config):
     progress, said, _ = trained
     content = json.loads((config.out / "unseen" / "evaluation.json").read_text())
@@ -190,7 +199,7 @@ def test_the_table_tells_how_much_better_the_trained_policy_is():
         assert low <= mean <= high
         assert line.endswith("*") == (gain > 0)
     resolved = max(one["figures"]["return"]["difference"]["resolves"] for one in list(policies.values())[1:])
-    assert lines[7] == f"So many starts resolve differences of {resolved:.2f}; * is shown."
+    assert lines[7] == f"200 starts resolve differences of {resolved:.2f}; * marks what is shown."
     assert len(lines) == 8
 
 
