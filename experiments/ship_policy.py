@@ -33,10 +33,12 @@ class ShipConfig:
     checkpoint: Literal["best", "last"] = "best"
     """The one that did best on validation scenes, or the latest: where training has not helped, the best is the
     untrained network."""
-    weights: Path = Path("agents/weights")
-    """Folder for the policies that come with the project."""
+    weights: Path | None = Path("agents/weights")
+    """Folder for the policies that come with the project; None ships nothing, and only keeps how it was trained."""
     results: Path = Path("experiments/results")
     """Folder for the record of the training."""
+    record: str | None = None
+    """Name of the record; by default that of the env."""
 
 
 def run(config: ShipConfig) -> None:
@@ -54,12 +56,15 @@ def run(config: ShipConfig) -> None:
     name = str(origin.get("env")).rpartition("/")[2]  # names folders
     if not ENV_NAME.fullmatch(name):
         raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
-    record = training_record(config.run, origin, files)
-    with atomic_folder(config.weights / name) as temporary:
-        for file in files:
-            shutil.copyfile(file, temporary / file.name)
-    write_json(config.results / RECORD.format(name), record)
-    print(f"{config.weights / name}\n{config.results / RECORD.format(name)}")
+    record = {**training_record(config.run, origin, files), "shipped": config.weights is not None}
+    if config.weights is not None:
+        with atomic_folder(config.weights / name) as temporary:
+            for file in files:
+                shutil.copyfile(file, temporary / file.name)
+        print(config.weights / name)
+    path = config.results / RECORD.format(config.record or name)
+    write_json(path, record)
+    print(path)
 
 
 def checkpoint_files(run_folder: Path, checkpoint: str) -> list[Path]:
@@ -93,7 +98,7 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
 
     Args:
         folder: of the run.
-        origin: of the checkpoint that is shipped.
+        origin: of the checkpoint.
         files: of this checkpoint.
 
     Raises:

@@ -21,6 +21,7 @@ from sbm_gym.env.state_vector import CANDIDATES, UNSEEN_STRIDES, likely_candidat
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import ViewBins
 from sbm_gym.robot.seen_space import CLEAR_M
+from sbm_gym.robot.view_history import IN_VIEW_RAD
 from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
@@ -54,14 +55,13 @@ LOOK_ENTRIES = (
     *(*_SIDES, "unseen_near", "unseen_far"),
 )
 """What each look promises: what it is of, and whether there is such a thing; how far the camera turns (divided by pi);
-of things their range (divided by 5 strides of a stride each), confidence, vain looks (divided by five) and whether they
-have not been seen from this side; then what is new within the view from here, and unseen floor, as for moves."""
+of things their range (divided by 16 strides), confidence, vain looks (divided by five) and whether this side of them is
+new; then what is new within the view from here, and unseen floor, as for moves."""
 SUMMARY = (
     *("target_known", "target_visible", "target_range", "target_azimuths_covered", "target_confidence_now"),
     *("target_best_confidence", "other_0_known", "candidate_0_confidence", "objects_confirmed", "time_left"),
 )
 """Entries of ``state`` that bear on all choices alike."""
-IN_VIEW_RAD = np.deg2rad(38.0)
 _RANGE_STRIDES = 16.0
 _MANY_LOOKS = 5.0
 

@@ -20,33 +20,40 @@ COLOURS = {
 }
 LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("correct labels an episode", 1)}
 """Title and factor by figure."""
+LEARNING_COLUMNS = 2
 ABLATION_PANELS = ("return", "discovery", "diversity")
 ABLATION_COLOURS = {"both": "#c2410c", "discovery": "#e39a6f", "diversity": GREEN, "neither": GREY}
 
 
 def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Draws validation return and that of rollouts against steps, a panel for each env; references are dashed.
+    """Draws validation return and that of rollouts against steps, a panel for each record; references are dashed.
 
     Args:
-        contents: of ``policy_training_*.json``, by env.
+        contents: of ``policy_training_*.json``, by record.
         path: PNG to write.
     """
-    figure, panels = plt.subplots(1, len(contents), figsize=(5.2 * len(contents), 3.4), dpi=100, squeeze=False)
-    for axes, (env, content) in zip(panels[0], contents.items(), strict=True):
+    rows, columns = -(-len(contents) // LEARNING_COLUMNS), min(len(contents), LEARNING_COLUMNS)
+    figure, panels = plt.subplots(rows, columns, figsize=(5.2 * columns, 3.4 * rows), dpi=100, squeeze=False)
+    for axes in panels.flat[len(contents) :]:
+        axes.set_visible(False)
+    for axes, (env, content) in zip(panels.flat, contents.items(), strict=False):
         rollouts, validations = content["rollouts"], content["validations"]
         axes.plot(*_curve(rollouts), color="#e8b394", lw=1, label="rollouts (training scenes, draws actions)")
         axes.plot(*_curve(validations), "o-", color=COLOURS["ppo"], lw=1.6, ms=4, label="validation")
-        axes.axvline(content["checkpoint"]["steps"], color=INK, ls=":", lw=1.1, label="shipped")
+        if content.get("shipped", True):
+            axes.axvline(content["checkpoint"]["steps"], color=INK, ls=":", lw=1.1, label="shipped")
         for name, figures in content["references"].items():
             axes.axhline(figures["return"], color=COLOURS.get(name, INK), ls="--", lw=1.3, label=f"{name} (validation)")
         axes.set_title(env, fontsize=10)
         axes.set_xlabel("steps", fontsize=9)
         axes.set_xlim(left=0)
         _small(axes)
-    panels[0][0].set_ylabel("return of an episode", fontsize=9)
-    handles = dict(zip(*reversed(panels[0][0].get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), frameon=False, fontsize=8, ncols=len(handles), loc="upper center")
-    figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
+    for axes in panels[:, 0]:
+        axes.set_ylabel("return of an episode", fontsize=9)
+    found = [axes.get_legend_handles_labels() for axes in panels.flat]
+    handles = {label: handle for some, labels in found for handle, label in zip(some, labels, strict=True)}
+    figure.legend(handles.values(), handles.keys(), frameon=False, fontsize=8, ncols=4, loc="upper center")
+    figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.3 / (3.4 * rows) - 0.05 / rows))
     save(figure, path)
 
 

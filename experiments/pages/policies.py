@@ -186,7 +186,7 @@ def _beside(ours: Sequence[float], base: Sequence[float]) -> str:
 
 
 def _training(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """How the shipped policies were trained, by env."""
+    """How policies were trained, the shipped ones and others, by record."""
     references = list(dict.fromkeys(name for content in contents.values() for name in content["references"]))
     rows = []
     for env, content in contents.items():
@@ -198,7 +198,7 @@ def _training(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
                 f"{content['rollouts'][-1]['at']:.0f}",
                 f"{first['return']:.2f}" if first["at"] == 0 else "-",
                 f"{best['return']:.2f}, {best['at']:.0f}",
-                f"{content['checkpoint']['steps']}",
+                f"{content['checkpoint']['steps']}" if content.get("shipped", True) else "-",
                 *("-" if figures is None else f"{figures['return']:.2f}" for figures in known),
                 str(settings["eval_episodes"]),
                 f"`{settings['detector']}`",

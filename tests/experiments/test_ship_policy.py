@@ -101,6 +101,14 @@ def test_the_latest_policy_is_shipped_without_what_only_training_needs(trained: 
     assert weights[0].read_bytes() == weights[1].read_bytes()
 
 
+def test_how_a_run_went_can_be_kept_without_shipping_it(trained: Path, tmp_path: Path) -> None:
+    assert ship(trained, tmp_path, "--weights", "None", "--record", "Boxes_seed_3") == 0
+    record = json.loads((tmp_path / "results" / "policy_training_Boxes_seed_3.json").read_text())
+    assert record["shipped"] is False
+    assert record["settings"]["seed"] == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
 def test_shipping_again_replaces_what_was_there(trained: Path, tmp_path: Path) -> None:
     old = tmp_path / "weights" / NAME
     old.mkdir(parents=True)
