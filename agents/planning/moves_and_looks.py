@@ -2,7 +2,8 @@
 
 A move goes a stride to one of eight sides, counted from where the camera points. Where the map shows something in the
 way it is turned aside by as little as possible, so that no choice runs into furniture. What to look at are the things
-that the ``state`` observation tells about, in its order, or directions; the camera points there after the move.
+that the ``state`` observation tells about, in its order, or directions; the camera points there after the move, at
+things also up or down.
 
 The observation tells of each move and each look what it promises, ``MOVE_ENTRIES`` and ``LOOK_ENTRIES``.
 """
@@ -101,8 +102,8 @@ def chosen_action(choice: Any, info: dict[str, Any], robot: RobotKnowledge) -> F
     step_m = np.zeros(2)
     if move != STAY:
         step_m = free_step(robot.navigable, position_m, robot.stride_m, heading_rad + move * 2.0 * np.pi / DIRECTIONS)
-    yaw_rad = _looked_at_rad(LOOKS[look], info, robot, position_m + step_m)
-    return move_and_look(info, robot.stride_m, step_m, yaw_rad, robot.rest_tilt_rad)
+    where_rad = _looked_at_rad(LOOKS[look], info, robot, position_m + step_m)
+    return move_and_look(info, robot.stride_m, step_m, *where_rad)
 
 
 def free_step(
@@ -130,19 +131,22 @@ def free_step(
 
 def _looked_at_rad(
     what: str | float, info: dict[str, Any], robot: RobotKnowledge, from_m: Float[np.ndarray, "2"]
-) -> float:
-    """Direction of what is looked at, counter-clockwise from +X."""
+) -> tuple[float, float]:
+    """Where the camera points to look at something: counter-clockwise from +X, and up."""
     agent, target = info["agent"], robot.target
     if not isinstance(what, str):
-        return agent["yaw_rad"] + what
+        return agent["yaw_rad"] + what, robot.rest_tilt_rad
     kind, _, number = what.partition("_")
+    camera_m = agent["camera_to_world"][:3, 3]
     found = [] if target is None else [target.centroid_m]
     if kind == "candidate":
         found = [one.centroid_m for one in likely_candidates(robot)[int(number) :]] + found
     elif kind == "other":
-        camera_m = agent["camera_to_world"][:3, 3]
         found = [one.centroid_m for one in nearest_others(robot, camera_m)[int(number) :]] + found
-    return bearing_rad(from_m, found[0][:2]) if found else agent["yaw_rad"]
+    if not found:
+        return agent["yaw_rad"], robot.rest_tilt_rad
+    distance_m = max(float(np.linalg.norm(found[0][:2] - from_m)), 1e-6)
+    return bearing_rad(from_m, found[0][:2]), float(np.arctan2(found[0][2] - camera_m[2], distance_m))
 
 
 # What it sees -----------------------------------------------------------------------------------------------------

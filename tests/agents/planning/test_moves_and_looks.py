@@ -21,7 +21,9 @@ from agents.planning.moves_and_looks import (
     free_step,
 )
 from agents.policies.ppo import Ppo
+from sbm_gym.env.gaze import PITCH_RAD
 from sbm_gym.env.state_vector import likely_candidates, nearest_others
+from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.object_memory import MemoryConfig
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
@@ -71,6 +73,10 @@ def test_choices_do_what_they_say_and_hit_nothing():
             if target is not None and wanted_m is not None:
                 offset = wanted_m - after["camera_to_world"][:3, 3]
                 assert angle_between(after["yaw_rad"], np.arctan2(offset[1], offset[0])) < 0.02
+                fixated = target.centroid_m - after["camera_to_world"][:3, 3]
+                middle_rad, up_rad = (np.arctan2(way[2], np.hypot(way[0], way[1])) for way in (fixated, offset))
+                up_rad = np.clip(up_rad, middle_rad - PITCH_RAD, middle_rad + PITCH_RAD)
+                assert after["tilt_rad"] == pytest.approx(max(up_rad, -BodyConfig().max_tilt_rad), abs=0.03)
                 looked[LOOKS[look]] += 1
             elif target is not None and not isinstance(LOOKS[look], str):
                 assert angle_between(after["yaw_rad"], before["yaw_rad"] + LOOKS[look]) < 0.02
