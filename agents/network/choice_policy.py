@@ -28,12 +28,12 @@ class ChoiceFeatures(BaseFeaturesExtractor):
             ValueError: if the observation space lacks the state or rows.
         """
         parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
-        shapes = [parts[name].shape or () for name in PARTS if name in parts]
+        shapes: list[tuple[int, ...]] = [parts[name].shape or () for name in PARTS if name in parts]
         if [len(shape) for shape in shapes] != [1, 1, 2, 2]:
             raise ValueError(f"observations must be a Dict of {', '.join(PARTS)}; not {observation_space}")
-        self.state_size, self.summary_size = shapes[0][0], shapes[1][0]
+        (self.state_size,), (self.summary_size,), *rows = shapes
         """Length of the state and of its summary."""
-        self.row_shapes = shapes[2:]
+        self.row_shapes = [(shape[0], shape[1]) for shape in rows]
         """Number and length of the rows of each kind."""
         rows_size = sum(rows * length for rows, length in self.row_shapes)
         super().__init__(observation_space, self.state_size + self.summary_size + rows_size)
@@ -68,6 +68,7 @@ class ChoicePolicy(MultiInputActorCriticPolicy):
         for part, gain in ((self.action_net, 1.4), (self.value_net, 1.4)):
             part.apply(lambda module, gain=gain: self.init_weights(module, gain))
         for scorer in self.action_net.scorers:
+            assert isinstance(scorer, _RowScorer)
             self.init_weights(scorer.score, 0.01)
             self.init_weights(scorer.direct, 0.01)
         self.init_weights(self.value_net[-1], 1.0)

@@ -109,7 +109,7 @@ def test_no_step_leaves_the_free_floor(blocked, direction_rad, x, y):
 
 def test_promises_are_what_the_robot_knows():
     env, rng = MovesAndLooks(make_env()), np.random.default_rng(1)
-    promised = dict.fromkeys(("target", "others", "candidates"), 0)
+    promised: dict[str, int] = {"target": 0, "others": 0, "candidates": 0}
     for seed in range(4):
         seen, info = env.reset(seed=seed)
         robot = env.get_wrapper_attr("knowledge")
