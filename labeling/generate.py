@@ -124,7 +124,9 @@ def _report(config: GenerateConfig, results: list[EpisodeResult]) -> None:
     labels = sum(label.modal is not None for record in records for label in record.labels)
     print(f"{objects} objects, {labels} masks in {views} views of {len(records)} episodes")
     if objects == 0 and records:
-        print(f"note: no object reached --confident {config.label.confident:g}; a lower threshold may find sources")
+        reached = f"--confident {config.label.confident:g}, nor all looks at it together --min-posterior"
+        advice = "a lower threshold of either may find objects"
+        print(f"note: no view of an object reached {reached} {config.label.min_posterior:g}; {advice}")
     if unmeasured := calibration_note({"uncalibrated_detectors": uncalibrated_detectors(results)}):
         print(f"note: {unmeasured}")
     print(f"labels: {config.out}")
