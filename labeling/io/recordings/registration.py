@@ -1,7 +1,8 @@
 """Whether depth lies where colour lies: how far edges of depth are from edges of colour, over many views.
 
 Where depth jumps, one thing ends and another begins, and mostly the colour changes, too. So the two pictures of edges
-correlate most at the shift by which they are apart; in depth that is registered to colour that is none.
+correlate most at the shift by which they are apart, and at the ratio of their cameras' focal lengths; in depth that is
+registered to colour that is no shift, and one.
 """
 
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Complex, Float, Float32, UInt8
 
 from labeling.core.views import RgbdViews
 from labeling.io.recordings.frames import load
@@ -22,9 +23,12 @@ REACH = 0.12
 """Shifts that are looked for, as a share of the width."""
 TOLERANCE = 0.01
 """A shift by less than this share of the width is none: edges of depth are that ragged."""
+SCALES = (1.0, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.16)
+"""Factors by which depth is drawn larger or smaller, to see whether its edges fit better then: a depth camera's field
+of view differs by up to as much from that of the colour camera beside it."""
 LEAD, LEAST_FIT = 1.15, 0.02
-"""Factor by which edges must fit better at the shift than where they are, and the least that they must fit there, as a
-coefficient of correlation: with less there is nothing to tell by."""
+"""Factor by which edges must fit better at the shift than where they are, and at a scale than at their own, and the
+least that they must fit there, as a coefficient of correlation: with less there is nothing to tell by."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +36,11 @@ class DepthOffset:
     """Where edges of depth lie."""
 
     right_px: float
-    """Right of those of colour, pixels of the recording's pictures."""
+    """Right of those of colour in the middle of the picture, pixels of the recording's pictures."""
     down_px: float
     """Below those of colour."""
+    scale: float = 1.0
+    """Size of things in depth, as a multiple of their size in colour: the ratio of both focal lengths."""
 
     def __str__(self) -> str:
         """Such as "25 pixels to the left and 3 up"."""
@@ -48,8 +54,9 @@ def offset_note(views: RgbdViews) -> str | None:
     offset = depth_offset(views)
     if offset is None:
         return None
+    size = "" if offset.scale == 1.0 else f", and depth draws things {offset.scale:.2f} times as large as colour does"
     return (
-        f"edges of depth lie {offset} of edges of colour: depth is not registered to colour, so labels will lie beside "
+        f"edges of depth lie {offset} of edges of colour{size}: depth is not registered to colour, so labels will lie beside "
         'their objects; align it, or tell of its camera (docs/your-own-recordings.md, "Depth from a camera of its own")'
     )
 
@@ -74,40 +81,88 @@ def depth_offset(views: RgbdViews) -> DepthOffset | None:
             the others.
 
     Returns:
-        The shift; None if there is none beyond ``TOLERANCE``, or if there are too few edges to tell.
+        Shift and scale; None if there is none beyond ``TOLERANCE`` and the steps of ``SCALES``, or if there are too few
+        edges to tell.
     """
     chosen = np.unique(np.rint(np.linspace(0, views.num_views - 1, MAX_VIEWS)).astype(int))
     factor = max(1, round(views.size[1] / WIDTH_PX))
     size = views.size[0] // factor, views.size[1] // factor
-    fits = np.stack([_fit(views.rgb[view], views.depth_m[view], factor, size) for view in chosen])
-    peaks = [_peak(part.sum(axis=0)) for part in (fits, fits[::2], fits[1::2])]
-    total = fits.sum(axis=0)
-    middle = np.array(total.shape) // 2
-    shift = peaks[0] - middle
+    colours = [_colour_spectrum(views.rgb[view], factor, size) for view in chosen]
     tolerance_px = max(2.0, TOLERANCE * size[1])
-    agree = all(np.abs(one - peaks[0]).max() <= tolerance_px for one in peaks[1:])
-    near = total[tuple(slice(place - 1, place + 2) for place in middle)].max()
-    least = max(LEAD * near, LEAST_FIT * len(chosen))
-    if len(chosen) < 2 or not agree or np.hypot(*shift) <= tolerance_px or total[tuple(peaks[0])] < least:
+    fits = []
+    for scale in SCALES:
+        depths = (_scaled(views.depth_m[view], scale) for view in chosen)
+        one = np.stack([_fit(depth, *colour, factor, size) for depth, colour in zip(depths, colours, strict=True)])
+        fits.append(_best_fit(one, scale, tolerance_px))
+    own, best = fits[0], max((fit for fit in fits if fit.agree), key=lambda fit: fit.height, default=fits[0])
+    if best.height < LEAD * own.height:
+        best = own
+    registered = best.scale == 1.0 and np.hypot(*best.shift) <= tolerance_px
+    least = max(LEAD * own.near, LEAST_FIT * len(chosen))
+    if len(chosen) < 2 or not best.agree or registered or best.height < least:
         return None
-    return DepthOffset(float(factor * shift[1]), float(factor * shift[0]))
+    return DepthOffset(float(factor * best.shift[1]), float(factor * best.shift[0]), 1.0 / best.scale)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How edges of several views fit best at a scale: the sum of correlations, and at which shift, rows first."""
+
+    scale: float
+    height: float
+    near: float
+    """The sum of correlations without a shift."""
+    shift: np.ndarray
+    agree: bool
+    """Whether either half of the views says so."""
+
+
+def _best_fit(fits: Float[np.ndarray, "views rows columns"], scale: float, tolerance_px: float) -> _Fit:
+    middle, total = np.array(fits.shape[1:]) // 2, fits.sum(axis=0)
+    shift, *halves = (_peak(part.sum(axis=0)) - middle for part in (fits, fits[::2], fits[1::2]))
+    near = total[tuple(slice(place - 1, place + 2) for place in middle)].max()
+    agree = all(np.abs(one - shift).max() <= tolerance_px for one in halves)
+    return _Fit(scale, float(total.max()), float(near), shift, agree)
+
+
+def _scaled(depth_m: Float32[np.ndarray, "h w"], scale: float) -> Float32[np.ndarray, "h w"]:
+    """Depth drawn larger by a factor, about the middle of the picture."""
+    if scale == 1.0:
+        return depth_m
+    height, width = depth_m.shape
+    about = np.array([[scale, 0, (1 - scale) * (width - 1) / 2], [0, scale, (1 - scale) * (height - 1) / 2]])
+    return cv2.warpAffine(depth_m, about, (width, height), flags=cv2.INTER_NEAREST)
+
+
+def _colour_spectrum(
+    rgb: UInt8[np.ndarray, "h w 3"], factor: int, size: tuple[int, int]
+) -> tuple[Complex[np.ndarray, "rows frequencies"], float]:
+    """The spectrum of a view's edges of colour, and their length as a vector."""
+    small = cv2.resize(rgb, (factor * size[1], factor * size[0]), interpolation=cv2.INTER_NEAREST)
+    edges = colour_edges(cv2.resize(small, (size[1], size[0]), interpolation=cv2.INTER_AREA))
+    return np.fft.rfft2(edges - edges.mean(), _padded(size)), float(np.linalg.norm(edges))
 
 
 def _fit(
-    rgb: UInt8[np.ndarray, "h w 3"], depth_m: Float32[np.ndarray, "h w"], factor: int, size: tuple[int, int]
+    depth_m: Float32[np.ndarray, "h w"],
+    colour: Complex[np.ndarray, "padded frequencies"],
+    colour_length: float,
+    factor: int,
+    size: tuple[int, int],
 ) -> Float[np.ndarray, "rows columns"]:
     """How well edges fit at each shift of depth: down by rows, right by columns, none in the middle."""
-    small = cv2.resize(rgb, (factor * size[1], factor * size[0]), interpolation=cv2.INTER_NEAREST)
-    colour = colour_edges(cv2.resize(small, (size[1], size[0]), interpolation=cv2.INTER_AREA))
     half = factor // 2
     depth = depth_edges(depth_m[half::factor, half::factor][: size[0], : size[1]])
-    padded = [cv2.getOptimalDFTSize(2 * side) for side in size]
-    spectra = [np.fft.rfft2(edges - edges.mean(), padded) for edges in (depth, colour)]
+    spectrum = np.fft.rfft2(depth - depth.mean(), _padded(size))
     # The value at a shift s is the sum over places of depth(x + s) * colour(x).
-    fit = np.fft.irfft2(spectra[0] * np.conj(spectra[1]), padded)
+    fit = np.fft.irfft2(spectrum * np.conj(colour), _padded(size))
     reach = max(3, round(REACH * size[1]))
     fit = np.roll(fit, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1]
-    return fit / max(float(np.linalg.norm(depth) * np.linalg.norm(colour)), 1e-9)
+    return fit / max(float(np.linalg.norm(depth)) * colour_length, 1e-9)
+
+
+def _padded(size: tuple[int, int]) -> list[int]:
+    return [cv2.getOptimalDFTSize(2 * side) for side in size]
 
 
 def colour_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:

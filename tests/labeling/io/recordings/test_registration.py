@@ -39,6 +39,27 @@ def test_the_offset_is_measured(room, right_px, down_px):
     assert (found.right_px, found.down_px) == pytest.approx((right_px, down_px), abs=2)
 
 
+def zoomed(room: Episode, factor: float) -> Episode:
+    """Depth as a camera of another focal length at the same place would see it."""
+    height, width = room.depth_m.shape[1:]
+    rows, columns = (
+        np.rint((np.arange(size) - (size - 1) / 2) / factor + (size - 1) / 2).astype(int).clip(0, size - 1)
+        for size in (height, width)
+    )
+    return replace(room, depth_m=room.depth_m[:, rows][:, :, columns])
+
+
+@pytest.mark.parametrize("factor", [585 / 525, 0.88, 1.15])
+def test_another_focal_length_is_measured(room, factor):
+    found = depth_offset(zoomed(room, factor))
+    assert found is not None
+    assert found.scale == pytest.approx(factor, abs=0.03)
+    assert np.hypot(found.right_px, found.down_px) <= 4
+    note = offset_note(zoomed(room, factor))
+    assert note is not None
+    assert f"depth draws things {found.scale:.2f} times as large as colour does" in note
+
+
 def test_small_offsets_are_none_and_noise_hides_none(room):
     assert depth_offset(shifted(room, 1, 0)) is None
     rng = np.random.default_rng(0)
