@@ -37,6 +37,9 @@ class GenerateConfig:
     share_scenes: bool = False
     """Label what one episode has found in the other episodes of its scene, too: those whose episode.json names the same
     ``scene`` and whose poses are given in one world frame. What is small and far in one view is near in another."""
+    label_together: bool = True
+    """With ``--share-scenes``: label the episodes of a scene as one recording, so that what all of them have seen
+    decides which objects there are; otherwise each is labelled alone, and then given what the others have found."""
     recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
     sources: tyro.conf.OmitArgPrefixes[SourceConfig] = field(default_factory=SourceConfig)
     label: Annotated[LabelConfig, tyro.conf.arg(name="")] = field(default_factory=LabelConfig)
@@ -72,12 +75,17 @@ def run(config: GenerateConfig) -> None:
     _check_out(config.out, config.dataset)
     job = Job(config.dataset, config.out, config.recording, config.sources, config.label, inputs)
     results = []
+    together = config.share_scenes and config.label_together and config.label.fuse_views
+    label = label_all
+    if together:
+        from labeling.generator.sharing.label_together import label_scenes as label
     bar = progress_bar(total=len(folders), desc="labelling", unit="episode")
-    with bar, showing_stages(bar), closing(label_all(job, folders, config.workers)) as found:
+    with bar, showing_stages(bar), closing(label(job, folders, config.workers)) as found:
         for result in found:
             bar.update()
             results.append(result)
             _print_notes(result)
+    results.sort(key=lambda result: folders.index(job.dataset / result.folder))
     if config.share_scenes:
         from labeling.generator.sharing.share_scenes import share_scenes
 
@@ -85,6 +93,7 @@ def run(config: GenerateConfig) -> None:
     about = {
         **describe(config.label),
         "share_scenes": config.share_scenes,
+        **({"label_together": together} if config.share_scenes else {}),
         "recording": asdict(config.recording),
         "sources": msgspec.to_builtins(config.sources, enc_hook=str),
     }

@@ -2,11 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_records
@@ -19,6 +19,11 @@ from labeling.runtime.code_digest import code_digest
 from labeling.runtime.process_pool import WorkerDiedError, run_jobs
 from labeling.runtime.provenance import package_versions
 from labeling.runtime.threads import in_background, num_threads, one_beside
+
+if TYPE_CHECKING:
+    from labeling.core.episode import Episode
+    from labeling.core.episode_labels import EpisodeLabels
+    from labeling.generator.sources import Sources
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scipy", "hotcoco")
 """What the labels depend on."""
@@ -36,6 +41,8 @@ class EpisodeResult:
     record: EpisodeRecord | None
     """What was labelled; None if the episode failed."""
     error: str | None = None
+    labelled_with: tuple[str, ...] = ()
+    """Names of the episodes of its scene that it was labelled together with, its own included; empty if alone."""
 
 
 def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
@@ -86,46 +93,92 @@ class Job:
         Returns:
             How it went; after the first step already if there is nothing to label.
         """
-        from labeling.formats.ply import write_ply
-        from labeling.generator.quality.unused_sources import notes_of_outlines, unused_sources
-        from labeling.generator.settings.published_defects import with_amodal_boxes
-        from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
-        from labeling.io.episodes import read_episode
-
         name = folder.resolve().name
-        relative = self.relative(folder)
-        record_file, points_file = self.out / "episodes" / f"{name}.json", cloud_file(self.out, name)
         try:
             mark = fingerprint(folder, self.label, list(self.inputs))
-            record = read_record(record_file, mark)
-            if record is None or not points_file.is_file():
-                episode = read_episode(folder, self.recording, ground_truth=self.sources.reads_ground_truth)
-                yield episode.depth_m.size
-                cache = self.out / DETECTIONS_FOLDER / f"{name}.json"
-                sources = find_sources(folder, episode, relative, self.sources, self.label, cache)
+            record = self.finished(name, mark)
+            if record is None:
+                episode, sources = yield from self.read(folder)
                 from labeling.generator.calibration.detector_calibration import calibration_of
                 from labeling.generator.propagate import propagate
 
                 labels = propagate(episode, sources.detections, self.label, calibration_of(sources.detector))
                 yield episode.depth_m.size
-                cloud = labels.cloud
-                points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
-                with in_background(lambda: write_ply(points_file, *points)) as written:
-                    warning = labels.poses and labels.poses.warning
-                    unused = unused_sources(sources.detections, labels, self.label)
-                    lost = notes_of_outlines(episode, unused, self.label)
-                    notes = (*episode.notes, *sources.notes, *([warning] if warning else []), *lost)
-                    doubtful = sources.uncalibrated if self.label.fuse_views else None
-                    record = episode_record(episode, labels, mark, sources.origin, notes, len(unused), doubtful)
-                    written()
-                if self.label.published.amodal_boxes:
-                    record = with_amodal_boxes(record)
-                write_records(record_file, as_json(record))
-        except SbmError as error:
-            return EpisodeResult(name, relative, None, str(error))
-        except OSError as error:
-            return EpisodeResult(name, relative, None, f"{folder}: cannot be read or written ({error})")
-        return EpisodeResult(name, relative, record)
+                record = self.write(episode, sources, labels, mark)
+        except (SbmError, OSError) as error:
+            return self.failed(folder, error)
+        return EpisodeResult(name, self.relative(folder), record)
+
+    def finished(self, name: str, mark: str) -> EpisodeRecord | None:
+        """The record of an episode that an earlier run has labelled, if it has this fingerprint."""
+        record = read_record(self.record_file(name), mark)
+        return record if cloud_file(self.out, name).is_file() else None
+
+    def read(self, folder: Path) -> "Generator[int, None, tuple[Episode, Sources]]":
+        """Reads an episode, and finds what it is to be labelled from.
+
+        Yields:
+            Its pixels, once it is read.
+
+        Raises:
+            SbmError: if it is malformed, or has nothing to be labelled from.
+            OSError: if it cannot be read.
+        """
+        from labeling.generator.sources import DETECTIONS_FOLDER, find_sources
+        from labeling.io.episodes import read_episode
+
+        episode = read_episode(folder, self.recording, ground_truth=self.sources.reads_ground_truth)
+        yield episode.depth_m.size
+        cache = self.out / DETECTIONS_FOLDER / f"{folder.resolve().name}.json"
+        return episode, find_sources(folder, episode, self.relative(folder), self.sources, self.label, cache)
+
+    def write(
+        self,
+        episode: "Episode",
+        sources: "Sources",
+        labels: "EpisodeLabels",
+        mark: str,
+        complete: Callable[[EpisodeRecord], EpisodeRecord] = lambda record: record,
+    ) -> EpisodeRecord:
+        """Writes record and cloud of a labelled episode.
+
+        Args:
+            episode: its views.
+            sources: what it was labelled from.
+            labels: what was found.
+            mark: fingerprint of all that the labels depend on.
+            complete: adds to the record what the labels do not say, before it is written.
+
+        Raises:
+            OSError: if a file cannot be written.
+        """
+        from labeling.formats.ply import write_ply
+        from labeling.generator.quality.unused_sources import notes_of_outlines, unused_sources
+        from labeling.generator.settings.published_defects import with_amodal_boxes
+
+        cloud = labels.cloud
+        points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
+        with in_background(lambda: write_ply(cloud_file(self.out, episode.name), *points)) as written:
+            warning = labels.poses and labels.poses.warning
+            unused = unused_sources(sources.detections, labels, self.label)
+            lost = notes_of_outlines(episode, unused, self.label)
+            notes = (*episode.notes, *sources.notes, *([warning] if warning else []), *lost)
+            doubtful = sources.uncalibrated if self.label.fuse_views else None
+            record = complete(episode_record(episode, labels, mark, sources.origin, notes, len(unused), doubtful))
+            written()
+        if self.label.published.amodal_boxes:
+            record = with_amodal_boxes(record)
+        write_records(self.record_file(episode.name), as_json(record))
+        return record
+
+    def failed(self, folder: Path, error: SbmError | OSError) -> EpisodeResult:
+        """What is said of an episode that could not be labelled."""
+        problem = str(error) if isinstance(error, SbmError) else f"{folder}: cannot be read or written ({error})"
+        return EpisodeResult(folder.resolve().name, self.relative(folder), None, problem)
+
+    def record_file(self, name: str) -> Path:
+        """Where the record of an episode lies."""
+        return self.out / "episodes" / f"{name}.json"
 
     def relative(self, folder: Path) -> str:
         """An episode's folder as seen from the dataset; ``.`` if it is the dataset."""

@@ -1,1 +1,1 @@
-"""Labels shared by the episodes of a scene."""
+"""Episodes of a scene, labelled together or sharing their labels."""

@@ -6,7 +6,7 @@ scene that fill the same space are one object, and a view shows it where the vie
 still. Beyond the thesis, which labels each episode by itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,9 +62,9 @@ class SceneObject:
         """The most confident observation."""
         return self.observations[0]
 
-    def is_found_in(self, episode: str) -> bool:
-        """Whether an episode has found the object itself."""
-        return any(observation.episode == episode for observation in self.observations)
+    def is_found_in(self, episodes: Collection[str]) -> bool:
+        """Whether one of these episodes has found the object itself."""
+        return any(observation.episode in episodes for observation in self.observations)
 
 
 @dataclass(frozen=True, eq=False)

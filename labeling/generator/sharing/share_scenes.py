@@ -14,9 +14,9 @@ from labeling.core.episode_labels import LabelledObject
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.rle import decode_mask
 from labeling.core.types import PseudoLabel
-from labeling.formats.checked_json import read_json
 from labeling.formats.ply import read_ply
 from labeling.generator.label_jobs import EpisodeResult, Job
+from labeling.generator.sharing.scene_groups import scene_of
 from labeling.generator.sharing.scene_objects import (
     ObjectMasks,
     ObjectObservation,
@@ -45,39 +45,35 @@ def share_scenes(
         progress: wraps the sequence of results, to draw a progress bar.
 
     Returns:
-        The results, with records that have more objects and labels. Episodes whose ``episode.json`` names no scene, and
-        those alone in theirs, are as before.
+        The results, with records that have more objects and labels. Episodes whose ``episode.json`` names no scene,
+        those alone in theirs, and those labelled together with all others of theirs, are as before.
 
     Raises:
         EpisodeFormatError: if an ``episode.json`` or a cloud is malformed.
     """
     folders = {one.name: job.dataset / one.folder for one in results}
-    scene_of = {one.name: _scene(folders[one.name]) for one in results if one.record is not None}
+    scenes = {one.name: scene_of(folders[one.name]) for one in results if one.record is not None}
+    members: dict[Any, set[str]] = defaultdict(set)
+    for name, scene in scenes.items():
+        members[scene].add(name)
+    known = {one.name: {one.name, *one.labelled_with} for one in results}
+    scenes = {
+        name: scene for name, scene in scenes.items() if any(known[other] < members[scene] for other in members[scene])
+    }
     observations: dict[tuple[str, ...], list[ObjectObservation]] = defaultdict(list)
     for one in results:
-        scene = scene_of.get(one.name)
+        scene = scenes.get(one.name)
         if scene is not None and one.record is not None:
             observations[scene].extend(_observations(job, one, one.record))
     objects = {scene: associate_observations(found) for scene, found in observations.items()}
     shared = []
     for one in progress(results):
-        scene = scene_of.get(one.name)
-        missing = [] if scene is None else [other for other in objects[scene] if not other.is_found_in(one.name)]
+        scene = scenes.get(one.name)
+        missing = [] if scene is None else [other for other in objects[scene] if not other.is_found_in(known[one.name])]
         if missing and one.record is not None:
             one = _with_shared(job, folders[one.name], one, one.record, missing)
         shared.append(one)
     return shared
-
-
-def _scene(folder: Path) -> tuple[str, ...] | None:
-    """World and scene of an episode, None if it does not say."""
-    file = folder / "episode.json"
-    if not file.is_file():
-        return None
-    about = read_json(file)
-    if not about.has("scene"):
-        return None
-    return (about.text("world") if about.has("world") else "", about.text("scene"))
 
 
 def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Iterator[ObjectObservation]:

@@ -56,8 +56,9 @@ def offset_note(views: RgbdViews) -> str | None:
         return None
     size = "" if offset.scale == 1.0 else f", and depth draws things {offset.scale:.2f} times as large as colour does"
     return (
-        f"edges of depth lie {offset} of edges of colour{size}: depth is not registered to colour, so labels will lie beside "
-        'their objects; align it, or tell of its camera (docs/your-own-recordings.md, "Depth from a camera of its own")'
+        f"edges of depth lie {offset} of edges of colour{size}: depth is not registered to colour, so labels will lie "
+        "beside their objects; align it, or tell of its camera "
+        '(docs/your-own-recordings.md, "Depth from a camera of its own")'
     )
 
 

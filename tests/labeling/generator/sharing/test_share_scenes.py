@@ -123,8 +123,8 @@ def test_segments_that_fill_the_same_space_are_one_object_and_others_are_not() -
     assert sorted(len(one.observations) for one in objects) == [1, 2]
     (both,) = (one for one in objects if len(one.observations) == 2)
     assert both.best.episode == "later"
-    assert both.is_found_in("near")
-    assert not both.is_found_in("elsewhere")
+    assert both.is_found_in(["elsewhere", "near"])
+    assert not both.is_found_in(["elsewhere"])
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +153,7 @@ def read(labels: Path, name: str = "instances_modal.json"):
 @pytest.fixture(scope="module")
 def shared(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("labels")
-    assert main([str(dataset), "--out", str(out), "--share-scenes"]) == 0
+    assert main([str(dataset), "--out", str(out), "--share-scenes", "--no-label-together"]) == 0
     return out
 
 
@@ -221,5 +221,5 @@ def test_a_damaged_cloud_is_refused(dataset: Path, tmp_path: Path, capsys: pytes
     assert main([str(dataset), "--out", str(tmp_path)]) == 0
     cloud = tmp_path / "clouds" / "found.ply"
     cloud.write_bytes(cloud.read_bytes()[:-5])
-    assert main([str(dataset), "--out", str(tmp_path), "--share-scenes"]) == 2
+    assert main([str(dataset), "--out", str(tmp_path), "--share-scenes", "--no-label-together"]) == 2
     assert "found.ply: truncated" in capsys.readouterr().err

@@ -1,0 +1,141 @@
+"""Episodes of one scene as one recording: what all of them have seen decides which objects there are.
+
+An object that one episode sees twice from afar and another once from the side may be sure in neither, and is, from all
+three looks; what one episode takes for a fridge, others see to be a door. So nothing is thresholded before all episodes
+of a scene have been heard. Beyond the thesis, which labels each episode by itself.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from labeling.core.episode import Episode
+from labeling.core.episode_labels import EpisodeLabels
+from labeling.core.pose_check import PoseCheck
+from labeling.core.types import Detection
+from labeling.core.views import RgbdViews
+
+
+@dataclass(frozen=True)
+class EpisodePart:
+    """What labels of a joined recording say of one of its episodes."""
+
+    labels: EpisodeLabels
+    """Views and instances counted from 0 and 1 within the episode; sources of objects are its own."""
+    origins: dict[int, tuple[int, int]]
+    """Of objects that only other episodes have sources of, by instance id: the number of such an episode, and the
+    object's instance id there."""
+    source_episodes: tuple[int, ...]
+    """Of each label, the number of the episode that its ``source_view_index`` counts in."""
+
+
+def join_episodes(
+    episodes: Sequence[Episode], detections: Sequence[Sequence[Detection]]
+) -> tuple[RgbdViews, list[Detection]]:
+    """The views of episodes of one scene, one after the other, and their detections.
+
+    Args:
+        episodes: at least one, with pictures of one size and poses in one world frame.
+        detections: of each episode.
+    """
+    arrays = ("rgb", "depth_m", "intrinsics", "camera_to_world")
+    views = RgbdViews(*(np.concatenate([getattr(one, name) for one in episodes]) for name in arrays))
+    starts = np.cumsum([0, *(one.num_views for one in episodes)])
+    moved = [
+        replace(one, view_index=one.view_index + int(start))
+        for start, found in zip(starts, detections, strict=False)
+        for one in found
+    ]
+    return views, moved
+
+
+def split_labels(labels: EpisodeLabels, num_views: Sequence[int]) -> list[EpisodePart]:
+    """The labels of a joined recording, episode by episode.
+
+    Each episode has the objects that one of its views shows or was a source of, and the cloud of the whole scene.
+
+    Args:
+        labels: of the joined views.
+        num_views: of each episode.
+    """
+    starts = np.cumsum([0, *num_views])
+
+    def place(view_index: int) -> tuple[int, int]:
+        """The episode of a joined view, and its number there."""
+        episode = int(np.searchsorted(starts, view_index, side="right")) - 1
+        return episode, view_index - int(starts[episode])
+
+    shown = [{one.instance_id for one in labels.labels if place(one.view_index)[0] == k} for k in range(len(num_views))]
+    for one in labels.objects:
+        for source in one.sources:
+            shown[place(source.view_index)[0]].add(one.instance_id)
+    ids = [{name: number for number, name in enumerate(sorted(names), start=1)} for names in shown]
+    return [_part(labels, k, place, ids, int(starts[k]), int(starts[k + 1])) for k in range(len(num_views))]
+
+
+def _part(
+    labels: EpisodeLabels,
+    episode: int,
+    place: Callable[[int], tuple[int, int]],
+    ids: list[dict[int, int]],
+    start: int,
+    end: int,
+) -> EpisodePart:
+    own = ids[episode]
+    objects, origins = [], {}
+    kept = [column for column, one in enumerate(labels.objects) if one.instance_id in own]
+    for one in (labels.objects[column] for column in kept):
+        places = [place(source.view_index) for source in one.sources]
+        sources = tuple(
+            replace(source, view_index=view)
+            for source, (k, view) in zip(one.sources, places, strict=True)
+            if k == episode
+        )
+        number = own[one.instance_id]
+        if not sources and places:
+            first = places[0][0]
+            origins[number] = first, ids[first][one.instance_id]
+        objects.append(replace(one, instance_id=number, sources=sources))
+    found = [one for one in labels.labels if start <= one.view_index < end]
+    source_places = [place(one.source_view_index) for one in found]
+    number_of = np.zeros(1 + max((one.instance_id for one in labels.objects), default=0), np.int32)
+    number_of[list(own)] = list(own.values())
+    cloud = labels.cloud
+    return EpisodePart(
+        replace(
+            labels,
+            objects=tuple(objects),
+            labels=tuple(
+                replace(
+                    one,
+                    view_index=one.view_index - start,
+                    instance_id=own[one.instance_id],
+                    source_view_index=view,
+                )
+                for one, (_, view) in zip(found, source_places, strict=True)
+            ),
+            cloud=replace(cloud, instance_id=number_of[cloud.instance_id], probability=cloud.probability[:, kept]),
+            ignored=tuple(
+                replace(one, view_index=one.view_index - start, instance_id=own.get(one.instance_id or 0))
+                for one in labels.ignored
+                if start <= one.view_index < end
+            ),
+            poses=labels.poses and _poses_of(labels.poses, start, end),
+        ),
+        origins,
+        tuple(k for k, _ in source_places),
+    )
+
+
+def _poses_of(poses: PoseCheck, start: int, end: int) -> PoseCheck:
+    """The check of poses as far as it concerns some of the views."""
+    refined = poses.camera_to_world
+    return replace(
+        poses,
+        view_residual_m=poses.view_residual_m[start:end],
+        rotation_deg=poses.rotation_deg[start:end],
+        translation_m=poses.translation_m[start:end],
+        moved_m=poses.moved_m[start:end],
+        camera_to_world=refined and refined[start:end],
+    )

@@ -1,0 +1,173 @@
+"""Labels the episodes of a scene as one recording."""
+
+import hashlib
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+from labeling.core.episode import Episode
+from labeling.core.errors import SbmError
+from labeling.generator.calibration.detector_calibration import calibration_of
+from labeling.generator.label_jobs import EpisodeResult, Job, fingerprint
+from labeling.generator.propagate import propagate
+from labeling.generator.sharing.joined_episodes import EpisodePart, join_episodes, split_labels
+from labeling.generator.sharing.scene_groups import scene_groups
+from labeling.generator.sources import Sources
+from labeling.io.label_records import EpisodeRecord
+from labeling.runtime.code_digest import code_digest
+from labeling.runtime.process_pool import WorkerDiedError, run_jobs
+
+Read = TypeVar("Read")
+
+MAX_EPISODES = 8
+"""Of a scene that are labelled together, so that memory and voxels stay within bounds; more are so many at a time."""
+
+
+def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[EpisodeResult, None, None]:
+    """Labels the episodes of each scene together.
+
+    Args:
+        job: what to do.
+        folders: the episodes.
+        workers: processes side by side. What comes out is the same for any number.
+
+    Yields:
+        How it went with each episode, scene by scene. Closing the generator ends the workers.
+
+    Raises:
+        EpisodeFormatError: if an ``episode.json`` is malformed.
+    """
+    groups = groups_to_label(folders)
+    work = GroupJob(job).label_group
+    if min(workers, len(groups)) == 1:
+        for group in groups:
+            yield from work(group)
+        return
+    with closing(run_jobs(work, groups, workers, threads=None, ordered=True)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome.error, WorkerDiedError):
+                yield from (job.failed(folder, SbmError(f"{folder}: {outcome.error}")) for folder in outcome.job)
+            else:
+                yield from outcome.result()
+
+
+def groups_to_label(folders: Sequence[Path]) -> list[list[Path]]:
+    """Episodes to label together: those of one scene, at most ``MAX_EPISODES`` at a time, as evenly as can be.
+
+    Raises:
+        EpisodeFormatError: if an ``episode.json`` is malformed.
+    """
+    return [part for group in scene_groups(folders) for part in _parts(group)]
+
+
+def _parts(group: Sequence[Path]) -> list[list[Path]]:
+    count = -(-len(group) // MAX_EPISODES)
+    episodes = iter(group)
+    return [list(islice(episodes, (len(group) + k) // count)) for k in range(count)]
+
+
+@dataclass(frozen=True)
+class GroupJob:
+    """Labels groups of episodes that show one scene each."""
+
+    job: Job
+    """What is the same for all episodes."""
+
+    def label_group(self, folders: Sequence[Path]) -> list[EpisodeResult]:
+        """Labels the episodes of a scene together, or takes what an earlier run has left.
+
+        An episode that cannot be read, or has nothing to be labelled from, fails alone. Where the sizes of pictures or
+        the detectors differ, each episode is labelled by itself.
+        """
+        if len(folders) == 1:
+            return [self.job.label_episode(folders[0])]
+        failed: dict[Path, EpisodeResult] = {}
+        marks: dict[Path, str] = {}
+        for folder in folders:
+            try:
+                marks[folder] = fingerprint(folder, self.job.label, list(self.job.inputs))
+            except OSError as error:
+                failed[folder] = self.job.failed(folder, error)
+        marks = _joint_marks(marks)
+        records = {folder: self.job.finished(folder.resolve().name, mark) for folder, mark in marks.items()}
+        if any(record is None for record in records.values()):
+            read: dict[Path, tuple[Episode, Sources]] = {}
+            for folder in marks:
+                try:
+                    read[folder] = _result(self.job.read(folder))
+                except (SbmError, OSError) as error:
+                    failed[folder] = self.job.failed(folder, error)
+            if len({(one.size, sources.detector) for one, sources in read.values()}) > 1:
+                return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
+            records = self._label(read, marks, failed)
+        together = tuple(folder.resolve().name for folder in records)
+        labelled = {
+            folder: EpisodeResult(folder.resolve().name, self.job.relative(folder), record, labelled_with=together)
+            for folder, record in records.items()
+        }
+        return [failed.get(folder) or labelled[folder] for folder in folders]
+
+    def _label(
+        self,
+        read: dict[Path, tuple[Episode, Sources]],
+        marks: dict[Path, str],
+        failed: dict[Path, EpisodeResult],
+    ) -> "dict[Path, EpisodeRecord | None]":
+        """Labels and writes episodes that were read; those that cannot be written are added to ``failed``."""
+        if not read:
+            return {}
+        episodes, sources = zip(*read.values(), strict=True)
+        views, detections = join_episodes(episodes, [one.detections for one in sources])
+        labels = propagate(views, detections, self.job.label, calibration_of(sources[0].detector))
+        names = [one.name for one in episodes]
+        records: dict[Path, EpisodeRecord | None] = {}
+        for (folder, (episode, found)), part in zip(
+            read.items(), split_labels(labels, [one.num_views for one in episodes]), strict=True
+        ):
+            try:
+                records[folder] = self.job.write(episode, found, part.labels, marks[folder], _Origins(part, names))
+            except OSError as error:
+                failed[folder] = self.job.failed(folder, error)
+        return records
+
+
+@dataclass(frozen=True)
+class _Origins:
+    """Says in a record which other episode of the scene an object or the source of a label is of."""
+
+    part: EpisodePart
+    names: Sequence[str]
+    """Of the episodes that were joined."""
+
+    def __call__(self, record: EpisodeRecord) -> EpisodeRecord:
+        origins = {
+            number: {"episode": self.names[episode], "instance_id": instance_id}
+            for number, (episode, instance_id) in self.part.origins.items()
+        }
+        sources = (self.names[episode] for episode in self.part.source_episodes)
+        return replace(
+            record,
+            objects=tuple(replace(one, shared_from=origins.get(one.instance_id)) for one in record.objects),
+            labels=tuple(
+                replace(one, source_episode=None if name == record.name else name)
+                for one, name in zip(record.labels, sources, strict=True)
+            ),
+        )
+
+
+def _joint_marks(marks: dict[Path, str]) -> dict[Path, str]:
+    """Fingerprints that change with any of the episodes, and with what joins them."""
+    common = [code_digest(__name__), *marks.values()]
+    return {folder: hashlib.sha256("\n".join([mark, *common]).encode()).hexdigest() for folder, mark in marks.items()}
+
+
+def _result(steps: Generator[int, None, Read]) -> Read:
+    """What a generator returns, all of its steps taken."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
