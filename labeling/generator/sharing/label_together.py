@@ -1,7 +1,7 @@
 """Labels the episodes of a scene as one recording."""
 
 import hashlib
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -23,7 +23,9 @@ from labeling.runtime.process_pool import WorkerDiedError, run_jobs
 Read = TypeVar("Read")
 
 MAX_EPISODES = 8
-"""Of a scene that are labelled together, so that memory and voxels stay within bounds; more are so many at a time."""
+"""Of a scene that are labelled together, so that voxels stay fine; more are so many at a time."""
+MAX_PIXELS = 64_000_000
+"""Of all their views, so that memory stays within bounds: 200 views of 640x480. Longer ones are labelled one by one."""
 
 
 def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[EpisodeResult, None, None]:
@@ -80,7 +82,7 @@ class GroupJob:
         """Labels the episodes of a scene together, or takes what an earlier run has left.
 
         An episode that cannot be read, or has nothing to be labelled from, fails alone. Where the sizes of pictures or
-        the detectors differ, each episode is labelled by itself.
+        the detectors differ, or views are too many, each episode is labelled by itself.
         """
         if len(folders) == 1:
             return [self.job.label_episode(folders[0])]
@@ -100,8 +102,9 @@ class GroupJob:
                     read[folder] = _result(self.job.read(folder))
                 except (SbmError, OSError) as error:
                     failed[folder] = self.job.failed(folder, error)
-            if len({(one.size, sources.detector) for one, sources in read.values()}) > 1:
-                return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
+                if not _fit_together(read.values()):
+                    del read
+                    return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
             records = self._label(read, marks, failed)
         together = tuple(folder.resolve().name for folder in records)
         labelled = {
@@ -156,6 +159,12 @@ class _Origins:
                 for one, name in zip(record.labels, sources, strict=True)
             ),
         )
+
+
+def _fit_together(read: Collection[tuple[Episode, Sources]]) -> bool:
+    """Whether these episodes can be one recording."""
+    kinds = {(episode.size, sources.detector) for episode, sources in read}
+    return len(kinds) <= 1 and sum(episode.depth_m.size for episode, _ in read) <= MAX_PIXELS
 
 
 def _joint_marks(marks: dict[Path, str]) -> dict[Path, str]:

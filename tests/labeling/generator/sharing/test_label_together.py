@@ -14,6 +14,7 @@ from labeling.core.episode import Episode
 from labeling.generate import main
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.generator.sharing import label_together
 from labeling.generator.sharing.joined_episodes import join_episodes, split_labels
 from labeling.generator.sharing.label_together import MAX_EPISODES, groups_to_label
 from labeling.inspection.checks import inspect_label_set
@@ -173,6 +174,14 @@ def test_pictures_of_different_sizes_are_labelled_one_by_one_and_shared(visits: 
     assert annotations(labels, "1")
     assert labelled(tmp_path / "visits", tmp_path / "apart", "--no-label-together")
     assert annotations(labels) == annotations(tmp_path / "apart")
+
+
+def test_long_recordings_are_labelled_one_by_one_and_shared(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(label_together, "MAX_PIXELS", 9 * 90 * 120)
+    labels, apart = labelled(dataset, tmp_path / "labels"), labelled(dataset, tmp_path / "apart", "--no-label-together")
+    assert annotations(labels) == annotations(apart)
 
 
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=3))
