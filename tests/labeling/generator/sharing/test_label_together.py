@@ -121,6 +121,36 @@ def test_what_no_episode_is_sure_of_all_may_be_together(visits: list[Episode]) -
     assert propagate(views, detections, config).objects
 
 
+def test_an_unsure_phantom_of_one_episode_is_outvoted_by_the_others(visits: list[Episode]) -> None:
+    """They look at the same place and find nothing there. A confident one stays: it makes an object by itself."""
+    first = list(visits[0].detections or ())
+    mask = np.zeros(visits[0].size, bool)
+    taken = np.any([one.mask for one in first if one.view_index == 0], axis=0)
+    corners = ((y, x) for y in range(5, 60, 5) for x in range(5, 90, 5))
+    y, x = next((y, x) for y, x in corners if not taken[y : y + 22, x : x + 22].any())
+    mask[y : y + 22, x : x + 22] = True
+    phantom = replace(first[0], view_index=0, category="refrigerator", confidence=0.85, mask=mask)
+    fooled = replace(visits[0], detections=(*first, phantom))
+    config = LabelConfig(min_posterior=0.4)
+    alone = {one.category for one in propagate(fooled, fooled.detections, config).objects}
+    episodes = [fooled, *visits[1:]]
+    views, detections = join_episodes(episodes, [one.detections or () for one in episodes])
+    joined = {one.category for one in propagate(views, detections, config).objects}
+    assert "refrigerator" in alone
+    assert "refrigerator" not in joined
+    assert joined >= {"chair", "couch", "plant", "table"}
+
+
+def test_the_order_of_episodes_decides_no_object(visits: list[Episode]) -> None:
+    """Voxels are filled in another order, so that posteriors may differ in the third digit, but nothing else."""
+    found = []
+    for order in (visits, visits[::-1]):
+        views, detections = join_episodes(order, [one.detections or () for one in order])
+        found.append(sorted((one.category, one.confidence) for one in propagate(views, detections).objects))
+    assert [name for name, _ in found[0]] == [name for name, _ in found[1]]
+    assert [chance for _, chance in found[0]] == pytest.approx([chance for _, chance in found[1]], abs=0.01)
+
+
 def test_the_label_set_is_sound_and_says_where_objects_were_found(together: Path, dataset: Path) -> None:
     assert inspect_label_set(together, []) == []
     about = json.loads((together / "label_set.json").read_text())
