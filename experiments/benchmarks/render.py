@@ -129,7 +129,7 @@ def scene_costs(quick: bool) -> Iterator[Row]:
     env = FixationEnv(split=None)
     resets, scenes = (20, 2) if quick else (RESETS, SCENES)
     names = cycle(env.scene_names[:scenes])
-    for _ in range(resets // 10):
+    for _ in range(resets):  # the heap settles only after some two thousand
         env.reset(options={"scene": next(names)})
     started, samples = time.perf_counter(), []
     for number in range(resets):
