@@ -16,7 +16,7 @@ from labeling.generator.label_jobs import EpisodeResult, Job, label_all
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
-from labeling.io.recordings.recording_config import RecordingConfig
+from labeling.io.recordings.recording_config import FLOOR, RecordingConfig
 from labeling.runtime.cli import progress_bar, run_command, showing_stages
 
 
@@ -70,6 +70,11 @@ def run(config: GenerateConfig) -> None:
     config.sources.check()
     if config.workers < 1:
         raise UsageError(f"--workers must be at least 1, not {config.workers}")
+    if config.share_scenes and config.recording.up == FLOOR:
+        raise UsageError(
+            "--share-scenes needs all episodes of a scene in one world frame, and --up=floor finds one for each; give "
+            "the direction that a note told for one of them: --up=X,Y,Z"
+        )
     inputs = (asdict(config.recording), source_fingerprint(config.sources))
     folders = find_episodes(config.dataset, config.recording)
     _check_out(config.out, config.dataset)

@@ -206,6 +206,14 @@ def test_pictures_of_different_sizes_are_labelled_one_by_one_and_shared(visits: 
     assert annotations(labels) == annotations(tmp_path / "apart")
 
 
+def test_a_frame_for_each_recording_is_refused(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(dataset), "--share-scenes", "--up=floor", "--out", str(tmp_path / "labels")]) == 2
+    assert "--up=X,Y,Z" in capsys.readouterr().err
+    assert not (tmp_path / "labels").exists()
+
+
 def test_long_recordings_are_labelled_one_by_one_and_shared(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
