@@ -1,4 +1,4 @@
-"""Fits how far labels can be trusted: ``python -m experiments.calibrate_labels TRAIN [TRAIN ...] --check VAL``."""
+"""Calibrates a detector's labels: ``python -m experiments.calibrate_labels TRAIN [TRAIN ...] --check VAL``."""
 
 import sys
 from dataclasses import dataclass, replace

@@ -23,8 +23,8 @@ Place = tuple[str, int]
 
 @dataclass(frozen=True)
 class AtlasConfig:
-    """Looks from every place of a scene in every direction, once, and keeps depth, ids and what a detector finds, so
-    that an environment made with ``atlas=DIR`` looks views up. Killed and started again, it goes on where it was.
+    """Renders every place and heading of scenes once and stores depth, geom ids and a detector's detections, so that
+    an environment made with ``atlas=DIR`` looks views up. A command that was stopped goes on where it was.
     """
 
     out: Path
@@ -32,13 +32,13 @@ class AtlasConfig:
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of the world; rooms, since streets are arranged anew for every episode."""
     split: Literal["train", "val", "test", "wide", "endless"] = "train"
-    """Its scenes."""
+    """Split whose scenes are taken."""
     skip: NonNegative[int] = 0
-    """So many of them, the first, are left out: those for validation come after those for training."""
+    """Scenes left out at the beginning of the split: those for validation come after those for training."""
     scenes: Count | None = None
-    """Only so many after that; all if not given."""
+    """Number of scenes after those; all if not given."""
     detector: str = "compact"
-    """Whose findings are kept: any name that agents.collect takes."""
+    """Detector whose detections are stored: any name that agents.collect takes."""
     grid_m: float = 0.5
     """Distance of neighbouring places, metres; at most 0.5."""
     headings: Count = 12
@@ -79,7 +79,7 @@ def build(config: AtlasConfig) -> list[Path]:
 
 
 def _make_env(config: AtlasConfig) -> "gymnasium.Env":
-    """The environment, which looks nothing up itself."""
+    """The environment that views are rendered in, itself without an atlas."""
     import gymnasium
 
     import sbm_gym  # noqa: F401, registers the environments
@@ -96,7 +96,7 @@ def _make_env(config: AtlasConfig) -> "gymnasium.Env":
 
 
 def _builder(config: AtlasConfig, env: "gymnasium.Env", name: str) -> "AtlasBuilder":
-    """What writes the atlas of a scene; the environment is in that scene afterwards."""
+    """The builder of a scene's atlas; resets the environment into that scene."""
     from sbm_gym.atlas.pose_grid import PoseGrid
     from sbm_gym.atlas.scene_atlas import AtlasBuilder
 
@@ -106,7 +106,7 @@ def _builder(config: AtlasConfig, env: "gymnasium.Env", name: str) -> "AtlasBuil
 
 
 def _view_maker(config: AtlasConfig) -> "Callable[[Place], None]":
-    """Looks around at places and writes what there is to see."""
+    """A function that renders the views of one place and writes them, with an environment of its own."""
     env = _make_env(config)
 
     @lru_cache(maxsize=1)

@@ -28,8 +28,6 @@ Split = Literal["train", "val", "test", "wide"]
 SPLITS: dict[Subset, Split] = {"learn": "train", "choose": "train", "val": "val", "test": "test", "wide": "wide"}
 """To learn from, to choose the best network by, to report on: validation scenes, the thesis' few test scenes, and many
 more. Nothing learns from the last three."""
-NOVEL = ("cushion", "nightstand", "shelf", "beanbag")
-"""Categories that no photograph has shown. Source: thesis A.6."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
 """The thesis' own label settings for streets. Source: field notes."""
 
@@ -67,8 +65,8 @@ LABEL_RECIPES: dict[str, LabelRecipe] = {
     "released": LabelRecipe(PRESETS["released"]),
 }
 TRUTH, ANNOTATED = "truth", "annotated views"
-TEACHERS = (*LABEL_RECIPES, TRUTH, ANNOTATED)
-"""What a detector learns from: labels of a recipe, ground truth, or only the masks that weak labels are made from."""
+"""What a detector learns from besides labels of a recipe: ground truth, or only the masks that weak labels are made
+from."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Student:
     """A detector, and what it is fine-tuned on."""
 
     teacher: str | None
-    """One of ``TEACHERS``; None for the pre-trained detector as it is."""
+    """One of ``LABEL_RECIPES``, ``TRUTH`` or ``ANNOTATED``; None for the pre-trained detector as it is."""
     seed: int
     """Of labels and training."""
     new_categories: tuple[str, ...] = ()

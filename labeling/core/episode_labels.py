@@ -54,7 +54,7 @@ class IgnoredRegion:
     """In [0, 1]."""
     mask: Bool[np.ndarray, "h w"]
     instance_id: int | None = None
-    """The object whose label is not trusted here; None for a detection that no label explains."""
+    """The object whose label is below the confidence threshold here; None for a detection that no label explains."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class EpisodeLabels:
     scale: Scale | None
     """None if no usable detection lies on known depth (there are no labels then)."""
     ignored: tuple[IgnoredRegion, ...] = ()
-    """What is left out of ``labels`` for want of trust, sorted by view."""
+    """Regions that neither labels nor background cover, sorted by view: unsure labels and unexplained detections."""
     poses: PoseCheck | None = None
     """How well the views' poses agree with their depths, and those that were used instead; None if nothing was labelled
     or no two views see enough of one another."""

@@ -1,4 +1,4 @@
-"""How well the poses of an episode agree with its depths, and what was done about it."""
+"""The result of checking an episode's poses against its depths."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,41 +6,41 @@ from typing import Any
 import numpy as np
 
 MAX_OFF = 0.5
-"""How far poses may misplace what a view sees, in voxels."""
-HOPELESS = 0.3
-"""Misfit from which on views do not belong together, whatever their poses."""
+"""Largest displacement by pose errors of what a view sees that is not reported, in voxels."""
+MAX_MISFIT = 0.3
+"""From this misfit on no poses make the views agree: settings or files are wrong."""
 
 
 @dataclass(frozen=True)
 class PoseCheck:
-    """Of the views of one episode, compared with one another."""
+    """How well the poses and depths of one episode's views agree, and the corrections that make them agree best."""
 
     voxel_m: float
     """Edge of the voxels that the views are fused into."""
     residual_m: float
-    """Distance between the surfaces of two views, from point to plane; robust root mean square."""
+    """Point-to-plane distance between the surfaces of two views, metres; robust root mean square."""
     misfit: float
-    """The same in [0, 1], with those that lie too far apart to be fitted: 0 if all surfaces agree, 1 if none does."""
+    """Mean robust loss of these distances, in [0, 1], surfaces too far apart to be fitted included: 0 if all agree."""
     view_residual_m: list[float]
     """``residual_m`` of each view: from it to the others, and from them to it."""
     rotation_deg: list[float]
-    """How far each view would have to be turned to agree with the others best."""
+    """Angle by which each view would have to be turned to agree with the others best."""
     translation_m: list[float]
-    """How far its camera would have to be shifted."""
+    """Distance by which its camera would have to be shifted."""
     moved_m: list[float]
-    """How far both together move what it sees, at its median depth."""
+    """How far both corrections together displace what it sees, at its median depth."""
     refined_residual_m: float | None = None
     """``residual_m`` after these corrections; None if they are a first estimate, which found nothing to correct."""
     refined_misfit: float | None = None
     """``misfit`` after them."""
     can_be_refined: bool = False
-    """Whether the corrections are worth it."""
+    """Whether the corrected poses agree enough better with the depths to be used."""
     camera_to_world: list[list[list[float]]] | None = None
     """The corrected poses, if labels were made with them. Their frame is the one in which corrections are least."""
 
     @property
     def is_off(self) -> bool:
-        """Whether a view's pose is worse than the voxels."""
+        """Whether pose errors of any view displace what it sees by more than ``MAX_OFF`` voxels."""
         return max(self.moved_m) > MAX_OFF * self.voxel_m
 
     @property
@@ -59,7 +59,7 @@ class PoseCheck:
             return f"{off}; labels were made with refined poses ({fell})"
         if self.can_be_refined:
             return f"{off}; --refine-poses auto would mend them ({fell})"
-        if (self.refined_misfit or 0.0) < HOPELESS:
+        if (self.refined_misfit or 0.0) < MAX_MISFIT:
             return None
         return (
             f"views do not fit together under any poses nearby ({self.refined_misfit:.0%} of their surfaces disagree); "

@@ -52,7 +52,7 @@ class Detection:
     """In [0, 1]."""
     mask: Bool[np.ndarray, "h w"]
     exact: bool = False
-    """Drawn by a person, so that its outline needs no doubt: the mask is not eroded."""
+    """Whether a person drew the mask, so that its outline is taken as exact and is not eroded."""
     box_xyxy: tuple[float, float, float, float] | None = None
     """Of a detector that gives boxes only: left, top, right, bottom in pixels, from which the mask was made here."""
 

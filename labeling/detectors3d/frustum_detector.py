@@ -59,10 +59,10 @@ class FrustumDetector:
             with torch.inference_mode():
                 output = self._network(torch.from_numpy(points).to(self._device), numbers.to(self._device))
                 boxes = self._network.boxes(output).cpu().numpy()
-                trust = _mean_probability(output.logits).cpu().numpy()
-            for (one, frustum), box, share in zip(some, boxes, trust, strict=True):
+                scores = _mean_probability(output.logits).cpu().numpy()
+            for (one, frustum), box, score in zip(some, boxes, scores, strict=True):
                 world = frustum.to_world(decode_box(box))
-                found.append(Detection3d(one.view_index, one.category, one.confidence * float(share), world))
+                found.append(Detection3d(one.view_index, one.category, one.confidence * float(score), world))
         return found
 
 

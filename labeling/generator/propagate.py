@@ -37,7 +37,7 @@ from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
-from labeling.runtime.progress import tell
+from labeling.runtime.progress import report_progress
 from labeling.runtime.threads import in_background
 
 BOX_MARGIN_VOXELS = 0.75
@@ -81,19 +81,26 @@ def propagate(
     _check_detections(detections, views)
     usable = [one for one in detections if np.count_nonzero(one.mask) >= config.min_mask_px]
     calibration = calibration or calibration_of()
-    evidence = gather_evidence(views, usable, config)
-    if evidence is None:
+    scene = fuse_scene(views, usable, config)
+    if scene is None:
         return _empty_labels()
-    return replace(_label(evidence, usable, calibration, config), poses=evidence.poses)
+    return replace(_label(scene, usable, calibration, config), poses=scene.poses)
 
 
 def _label(
-    evidence: "SceneEvidence", usable: Sequence[Detection], calibration: DetectorCalibration, config: LabelConfig
+    scene: "FusedScene", usable: Sequence[Detection], calibration: DetectorCalibration, config: LabelConfig
 ) -> EpisodeLabels:
-    """Labels the views of ``evidence``; ``usable`` are their detections."""
-    views, cloud, scale = evidence.views, evidence.cloud, evidence.scale
+    """Labels the views of a fused scene.
+
+    Args:
+        scene: views, cloud and seeds.
+        usable: detections of these views with large enough masks.
+        calibration: of their detector.
+        config: settings.
+    """
+    views, cloud, scale = scene.views, scene.cloud, scene.scale
     if config.fuse_views:
-        candidates = find_objects(cloud, evidence.eyes_m, evidence.seeds, calibration.objects, config)
+        candidates = find_objects(cloud, scene.eyes_m, scene.seeds, calibration.objects, config)
     else:
         candidates = single_detection_candidates(cloud, usable, config)
     if not candidates:
@@ -101,10 +108,10 @@ def _label(
     if not config.fuse_views:
         return label_per_detection(views, cloud, candidates, scale, config)
     known = len(candidates)
-    tell(f"segmenting {known} objects in {cloud.num_points} voxels")
+    report_progress(f"segmenting {known} objects in {cloud.num_points} voxels")
     candidates, probability = _segment(cloud, candidates, scale, config)
     if len(candidates) < known:
-        candidates = with_posteriors(cloud, evidence.eyes_m, candidates, calibration.objects)
+        candidates = with_posteriors(cloud, scene.eyes_m, candidates, calibration.objects)
     owner = point_owners(probability, config.exclusive)
     outliers = segment_outliers(
         cloud.points, owner, len(candidates), cloud.voxel_m, config, _detection_votes(owner, candidates)
@@ -114,7 +121,7 @@ def _label(
     if config.thin_parts:
         parts = find_thin_parts(cloud, views, owner, len(candidates), scale.object_m)
         inside |= parts.owner >= 0
-    tell(f"drawing masks into {views.num_views} views")
+    report_progress(f"drawing masks into {views.num_views} views")
     with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:
         objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
         probability = np.where(outliers[:, None], np.float32(0), probability[:, columns])
@@ -125,25 +132,25 @@ def _label(
 
 
 @dataclass(frozen=True)
-class SceneEvidence:
-    """The views of an episode as one cloud, and what the detections say about it."""
+class FusedScene:
+    """The views of an episode fused into one cloud, and the seeds that detections give its voxels."""
 
     views: RgbdViews
-    """With poses as good as they get, without depth in free space."""
+    """With refined poses where these are better (``poses``), and without depth that lies in free space."""
     cloud: Cloud
     scale: Scale
     poses: PoseCheck | None
     seeds: list[DetectionSeeds]
-    """None unless ``config.fuse_views``."""
+    """Empty unless ``config.fuse_views``."""
 
     @property
     def eyes_m(self) -> Float64[np.ndarray, "v 3"]:
-        """Where the views were taken from, world."""
+        """Camera positions, metres, world."""
         return np.asarray(self.views.camera_to_world, np.float64)[:, :3, 3]
 
 
-def gather_evidence(views: RgbdViews, detections: Sequence[Detection], config: LabelConfig) -> SceneEvidence | None:
-    """Moves views and detections into one cloud.
+def fuse_scene(views: RgbdViews, detections: Sequence[Detection], config: LabelConfig) -> FusedScene | None:
+    """Fuses views into one cloud and turns detections into seeds of its voxels.
 
     Args:
         views: of one scene.
@@ -158,9 +165,9 @@ def gather_evidence(views: RgbdViews, detections: Sequence[Detection], config: L
     scale = measure_scale(confident or (detections if unsure_too else []), views, config.max_range_m)
     if scale is None:
         return None
-    tell(f"comparing the poses of {views.num_views} views")
+    report_progress(f"comparing the poses of {views.num_views} views")
     views, poses = with_agreeing_poses(views, voxel_edge_m(scale, config), config)
-    tell(f"fusing {views.num_views} views")
+    report_progress(f"fusing {views.num_views} views")
     used = detections if config.weak_evidence or unsure_too else confident
     with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
         cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
@@ -169,12 +176,13 @@ def gather_evidence(views: RgbdViews, detections: Sequence[Detection], config: L
             if cleared is not views:
                 views = cleared
                 cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
-        # In turn: many short jobs on several threads cost more than they save. No trimaps, no seeds.
+        # One after the other: many short jobs on several threads cost more than they save. Without ``fuse_views``
+        # there are no trimaps, so no seeds either.
         pairs = zip(used, trimaps(), strict=False)
         seeds = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index)) for one, trimap in pairs]
     if config.nested_masks:
         seeds = without_nested(seeds, cloud.num_points, config.confident, config.merge_overlap)
-    return SceneEvidence(views, cloud, scale, poses, seeds)
+    return FusedScene(views, cloud, scale, poses, seeds)
 
 
 def _check_detections(detections: Sequence[Detection], views: RgbdViews) -> None:

@@ -19,7 +19,7 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.coco import CategoryTable, read_detections, read_shared_file
 from labeling.io.episodes import NAMING_FILES, detection_record
-from labeling.runtime.progress import views_told
+from labeling.runtime.progress import view_counter
 
 DETECTIONS_FOLDER = "detections"
 
@@ -152,7 +152,7 @@ def _detect(episode: Episode, name: str, cache: Path) -> Sources:
                 return Sources(read_shared_file(file, episode, ".", scored=True)[0], f"detector {name}", detector=name)
         except EpisodeFormatError:
             pass  # damaged: made again below
-    found = run_detector(detector, episode, views_told("detecting in", episode.num_views))
+    found = run_detector(detector, episode, view_counter("detecting in", episode.num_views))
     known = None if detector.categories is None else list(detector.categories)
     write_json(
         cache,

@@ -21,7 +21,7 @@ from labeling.formats.atomic import atomic_folder, write_json, write_png
 from labeling.formats.checked_json import read_json
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRANSFORMS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.progress import views_told
+from labeling.runtime.progress import view_counter
 
 if TYPE_CHECKING:
     from labeling.io.recordings.pictures import Undistortion
@@ -132,7 +132,7 @@ def write_episode(folder: Path, episode: Episode) -> None:
         2.0
     """
     with atomic_folder(folder) as temporary:
-        written = views_told("writing", episode.num_views)
+        written = view_counter("writing", episode.num_views)
         frames, cameras_differ = [], bool(np.any(episode.intrinsics != episode.intrinsics[0]))
         for view in range(episode.num_views):
             rgb_name, depth_name = f"rgb/{view:03d}.png", f"depth/{view:03d}.png"

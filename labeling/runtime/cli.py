@@ -28,8 +28,8 @@ def progress_bar(items: Any = None, unit: str = "batch", **options: Any) -> Any:
 
 @contextmanager
 def showing_stages(bar: Any) -> Iterator[None]:
-    """Shows beside a progress bar what this thread tells of its work (``labeling.runtime.progress``)."""
-    from labeling.runtime.progress import listening
+    """Shows the stages that this thread reports (``labeling.runtime.progress``) beside a progress bar."""
+    from labeling.runtime.progress import progress_reported_to
 
     def show(stage: str) -> None:
         if bar.disable:
@@ -40,7 +40,7 @@ def showing_stages(bar: Any) -> Iterator[None]:
             bar.last_print_t = now_s
             bar.refresh()
 
-    with listening(show):
+    with progress_reported_to(show):
         yield
 
 

@@ -1,1 +1,1 @@
-"""View atlases: what a camera and a detector find at every place of a scene, looked up in place of being computed."""
+"""View atlases: stored depth, geom ids and detections of a grid of poses, looked up instead of rendered."""

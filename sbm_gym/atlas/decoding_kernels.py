@@ -1,4 +1,4 @@
-"""Compiled decoding of views."""
+"""Compiled decoding of stored views: differences along rows, and masks from COCO RLE."""
 
 import numpy as np
 from numba import njit
@@ -11,8 +11,8 @@ def sum_along_rows(low, high, unit, numbers):
     Args:
         low: (h, w) uint8, the differences' low bytes.
         high: (h, w) uint8, their high bytes.
-        unit: what a difference of 1 is.
-        numbers: (h, w), the sums times the unit; written.
+        unit: a difference of 1 in units of the result, of its type.
+        numbers: (h, w) float32 or int32, the sums times the unit; written.
     """
     for row in range(low.shape[0]):
         total = np.uint16(0)
@@ -35,7 +35,7 @@ def draw_masks(text, ends, masks):
         masks: (n, h, w) bool, all False; written.
 
     Returns:
-        Whether each of them fills its picture.
+        Whether the runs of every mask fill its picture exactly.
     """
     height, width = masks.shape[1:]
     for mask in range(len(masks)):

@@ -13,16 +13,16 @@ COARSEST_GRID_M, FEWEST_HEADINGS = 0.5, 12
 
 @dataclass(frozen=True)
 class PoseGrid:
-    """Where a camera can be in an atlas."""
+    """Places and headings of the views of an atlas."""
 
     places_m: Float[np.ndarray, "n 2"]
-    """Where the robot can stand."""
+    """World x and y of each place; the robot can stand there."""
     num_headings: int
-    """Evenly around, the first along +X."""
+    """Headings at each place: evenly spaced, counter-clockwise, the first along +X."""
 
     @classmethod
     def cover(cls, navigable: NavigableMap, grid_m: float, num_headings: int) -> "PoseGrid":
-        """The free place nearest to the middle of every cell of a grid that has one.
+        """Divides the floor into square cells and takes the free place nearest to the centre of each cell that has any.
 
         Args:
             navigable: where the robot can stand; only its largest connected part counts.
@@ -30,7 +30,7 @@ class PoseGrid:
             num_headings: at least 12.
 
         Raises:
-            UsageError: if the grid is coarser than that.
+            UsageError: if ``grid_m`` or ``num_headings`` is out of range.
         """
         if not navigable.cell_m <= grid_m <= COARSEST_GRID_M:
             raise UsageError(f"places are {navigable.cell_m:g} to {COARSEST_GRID_M:g} m apart, not {grid_m:g} m")
@@ -52,11 +52,11 @@ class PoseGrid:
         return float(yaw_rad - 2.0 * np.pi if yaw_rad > np.pi else yaw_rad)
 
     def nearest_heading(self, yaw_rad: float) -> int:
-        """The heading that is the least turn away."""
+        """Number of the heading nearest to a yaw."""
         return round(yaw_rad / (2.0 * np.pi) * self.num_headings) % self.num_headings
 
     def nearest_place(self, position_m: Float[np.ndarray, "2"], navigable: NavigableMap) -> int:
-        """The nearest place that nothing stands before; the nearest one, if all places near by are hidden."""
+        """Number of the nearest place that can be reached straight on; of the nearest one if none of nine can."""
         near = np.argsort(((self.places_m - position_m) ** 2).sum(axis=1), kind="stable")[:9]
         for place in near:
             if navigable.line_is_free(position_m, self.places_m[place]):

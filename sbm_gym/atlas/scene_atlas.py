@@ -1,8 +1,8 @@
 """The atlas of one scene on disk.
 
-A folder holds ``atlas.json`` (what it was made of: the key, the poses) and ``views.bin``: a table of where the parts of
-each view begin (int64, places x (4 headings + 1)), then the parts. While an atlas is being built there is a file for
-each place; ``finish`` puts them together.
+A folder holds ``atlas.json`` (the key of what it was made from, and the poses) and ``views.bin``: a table of where the
+parts of each view begin (int64, places x (4 headings + 1)), then the parts. While an atlas is being built there is a
+file for each place; ``finish`` puts them together.
 """
 
 import hashlib
@@ -18,8 +18,9 @@ import numpy as np
 from jaxtyping import Int64
 
 from labeling.core.errors import SbmError
-from labeling.formats.atomic import atomic_file, write_json
+from labeling.formats.atomic import atomic_file
 from labeling.formats.checked_json import read_json
+from labeling.runtime.run_folder import claim_run_folder
 from sbm_gym.atlas.pose_grid import PoseGrid
 from sbm_gym.atlas.stored_views import (
     StoredView,
@@ -36,7 +37,7 @@ FORMAT = 1
 KEY_FILE, VIEWS_FILE, PARTS_FOLDER = "atlas.json", "views.bin", "parts"
 DEPTH_UNIT_M = 0.001
 _PARTS = 4
-"""Of a view: depth, ids, the detector's depth, detections."""
+"""Parts of a view: depth, geom ids, the detector's depth, detections."""
 
 
 class AtlasError(SbmError):
@@ -55,15 +56,15 @@ class AtlasKey:
     detector_size: tuple[int, int]
     camera_height_m: float
     tilt_rad: float
-    """Of the camera in all views."""
+    """Tilt of the camera in all views; up is positive."""
 
     def as_json(self) -> dict[str, Any]:
-        """As it is written."""
+        """The key as it is written to ``atlas.json``."""
         return json.loads(json.dumps(asdict(self)))
 
 
 def scene_digest(world: WorldContents) -> str:
-    """Changes with where things stand in a world: its floor, its objects and their models."""
+    """A digest of where things stand in a world: its navigable floor, its objects and their models."""
     digest = hashlib.sha256(np.ascontiguousarray(world.navigable.free).tobytes())
     digest.update(np.asarray(world.navigable.origin_m, float).tobytes())
     for one in world.objects:
@@ -74,12 +75,12 @@ def scene_digest(world: WorldContents) -> str:
 
 
 def folder_name(scene: str) -> str:
-    """What the folder of a scene's atlas is called."""
+    """Name of the folder of a scene's atlas."""
     return scene.replace("/", "-")
 
 
 def scene_folder(atlas: Path, scene: str) -> Path:
-    """Where the atlas of a scene lies."""
+    """The folder of a scene's atlas."""
     return atlas / folder_name(scene)
 
 
@@ -89,7 +90,7 @@ def finished_folders(atlas: Path) -> set[str]:
 
 
 class SceneAtlas:
-    """Looks up views. Files are mapped into memory, so that processes share what they read."""
+    """The finished atlas of a scene, to look views up. The file is mapped into memory, which processes share."""
 
     def __init__(self, atlas: Path, key: AtlasKey) -> None:
         """Opens the atlas of a scene.
@@ -109,7 +110,7 @@ class SceneAtlas:
         self._sizes, self._unit_m = (key.image_size, key.detector_size), DEPTH_UNIT_M
         self._path = folder / VIEWS_FILE
         self.poses = PoseGrid(np.array(content["places_m"], float).reshape(-1, 2), int(content["num_headings"]))
-        """Where there are views."""
+        """Places and headings of the views."""
         if not self._path.is_file():
             raise AtlasError(f"{folder} is not finished; the same python -m sbm_gym.build_atlas goes on with it")
         shape = (len(self.poses.places_m), _PARTS * self.poses.num_headings + 1)
@@ -125,15 +126,15 @@ class SceneAtlas:
             raise AtlasError(f"{self._path} is damaged; delete {folder} and build it again")
 
     def view(self, place: int, heading: int, view_index: int) -> StoredView:
-        """What there is to see from a pose.
+        """The stored view of a pose.
 
         Args:
             place: number of a place.
             heading: number of a heading.
-            view_index: that detections are to have.
+            view_index: given to its detections.
 
         Raises:
-            AtlasError: if that part of the file is damaged.
+            AtlasError: if its part of the file is damaged.
         """
         starts = self._starts[place, _PARTS * heading : _PARTS * heading + _PARTS + 1].tolist()
         depth, ids, detector_depth, found = (self._content[a:b] for a, b in itertools.pairwise(starts))
@@ -152,7 +153,7 @@ class SceneAtlas:
 
 
 def check_key(folder: Path, content: Mapping[str, Any], key: AtlasKey) -> None:
-    """Refuses an atlas of something else.
+    """Checks that an atlas was made from what is asked for.
 
     Raises:
         AtlasError: naming what differs.
@@ -169,6 +170,17 @@ def check_key(folder: Path, content: Mapping[str, Any], key: AtlasKey) -> None:
         raise AtlasError(f"{folder} holds other views ({'; '.join(differing)}); build them into another folder")
 
 
+def _decisive(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What must agree for an atlas that was begun to be gone on with, by name."""
+    places = content.get("places_m", [])
+    return {
+        "format": content.get("format"),
+        **content.get("key", {}),
+        "headings": content.get("num_headings"),
+        "places": f"{len(places)} ({hashlib.sha256(repr(places).encode()).hexdigest()[:8]})",
+    }
+
+
 class AtlasBuilder:
     """Writes the atlas of one scene, place by place; what is there already is not made again."""
 
@@ -178,28 +190,21 @@ class AtlasBuilder:
         Args:
             atlas: the folder of all scenes' atlases; made if it does not exist.
             key: what its views depend on.
-            poses: where there are to be views.
+            poses: places and headings of the views to be made.
 
         Raises:
-            AtlasError: if an atlas of something else, or of other poses, has been begun there.
+            UsageError: if an atlas of something else, or of other poses, has been begun there.
         """
         self._folder = scene_folder(atlas, key.scene)
         self.poses = poses
-        """Where there are to be views."""
+        """Places and headings of the views to be made."""
         content = {
             "format": FORMAT,
             "key": key.as_json(),
             "num_headings": poses.num_headings,
             "places_m": poses.places_m.tolist(),
         }
-        path = self._folder / KEY_FILE
-        if path.is_file():
-            begun = read_json(path).mapping()
-            check_key(self._folder, begun, key)
-            if begun != content:
-                raise AtlasError(f"{self._folder} was begun with other places or headings; give another --out")
-        else:
-            write_json(path, content)
+        claim_run_folder(self._folder, KEY_FILE, content, _decisive, "views")
 
     @property
     def is_finished(self) -> bool:

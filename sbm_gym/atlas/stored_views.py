@@ -1,4 +1,4 @@
-"""Views of an atlas as bytes: lossless but for depth, which is rounded to a unit of length."""
+"""Views of an atlas as compressed bytes: lossless except for depth, which is rounded to a unit of length."""
 
 import json
 import zlib
@@ -14,33 +14,33 @@ from sbm_gym.atlas.decoding_kernels import draw_masks, sum_along_rows
 
 Buffer = bytes | memoryview
 LEVEL = 6
-"""Of zlib."""
+"""Compression level of zlib."""
 FARTHEST = np.iinfo(np.uint16).max
 
 
 @dataclass(frozen=True)
 class StoredView:
-    """What is known of one pose."""
+    """What an atlas holds of one pose."""
 
     depth_m: Float32[np.ndarray, "h w"]
     """z-depth of the observed picture, 0 = no return."""
     geom_id: Int32[np.ndarray, "h w"]
-    """What its pixels show, -1 for nothing."""
+    """MuJoCo's id of the geom at each pixel of the observed picture, -1 for none."""
     detector_depth_m: Float32[np.ndarray, "hd wd"]
     """z-depth of the picture that the detector looked at."""
     detections: tuple[Detection, ...]
 
 
 def encode_depth(depth_m: Float[np.ndarray, "h w"], unit_m: float) -> bytes:
-    """Depth in whole units; differences along rows compress well. What is farther than 65,535 units counts as that."""
+    """Depth rounded to units, as compressed differences along rows; at most 65,535 units."""
     levels = np.clip(np.rint(np.asarray(depth_m, float) / unit_m), 0, FARTHEST).astype(np.uint16)
-    # A return is never rounded to 0, which stands for none.
+    # 0 stands for no return, so returns are rounded to at least 1.
     levels[(depth_m > 0) & (levels == 0)] = 1
     return zlib.compress(_by_bytes(np.diff(levels, axis=1, prepend=np.uint16(0))), LEVEL)
 
 
 def decode_depth(content: Buffer, size: tuple[int, int], unit_m: float) -> Float32[np.ndarray, "h w"]:
-    """What ``encode_depth`` made of a depth image of this size."""
+    """Depth of a picture of this size (height, width), from the bytes of ``encode_depth``."""
     depth_m = np.empty(size, np.float32)
     low, high = _bytes_of(content, size)
     sum_along_rows(low, high, np.float32(unit_m), depth_m)
@@ -48,13 +48,13 @@ def decode_depth(content: Buffer, size: tuple[int, int], unit_m: float) -> Float
 
 
 def encode_ids(geom_id: Int32[np.ndarray, "h w"]) -> bytes:
-    """Ids from -1 to 65,534."""
+    """Geom ids from -1 to 65,534, as compressed differences along rows."""
     ids = (np.asarray(geom_id) + 1).astype(np.uint16)
     return zlib.compress(_by_bytes(np.diff(ids, axis=1, prepend=np.uint16(0))), LEVEL)
 
 
 def decode_ids(content: Buffer, size: tuple[int, int]) -> Int32[np.ndarray, "h w"]:
-    """What ``encode_ids`` made of ids of this size."""
+    """Geom ids of a picture of this size (height, width), from the bytes of ``encode_ids``."""
     ids = np.empty(size, np.int32)
     low, high = _bytes_of(content, size)
     sum_along_rows(low, high, np.int32(1), ids)
@@ -68,12 +68,12 @@ def encode_detections(detections: Sequence[Detection]) -> bytes:
 
 
 def decode_detections(content: Buffer, size: tuple[int, int], view_index: int = 0) -> tuple[Detection, ...]:
-    """What ``encode_detections`` made of detections in a picture of this size.
+    """Detections from the bytes of ``encode_detections``.
 
     Args:
-        content: bytes.
-        size: of the picture, pixels.
-        view_index: that they are to have.
+        content: the bytes.
+        size: height and width of the picture, pixels.
+        view_index: given to the detections.
 
     Raises:
         ValueError: if a mask does not fill the picture.
@@ -88,11 +88,11 @@ def decode_detections(content: Buffer, size: tuple[int, int], view_index: int = 
 
 
 def _by_bytes(numbers: UInt16[np.ndarray, "h w"]) -> bytes:
-    """First the low bytes, then the high ones, which are mostly alike."""
+    """All low bytes, then all high bytes: the latter are mostly equal, so they compress well."""
     return np.ascontiguousarray(numbers.view(np.uint8).reshape(*numbers.shape, 2).transpose(2, 0, 1)).tobytes()
 
 
 def _bytes_of(content: Buffer, size: tuple[int, int]) -> UInt8[np.ndarray, "2 h w"]:
-    """Low and high bytes of compressed numbers."""
-    # Told how long it gets, zlib need not move it time and again.
+    """Low and high bytes, from compressed ``_by_bytes``."""
+    # With the final size given zlib allocates the output once.
     return np.frombuffer(zlib.decompress(content, bufsize=2 * size[0] * size[1]), np.uint8).reshape(2, *size)

@@ -82,8 +82,8 @@ def _nth(values, n):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def move_rim(mask, depth_m, top, left, inside_px, outside_px, field, wobble, bias_px, foreign_px, middle_m, drawn):
-    """Draws a mask anew with its rim shifted.
+def move_boundary(mask, depth_m, top, left, inside_px, outside_px, field, wobble, bias_px, foreign_px, middle_m, drawn):
+    """Draws a mask anew with its boundary shifted.
 
     Args:
         mask: see the module.
@@ -93,7 +93,7 @@ def move_rim(mask, depth_m, top, left, inside_px, outside_px, field, wobble, bia
         inside_px: as large as the window, float32, distance of pixels of the mask from the nearest other pixel.
         outside_px: likewise, of the other pixels from the mask.
         field: see the module.
-        wobble: float32, how far one unit of the field shifts the rim outwards, pixels.
+        wobble: float32, how far one unit of the field shifts the boundary outwards, pixels.
         bias_px: float32, how far all of it is shifted.
         foreign_px: float32, it goes so far (negative: outwards) where depth is that of something else.
         middle_m: depth of the mask.
@@ -184,7 +184,7 @@ def is_inner(mask, row, column):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rim_pixels(mask):
+def boundary_pixels(mask):
     """Numbers of the pixels of a mask that touch, even by a corner, one that is not of it; (n,) int64, line by line."""
     height_px, width_px = mask.shape
     pixels = np.empty(mask.size, np.int64)
@@ -224,7 +224,7 @@ def spill(drawn, depth_m, top, left, field, row, column, radius_px):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def blob(depth_m, field, row, column, radius_y_px, radius_x_px):
-    """An ellipse with a wavy rim, as far as depth is about that of its middle.
+    """An ellipse with a wavy boundary, as far as depth is about that of its middle.
 
     Args:
         depth_m: see the module.

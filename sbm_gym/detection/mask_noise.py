@@ -1,4 +1,4 @@
-"""The ways in which a segmentation network's masks are wrong: wobbly rims, leaks into neighbours, missing parts."""
+"""Simulated errors of a segmentation network's masks: noisy boundaries, leaks into neighbours, missing parts."""
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ def corrupt_mask(
         rng: decides what goes wrong.
         mask: the true modal mask, not empty.
         depth_m: z-depth of the view; leaks flow to where depth is alike.
-        error: from 0 (a rim of about one pixel) to 1 (about half of the object missing or as much added).
+        error: from 0 (a boundary wrong by about one pixel) to 1 (about half of the object missing or as much added).
 
     Returns:
         The mask; may be empty.
@@ -27,11 +27,11 @@ def corrupt_mask(
     inside_px = cv2.distanceTransform(true, cv2.DIST_L2, 3)
     outside_px = cv2.distanceTransform(true ^ 1, cv2.DIST_L2, 3)
     field = smooth_field(rng, true.shape, cells=5)
-    # Networks respect depth and colour edges better than a rim of noise does: far-off background rarely joins.
+    # Networks respect depth and colour edges better than a noisy boundary does: far-off background rarely joins.
     wobble, foreign_px = 0.35 + (0.015 + 0.11 * error) * size_px, -1.0 - 0.04 * size_px
     bias_px = rng.normal(0.0, 0.02 + 0.05 * error) * size_px
     drawn = np.zeros(mask.shape, bool)
-    count = mask_kernels.move_rim(
+    count = mask_kernels.move_boundary(
         mask,
         depth_m,
         top,
@@ -90,10 +90,10 @@ def _cut_part(rng: np.random.Generator, drawn: Bool[np.ndarray, "h w"], corner, 
 
 
 def _leak(rng: np.random.Generator, drawn, mask, depth_m, corner, shape, radius_px: float) -> None:
-    """Spills over the rim into surfaces at about the same depth."""
-    rim = mask_kernels.rim_pixels(mask)
-    if len(rim) == 0:
+    """Adds pixels beyond the boundary on surfaces at about the same depth."""
+    boundary = mask_kernels.boundary_pixels(mask)
+    if len(boundary) == 0:
         return
-    row, column = divmod(int(rim[int(rng.integers(len(rim)))]), mask.shape[1])
+    row, column = divmod(int(boundary[int(rng.integers(len(boundary)))]), mask.shape[1])
     field = smooth_field(rng, shape, cells=5)
     mask_kernels.spill(drawn, depth_m, corner[0], corner[1], field, row, column, np.float32(radius_px))

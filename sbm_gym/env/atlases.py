@@ -1,4 +1,4 @@
-"""The atlases that an environment looks views up in, scene by scene."""
+"""The atlases in which an environment looks views up, one for each scene."""
 
 from pathlib import Path
 
@@ -11,27 +11,25 @@ from sbm_gym.scenes.compiled import Scene
 
 
 class Atlases:
-    """Opens the atlas of each scene once."""
+    """Opens the atlas of each scene when it is first needed, and keeps it open."""
 
     def __init__(self, folder: Path | None, config: SimulationConfig, detector: str | SimulatedDetectorConfig) -> None:
         """Opens nothing yet.
 
         Args:
             folder: of ``python -m sbm_gym.build_atlas``; None if nothing is looked up.
-            config: of the environment.
-            detector: likewise.
+            config: settings of the environment.
+            detector: its detector.
         """
         self._folder, self._config = folder, config
-        # The simulated detector looks at what is looked up: its findings are not stored.
+        # Atlases hold no detections of the simulated detector: it detects in the views that were looked up.
         is_simulated = isinstance(detector, SimulatedDetectorConfig) or detector in (SIMULATED, SIMULATED_WEAK)
         self._detector = SIMULATED if is_simulated else str(detector)
         self._digest: str | None = None
         self._open: dict[str, SceneAtlas] = {}
 
     def held(self, scenes: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of some scenes that there are finished atlases of; all of them if there is none, or nothing is looked
-        up.
-        """
+        """The scenes with a finished atlas; all given scenes if none has one or if nothing is looked up."""
         finished = set() if self._folder is None else finished_folders(self._folder)
         return tuple(scene for scene in scenes if folder_name(scene) in finished) or scenes
 
@@ -49,7 +47,7 @@ class Atlases:
         return self._open[scene.name]
 
     def key(self, scene: Scene) -> AtlasKey:
-        """What the atlas of a scene depends on.
+        """The key of a scene's atlas.
 
         Raises:
             UsageError: if scenes of this kind cannot have one.

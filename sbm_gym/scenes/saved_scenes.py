@@ -1,4 +1,4 @@
-"""Compiled scenes on disk: what stepping through a scene needs, and nothing that can be done without."""
+"""Compiled scenes on disk: the parts of a scene that stepping through it needs."""
 
 import contextlib
 from collections.abc import Callable
@@ -58,7 +58,7 @@ def save_scene(folder: SceneFolder, key: str, scene: Scene, spec: mujoco.MjSpec)
         texels = [save_texels(folder.textures, textures.texels[a:b]) for a, b in zip(first, ends, strict=True)]
         textures = textures._replace(texels=textures.texels[:0], level_start=textures.level_start - first[:, None])
         still = replace(still, textures=textures)
-        model = model_without_looks(spec, scene.model)
+        model = model_without_visuals(spec, scene.model)
     points = scene.surfaces.points_m
     saved = SavedScene(scene.world, _as_bytes(model), points, dict(scene.points_of_moved), still, texels)
     arrays: list[np.ndarray] = []
@@ -104,7 +104,7 @@ def load_scene(
     )
 
 
-def model_without_looks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
+def model_without_visuals(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
     """A model for physics and poses alone: same bodies, geoms and lights, no textures, meshes only where they count.
 
     Meshes that nothing touches become boxes of their size, with the poses that MuJoCo gave them.
@@ -118,7 +118,7 @@ def model_without_looks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.Mj
     for geom in only_drawn:
         if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
             geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_BOX, "", [1.0, 1.0, 1.0]
-        # The compiler is to throw away looks, but not geoms that would then be missing.
+        # Geoms that touch nothing would be discarded with their meshes and textures, but their rows are needed.
         geom.contype = 1
     light.compiler.discardvisual = True
     light.compile()
@@ -127,15 +127,15 @@ def model_without_looks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.Mj
     light.compiler.discardvisual = False
     compiled = light.compile()
     for name in dir(compiled):
-        if name.startswith(("body_", "geom_", "light_", "cam_", "site_")) and name not in _OF_LOOKS:
+        if name.startswith(("body_", "geom_", "light_", "cam_", "site_")) and name not in _VISUAL_COLUMNS:
             ours, theirs = getattr(compiled, name), getattr(model, name)
             if isinstance(ours, np.ndarray):
                 ours[:] = theirs
     return compiled
 
 
-_OF_LOOKS = ("geom_type", "geom_dataid", "geom_matid", "site_matid")
-"""Columns that lead to what a model without looks does not have."""
+_VISUAL_COLUMNS = ("geom_type", "geom_dataid", "geom_matid", "site_matid")
+"""Columns with indices of meshes and materials, which a model without visuals does not have."""
 
 
 def _as_bytes(model: mujoco.MjModel) -> UInt8[np.ndarray, "bytes"]:
@@ -153,7 +153,7 @@ def _stage(name: str) -> type | None:
     return TownStage
 
 
-def built_again(world: Callable[[], World], body: BodyConfig) -> mujoco.MjModel:
+def rebuild_whole_model(world: Callable[[], World], body: BodyConfig) -> mujoco.MjModel:
     """The whole model of a scene, from its world."""
     spec = world().spec
     add_agent(spec, body)

@@ -1,4 +1,4 @@
-"""Scenes in use: the last few in memory, behind them those that any process has compiled before, on disk."""
+"""The cache of compiled scenes: the last few in memory, and on disk those that any process has compiled."""
 
 import contextlib
 import ctypes
@@ -12,13 +12,13 @@ import mujoco
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import Scene, WorldSource, compile_scene, make_renderer, renderer_kind
-from sbm_gym.scenes.saved_scenes import built_again, load_scene, save_scene
-from sbm_gym.scenes.scene_keys import runs_what_keys_say, scene_key
+from sbm_gym.scenes.saved_scenes import load_scene, rebuild_whole_model, save_scene
+from sbm_gym.scenes.scene_keys import scene_key, sources_unchanged
 from sbm_gym.store.cache_folder import SceneFolder, max_bytes
 
 
 class SceneCache:
-    """Hands out compiled scenes: to compile one takes about as long as an episode, to open one next to nothing."""
+    """The compiled scenes used last: compiling one takes about as long as an episode, opening one from disk less."""
 
     def __init__(
         self, source: WorldSource, renderer: str, body: BodyConfig, capacity: int, on_disk: bool = True
@@ -30,7 +30,7 @@ class SceneCache:
             renderer: one of ``RENDERERS``.
             body: the agent's body.
             capacity: how many scenes are kept in memory, at least 1.
-            on_disk: whether scenes are kept on disk, too; those from there have a ``model`` without looks.
+            on_disk: whether scenes are kept on disk, too; those from disk have a ``model`` without meshes and textures.
         """
         if capacity < 1:
             raise ValueError(f"a scene cache holds at least 1 scene, not {capacity}")
@@ -73,13 +73,13 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
     if key is None:
         return build_scene(source, name, renderer, body)
     folder = SceneFolder()
-    whole = functools.partial(built_again, functools.partial(source.build, name), body)
+    whole = functools.partial(rebuild_whole_model, functools.partial(source.build, name), body)
     scene = load_scene(folder, key, renderer, body, whole)
     if scene is not None:
         return scene
     world = source.build(name)
     scene = compile_scene(name, world, renderer, body)
-    if not runs_what_keys_say():
+    if not sources_unchanged():
         return scene
     try:
         save_scene(folder, key, scene, world.spec)
@@ -87,22 +87,22 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
     except OSError as error:
         warnings.warn(f"compiled scenes cannot be kept in {folder.folder} ({error})", stacklevel=2)
         return scene
-    # What has been kept takes less memory than what it was made from.
+    # Read from disk the scene takes less memory than as it was compiled.
     del world
     scene = load_scene(folder, key, renderer, body, whole) or scene
-    _give_memory_back()
+    _trim_memory()
     return scene
 
 
 def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
     """A scene built and compiled now; arguments as of ``open_scene``."""
     scene = compile_scene(name, source.build(name), renderer, body)
-    _give_memory_back()
+    _trim_memory()
     return scene
 
 
-def _give_memory_back() -> None:
-    """Returns what C's allocator keeps after a scene was built: hundreds of megabytes, in pieces."""
+def _trim_memory() -> None:
+    """Returns freed memory to the system: after building a scene the C allocator holds hundreds of megabytes."""
     if sys.platform == "linux":
         with contextlib.suppress(AttributeError):  # not every C library has it
             ctypes.CDLL(None).malloc_trim(0)

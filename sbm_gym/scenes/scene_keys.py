@@ -1,4 +1,4 @@
-"""What decides a compiled scene, as a name for it in the cache on disk."""
+"""Cache keys of compiled scenes: digests of everything that decides what a compiled scene is."""
 
 import contextlib
 import functools
@@ -13,16 +13,16 @@ from sbm_gym.scenes.world_sources import IndoorWorlds, OutdoorWorlds
 from sbm_gym.store.cache_folder import cache_folder
 
 FORMAT = 1
-"""Goes up whenever what is kept of a scene changes its meaning and no code does."""
+"""To be increased when the meaning of saved scenes changes without a change of code."""
 _CODE = ("sbm_gym.scenes.saved_scenes", "sbm_gym.scenes.world_sources")
 _SUFFIXES = (".py", ".toml", ".json")
 
 
 def scene_key(source: WorldSource, scene: str, renderer: str, body: BodyConfig) -> str | None:
-    """Names a compiled scene such that one of the same name is the same; None if nothing can promise that.
+    """The cache key of a compiled scene; None if it cannot be cached.
 
     Args:
-        source: builds the scene's world; of those that do not come with sbm_gym nothing is known.
+        source: builds the scene's world; scenes of sources that do not come with sbm_gym are not cached.
         scene: canonical name.
         renderer: "rays" or "gl".
         body: the agent's body.
@@ -46,7 +46,7 @@ def _libraries() -> str:
 
 @functools.cache
 def _surroundings() -> tuple[str, ...]:
-    """What is the same for all scenes of a process: code, libraries of code, kind of machine."""
+    """The parts of keys that all scenes of a process share: operating system, processor, versions, digest of code."""
     import cv2
     import mujoco
     import numba
@@ -69,18 +69,18 @@ def _state_of_sources() -> str:
 _AT_START = _state_of_sources()
 
 
-def runs_what_keys_say() -> bool:
-    """Whether the source files are still those that this process began with; else what it builds has no key."""
+def sources_unchanged() -> bool:
+    """Whether no source file has changed since this process started; scenes built after a change are not cached."""
     return _state_of_sources() == _AT_START
 
 
 def _code() -> str:
-    """The digest of the code that makes scenes; kept, since to follow imports takes longer than to open a scene."""
+    """The digest of the code that makes scenes; cached, since following imports takes longer than opening a scene."""
     kept = cache_folder() / "scenes" / "code" / _AT_START
     try:
         return kept.read_text(encoding="ascii")
     except (OSError, ValueError):
         digest = code_digest(*_CODE)
-    with contextlib.suppress(OSError), atomic_file(kept) as temporary:  # else it is found out again next time
+    with contextlib.suppress(OSError), atomic_file(kept) as temporary:  # without the file the digest is computed again
         temporary.write_text(digest, encoding="ascii")
     return digest

@@ -1,1 +1,1 @@
-"""What real sensors do to depth and poses, for recordings that should look as if one had taken them."""
+"""Noise models of depth sensors and pose tracking, for recordings as a real robot would have taken them."""

@@ -1,7 +1,7 @@
-"""Depth as a Kinect, a stereo camera or a lidar would have measured it: pure functions of one true depth picture.
+"""Noise models of depth sensors (Kinect, stereo camera, lidar): pure functions of one true depth picture.
 
-Constants are of the sensors' own pictures and hold for pictures of any resolution: disparities are counted in the
-sensor's pixels, lateral effects are converted by focal lengths.
+Constants in pixels are in pixels of the sensor; they are converted by the ratio of focal lengths, so that the models
+hold for pictures of any resolution.
 """
 
 from collections.abc import Callable
@@ -13,19 +13,19 @@ from jaxtyping import Bool, Float, Float32
 from sbm_gym.sensors.noise_config import Sensor
 
 JUMP = 0.05
-"""Neighbours whose depths differ by more than this share lie on two surfaces."""
+"""Least relative difference of depth between neighbouring pixels of two surfaces."""
 KINECT_FOCAL_PX, KINECT_BASELINE_M, KINECT_RANGE_M = 580.0, 0.075, (0.4, 10.0)
 KINECT_STEP_PX = 1 / 8
-"""Disparities are told in eighths of a pixel."""
+"""Resolution of disparities."""
 KINECT_EDGE_LOSS = 0.5
-"""Share of pixels beside a jump that give nothing: the pattern of dots falls apart there."""
+"""Share of pixels beside a depth edge without a return, because the dot pattern is broken there."""
 STEREO_FOCAL_PX, STEREO_BASELINE_M, STEREO_RANGE_M = 455.0, 0.05, (0.3, 10.0)
 STEREO_STEP_PX, STEREO_NOISE_PX, STEREO_WINDOW_PX = 1 / 32, 0.1, 7.0
-"""Resolution and standard deviation of disparities, and edge of the window that is matched as one."""
+"""Resolution and standard deviation of disparities, and edge of the matching window."""
 LIDAR_NOISE_M, LIDAR_REACH_M = 0.01, 20.0
-"""Standard deviation of ranges, and the range at which of a surface that is met head-on 1/e of the pulses return."""
+"""Standard deviation of ranges, and the range at which 1/e of the pulses return from a surface at normal incidence."""
 LIDAR_MIXED = 0.3
-"""Share of pixels beside a jump whose beam meets both surfaces."""
+"""Share of pixels beside a depth edge whose beam meets both surfaces."""
 
 
 def sense_depth(

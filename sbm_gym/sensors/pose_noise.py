@@ -1,4 +1,4 @@
-"""Poses that are wrong: each for itself, as of motion capture or markers, or more and more, as of odometry."""
+"""Noise models of poses: independent errors, as of motion capture or markers, and drift, as of odometry."""
 
 import numpy as np
 from jaxtyping import Float

@@ -1,1 +1,1 @@
-"""What is kept on disk for all processes: files of arrays that are mapped, checked before they are trusted, bounded."""
+"""Caches on disk that all processes share: memory-mapped files of arrays, with checksums and a bound on their size."""

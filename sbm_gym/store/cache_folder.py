@@ -1,4 +1,4 @@
-"""Where things are kept that can be made again, and how much of the disk compiled scenes may take."""
+"""The cache folder, and the bounded cache of compiled scenes in it."""
 
 import contextlib
 import os
@@ -14,11 +14,11 @@ SCENES_VARIABLE = "SBM_SCENE_CACHE"
 """Environment variable that says how many GB of compiled scenes are kept, or ``off``."""
 DEFAULT_GB = 8.0
 JUST_USED_S = 3600.0
-"""Textures used this short a time ago may belong to a scene that is about to be written."""
+"""Textures used more recently than this are not removed: their scene may not be written yet."""
 
 
 def cache_folder() -> Path:
-    """The user's cache: ``SBM_CACHE``, else below the XDG cache folder."""
+    """The user's cache folder: ``SBM_CACHE`` if set, else ``seeing-by-moving`` in the XDG cache folder."""
     override = os.environ.get(CACHE_VARIABLE)
     if override:
         return Path(override)
@@ -27,7 +27,7 @@ def cache_folder() -> Path:
 
 
 def max_bytes() -> int:
-    """How many bytes of compiled scenes may be kept; 0 if none.
+    """Largest size of the cache of compiled scenes, bytes; 0 turns it off.
 
     Raises:
         UsageError: if the environment variable says something else.
@@ -44,23 +44,23 @@ def max_bytes() -> int:
 
 @dataclass(frozen=True)
 class KeptScene:
-    """A scene in the cache."""
+    """A compiled scene in the cache."""
 
     path: Path
     bytes: int
-    """Without the textures that it shares with others."""
+    """Size without textures, which scenes share."""
     used_s: float
     """When it was last used, seconds since 1970."""
 
 
 class SceneFolder:
-    """Compiled scenes on disk. Nothing in it is needed: what is missing is made again."""
+    """The cache of compiled scenes on disk. Anything in it may be deleted at any time: it is made again."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Looks at nothing yet.
+        """Does not touch the disk yet.
 
         Args:
-            folder: where; by default in the user's cache.
+            folder: by default ``scenes`` in the cache folder.
         """
         self.folder = folder or cache_folder() / "scenes"
         self.textures = self.folder / "textures"
@@ -70,7 +70,7 @@ class SceneFolder:
         return self.folder / f"{key}.scene"
 
     def used(self, path: Path) -> None:
-        """Notes that a scene is in use."""
+        """Records that a scene was used now."""
         with contextlib.suppress(OSError):
             os.utime(path)
 
@@ -88,17 +88,17 @@ class SceneFolder:
         return sum(status.st_size for _, status in self._texture_files())
 
     def total_bytes(self) -> int:
-        """Bytes of everything."""
+        """Bytes of all scenes and textures."""
         return sum(scene.bytes for scene in self.scenes()) + self.texture_bytes()
 
     def shrink(self, limit: int, just_used_s: float = JUST_USED_S) -> int:
-        """Removes the scenes used longest ago, and textures that no scene shows, until there is no more than that.
+        """Removes the scenes used longest ago, and textures of no scene, until the cache is within the limit.
 
-        Processes that have one of them open keep it.
+        Processes that have opened a removed scene can go on using it.
 
         Args:
-            limit: bytes that may stay; at 0 nothing does.
-            just_used_s: textures that no scene shows stay if they were used as short a time ago.
+            limit: largest size, bytes; 0 removes everything.
+            just_used_s: textures of no scene stay if they were used more recently than this, seconds.
 
         Returns:
             How many scenes were removed.
@@ -109,7 +109,7 @@ class SceneFolder:
         total = sum(scene.bytes for scene in scenes) + self.texture_bytes()
         removed = 0
         while scenes and (total > limit or limit == 0):
-            # A tenth at a time: looking through the rest for textures takes longer than removing.
+            # A tenth at a time: finding the textures of all other scenes takes longer than removing.
             for _ in range(max(len(scenes) // 10, 1)):
                 scenes.pop().path.unlink(missing_ok=True)
                 removed += 1

@@ -1,4 +1,4 @@
-"""One file that holds JSON and arrays, mapped by all that read it, and believed only if its checksum says so."""
+"""Files that hold JSON and arrays, mapped into memory by all processes that read them, with a checksum."""
 
 import contextlib
 import json
@@ -16,22 +16,22 @@ from labeling.formats.atomic import atomic_file
 
 MAGIC = b"seeing by moving"
 _HEADER = struct.Struct("<16sII")
-"""Magic words, checksum of all that follows it, bytes of JSON."""
+"""Magic words, CRC-32 of everything after it, number of bytes of JSON."""
 _CHECKED_FROM = 20
 ALIGNMENT = 64
-"""Arrays begin at multiples of this."""
+"""Arrays begin at multiples of this, bytes."""
 
 
 class DamagedError(ValueError):
-    """A file is not as it was written."""
+    """A file is truncated, malformed, or does not have its checksum."""
 
 
 def write_packed(path: Path, content: Any, arrays: Sequence[np.ndarray]) -> None:
     """Writes a file atomically.
 
     Args:
-        path: where; a file that is there is replaced, and stays as it is for those who have mapped it.
-        content: anything that is JSON.
+        path: where; an earlier file is replaced, and processes that have mapped it keep its content.
+        content: any value that JSON can hold.
         arrays: any number of them, C-contiguous.
     """
     places, end = [], 0
@@ -56,13 +56,13 @@ def write_packed(path: Path, content: Any, arrays: Sequence[np.ndarray]) -> None
 
 
 def read_packed(path: Path) -> tuple[Any, list[np.ndarray]]:
-    """The content and the arrays of a file; these are the file's own pages until they are written to.
+    """Reads the content and the arrays of a file; arrays are the mapped file (copied where they are written to).
 
     The whole file is read once in each process to check it.
 
     Raises:
         OSError: if there is no such file.
-        DamagedError: if it is not as it was written.
+        DamagedError: if it is damaged.
     """
     with path.open("rb") as file:
         status = os.fstat(file.fileno())
@@ -86,7 +86,7 @@ def read_packed(path: Path) -> tuple[Any, list[np.ndarray]]:
 
 
 def read_content(path: Path) -> Any:
-    """The content of a file without its arrays; not checked, so good for lists only.
+    """Reads the content of a file without its arrays and without checking the checksum.
 
     Raises:
         OSError: if there is no such file.
@@ -103,25 +103,25 @@ def read_content(path: Path) -> Any:
 
 
 _checked: set[tuple[int, int, int, int]] = set()
-"""Files that this process has checked: device, number, size and checksum. They are never changed, only replaced."""
+"""Files that this process has checked: device, inode, size and checksum. Files are replaced, never changed."""
 
 
 def check(
     memory: mmap.mmap, start: int, stop: int, checksum: int, status: os.stat_result, path: Path, mapped: bool = True
 ) -> None:
-    """Checks bytes of a file once in each process.
+    """Checks the checksum of bytes of a file, once in each process.
 
     Args:
-        memory: holds them.
-        start: of the first byte.
-        stop: after the last.
-        checksum: what CRC-32 must say of them.
-        status: tells which file they are of.
-        path: how errors call it.
-        mapped: whether they are the file's own, not a copy.
+        memory: holds the bytes.
+        start: index of the first byte.
+        stop: one past the last byte.
+        checksum: their CRC-32.
+        status: of the file.
+        path: of the file, for error messages.
+        mapped: whether ``memory`` is the mapped file, not a copy.
 
     Raises:
-        DamagedError: if they are not what they were.
+        DamagedError: if the checksum differs.
     """
     key = (status.st_dev, status.st_ino, status.st_size, checksum)
     if key in _checked:
@@ -130,7 +130,7 @@ def check(
         if zlib.crc32(part) != checksum:
             raise DamagedError(f"{path} is not what was written: its checksum is another")
     _checked.add(key)
-    # Pages that were read only to be checked need not count as this process's memory.
+    # Gives pages that were read only for the check back to the system.
     if mapped and hasattr(mmap, "MADV_DONTNEED"):
         page = mmap.PAGESIZE
         with contextlib.suppress(OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Typed records as JSON and arrays: dataclasses and named tuples of numbers, texts, arrays and one another."""
+"""Typed records as JSON and arrays: dataclasses and named tuples of numbers, texts, arrays and other records."""
 
 import dataclasses
 import functools
@@ -12,20 +12,20 @@ import numpy as np
 Record = TypeVar("Record")
 
 FEW = 16
-"""Arrays of no more numbers stand in the JSON itself."""
+"""Arrays of at most so many numbers are written into the JSON."""
 
 
 def encode(kind: Any, value: Any, arrays: list[np.ndarray], find_class: Callable[[str], type | None]) -> Any:
-    """A value as JSON.
+    """Serialises a value.
 
     Args:
-        kind: its type, as an annotation says it.
+        kind: its annotated type.
         value: the value.
-        arrays: arrays that do not stand in the JSON are added here.
-        find_class: tells what may stand where a protocol is asked for, by name.
+        arrays: larger arrays are appended; the JSON holds their indices.
+        find_class: the class of a name, for values whose annotated type is a protocol; None if it is not allowed.
 
     Raises:
-        TypeError: if it is, or holds, something that cannot be kept.
+        TypeError: if it is, or holds, something that cannot be serialised.
     """
     if value is None:
         return None
@@ -54,7 +54,7 @@ def encode(kind: Any, value: Any, arrays: list[np.ndarray], find_class: Callable
 def decode(
     kind: type[Record], record: Any, arrays: Sequence[np.ndarray], find_class: Callable[[str], type | None]
 ) -> Record:
-    """The value that ``encode`` was given; arguments as there.
+    """The value that ``encode`` has serialised; arguments as there.
 
     Raises:
         TypeError, ValueError, KeyError, IndexError: if the record is not of this kind.
@@ -118,7 +118,7 @@ def _is_record(kind: Any) -> bool:
 
 @functools.cache
 def _fields(kind: Any) -> dict[str, Any]:
-    """Names and types of what a dataclass or named tuple is made from, in order."""
+    """Names and types of the fields of a dataclass or named tuple, in order."""
     hints = typing.get_type_hints(kind)
     names = [field.name for field in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else kind._fields
     return {name: hints[name] for name in names}

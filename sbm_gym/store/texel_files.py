@@ -1,4 +1,4 @@
-"""Texels of textures, each texture a file that all scenes and processes share, mapped side by side as one array."""
+"""Texels of textures: one file for each texture, shared by all scenes, mapped next to each other as one array."""
 
 import contextlib
 import ctypes
@@ -26,18 +26,18 @@ class TexelFile:
     """A texture with all its mip levels."""
 
     name: str
-    """Of its file: a digest of the content."""
+    """Name of its file: a digest of the content."""
     texels: int
     checksum: int
 
 
 def save_texels(folder: Path, texels: UInt8[np.ndarray, "n 4"]) -> TexelFile:
-    """Writes a texture's texels, unless they are there."""
+    """Writes the file of a texture, unless it exists."""
     content = np.ascontiguousarray(texels).data.cast("B")
     name = hashlib.blake2b(content, digest_size=16).hexdigest()
     path = folder / name
     if path.is_file() and path.stat().st_size == _padded(content.nbytes):
-        # Whoever cleans up leaves alone what was used a moment ago.
+        # ``SceneFolder.shrink`` keeps files that were used recently.
         os.utime(path)
     else:
         with atomic_file(path) as temporary, temporary.open("wb") as file:
@@ -49,13 +49,13 @@ def save_texels(folder: Path, texels: UInt8[np.ndarray, "n 4"]) -> TexelFile:
 def open_texels(
     folder: Path, files: Sequence[TexelFile]
 ) -> tuple[UInt8[np.ndarray, "n 4"], Int64[np.ndarray, "textures"]]:
-    """Texels of several textures as one array, and where in it each begins.
+    """Texels of several textures as one array, and the index at which each begins.
 
-    Where the system can, the array's memory is that of the files, which all processes share.
+    On Linux the array consists of the mapped files, whose memory all processes share.
 
     Raises:
-        OSError: if a file is not there.
-        DamagedError: if it is not what was written; it is removed, so that it will be written again.
+        OSError: if a file is missing.
+        DamagedError: if one is damaged; it is removed, so that it will be written again.
     """
     sizes = np.array([_padded(TEXEL_BYTES * file.texels) for file in files], np.int64)
     starts = np.cumsum(sizes) - sizes
@@ -79,7 +79,7 @@ def open_texels(
 
 
 def _map_file(memory: mmap.mmap, start: int, size: int, descriptor: int) -> bool:
-    """Makes a part of anonymous memory that of a file; returns whether that could be done."""
+    """Maps a file over a part of anonymous memory; returns whether that could be done."""
     function = _mmap_function()
     if function is None:
         return False
@@ -102,5 +102,5 @@ def _mmap_function() -> Callable[..., int | None] | None:
 
 
 def _padded(size: int) -> int:
-    """Whole pages, so that files can be mapped side by side."""
+    """A size rounded up to whole pages, so that files can be mapped next to each other."""
     return max(-(-size // mmap.ALLOCATIONGRANULARITY), 1) * mmap.ALLOCATIONGRANULARITY

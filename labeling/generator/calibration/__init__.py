@@ -1,1 +1,1 @@
-"""What detections of each detector are worth, fitted to ground truth of training episodes."""
+"""Calibration of detectors: models of their confidences, fitted to ground truth of training episodes."""

@@ -1,6 +1,6 @@
-"""What the detections of a detector are worth: one file for each detector that has been calibrated.
+"""Calibration of detectors: one JSON file for each detector that has been calibrated.
 
-They are written by ``python -m experiments.calibrate_labels``.
+The files are written by ``python -m experiments.calibrate_labels``.
 """
 
 import re
@@ -17,23 +17,23 @@ from labeling.generator.quality.label_quality import LabelQualityModel
 
 FOLDER = Path(__file__).parent
 DEFAULT = "compact"
-"""What is not calibrated is taken to be like this detector, without its biases for categories."""
+"""Detectors without a file get the calibration of this one, without its biases for categories."""
 
 
 @dataclass(frozen=True)
 class DetectorCalibration:
-    """What the detections of a detector are worth."""
+    """Models that turn a detector's confidences into probabilities, fitted to ground truth of training episodes."""
 
     objects: ObjectModel
     labels: LabelQualityModel
 
     def as_json(self) -> dict[str, Any]:
-        """As the file has it."""
+        """The content of the file."""
         return msgspec.to_builtins(asdict(self), enc_hook=lambda value: np.round(value, 6).tolist())
 
 
 def file_name(detector: str) -> str:
-    """What the file of a detector is called, whose name may be a path."""
+    """Name of the file of a detector; the detector's own name may be a path."""
     return re.sub(r"[^\w.-]", "_", detector) + ".json"
 
 

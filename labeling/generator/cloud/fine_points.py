@@ -1,4 +1,4 @@
-"""Points of chosen voxels as close together as depth sensors sample: what outlines are drawn from."""
+"""Points of chosen voxels at about the resolution of the pictures, from which outlines are drawn."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from labeling.core.views import RgbdViews
 from labeling.generator.cloud.voxel_cloud import Cells, CellTable, Cloud, locate, means, slot_of
 
 MAX_POINTS = 3_000_000
-"""Bounds the memory for them."""
+"""Most points, to bound memory."""
 
 
 @dataclass(frozen=True)
@@ -18,11 +18,11 @@ class FinePoints:
     """Means of pixels over cells smaller than voxels."""
 
     points: Float32[np.ndarray, "m 3"]
-    """Metres, world."""
+    """Mean positions, metres, world."""
     voxel: Int32[np.ndarray, "m"]
-    """The voxel that the last pixel of each fell into."""
+    """Index of the voxel that the last pixel of each cell fell into."""
     spacing_m: float
-    """Edge of the cells."""
+    """Edge of the cells, metres."""
 
 
 def fine_points(
@@ -33,7 +33,7 @@ def fine_points(
     Args:
         views: those that the cloud was made from.
         cloud: the voxels.
-        chosen: which of them.
+        chosen: whether each voxel is to have fine points.
         spacing_m: edge of the cells; doubled as often as needed to stay within ``max_points``.
         max_points: bound on their number.
 
@@ -44,7 +44,7 @@ def fine_points(
     cells = Cells.of(views, spacing_m)
     table, count = CellTable.of(1 << 16), 0
     voxel = np.empty(len(table.cell), np.int32)
-    # Cells on the border of a chosen voxel hold pixels of others, too, and belong to these if they come last.
+    # A cell can hold pixels of several voxels and belongs to that of the last one: so neighbours are visited as well.
     visited = _with_neighbours(cloud.voxel_of_pixel, chosen)
     for view in range(views.num_views):
         pixels = depth_m[view], cloud.voxel_of_pixel[view], visited, cells.rays[view], cells.eye[view]
@@ -111,7 +111,7 @@ def _gather(
     mask = len(table_key) - 1
     place, cell = np.empty((3, width), np.float32), np.empty((3, width), np.int32)
     key = np.empty(width, np.int64)
-    # What the row above found at each pixel.
+    # Key and number of the cell of each pixel in the row above.
     above, number_above = np.full(width, -1, np.int64), np.empty(width, np.int32)
     for y in range(row, height):
         if 2 * (count + width) > mask:

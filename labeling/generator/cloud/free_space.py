@@ -1,4 +1,4 @@
-"""Free-space evidence: where one view looks through a point that another one measured, nothing stands."""
+"""Free space: points that other views look through, so that no surface can be there."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The ground that objects stand on, floor and what lies flat on it, such as rugs, and which pixels are above it."""
+"""The ground that objects stand on (the floor and flat things on it, such as rugs), and which pixels are above it."""
 
 from dataclasses import dataclass
 
@@ -10,18 +10,19 @@ from labeling.core.views import RgbdViews
 from labeling.generator.cloud.voxel_cloud import Cloud
 
 COMMON = 0.2
-"""A height is the floor's if it holds this share of the points that the commonest height holds."""
+"""The floor is the lowest layer with at least this share of the points of the fullest layer."""
 LOW = 0.25
-"""Surfaces up to so far above the floor may be ground, in object sizes."""
+"""Largest height of ground above or below the floor, in object sizes."""
 SIDE = 0.75
-"""A level surface is ground if it is as large as a square of this side, in object sizes: the foot of a lamp is not."""
+"""Side of the square that a level surface of the ground must be as large as, in object sizes: larger than a lamp's
+foot."""
 STEP = 0.01
-"""By how much neighbouring points of a level surface differ in height at most, and how far above the ground a pixel
-must be at least to be none of it, in object sizes."""
+"""Largest difference in height of neighbouring points of a level surface, and least height of pixels above the ground
+to count as above it, in object sizes."""
 DEVIATIONS = 3.0
-"""The same in standard deviations of the depth of the ground, if that is more."""
+"""The latter in standard deviations of pixels of the ground, if that is more."""
 SAMPLED = 4
-"""These deviations are measured in every so many rows and columns."""
+"""The standard deviation is measured in every so-many-th row and column."""
 
 
 def floor_height(points: Float32[np.ndarray, "n 3"], voxel_m: float) -> float:
@@ -38,30 +39,28 @@ def floor_height(points: Float32[np.ndarray, "n 3"], voxel_m: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Where the ground ends and what stands on it begins."""
+    """The height of the ground at each point of a cloud."""
 
     height_m: Float32[np.ndarray, "n"]
-    """Of the ground under each point of the cloud, or nearest to that."""
+    """Height of the ground below each point, or nearest to it horizontally; metres, world."""
     rise_m: float
-    """Pixels higher than this above it show something else."""
+    """Pixels higher than this above the ground are not of the ground, metres."""
     pixels_above: Int32[np.ndarray, "n"]
-    """Pixels of each voxel that do."""
+    """Number of pixels of each voxel that are above the ground."""
 
     @property
     def top_m(self) -> Float32[np.ndarray, "n"]:
-        """The height above which the pixels of each voxel show no ground."""
+        """Height above which pixels of each voxel are not of the ground; metres, world."""
         return self.height_m + np.float32(self.rise_m)
 
 
 def find_ground(cloud: Cloud, views: RgbdViews, free: Bool[np.ndarray, "n"], object_m: float) -> Ground:
-    """The ground of an episode.
-
-    Large level surfaces near the floor are ground; elsewhere it is as high as the nearest of them.
+    """Finds the ground of an episode: large level surfaces near the floor; elsewhere it is as high as the nearest one.
 
     Args:
         cloud: the points.
         views: those that the cloud was made from.
-        free: which points belong to no object.
+        free: whether each point belongs to no object.
         object_m: size of a typical object, metres.
     """
     voxel_m, points = cloud.voxel_m, cloud.points

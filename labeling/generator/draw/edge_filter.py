@@ -34,14 +34,6 @@ def feedback_maps(
     return _feedback(guide, table.astype(np.float32))
 
 
-def smooth(plane: Float32[np.ndarray, "h w"], across, down) -> None:
-    """Filters a picture in place; ``across`` and ``down`` are its ``feedback_maps``."""
-    across, down = across.copy(), down.copy()
-    for _ in range(ITERATIONS):
-        smooth_once(plane, across, down, 0, 0)
-        next_iteration(across, down)
-
-
 @njit(cache=True, nogil=True)
 def _feedback(guide, table):  # pragma: no cover - compiled
     """The maps of ``feedback_maps``.

@@ -13,7 +13,7 @@ from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.settings.label_config import LabelConfig
 
 NO_REACH_PX = 1e-3
-"""A filter of this reach leaves every pixel as it is."""
+"""Reach of a filter that changes no pixel."""
 MAX_HOLES = 1e-3
 """Share of a view's pixels without depth up to which it is filled from its own pixels alone."""
 FINE_PX = 2.0
@@ -22,7 +22,7 @@ FINE_PX = 2.0
 
 @dataclass(frozen=True, eq=False)
 class FusedViews:
-    """What masks are drawn from."""
+    """Views, segmented cloud and finer points: what masks are drawn from."""
 
     views: RgbdViews
     cloud: Cloud
@@ -40,9 +40,9 @@ class FusedViews:
             views: of one scene.
             cloud: made from these views.
             inside: its voxels that belong to any object.
-            pixel_m: of the episode's scale.
+            pixel_m: edge of a pixel at the objects' depth, metres (``Scale``).
             config: settings; where other views decide what a view shows, or what its pixels without depth show, all
-                voxels are drawn finely: coarse ones would cover the rims of objects behind them.
+                voxels are drawn finely: coarse ones would cover the edges of objects behind them.
         """
         alone = config.visibility == "own" and not any(map(has_holes, cloud.voxel_of_pixel))
         chosen = inside if alone else np.ones(cloud.num_points, bool)
@@ -78,7 +78,7 @@ class FusedViews:
 
 
 def has_holes(voxels: Int32[np.ndarray, "h w"]) -> bool:
-    """Whether so many pixels of a view have no voxel (-1) that other views are asked for them."""
+    """Whether more than ``MAX_HOLES`` of a view's pixels have no voxel (-1), so that other views fill them."""
     return bool(np.count_nonzero(voxels < 0) > MAX_HOLES * voxels.size)
 
 

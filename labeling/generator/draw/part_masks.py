@@ -1,4 +1,4 @@
-"""Thin parts in masks: too narrow for the filter that fills masks, they are drawn pixel by pixel."""
+"""Drawing thin parts into masks pixel by pixel, since they are too narrow for the edge-aware filter."""
 
 import numpy as np
 from jaxtyping import Float32, Int32, Int64
@@ -16,19 +16,19 @@ def draw_parts(
     voxels: Int32[np.ndarray, "h w"],
     depth_m: Float32[np.ndarray, "h w"],
 ) -> Int64[np.ndarray, "k 4"]:
-    """Draws the parts that a view shows where it shows no object.
+    """Draws thin parts into the pixels of a view that show no object yet.
 
     Args:
-        shown: the object at each pixel, -1 for none; receives the parts.
-        pixels: of each object; receives those of its parts, too.
-        windows: of the objects (``ViewChances``).
-        parts: of the objects.
+        shown: index of the object at each pixel, -1 for none; parts are written into it.
+        pixels: number of pixels of each object; those of its parts are added.
+        windows: first row, one past the last, first column, one past the last of each object (``ViewChances``).
+        parts: thin parts of these objects.
         view: index of the view.
         voxels: the voxel that each pixel fell into, -1 for none.
-        depth_m: of the view.
+        depth_m: z-depth of the view, metres.
 
     Returns:
-        The windows with the rows of the parts; for parts of objects that had none, whole rows.
+        Windows that also hold the rows of the parts; an object without a window gets one as wide as the picture.
     """
     windows = windows.copy()
     _draw(shown, pixels, windows, parts.owner, parts.top_m, parts.rows[view], voxels, depth_m)
@@ -37,7 +37,18 @@ def draw_parts(
 
 @njit(cache=True, nogil=True)
 def _draw(shown, pixels, windows, owner, top_m, row, voxels, depth_m):  # pragma: no cover - compiled
-    """Does the work of ``draw_parts``; ``owner`` (n,) int32, ``top_m`` (n,) float32 and ``row`` (4,) are the parts'."""
+    """Draws the parts in place.
+
+    Args:
+        shown: (h, w) int32, as in ``draw_parts``; written.
+        pixels: (k,) int64, likewise; written.
+        windows: (k, 4) int64, likewise; written.
+        owner: (n,) int32, of ``ThinParts``.
+        top_m: (n,) float32, likewise.
+        row: (4,) float64, the view's of ``ThinParts.rows``.
+        voxels: (h, w) int32, -1 for none.
+        depth_m: (h, w) float32.
+    """
     height, width = shown.shape
     for y in range(height):
         for x in range(width):

@@ -1,4 +1,4 @@
-"""Which detections, seen from different views, are of one object: by the space they share, not by their names alone."""
+"""Association of detections of different views: which are of one object, by the voxels they share and by category."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,12 +15,13 @@ OTHER_VIEWS = 3
 """How many views besides the source must be confident of a consistent object. Source: thesis A.5, criterion 1."""
 
 CUT_SHARE = 0.6
-"""Of the square root of a mask's pixels: from so many along one side of the picture on, the mask is cut off there."""
+"""A mask counts as cut off by a side of the picture if more than this share of the square root of its area, in pixels,
+touches that side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An object in the making: the detections that speak for it, and the votes they cast on each voxel."""
+    """A candidate object: the detections associated with it, and their votes on each of the n voxels of the cloud."""
 
     sources: tuple[DetectionSeeds, ...]
     """Confident detections of it."""
@@ -31,11 +32,11 @@ class Candidate:
     weak: tuple[DetectionSeeds, ...] = ()
     """Detections below the confidence threshold that overlap it."""
     posterior: Mapping[str, float] | None = None
-    """The chance of each category, once it has been found; the confidences of detections vote until then."""
+    """Probability of each category, once computed; until then confidences of detections decide the category."""
 
     @classmethod
     def of(cls, seeds: DetectionSeeds, num_voxels: int) -> "Candidate":
-        """An object that one detection speaks for."""
+        """A candidate with one source; ``num_voxels`` is the size of the cloud."""
         return cls((), np.zeros(num_voxels, np.float32), np.zeros(num_voxels, np.float32)).with_sources([seeds])
 
     def with_sources(self, sources: Sequence[DetectionSeeds], weak: Sequence[DetectionSeeds] = ()) -> "Candidate":
@@ -54,7 +55,7 @@ class Candidate:
 
     @property
     def detections(self) -> list[Detection]:
-        """All that speak for it, sure or not."""
+        """Its sources and weak detections."""
         return [seeds.detection for seeds in (*self.sources, *self.weak)]
 
     @cached_property
@@ -69,7 +70,7 @@ class Candidate:
 
     @cached_property
     def outlined_in(self) -> frozenset[int]:
-        """Views in which a person drew it."""
+        """Indices of the views in which a person outlined it."""
         return frozenset(one.detection.view_index for one in self.sources if one.detection.exact)
 
     @cached_property
@@ -88,12 +89,14 @@ class Candidate:
 
     @cached_property
     def category(self) -> str:
-        """The likeliest; before that is known, with the largest sum of confidences. Of equals first by alphabet."""
+        """The category with the highest posterior, or, before that is known, with the largest sum of confidences; the
+        alphabet decides between equals.
+        """
         votes = self.posterior or self.category_votes()
         return min(votes, key=lambda name: (-votes[name], name))
 
     def category_votes(self) -> dict[str, float]:
-        """Sum of the confidences of all detections that speak for the object, by category."""
+        """Sum of the confidences of all its detections, by category."""
         votes: dict[str, float] = {}
         for detection in self.detections:
             votes[detection.category] = votes.get(detection.category, 0.0) + detection.confidence
@@ -125,7 +128,7 @@ def overlap(a: Candidate, b: Candidate) -> tuple[float, float]:
 
 
 def overlap_of_detection(one: Candidate, seeds: DetectionSeeds) -> tuple[float, float]:
-    """What ``overlap`` returns of a candidate and one that a single detection would be, without making it."""
+    """``overlap`` between a candidate and a single detection, without making a candidate of the detection."""
     if seeds.detection.confidence <= 0:
         return 0.0, 0.0
     shared, in_one, in_other = _count_shared(one.foreground, one.seen, seeds.foreground, seeds.background)
@@ -159,15 +162,17 @@ def _count_shared(foreground, seen, inside, outside):  # pragma: no cover - comp
 
 
 def same_object(a: Candidate, b: Candidate, threshold: float) -> bool:
-    """Of one category: one mostly within the other. Of two: nearly the same space (a cushion is not its couch).
+    """Whether two candidates are one object.
 
-    What a person drew twice in one view are two objects.
+    Candidates of one category are if ``threshold`` of the smaller lies in the other; candidates of two categories if
+    their IoU is at least that (a cushion on a couch is not the couch). Two outlines that a person drew in one view are
+    never one object.
     """
     return not a.outlined_in & b.outlined_in and _enough(overlap(a, b), a.category == b.category, threshold)
 
 
 def _enough(overlap: tuple[float, float], same_category: bool, threshold: float) -> bool:
-    """Whether candidates that overlap this much are one object."""
+    """Whether candidates with this (intersection over smaller, IoU) are one object."""
     return overlap[0 if same_category else 1] >= threshold
 
 
@@ -204,7 +209,7 @@ def associate_detections(seeds: Sequence[DetectionSeeds], num_voxels: int, thres
 
 
 def _merge_until_stable(candidates: Sequence[Candidate], threshold: float) -> list[Candidate]:
-    """Unions of candidates that are one object, until there are none."""
+    """Merges pairs of candidates that are one object until there is no such pair."""
     candidates, merged = list(candidates), True
     while merged:
         merged = False
@@ -219,7 +224,7 @@ def _merge_until_stable(candidates: Sequence[Candidate], threshold: float) -> li
 def assign_weak_detections(
     candidates: Sequence[Candidate], seeds: Sequence[DetectionSeeds], threshold: float
 ) -> tuple[list[Candidate], list[DetectionSeeds]]:
-    """Lets detections below the confidence threshold speak for the object they overlap most.
+    """Associates detections below the confidence threshold with the object that they overlap most.
 
     Args:
         candidates: the objects. They are compared as their sources left them, so that the order of the weak detections
@@ -245,7 +250,7 @@ def assign_weak_detections(
 
 @dataclass(frozen=True)
 class UnsureGroup:
-    """Detections below the confidence threshold that share space: an object, if they are right."""
+    """Detections below the confidence threshold that share voxels: a candidate object that no view is confident of."""
 
     seeds: tuple[DetectionSeeds, ...]
     """The most confident first."""
@@ -253,7 +258,7 @@ class UnsureGroup:
     """Voxels that more of them place inside than outside; at least one."""
 
     def as_candidate(self, num_voxels: int) -> Candidate:
-        """The object that they speak for."""
+        """The candidate whose sources they are."""
         first, *others = self.seeds
         return Candidate.of(first, num_voxels).with_sources(others)
 
@@ -266,20 +271,20 @@ def group_unsure(seeds: Sequence[DetectionSeeds], num_voxels: int, threshold: fl
         num_voxels: size of the cloud.
         threshold: as in ``associate_detections``.
     """
-    # Only voxels in some foreground decide what overlaps: a fraction of the cloud.
+    # Only voxels in some foreground decide what overlaps, a fraction of the cloud: these are numbered anew.
     place = np.full(num_voxels, -1, np.int32)
     for one in seeds:
         place[one.foreground] = 0
     voxels = np.flatnonzero(place == 0)
     place[voxels] = np.arange(len(voxels))
-    near, given = [], {}
+    compact, given = [], {}
     for one in seeds:
         background = place[one.background]
-        near.append(replace(one, foreground=place[one.foreground], background=background[background >= 0]))
-        given[id(near[-1])] = one
+        compact.append(replace(one, foreground=place[one.foreground], background=background[background >= 0]))
+        given[id(compact[-1])] = one
     return [
         UnsureGroup(tuple(given[id(one)] for one in found.sources), voxels[found.foreground_voxels])
-        for found in associate_detections(near, len(voxels), threshold)
+        for found in associate_detections(compact, len(voxels), threshold)
         if len(found.foreground_voxels) > 0
     ]
 

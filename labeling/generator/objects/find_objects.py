@@ -1,4 +1,4 @@
-"""Which objects there are, and which detections speak for each."""
+"""Finding objects: from seeds of detections to candidates with probabilities of their categories."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from labeling.generator.objects.association import (
     associate_detections,
     group_unsure,
 )
-from labeling.generator.objects.object_posterior import Looks, ObjectModel, looks_at
+from labeling.generator.objects.object_posterior import ObjectModel, PlaceObservations, observe_places
 from labeling.generator.objects.seeds import DetectionSeeds
 from labeling.generator.settings.label_config import LabelConfig
 
@@ -22,7 +22,17 @@ from labeling.generator.settings.label_config import LabelConfig
 def group_detections(
     seeds: Iterable[DetectionSeeds], num_voxels: int, config: LabelConfig
 ) -> tuple[list[Candidate], list[UnsureGroup]]:
-    """Objects that a view is sure of, with all that speaks for them, and groups of the detections that are left."""
+    """Groups detections by object.
+
+    Args:
+        seeds: detections in the cloud.
+        num_voxels: size of the cloud.
+        config: settings.
+
+    Returns:
+        Candidates with at least one confident detection, and groups of the unsure detections that overlap none of them
+        (none with ``min_posterior`` 1).
+    """
     confident: list[DetectionSeeds] = []
     weak: list[DetectionSeeds] = []
     for one in seeds:
@@ -35,13 +45,13 @@ def group_detections(
     return assigned if config.weak_evidence else sure, groups
 
 
-def looks_of(
+def observations_of(
     cloud: Cloud, eyes_m: Float[np.ndarray, "v 3"], sure: Sequence[Candidate], groups: Sequence[UnsureGroup] = ()
-) -> list[Looks]:
-    """The looks at objects and groups."""
+) -> list[PlaceObservations]:
+    """What all views observe at the places of candidates, then of groups."""
     objects = [(one.detections, one.foreground_voxels) for one in sure]
     objects += [([seeds.detection for seeds in one.seeds], one.foreground_voxels) for one in groups]
-    return looks_at(cloud, eyes_m, objects) if objects else []
+    return observe_places(cloud, eyes_m, objects) if objects else []
 
 
 def find_objects(
@@ -51,20 +61,20 @@ def find_objects(
     model: ObjectModel,
     config: LabelConfig,
 ) -> list[Candidate]:
-    """Objects that a view is sure of, and others that all looks together make likely.
+    """Candidates with a confident detection, and others that all views together make likely.
 
     Args:
         cloud: the points of all views.
-        eyes_m: where each view was taken from, world.
+        eyes_m: camera positions, metres, world.
         seeds: detections in the cloud.
-        model: what looks say of objects.
+        model: gives the probability of each category from observations.
         config: settings.
     """
     sure, groups = group_detections(seeds, cloud.num_points, config)
     likely = [
         one.as_candidate(cloud.num_points)
-        for one, looks in zip(groups, looks_of(cloud, eyes_m, [], groups), strict=True)
-        if max(model.posterior(looks).values()) >= config.min_posterior
+        for one, seen in zip(groups, observations_of(cloud, eyes_m, [], groups), strict=True)
+        if max(model.posterior(seen).values()) >= config.min_posterior
     ]
     return with_posteriors(cloud, eyes_m, [*sure, *likely], model)
 
@@ -75,13 +85,13 @@ def with_posteriors(
     candidates: Sequence[Candidate],
     model: ObjectModel,
 ) -> list[Candidate]:
-    """The objects with the chances of their categories; those that a person drew are what the person says."""
+    """Candidates with the posterior of their categories; those that a person outlined keep the category given."""
     unknown = [
         k
         for k, one in enumerate(candidates)
-        if len(one.foreground_voxels) > 0 and not any(seen.exact for seen in one.detections)
+        if len(one.foreground_voxels) > 0 and not any(detection.exact for detection in one.detections)
     ]
     found = list(candidates)
-    for k, looks in zip(unknown, looks_of(cloud, eyes_m, [candidates[k] for k in unknown]), strict=True):
-        found[k] = replace(candidates[k], posterior=model.posterior(looks))
+    for k, seen in zip(unknown, observations_of(cloud, eyes_m, [candidates[k] for k in unknown]), strict=True):
+        found[k] = replace(candidates[k], posterior=model.posterior(seen))
     return found

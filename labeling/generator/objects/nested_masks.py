@@ -1,4 +1,4 @@
-"""Masks that hold others: what one view shows inside two objects belongs to the smaller one, a cup on its table."""
+"""Nested masks: pixels inside two masks of one view belong to the smaller object, such as a cup on a table."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -13,20 +13,20 @@ from labeling.generator.objects.seeds import DetectionSeeds
 def without_nested(
     seeds: Sequence[DetectionSeeds], num_voxels: int, confident: float, overlap: float
 ) -> list[DetectionSeeds]:
-    """The detections without what a smaller one of another category claims in the same view: they see background there.
+    """Turns foreground of detections into background where a smaller one of another category lies in the same view.
 
-    What a person drew twice in one view are two objects, of one category or not. Only this view's votes change: where
-    other views disagree, the balance of all votes decides.
+    Two outlines that a person drew in one view are two objects, whatever their categories. Only the votes of this view
+    change; all views together decide what a voxel belongs to.
 
     Args:
         seeds: of all views.
         num_voxels: size of the cloud.
         confident: only detections at least this confident take anything from others.
-        overlap: share of the smaller foreground from which on it lies in the larger one. With this share of their union
-            in common the two are one object, and nothing is taken.
+        overlap: a detection is nested if at least this share of its foreground lies in the larger one. If their IoU is
+            at least this too, the two are one object and nothing changes.
 
     Returns:
-        As many, in the same order.
+        As many seeds, in the same order.
     """
     of_view: dict[int, list[int]] = defaultdict(list)
     for number, one in enumerate(seeds):
@@ -43,7 +43,7 @@ def without_nested(
 
 
 def _holds(large: DetectionSeeds, small: DetectionSeeds, inside: Bool[np.ndarray, "n"], overlap: float) -> bool:
-    """Whether most of a smaller detection, which is ``inside``, lies in a larger one that is another object."""
+    """Whether ``small``, whose foreground voxels are set in ``inside``, is nested in ``large``, another object."""
     drawn = large.detection.exact and small.detection.exact
     sizes = len(small.foreground), len(large.foreground)
     if sizes[0] >= sizes[1] or (large.detection.category == small.detection.category and not drawn):
@@ -53,7 +53,7 @@ def _holds(large: DetectionSeeds, small: DetectionSeeds, inside: Bool[np.ndarray
 
 
 def _without(large: DetectionSeeds, small: DetectionSeeds, inside: Bool[np.ndarray, "n"]) -> DetectionSeeds:
-    """A detection with what is ``inside`` a smaller one as background, next to its own mask."""
+    """``large`` with the foreground of ``small`` (set in ``inside``) as background and as hard negatives."""
     return replace(
         large,
         foreground=large.foreground[~inside[large.foreground]],

@@ -1,1 +1,1 @@
-"""How well the poses and depths of an episode's views agree, and poses under which they agree better."""
+"""Checking and refining the poses of an episode's views against their depths."""

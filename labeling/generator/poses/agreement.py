@@ -5,49 +5,50 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
-from labeling.core.pose_check import HOPELESS, PoseCheck
+from labeling.core.pose_check import MAX_MISFIT, PoseCheck
 from labeling.core.views import RgbdViews
 from labeling.generator.poses.joint_step import joint_step, motions, moved
 from labeling.generator.poses.pair_sums import PairSums, pair_sums
-from labeling.generator.poses.planelets import Planelets, planelets
+from labeling.generator.poses.surfels import Surfels, surfels
 from labeling.generator.settings.label_config import LabelConfig
 
 CHECKED_CELLS, FITTED_CELLS = 32, 64
 """Cells along a side of a square picture: for the check of all episodes, and for new poses."""
 MIN_PARTNERS = 0.03
-"""Share of a view's planelets that must have partners in another view for the two to be compared."""
+"""Share of a view's surfels that must have partners in another view for the two to be compared."""
 MAX_NEIGHBOURS = 24
 """Views that each view is compared with at most: those that share the most with it."""
 STAGES = (
     *((0.08, False),) * 2, *((0.04, False),) * 2,
     *((0.02, True),) * 3, *((0.01, True),) * 2, *((0.005, True),) * 3,
 )  # fmt: skip
-"""Scale of robust weights, as a share of the depth, and whether brightness counts, step by step: wide scales bring
-views into reach from several degrees, narrow ones leave noise out; brightness would mislead where they are far off."""
-NEARER_SCALE = 0.04
-"""Scale at which views that seem off are looked at again."""
-JUDGED_SCALE = 0.02
-"""Scale at which poses are judged on planelets that they were not fitted to."""
+"""For each Gauss-Newton step the scale of its robust weights, as a share of the depth, and whether brightness counts.
+Wide scales converge from errors of several degrees, narrow ones leave noise out; brightness misleads while poses are
+far off."""
+RECHECK_SCALE = 0.04
+"""Scale of the second check, of episodes that the first one finds to be off."""
+EVALUATION_SCALE = 0.02
+"""Scale at which recorded and fitted poses are compared, on surfels that no pose was fitted to."""
 MAX_LEFT = 0.6
-"""Share of the distance between surfaces there that new poses may leave; more gain is the least that sensors that bend
-flat walls, or a robot arm that is in the picture, do not feign."""
-SUSPICIOUS = 0.2
-"""Misfit at the widest scale from which on the check does not trust its own estimate."""
+"""Fitted poses are taken if they leave at most this share of the residual there. Smaller gains also come from sensors
+that bend flat walls and from a robot arm in the picture."""
+SUSPICIOUS_MISFIT = 0.2
+"""From this misfit on, at the widest scale, poses are fitted whatever the first estimate of their errors is."""
 
 
 def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -> tuple[RgbdViews, PoseCheck | None]:
-    """Measures how well poses and depths agree, and mends poses if asked to.
+    """Measures how well poses and depths agree, and refines the poses if asked to.
 
     Args:
         views: of one scene.
-        voxel_m: edge of the voxels that the views will be fused into; smaller errors do no harm.
-        config: ``refine_poses``.
+        voxel_m: edge of the voxels that the views will be fused into, metres; errors are compared with it.
+        config: settings, of which ``refine_poses`` and ``max_range_m`` count here.
 
     Returns:
-        The views, with new poses if these are better, else the very same; and what was found, None where no two views
-        see enough of one another.
+        The views, with refined poses if these are better, else unchanged; and the result of the check, None where no
+        two views overlap enough.
     """
-    coarse = planelets(views, CHECKED_CELLS, config.max_range_m)
+    coarse = surfels(views, CHECKED_CELLS, config.max_range_m)
     found = _neighbours(coarse, views)
     if len(found.pairs) == 0:
         return views, None
@@ -55,22 +56,22 @@ def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -
     motion = joint_step(found, np.zeros((views.num_views, 6)), depth_m)
     check = _described(found, motion, depth_m, voxel_m)
     if check.is_off:
-        # At the widest scale, where surfaces that only lie near one another count as one, a view among hundreds is off
-        # by chance. Fitting them all takes seconds, so a narrower scale is asked before.
+        # At the widest scale separate surfaces that lie close to each other count as one, so that of hundreds of views
+        # some are found to be off by chance. Fitting all poses takes seconds: check at a narrower scale first.
         poses = moved(recorded, motion)
-        nearer = pair_sums(coarse, views.intrinsics, poses, found.pairs, NEARER_SCALE)
+        nearer = pair_sums(coarse, views.intrinsics, poses, found.pairs, RECHECK_SCALE)
         poses = moved(poses, joint_step(nearer, motion, depth_m))
         check = _described(found, motions(recorded, poses), depth_m, voxel_m)
-    if config.refine_poses != "on" and not check.is_off and check.misfit < SUSPICIOUS:
+    if config.refine_poses != "on" and not check.is_off and check.misfit < SUSPICIOUS_MISFIT:
         return views, check
-    fine = planelets(views, FITTED_CELLS, config.max_range_m)
+    fine = surfels(views, FITTED_CELLS, config.max_range_m)
     pairs = np.concatenate([found.pairs, found.pairs[:, ::-1]])
     poses = _fitted(fine, views, pairs, depth_m)
     before, after = (
-        pair_sums(fine, views.intrinsics, one, pairs, JUDGED_SCALE, held_out=True) for one in (recorded, poses)
+        pair_sums(fine, views.intrinsics, one, pairs, EVALUATION_SCALE, held_out=True) for one in (recorded, poses)
     )
     check = _described(before, motions(recorded, poses), depth_m, voxel_m)
-    better = after.residual_m() < MAX_LEFT * before.residual_m() and after.cost() < min(HOPELESS, before.cost())
+    better = after.residual_m() < MAX_LEFT * before.residual_m() and after.cost() < min(MAX_MISFIT, before.cost())
     check = replace(
         check,
         refined_residual_m=after.residual_m(),
@@ -82,8 +83,8 @@ def with_agreeing_poses(views: RgbdViews, voxel_m: float, config: LabelConfig) -
     return replace(views, camera_to_world=poses), replace(check, camera_to_world=poses.tolist())
 
 
-def _neighbours(cells: Planelets, views: RgbdViews) -> PairSums:
-    """Every pair of views that share enough, compared at the widest scale."""
+def _neighbours(cells: Surfels, views: RgbdViews) -> PairSums:
+    """Pairs of views that share enough surfels, compared at the widest scale."""
     count = views.num_views
     pairs = np.stack(np.triu_indices(count, 1), axis=1)
     poses = np.asarray(views.camera_to_world, float)
@@ -96,9 +97,16 @@ def _neighbours(cells: Planelets, views: RgbdViews) -> PairSums:
 
 
 def _fitted(
-    cells: Planelets, views: RgbdViews, pairs: Int[np.ndarray, "pairs 2"], depth_m: Float[np.ndarray, "views"]
+    cells: Surfels, views: RgbdViews, pairs: Int[np.ndarray, "pairs 2"], depth_m: Float[np.ndarray, "views"]
 ) -> Float64[np.ndarray, "views 4 4"]:
-    """The poses under which views agree best."""
+    """Fits all poses jointly, in the steps of ``STAGES``.
+
+    Args:
+        cells: surfels of the views.
+        views: with the recorded poses.
+        pairs: indices of the views to compare.
+        depth_m: median depth of each view.
+    """
     recorded = np.asarray(views.camera_to_world, float)
     poses = recorded
     for scale, colour in STAGES:
@@ -108,7 +116,7 @@ def _fitted(
 
 
 def _described(found: PairSums, motion, depth_m, voxel_m: float) -> PoseCheck:
-    """What pairs of views and the motions that would make them agree say of each view."""
+    """The check's result, from residuals of pairs of views and the motions (``motions``) that would make them agree."""
     rotation, shift = np.linalg.norm(motion[:, :3], axis=1), np.linalg.norm(motion[:, 3:], axis=1)
     return PoseCheck(
         voxel_m=voxel_m,

@@ -8,18 +8,18 @@ from labeling.core.geometry import invert_rigid
 from labeling.generator.poses.pair_sums import PairSums
 
 PRIOR_RAD = 0.05
-"""How far off recorded rotations are taken to be (3 degrees), and positions as a share of the depth. It only decides
-what views do not show: how all of them lie in the world, and how planes lie along themselves."""
+"""Standard deviation of the prior on recorded poses: of rotations in radians (3 degrees), of positions as a share of
+the depth. It decides only what the residuals leave open: the common frame of all views, and shifts along planes."""
 INDEPENDENT = 0.1
-"""Share of the planelets that counts as evidence against that: neighbours err alike."""
+"""Weight of each surfel against the prior: below 1, since errors of neighbouring surfels are correlated."""
 TOLERANCE, MAX_ITERATIONS = 1e-5, 300
-"""Of conjugate gradients."""
+"""Of the conjugate gradient solver: relative tolerance, and most iterations."""
 
 
 def motions(
     start: Float[np.ndarray, "views 4 4"], end: Float[np.ndarray, "views 4 4"]
 ) -> Float64[np.ndarray, "views 6"]:
-    """Rotation vector (rad) and shift (m) of each camera from one pose to another, in the frame of the first."""
+    """Rotation vector (radians) and translation (metres) of each camera between two poses, in the first one's frame."""
     between = np.einsum("vab,vbc->vac", np.stack([invert_rigid(one) for one in start]), end)
     return np.concatenate([Rotation.from_matrix(between[:, :3, :3]).as_rotvec(), between[:, :3, 3]], axis=1)
 
@@ -27,7 +27,7 @@ def motions(
 def moved(
     camera_to_world: Float[np.ndarray, "views 4 4"], motion: Float[np.ndarray, "views 6"]
 ) -> Float64[np.ndarray, "views 4 4"]:
-    """The poses after such motions."""
+    """The poses after motions as ``motions`` returns them."""
     by = np.tile(np.eye(4), (len(motion), 1, 1))
     by[:, :3, :3], by[:, :3, 3] = Rotation.from_rotvec(motion[:, :3]).as_matrix(), motion[:, 3:]
     return np.einsum("vab,vbc->vac", camera_to_world, by)
@@ -36,16 +36,16 @@ def moved(
 def joint_step(
     found: PairSums, correction: Float[np.ndarray, "views 6"], depth_m: Float[np.ndarray, "views"]
 ) -> Float64[np.ndarray, "views 6"]:
-    """How each camera should move so that the views agree better.
+    """One Gauss-Newton step: how each camera should move so that the views agree better.
 
     Args:
-        found: how far they disagree where they stand.
-        correction: how far they have been moved already (``motions``).
-        depth_m: median depth of each view.
+        found: residuals and derivatives at the present poses.
+        correction: from the recorded to the present poses (``motions``).
+        depth_m: median depth of each view, 0 if it has none.
 
     Returns:
-        Motions. The weak pull back to the recorded poses fixes the frame of them all: the one in which corrections are
-        least.
+        Motions, as ``motions`` has them. The weak prior on the recorded poses fixes the common frame: the one in which
+        corrections are least.
     """
     from scipy.sparse.linalg import LinearOperator, cg
 
@@ -65,10 +65,10 @@ def joint_step(
 
 
 def _normal_equations(found: PairSums, views: int, weight: float):
-    """Block-sparse Hessian, with all blocks on the diagonal, and gradient over the motions of all views."""
+    """Block-sparse Hessian (6 views, 6 views), in which every diagonal block is present, and gradient (views, 6)."""
     from scipy.sparse import bsr_array
 
-    carry = _carried(found.first_to_second)
+    carry = _adjoints(found.first_to_second)
     first, second = found.pairs.T
     back = np.einsum("pba,pbc->pac", carry, found.hessian)
     every = np.arange(views)
@@ -87,8 +87,8 @@ def _normal_equations(found: PairSums, views: int, weight: float):
     return bsr_array((data, places % views, start), shape=(6 * views, 6 * views)), gradient
 
 
-def _carried(transform: Float64[np.ndarray, "pairs 4 4"]) -> Float64[np.ndarray, "pairs 6 6"]:
-    """Adjoints: motions of a camera in its own frame as motions in the frame that the transforms lead to."""
+def _adjoints(transform: Float64[np.ndarray, "pairs 4 4"]) -> Float64[np.ndarray, "pairs 6 6"]:
+    """Adjoint matrices: they turn a camera's motion in its own frame into that in the frame a transform leads to."""
     found = np.zeros((len(transform), 6, 6))
     found[:, :3, :3] = found[:, 3:, 3:] = transform[:, :3, :3]
     shift = np.broadcast_to(transform[:, None, :3, 3], transform[:, :3, :3].shape)

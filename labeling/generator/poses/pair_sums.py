@@ -1,4 +1,4 @@
-"""How far the planelets of pairs of views are apart, and what moving the views would do about it.
+"""Normal equations of pairs of views: distances between their surfels, and derivatives by the views' motions.
 
 Sources: Chen and Medioni, "Object modelling by registration of multiple range images" (1992), for distances from point
 to plane; Blais and Levine, "Registering multiview range data to create 3D computer objects" (1995), for partners found
@@ -12,59 +12,64 @@ from jaxtyping import Float, Float64, Int
 from numba import njit
 
 from labeling.core.geometry import invert_rigid
-from labeling.generator.poses.planelets import (
+from labeling.generator.poses.surfels import (
     BRIGHTNESS,
     CENTRE,
     CHANGE_X,
     CHANGE_Y,
     EXISTS,
     NORMAL,
-    Planelets,
+    Surfels,
     X,
     Y,
 )
 from labeling.runtime.threads import in_threads
 
 MIN_ALIGNED = 0.7
-"""Cosine between two normals from which on planelets may be of one surface."""
+"""Least cosine between the normals of two surfels of one surface."""
 GATE = 3.0
-"""Planelets further apart than so many scales do not count."""
+"""Largest distance of a pair that enters the normal equations, in scales."""
 MAX_APART = 0.25
-"""Planelets further apart than this share of their depth are of two surfaces, one behind the other: no partners."""
+"""Largest distance of a pair, as a share of its depth: beyond, one surface lies behind the other."""
 BRIGHTNESS_SCALE = 0.05
 """Difference of brightness, in [0, 1], that weighs as much as a distance of one scale."""
 ROBUST_BRIGHTNESS = 2.0
-"""Differences of brightness lose their weight from so many of these on: gloss, exposure, shadows."""
+"""Scale of the robust weight of brightness, in ``BRIGHTNESS_SCALE``: gloss, exposure and shadows differ by more."""
 _GRADIENT, _WEIGHT, _SQUARES, _COST, _PARTNERS = 36, 42, 43, 44, 45
-"""Where sums begin in a row of ``PairSums.sums``; the Hessian stands first."""
+"""Columns of ``PairSums.sums``; the first 36 are the Hessian."""
 
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
-    """Sums over the planelets of the first view of each pair that have a partner in the second."""
+    """Sums over the surfels of the first view of each pair that have a partner in the second.
+
+    The partner of a surfel is the one whose cell its centre is projected into.
+    """
 
     pairs: Int[np.ndarray, "pairs 2"]
     first_to_second: Float64[np.ndarray, "pairs 4 4"]
-    """Camera coordinates of the first view to those of the second."""
+    """From camera coordinates of the first view to those of the second."""
     sums: Float64[np.ndarray, "pairs 46"]
 
     @property
     def hessian(self) -> Float64[np.ndarray, "pairs 6 6"]:
-        """Of half the weighted squares by a motion (rotation, shift) of the first view in the second one's frame."""
+        """Second derivative (Gauss-Newton) of half the weighted sum of squares, by a motion (rotation vector, radians;
+        translation, metres) of the first view in the frame of the second.
+        """
         return self.sums[:, :_GRADIENT].reshape(-1, 6, 6)
 
     @property
     def gradient(self) -> Float64[np.ndarray, "pairs 6"]:
-        """The same, first derivative."""
+        """First derivative of the same."""
         return self.sums[:, _GRADIENT:_WEIGHT]
 
     @property
     def partners(self) -> Float64[np.ndarray, "pairs"]:
-        """How many planelets have a partner that may be of one surface."""
+        """Number of surfels with a partner."""
         return self.sums[:, _PARTNERS]
 
     def chosen(self, kept) -> "PairSums":
-        """Those of some pairs."""
+        """The sums of some of the pairs; ``kept`` is any NumPy index."""
         return PairSums(self.pairs[kept], self.first_to_second[kept], self.sums[kept])
 
     def residual_m(self, kept=slice(None)) -> float:
@@ -73,13 +78,13 @@ class PairSums:
         return float(np.sqrt(total[_SQUARES] / max(total[_WEIGHT], 1e-12)))
 
     def cost(self) -> float:
-        """Robust mean of the distances, in [0, 1]: far partners count 1, so that losing some does not pay."""
+        """Mean Geman-McClure loss of the distances, in [0, 1]; partners far apart count 1."""
         total = self.sums.sum(axis=0)
         return float(total[_COST] / max(total[_PARTNERS], 1.0))
 
 
 def pair_sums(
-    cells: Planelets,
+    cells: Surfels,
     intrinsics: Float[np.ndarray, "views 3 3"],
     camera_to_world: Float[np.ndarray, "views 4 4"],
     pairs: Int[np.ndarray, "pairs 2"],
@@ -87,15 +92,15 @@ def pair_sums(
     held_out: bool = False,
     colour: bool = False,
 ) -> PairSums:
-    """Compares pairs of views.
+    """Compares the surfels of pairs of views.
 
     Args:
-        cells: the views' planelets.
+        cells: the views' surfels.
         intrinsics: K of each view.
         camera_to_world: their poses.
-        pairs: indices of views; the planelets of the first are projected into the second.
+        pairs: indices of views; the surfels of the first are projected into the second.
         scale: distance at which a partner's weight has fallen to a quarter, as a share of its depth.
-        held_out: compare the other half of the planelets, those that no pose was fitted to.
+        held_out: compare the other half of the surfels, those that no pose was fitted to.
         colour: whether brightness counts, too.
     """
     inverse = np.stack([invert_rigid(one) for one in camera_to_world])
@@ -111,7 +116,20 @@ def pair_sums(
 
 @njit(cache=True, nogil=True)
 def _compare(grids, cell_px, cameras, moved, pairs, some, scale, held_out, colour, sums):  # pragma: no cover - compiled
-    """Fills the rows ``some`` of ``sums`` (pairs, 46), which holds zeros; the others are as in ``pair_sums``."""
+    """Computes the sums of some pairs.
+
+    Args:
+        grids: (views, rows, columns, FIELDS) float32, of ``Surfels``.
+        cell_px: edge of a cell.
+        cameras: (views, 3, 3) float64, K.
+        moved: (pairs, 4, 4) float64, camera coordinates of the first view to those of the second.
+        pairs: (pairs, 2) int64, indices of views.
+        some: (n,) int64, which pairs.
+        scale: as in ``pair_sums``; likewise ``held_out`` and ``colour``.
+        held_out: see scale.
+        colour: see scale.
+        sums: (pairs, 46) float64, zeros; the rows of these pairs are written.
+    """
     _, rows, columns, _ = grids.shape
     g, gradient, hessian = np.empty(6), np.empty(6), np.empty((6, 6))
     for p in some:

@@ -1,7 +1,7 @@
-"""The quality of a label: its expected IoU, from what the views say about its object and from its own mask.
+"""The quality of a label: its expected IoU, from the detections of its object in all views and from its own mask.
 
-The model is a logistic function of a few features, with weights whose signs are held to what the features mean; they
-are fitted to ground truth of training episodes of each detector by ``python -m experiments.calibrate_labels``.
+The model is a logistic function of a few features, whose weights keep the sign given in ``FEATURES``; they are
+fitted to ground truth of training episodes of each detector by ``python -m experiments.calibrate_labels``.
 """
 
 from collections import defaultdict
@@ -14,16 +14,17 @@ from jaxtyping import Float
 
 from labeling.core.masks import pairwise_mask_iou
 from labeling.core.types import Detection, PseudoLabel
+from labeling.generator.objects.object_posterior import log_odds
 
 if TYPE_CHECKING:
     from labeling.core.episode_labels import EpisodeLabels
 
 SAME_PLACE_IOU = 0.3
-"""A detection that overlaps a label this much speaks of the label's object."""
+"""Least IoU with a label of a detection that is of the label's object."""
 PIXELS_A_SIDE = 128
-"""Masks are compared at about this resolution."""
+"""About how many pixels a side masks are compared at."""
 MIN_VIEW_PX = 16.0
-"""Of that, views that show less of an object say little about it when no detection is there."""
+"""At that resolution: views that show fewer pixels of an object have next to no weight."""
 
 FEATURES = {
     "posterior": 1,
@@ -126,13 +127,13 @@ def label_features(
         by_object.setdefault(one.instance_id, []).append(index)
     for members in by_object.values():
         view_weight = sides[members] * (sides[members] ** 2 >= MIN_VIEW_PX) + 1e-6
-        rows[members, COLUMN["best_detection"]] = _log_odds(same[members].max())
+        rows[members, COLUMN["best_detection"]] = log_odds(same[members].max())
         rows[members, COLUMN["agreement"]] = view_weight @ same[members] / view_weight.sum()
         rows[members, COLUMN["agreeing_views"]] = np.log2(1 + np.count_nonzero(same[members]))
         rows[members, COLUMN["contradiction"]] = view_weight @ other[members] / view_weight.sum()
     side = float(np.sqrt(size[0] * size[1])) / stride
-    rows[:, COLUMN["posterior"]] = _log_odds(np.asarray(posterior, float))
-    rows[:, COLUMN["mean_probability"]] = _log_odds(np.asarray(mean_probability, float))
+    rows[:, COLUMN["posterior"]] = log_odds(np.asarray(posterior, float))
+    rows[:, COLUMN["mean_probability"]] = log_odds(np.asarray(mean_probability, float))
     rows[:, COLUMN["own_detection"]] = own
     rows[:, COLUMN["visible_size"]] = np.log2(np.clip(sides / side, 1 / 64, 0.25))
     rows[:, COLUMN["visible_share"]] = sides**2 / np.maximum(wholes, 1)
@@ -164,9 +165,3 @@ def _votes(labels: Sequence[PseudoLabel], thinned, detections: Sequence[Detectio
                 else:
                     other[index] = max(other[index], one.confidence)
     return same, other, own
-
-
-def _log_odds(chance):
-    """Log-odds of probabilities held in [.02, .98]."""
-    held = np.clip(chance, 0.02, 0.98)
-    return np.log(held / (1 - held))

@@ -1,4 +1,4 @@
-"""Confident detections and outlines that no object was made of: nobody's drawing is passed over in silence."""
+"""Confident detections and outlines from which no object was made, and notes to the user about the outlines."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ def unused_sources(
 
 
 def notes_of_outlines(episode: Episode, unused: Sequence[Detection], config: LabelConfig) -> tuple[str, ...]:
-    """One sentence for each outline that came to nothing, with the reason."""
+    """One sentence for each outline that gave no object, with the reason."""
     return tuple(
         f"the outline of {one.category} in {episode.file_names[one.view_index]} gave no object: "
         f"{_reason(one, episode, config)}"

@@ -1,8 +1,8 @@
-"""Legs, stems and feet: what stands between an object and the ground, and is too thin for masks and classifiers.
+"""Thin parts of objects, such as legs, stems and feet, found by geometry.
 
-Detectors leave them out, so votes speak against them, and they are narrower than the kernels of the CRF. Geometry tells
-them: once the ground is taken away, what belongs to no object falls into pieces. A piece wholly beside and below an
-object is a part of it if it touches it and is thin (no wall, no other object), or if it carries it.
+Detectors leave thin parts out of their masks, so that votes count against them, and they are narrower than the kernels
+of the CRF. Without the ground, the points that belong to no object fall into connected pieces. A piece that lies beside
+and below an object is a part of it if it touches it and is thin (so no wall and no other object), or if it supports it.
 """
 
 from dataclasses import dataclass
@@ -17,46 +17,47 @@ from labeling.generator.cloud.ground import Ground, find_ground, height_coeffici
 from labeling.generator.cloud.voxel_cloud import Cloud
 
 MARGIN = 0.15
-"""How far parts stick out sideways at most, as a share of the shorter side of the object."""
+"""Largest overhang of a part beyond the object's box, as a share of the shorter horizontal side of the box."""
 RING = 0.3
-"""Pieces are followed so much further, in object sizes: what goes on there is something else."""
+"""Width of the ring around that in which pieces are followed, in object sizes: those that go on there are no parts."""
 INSIDE = 0.95
-"""Share of a piece that lies within the margin and not above the object if it is a part."""
+"""Least share of a part's points that lie within the margin and not above the object."""
 BELOW = 0.98
-"""Share of it that lies under the object, if nobody sees that they touch."""
+"""Least share of a part's points that lie below the object, where no view shows that they touch."""
 TOUCH_VOXELS = 2.0
-"""Points nearer to each other than this touch."""
+"""Largest distance of points that touch, in voxels."""
 BALL_VOXELS = 3.5
-"""Radius of the balls in which thickness is measured."""
+"""Radius of the balls in which thickness is measured, in voxels."""
 THIN = 0.257
-"""Second principal standard deviation of the points in such a ball, as a share of its radius; it is .5 in planes."""
+"""Greatest second principal standard deviation of a thin piece's points in such a ball, as a share of its radius; in
+planes it is .5."""
 MAX_VOXELS = 2000
-"""Larger pieces are not thin."""
+"""Largest number of voxels of a thin piece."""
 CONTACT = 0.02
-"""Share of the points of a thick piece that touch the object it carries."""
+"""Least share of the points of a thick piece that touch the object it supports."""
 HOVERS = 0.3
-"""An object hovers if its points begin above this share of its height."""
+"""An object needs support if its lowest points are above the ground by this share of its height."""
 RISES = 0.4
-"""What carries it out of sight is seen up to this share of the way to it."""
+"""A support whose upper end is hidden must be seen up to this share of the way from the ground to the object."""
 MIN_PIXELS = 2
-"""Of a voxel above the ground; fewer are noise."""
+"""Least number of pixels above the ground in a voxel; fewer are noise."""
 MIN_POINTS = 4
-"""Of an object that can have parts."""
+"""Least number of points of an object that can have parts."""
 
 
 @dataclass(frozen=True, eq=False)
 class ThinParts:
-    """What belongs to objects beside the points that they were segmented into."""
+    """Voxels that belong to objects besides those of their segments."""
 
     owner: Int32[np.ndarray, "n"]
-    """The object that the part in each voxel belongs to, -1 for none."""
+    """Index of the object whose part each voxel is, -1 for none."""
     top_m: Float32[np.ndarray, "n"]
     """Height above which the pixels of each voxel show no ground, metres."""
     rows: Float64[np.ndarray, "views 4"]
-    """Of the views (``ground.height_coefficients``)."""
+    """``ground.height_coefficients`` of the views."""
 
     def of_objects(self, numbers: Int[np.ndarray, "k"]) -> "ThinParts":
-        """The parts of some objects, which are numbered from 0 in this order from now on."""
+        """The parts of some objects, which are renumbered from 0 in this order."""
         place = np.full(max(int(self.owner.max(initial=-1)), int(np.max(numbers, initial=-1))) + 2, -1, np.int32)
         place[numbers] = np.arange(len(numbers))
         return ThinParts(place[self.owner], self.top_m, self.rows)
@@ -65,7 +66,7 @@ class ThinParts:
 def find_thin_parts(
     cloud: Cloud, views: RgbdViews, owner: Int32[np.ndarray, "n"], num_objects: int, object_m: float
 ) -> ThinParts:
-    """The thin parts of all objects of an episode.
+    """Finds the thin parts of all objects of an episode.
 
     Args:
         cloud: the points.
@@ -75,7 +76,7 @@ def find_thin_parts(
         object_m: size of a typical object, metres.
 
     Returns:
-        They. A piece that could be of two objects goes to the one that it touches in more points.
+        The parts. A piece that could be of two objects goes to the one that it touches in more points.
     """
     ground = find_ground(cloud, views, owner < 0, object_m)
     free = (owner < 0) & (ground.pixels_above >= MIN_PIXELS)
@@ -136,7 +137,7 @@ def _parts(cloud: Cloud, own: Int[np.ndarray, "m"], free: Bool[np.ndarray, "n"],
 
 
 def _is_thin(cell: Int32[np.ndarray, "m 3"]) -> bool:
-    """Whether a piece has no surface: in balls around its points these lie along lines."""
+    """Whether a piece is thin: in small balls around its points the points lie along lines."""
     if len(cell) > MAX_VOXELS:
         return False
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(_covariances(cell, BALL_VOXELS))[:, 1], 0))

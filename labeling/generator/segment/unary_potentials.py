@@ -74,7 +74,7 @@ def _one_object(cloud: Cloud, candidate: Candidate, config: LabelConfig, rng, lo
             )
         odds = np.clip(classifier.log_odds(features), -MAX_LOG_ODDS, MAX_LOG_ODDS)
         if is_cut and config.colour_beyond > 0:
-            # Where a thing ends beyond the picture's border its seeds cannot say, but they know its colours.
+            # Beyond the border of the picture seeds do not show where the object ends, but they show its colours.
             own, other = votes_for[reachable] > votes_against[reachable], against[reachable]
             beyond = (votes_for + votes_against)[reachable] == 0
             colours = features[:, :3]
@@ -124,10 +124,10 @@ def _used(candidate: Candidate, config: LabelConfig) -> list[DetectionSeeds]:
 
 
 def _vote_log_odds(votes_for, votes_against, candidate: Candidate) -> Float32[np.ndarray, "n"]:
-    """Votes as log-odds: an honest score is the chance that a vote is right."""
+    """Votes as log-odds: the mean confidence of the sources is taken as the probability that a vote is right."""
     total = votes_for + votes_against
     balance = (votes_for - votes_against) / np.maximum(total, 1e-9)
     confidence = np.mean([source.detection.confidence for source in candidate.sources])
-    reliability = float(np.clip(confidence, 0.5, 0.99))
-    strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(reliability / (1 - reliability))
+    chance = float(np.clip(confidence, 0.5, 0.99))
+    strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(chance / (1 - chance))
     return (balance * strength).astype(np.float32)

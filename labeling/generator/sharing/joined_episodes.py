@@ -1,8 +1,8 @@
-"""Episodes of one scene as one recording: what all of them have seen decides which objects there are.
+"""Joins the episodes of one scene into one recording, and splits its labels by episode again.
 
-An object that one episode sees twice from afar and another once from the side may be sure in neither, and is, from all
-three looks; what one episode takes for a fridge, others see to be a door. So nothing is thresholded before all episodes
-of a scene have been heard. Beyond the thesis, which labels each episode by itself.
+An object may be unsure in the views of each episode and sure in all of them together, and a false detection of one
+episode may be contradicted by the others. So confidences are compared with thresholds only after all episodes of a
+scene have been fused. Beyond the thesis, which labels each episode by itself.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,25 +19,25 @@ from labeling.core.views import RgbdViews
 
 @dataclass(frozen=True)
 class EpisodePart:
-    """What labels of a joined recording say of one of its episodes."""
+    """The labels of one episode of a joined recording."""
 
     labels: EpisodeLabels
-    """Views and instances counted from 0 and 1 within the episode; sources of objects are its own."""
+    """View indices and instance ids are those of the episode (from 0, from 1); sources of objects are its own views."""
     origins: dict[int, tuple[int, int]]
-    """Of objects that only other episodes have sources of, by instance id: the number of such an episode, and the
+    """For each object that has sources only in other episodes, by instance id: the index of such an episode and the
     object's instance id there."""
     source_episodes: tuple[int, ...]
-    """Of each label, the number of the episode that its ``source_view_index`` counts in."""
+    """For each label the index of the episode that its ``source_view_index`` refers to."""
 
 
 def join_episodes(
     episodes: Sequence[Episode], detections: Sequence[Sequence[Detection]]
 ) -> tuple[RgbdViews, list[Detection]]:
-    """The views of episodes of one scene, one after the other, and their detections.
+    """Concatenates the views of episodes of one scene and renumbers their detections.
 
     Args:
         episodes: at least one, with pictures of one size and poses in one world frame.
-        detections: of each episode.
+        detections: those of each episode.
     """
     arrays = ("rgb", "depth_m", "intrinsics", "camera_to_world")
     views = RgbdViews(*(np.concatenate([getattr(one, name) for one in episodes]) for name in arrays))
@@ -51,18 +51,18 @@ def join_episodes(
 
 
 def split_labels(labels: EpisodeLabels, num_views: Sequence[int]) -> list[EpisodePart]:
-    """The labels of a joined recording, episode by episode.
+    """Splits the labels of a joined recording by episode.
 
-    Each episode has the objects that one of its views shows or was a source of, and the cloud of the whole scene.
+    Each episode gets the objects that one of its views shows or was a source of, and the cloud of the whole scene.
 
     Args:
         labels: of the joined views.
-        num_views: of each episode.
+        num_views: number of views of each episode.
     """
     starts = np.cumsum([0, *num_views])
 
     def place(view_index: int) -> tuple[int, int]:
-        """The episode of a joined view, and its number there."""
+        """Index of the episode of a joined view, and the view's index in it."""
         episode = int(np.searchsorted(starts, view_index, side="right")) - 1
         return episode, view_index - int(starts[episode])
 
@@ -129,7 +129,7 @@ def _part(
 
 
 def _poses_of(poses: PoseCheck, start: int, end: int) -> PoseCheck:
-    """The check of poses as far as it concerns some of the views."""
+    """The part of a pose check that concerns the views from ``start`` to ``end``."""
     refined = poses.camera_to_world
     return replace(
         poses,

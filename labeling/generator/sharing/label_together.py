@@ -23,9 +23,9 @@ from labeling.runtime.process_pool import WorkerDiedError, run_jobs
 Read = TypeVar("Read")
 
 MAX_EPISODES = 8
-"""Of a scene that are labelled together, so that voxels stay fine; more are so many at a time."""
+"""Most episodes of a scene that are labelled together, so that voxels stay fine; more are divided into groups."""
 MAX_PIXELS = 64_000_000
-"""Of all their views, so that memory stays within bounds: 200 views of 640x480. Longer ones are labelled one by one."""
+"""Most pixels of all views of a group (200 views of 640x480), to bound memory; larger ones are labelled one by one."""
 
 
 def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[EpisodeResult, None, None]:
@@ -57,7 +57,7 @@ def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[E
 
 
 def groups_to_label(folders: Sequence[Path]) -> list[list[Path]]:
-    """Episodes to label together: those of one scene, at most ``MAX_EPISODES`` at a time, as evenly as can be.
+    """Groups of episodes to label together: those of one scene, divided evenly if they are more than ``MAX_EPISODES``.
 
     Raises:
         EpisodeFormatError: if an ``episode.json`` is malformed.
@@ -79,10 +79,10 @@ class GroupJob:
     """What is the same for all episodes."""
 
     def label_group(self, folders: Sequence[Path]) -> list[EpisodeResult]:
-        """Labels the episodes of a scene together, or takes what an earlier run has left.
+        """Labels the episodes of a group together, or reads the records of an earlier run.
 
-        An episode that cannot be read, or has nothing to be labelled from, fails alone. Where the sizes of pictures or
-        the detectors differ, or views are too many, each episode is labelled by itself.
+        An episode that cannot be read, or has nothing to be labelled from, fails alone. If picture sizes or detectors
+        differ, or the group is larger than ``MAX_PIXELS``, each episode is labelled by itself.
         """
         if len(folders) == 1:
             return [self.job.label_episode(folders[0])]
@@ -119,7 +119,7 @@ class GroupJob:
         marks: dict[Path, str],
         failed: dict[Path, EpisodeResult],
     ) -> "dict[Path, EpisodeRecord | None]":
-        """Labels and writes episodes that were read; those that cannot be written are added to ``failed``."""
+        """Labels episodes that were read and writes their records; those that cannot be written go to ``failed``."""
         if not read:
             return {}
         episodes, sources = zip(*read.values(), strict=True)
@@ -139,11 +139,11 @@ class GroupJob:
 
 @dataclass(frozen=True)
 class _Origins:
-    """Says in a record which other episode of the scene an object or the source of a label is of."""
+    """Adds to a record from which other episode of the scene objects and sources of labels come."""
 
     part: EpisodePart
     names: Sequence[str]
-    """Of the episodes that were joined."""
+    """Names of the episodes that were joined."""
 
     def __call__(self, record: EpisodeRecord) -> EpisodeRecord:
         origins = {
@@ -162,19 +162,19 @@ class _Origins:
 
 
 def _fit_together(read: Collection[tuple[Episode, Sources]]) -> bool:
-    """Whether these episodes can be one recording."""
+    """Whether these episodes can be joined into one recording."""
     kinds = {(episode.size, sources.detector) for episode, sources in read}
     return len(kinds) <= 1 and sum(episode.depth_m.size for episode, _ in read) <= MAX_PIXELS
 
 
 def _joint_marks(marks: dict[Path, str]) -> dict[Path, str]:
-    """Fingerprints that change with any of the episodes, and with what joins them."""
+    """Fingerprints that change with any episode of the group, and with the code that joins them."""
     common = [code_digest(__name__), *marks.values()]
     return {folder: hashlib.sha256("\n".join([mark, *common]).encode()).hexdigest() for folder, mark in marks.items()}
 
 
 def _result(steps: Generator[int, None, Read]) -> Read:
-    """What a generator returns, all of its steps taken."""
+    """Runs a generator to its end; returns its return value."""
     while True:
         try:
             next(steps)

@@ -1,9 +1,9 @@
-"""The objects of a scene across its episodes: what one observation saw well, another may see from afar.
+"""The objects of a scene across its episodes.
 
-A detector finds little of what is far away, and an episode that stays there cannot teach it: nothing confirms what it
-missed. An episode elsewhere in the same scene may have walked around the very object. So segments of all episodes of a
-scene that fill the same space are one object, and a view shows it where the view's own depth does, if it stands there
-still. Beyond the thesis, which labels each episode by itself.
+A detector misses objects that are far away, and an episode whose views are all far from an object cannot label it. An
+episode elsewhere in the same scene may have gone around the same object. So segments of all episodes of a scene that
+overlap in space are one object, and a view of any episode is labelled with it where the view's depth shows that it is
+still there. Beyond the thesis, which labels each episode by itself.
 """
 
 from collections.abc import Collection, Sequence
@@ -18,18 +18,19 @@ from labeling.core.types import Box3d
 from labeling.core.views import Camera
 
 OVERLAP = 0.3
-"""Segments of two episodes are one object if this share of either lies within reach of the other."""
+"""Segments of two episodes are one object if this share of the points of either lies near the other's (``REACH``)."""
 REACH = 4.0
-"""How far points of one surface may lie apart, in distances between neighbouring points of a segment."""
+"""Largest distance of points of one surface, in distances between neighbouring points of a segment."""
 AGREEMENT = 0.5
-"""IoU that an object's pixels must have with those its points cover: less is another thing, or another's place."""
+"""Least IoU of the pixels whose depth lies in an object's box with those that its points cover; with less the view
+shows something else there."""
 MARGIN_SHARE = 0.02
-"""How much nearer or further than a point a view must see to contradict it, as a share of its depth."""
+"""Largest difference between a point's depth and the view's depth that still agrees, as a share of its depth."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectObservation:
-    """An object as one episode found it."""
+    """An object in the labels of one episode."""
 
     episode: str
     instance_id: int
@@ -40,9 +41,9 @@ class ObjectObservation:
     box_3d: Box3d
     """Upright, world."""
     points: Float32[np.ndarray, "n 3"]
-    """Of its segment; metres, world."""
+    """Points of its segment, metres, world."""
     source_view_index: int
-    """The episode's view that is most confident of it."""
+    """Index of the episode's view that is most confident of it."""
     source_confidence: float
 
 
@@ -51,7 +52,7 @@ class SceneObject:
     """An object of a scene, from all episodes that found it."""
 
     observations: tuple[ObjectObservation, ...]
-    """The most confident first: it names the object and says how large it is."""
+    """The most confident first: its category and box are the object's."""
     points: Float32[np.ndarray, "n 3"]
     """Of all observations; metres, world."""
     spacing_m: float

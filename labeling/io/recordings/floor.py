@@ -1,4 +1,4 @@
-"""Which way is up, told by the floor: the direction in which most level surfaces face that the cameras look down on."""
+"""Finding the up direction of a recording from the floor: the largest plane that faces the cameras' upper edges."""
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -6,34 +6,32 @@ from jaxtyping import Float, Float32
 from labeling.core.views import RgbdViews
 
 MAX_VIEWS = 16
-"""Views that are looked at, spread evenly."""
+"""Most views that are read, spread evenly over the recording."""
 ACROSS = 48
-"""Patches across a view: their means have little noise left, and four neighbours span a surface."""
+"""Patches across a view; depth is averaged over each, and four neighbours are tested for lying on a plane."""
 BEND = 0.02
-"""How far the fourth of them may lie off the plane of three, as a share of its distance."""
+"""Largest distance of the fourth patch from the plane of the three others, as a share of its depth."""
 NEAR_DEG, APART_DEG = 7.0, 20.0
-"""Normals so near are of one direction; directions so far apart are rivals."""
+"""Largest angle between normals of one direction, and least angle between two competing directions."""
 LEAN_DEG = 60.0
-"""How far the floor's normal may be from the mean upper edge of the pictures: walls and ceilings are farther."""
+"""Largest angle of the floor's normal from the mean upward direction of the cameras; walls and ceilings exceed it."""
 LEAST_MEAN = 0.2
-"""Length that this mean must have: rolled cameras, or such that look straight down, do not tell up from down."""
+"""Least length of that mean: with rolled cameras, or cameras that look straight down, up cannot be told from down."""
 LEAST_SHARE, LEAD = 0.05, 1.25
-"""Share of all surfaces that the floor needs, and the factor by which it must exceed the next direction."""
+"""Least share of all surfaces with the floor's direction, and least ratio to the next direction's."""
 FLAT = 0.01
-"""Points of one plane lie this near to it, as a share of the median distance of what is seen."""
+"""Largest distance of points from their plane, as a share of the median distance of all points."""
 CANDIDATES = 400
 
 
 def floor_normal(views: RgbdViews) -> Float[np.ndarray, "3"] | None:
-    """The normal of the largest plane that faces up, as far as the cameras' upper edges tell what that is.
-
-    The floor is best; a large table does as well, since it is as level.
+    """The normal of the largest plane that faces up, which is the floor or something as level, such as a large table.
 
     Args:
-        views: of one recording; all are looked at.
+        views: of one recording; all are used.
 
     Returns:
-        Unit vector in the recording's world; None if no plane that most cameras stand above clearly wins.
+        Unit vector in the recording's world frame; None if no plane below most cameras is clearly the largest.
     """
     up = -np.mean(views.camera_to_world[:, :3, 1], axis=0)
     if np.linalg.norm(up) < LEAST_MEAN:
@@ -67,7 +65,7 @@ def floor_normal(views: RgbdViews) -> Float[np.ndarray, "3"] | None:
 def _surfaces(
     depth_m: Float32[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], camera_to_world: Float[np.ndarray, "4 4"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Points of flat places in a view, and their normals towards the camera; world."""
+    """Points on flat patches of a view, metres, and their unit normals towards the camera; world frame."""
     side = max(1, round(depth_m.shape[1] / ACROSS))
     rows, columns = (length // side for length in depth_m.shape)
     y, x = np.mgrid[0 : rows * side, 0 : columns * side]
@@ -90,7 +88,7 @@ def _surfaces(
 
 
 def _commonest(values: Float[np.ndarray, "n"], width: float) -> float:
-    """The middle of the interval of this width that holds most of some values."""
+    """The middle of the interval of a given width that holds the most values."""
     values = np.sort(values)
     last = np.searchsorted(values, values + width, side="right")
     first = int((last - np.arange(len(values))).argmax())

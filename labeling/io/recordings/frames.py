@@ -23,7 +23,7 @@ from labeling.io.recordings.pictures import (
     size_text,
 )
 from labeling.io.recordings.recording_config import FLOOR, RecordingConfig, up_direction
-from labeling.runtime.progress import views_told
+from labeling.runtime.progress import view_counter
 from labeling.runtime.threads import as_they_come
 
 MAX_DEPTH_UNIT_M = 1000.0
@@ -179,7 +179,7 @@ def load(
     """
     rgb, depth_m = np.zeros((0, 0, 0, 3), np.uint8), np.zeros((0, 0, 0), np.float32)
     intrinsics, undistortions = [], []
-    resized, read = 0, views_told("reading", len(frames))
+    resized, read = 0, view_counter("reading", len(frames))
     pictures = as_they_come(lambda frame: (read_colour(frame.colour_file), _read_depth(frame)), frames)
     with closing(pictures):
         for view, (frame, (colour, depth_or_error)) in enumerate(zip(frames, pictures, strict=True)):

@@ -1,8 +1,8 @@
-"""Whether depth lies where colour lies: how far edges of depth are from edges of colour, over many views.
+"""Detecting depth that is not registered to colour, by correlating edges of depth with edges of colour.
 
-Where depth jumps, one thing ends and another begins, and mostly the colour changes, too. So the two pictures of edges
-correlate most at the shift by which they are apart, and at the ratio of their cameras' focal lengths; in depth that is
-registered to colour that is no shift, and one.
+Where depth jumps, one object ends and another begins, and mostly the colour changes as well. So the two edge pictures
+correlate most at the offset between them and at the ratio of the cameras' focal lengths; if depth is registered, the
+offset is 0 and the ratio 1.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ from labeling.io.recordings.layouts import frames_of
 from labeling.io.recordings.recording_config import RecordingConfig
 
 MAX_VIEWS, WIDTH_PX = 8, 192
-"""Views that are looked at, spread evenly, and the width that they are brought to."""
+"""Number of views that are compared, spread evenly, and the width that they are reduced to, pixels."""
 REACH = 0.12
-"""Shifts that are looked for, as a share of the width."""
+"""Largest offset that is searched, as a share of the width."""
 TOLERANCE = 0.01
-"""A shift by less than this share of the width is none: edges of depth are that ragged."""
+"""Largest offset of registered depth, as a share of the width: edges of depth are ragged."""
 SCALES = (1.0, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.16)
 """Factors by which depth is drawn larger or smaller, to see whether its edges fit better then: a depth camera's field
 of view differs by up to as much from that of the colour camera beside it."""
@@ -99,7 +99,7 @@ def depth_offset(views: RgbdViews) -> DepthOffset | None:
     if best.height < LEAD * own.height:
         best = own
     registered = best.scale == 1.0 and np.hypot(*best.shift) <= tolerance_px
-    least = max(LEAD * own.near, LEAST_FIT * len(chosen))
+    least = max(LEAD * own.unshifted, LEAST_FIT * len(chosen))
     if len(chosen) < 2 or not best.agree or registered or best.height < least:
         return None
     return DepthOffset(float(factor * best.shift[1]), float(factor * best.shift[0]), 1.0 / best.scale)
@@ -107,27 +107,29 @@ def depth_offset(views: RgbdViews) -> DepthOffset | None:
 
 @dataclass(frozen=True)
 class _Fit:
-    """How edges of several views fit best at a scale: the sum of correlations, and at which shift, rows first."""
+    """The best correlation of edges of several views at one scale."""
 
     scale: float
     height: float
-    near: float
-    """The sum of correlations without a shift."""
+    """Sum over views of the correlation at the best shift."""
+    unshifted: float
+    """Sum over views of the correlation without a shift."""
     shift: np.ndarray
+    """The best shift: rows, columns; pixels of the reduced pictures."""
     agree: bool
-    """Whether either half of the views says so."""
+    """Whether both halves of the views have about this shift."""
 
 
 def _best_fit(fits: Float[np.ndarray, "views rows columns"], scale: float, tolerance_px: float) -> _Fit:
     middle, total = np.array(fits.shape[1:]) // 2, fits.sum(axis=0)
     shift, *halves = (_peak(part.sum(axis=0)) - middle for part in (fits, fits[::2], fits[1::2]))
-    near = total[tuple(slice(place - 1, place + 2) for place in middle)].max()
+    unshifted = total[tuple(slice(place - 1, place + 2) for place in middle)].max()
     agree = all(np.abs(one - shift).max() <= tolerance_px for one in halves)
-    return _Fit(scale, float(total.max()), float(near), shift, agree)
+    return _Fit(scale, float(total.max()), float(unshifted), shift, agree)
 
 
 def _scaled(depth_m: Float32[np.ndarray, "h w"], scale: float) -> Float32[np.ndarray, "h w"]:
-    """Depth drawn larger by a factor, about the middle of the picture."""
+    """Depth enlarged by a factor about the middle of the picture."""
     if scale == 1.0:
         return depth_m
     height, width = depth_m.shape
@@ -138,7 +140,7 @@ def _scaled(depth_m: Float32[np.ndarray, "h w"], scale: float) -> Float32[np.nda
 def _colour_spectrum(
     rgb: UInt8[np.ndarray, "h w 3"], factor: int, size: tuple[int, int]
 ) -> tuple[Complex[np.ndarray, "rows frequencies"], float]:
-    """The spectrum of a view's edges of colour, and their length as a vector."""
+    """Fourier spectrum of a view's colour edges, and their Euclidean norm."""
     small = cv2.resize(rgb, (factor * size[1], factor * size[0]), interpolation=cv2.INTER_NEAREST)
     edges = colour_edges(cv2.resize(small, (size[1], size[0]), interpolation=cv2.INTER_AREA))
     return np.fft.rfft2(edges - edges.mean(), _padded(size)), float(np.linalg.norm(edges))
@@ -151,7 +153,7 @@ def _fit(
     factor: int,
     size: tuple[int, int],
 ) -> Float[np.ndarray, "rows columns"]:
-    """How well edges fit at each shift of depth: down by rows, right by columns, none in the middle."""
+    """Correlation of depth edges with colour edges by the shift of depth: rows down, columns right, 0 in the middle."""
     half = factor // 2
     depth = depth_edges(depth_m[half::factor, half::factor][: size[0], : size[1]])
     spectrum = np.fft.rfft2(depth - depth.mean(), _padded(size))
@@ -167,7 +169,7 @@ def _padded(size: tuple[int, int]) -> list[int]:
 
 
 def colour_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
-    """Strength of edges in [0, 1], by contrast with what is around."""
+    """Strength of colour edges in [0, 1], relative to the contrast around them."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 0.8)
     strength = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
     around = cv2.blur(strength, (31, 31)) + 8.0
@@ -175,7 +177,7 @@ def colour_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
 
 
 def depth_edges(depth_m: Float32[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Strength of jumps in [0, 1]; 0 on planes, however tilted, whose inverse depth is linear in the picture.
+    """Strength of depth edges in [0, 1]; 0 on planes of any tilt, whose inverse depth is linear in the picture.
 
     Nothing is said where a neighbour has no depth.
     """

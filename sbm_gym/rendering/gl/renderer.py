@@ -124,15 +124,6 @@ class GlRenderer:
 
     __del__ = close
 
-    @property
-    def device_name(self) -> str:
-        """What draws, as its driver calls itself.
-
-        Raises:
-            NoOpenGlError: if there is no OpenGL on this machine.
-        """
-        return self._opened(1, 1).renderer_name
-
     def _opened(self, height_px: int, width_px: int) -> GlContext:
         """The context, made if there is none, with room for a picture of this size."""
         if self._context is None:

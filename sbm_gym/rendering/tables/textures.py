@@ -46,18 +46,11 @@ class TextureStore:
     """Whether some texels are transparent."""
 
 
-def build_texture_store(model: mujoco.MjModel) -> TextureStore:
-    """Reads the textures of a model and filters them down, in linear light, to one texel.
-
-    Textures with a channel count that is not a picture's (1 to 4) become a single white texel.
-    """
-    store = lay_out_textures(model)
-    fill_textures(model, store)
-    return store
-
-
 def lay_out_textures(model: mujoco.MjModel) -> TextureStore:
-    """What ``build_texture_store`` gives, but for its texels: these are left for ``fill_textures`` to fill."""
+    """Places of a model's textures and their mip levels in one array of texels, which ``fill_textures`` fills.
+
+    Textures with a channel count that is not a picture's (1 to 4) are a single white texel.
+    """
     layouts = [_layout(model, texture) for texture in range(model.ntex)] or [(1, [(1, 1)])]
     count, most_levels = len(layouts), max(len(sizes) for _, sizes in layouts)
     level_start = np.zeros((count, most_levels), np.int64)

@@ -16,10 +16,10 @@ from experiments.figures.result_values import MEANS
 from experiments.run import main
 from experiments.tables.thesis_tables import TABLES, Table, only, over_shared_categories
 from experiments.tables.training_sets import (
+    ANNOTATED,
     LABEL_RECIPES,
-    NOVEL,
     SPLITS,
-    TEACHERS,
+    TRUTH,
     Student,
     TrainingSets,
     annotated_views,
@@ -31,6 +31,7 @@ from labeling.io.episodes import read_episode, write_episode
 from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
 from labeling.training.config import CONFIG_FILE
+from sbm_gym.assets.models.classes import NOVEL_CATEGORIES
 
 from ...labeling.synthetic_room import make_episode
 
@@ -72,7 +73,7 @@ def test_only_training_scenes_teach(name: str) -> None:
     assert table.world in WORLDS
     assert {row.subset for row in table.rows} <= set(SPLITS)
     assert {row.labels for row in table.rows} <= {None, *LABEL_RECIPES}
-    assert {row.teacher for row in table.rows} <= {None, *TEACHERS}
+    assert {row.teacher for row in table.rows} <= {None, *LABEL_RECIPES, TRUTH, ANNOTATED}
     assert {row for gap in table.gaps for row in gap} <= set(names)
     assert {row for pair in table.above for row in pair} <= set(names)
     assert experiments()[name].description == table.description
@@ -154,7 +155,7 @@ def test_means_are_over_the_categories_that_count() -> None:
         "per_class_ap30": {"cushion": 0.3, "shelf": 0.5, "chair": 1.0, "beanbag": None},
         "instances": {"cushion": 3, "shelf": 4, "chair": 5, "beanbag": 0},
     }
-    found = only(NOVEL, figures)
+    found = only(NOVEL_CATEGORIES, figures)
     assert found["mask_ap50"] == pytest.approx(0.3)
     assert found["mask_ap30"] == pytest.approx(0.4)
     assert set(found["instances"]) == {"cushion", "shelf", "beanbag"}

@@ -235,7 +235,7 @@ def test_what_does_not_fit_is_refused(atlas, tmp_path):
         plain(atlas=atlas, detector="simulated").reset(options={"scene": "box_0"})
     with pytest.raises(AtlasError, match=r"image_size \[24, 32\] there"):
         plain(atlas=atlas, image_size=(32, 32)).reset(options={"scene": "box_0"})
-    with pytest.raises(AtlasError, match="was begun with other places or headings"):
+    with pytest.raises(UsageError, match=r"made with other settings \(headings 12 there, 16 now\)"):
         build_atlas.build(build_atlas.AtlasConfig(atlas, ENV, scenes=1, detector=DETECTOR, headings=16))
     with pytest.raises(UsageError, match=r"0.05 to 0.5 m apart, not 0.8 m"):
         build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, scenes=1, detector=DETECTOR, grid_m=0.8))

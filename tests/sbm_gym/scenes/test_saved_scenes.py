@@ -11,7 +11,7 @@ import pytest
 
 from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
 from sbm_gym.scenes import scene_keys
-from sbm_gym.scenes.saved_scenes import model_without_looks
+from sbm_gym.scenes.saved_scenes import model_without_visuals
 from sbm_gym.scenes.scene_cache import open_scene
 from sbm_gym.scenes.scene_keys import scene_key
 from sbm_gym.scenes.world_sources import IndoorWorlds, OutdoorWorlds
@@ -134,7 +134,7 @@ def test_a_model_without_looks_moves_as_the_whole_one(source, scene):
     config = source.profile.body
     add_agent(world.spec, config)
     whole = world.spec.compile()
-    light = model_without_looks(world.spec, whole)
+    light = model_without_visuals(world.spec, whole)
     assert mujoco.mj_sizeModel(light) < mujoco.mj_sizeModel(whole) / 50
     assert light.nmesh == light.ntex == 0
     states = []

@@ -8,23 +8,23 @@ from labeling.generator.calibration.detector_calibration import FOLDER, calibrat
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.object_posterior import (
     FEATURES,
-    Looks,
     ObjectModel,
+    PlaceObservations,
     fit_object_model,
-    looks_at,
+    observe_places,
 )
 
 SUPPORT, VIEWS = FEATURES.index("support"), FEATURES.index("views")
 
 
-def looks(confidence: dict[str, list[float]], degrees: list[float], side: float = 0.2) -> Looks:
+def looks(confidence: dict[str, list[float]], degrees: list[float], side: float = 0.2) -> PlaceObservations:
     """Views from 2 m away, at these azimuths."""
     angle = np.radians(degrees)
     eyes = 2 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    return Looks({name: np.array(row) for name, row in confidence.items()}, np.full(len(angle), side), eyes)
+    return PlaceObservations({name: np.array(row) for name, row in confidence.items()}, np.full(len(angle), side), eyes)
 
 
-def support(some: Looks) -> float:
+def support(some: PlaceObservations) -> float:
     return float(some.features[0, SUPPORT])
 
 
@@ -51,7 +51,7 @@ def test_pixels_of_every_view_are_counted() -> None:
     cloud = Cloud(points, points, np.ones(50, np.int32), voxel_of_pixel, 0.1)
     eyes, voxels = rng.normal(size=(3, 3)), [np.array([3, 8, 20]), np.array([8, 9])]
     found = [Detection(1, "bed", 0.4, np.ones((8, 9), bool)), Detection(1, "bed", 0.3, np.ones((8, 9), bool))]
-    for some, own in zip(looks_at(cloud, eyes, [(found, one) for one in voxels]), voxels, strict=True):
+    for some, own in zip(observe_places(cloud, eyes, [(found, one) for one in voxels]), voxels, strict=True):
         assert np.allclose(some.side**2 * 72, np.isin(voxel_of_pixel, own).sum(axis=(1, 2)))
         assert np.allclose(some.from_object_m, eyes - points[own].mean(axis=0))
         assert {name: row.tolist() for name, row in some.confidence.items()} == {"bed": [0, 0.4, 0]}

@@ -1,4 +1,4 @@
-"""Planelets of a plane lie in it, whatever its slant; edges and holes have none."""
+"""Surfels of a plane lie in it, whatever its slant; edges and holes have none."""
 
 import numpy as np
 from hypothesis import given
@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov
 from labeling.core.views import RgbdViews
-from labeling.generator.poses.planelets import BRIGHTNESS, CENTRE, EXISTS, NORMAL, X, Y, planelets
+from labeling.generator.poses.surfels import BRIGHTNESS, CENTRE, EXISTS, NORMAL, X, Y, surfels
 
 K = intrinsics_from_fov(64, 48, 1.0)
 
@@ -26,7 +26,7 @@ def plane(normal, distance_m):
 def test_a_plane_is_found_exactly(slant_x, slant_y, distance_m):
     normal = np.array([slant_x, slant_y, 1.5])
     normal /= np.linalg.norm(normal)
-    grid = planelets(seen(plane(normal, distance_m)), cells_a_side=10).grids[0]
+    grid = surfels(seen(plane(normal, distance_m)), cells_a_side=10).grids[0]
     assert np.all(grid[..., EXISTS] == 1)
     assert np.allclose(grid[..., NORMAL : NORMAL + 3], -normal, atol=1e-3)
     assert np.allclose(grid[..., CENTRE : CENTRE + 3] @ normal, distance_m, rtol=1e-4)
@@ -34,11 +34,11 @@ def test_a_plane_is_found_exactly(slant_x, slant_y, distance_m):
     assert np.allclose(rays * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]], grid[..., [X, Y]], atol=1e-3)
 
 
-def test_edges_and_holes_have_no_planelet():
+def test_edges_and_holes_have_no_surfel():
     depth_m = np.full((48, 64), 2.0)
     depth_m[:, 32:] = 3.0
     depth_m[:12] = 0
-    cells = planelets(seen(depth_m), cells_a_side=14)
+    cells = surfels(seen(depth_m), cells_a_side=14)
     there, edge = cells.grids[0][..., EXISTS] > 0, 32 // cells.cell_px
     assert cells.cell_px == 4
     assert not there[:3].any()
@@ -48,6 +48,6 @@ def test_edges_and_holes_have_no_planelet():
 
 
 def test_depth_beyond_range_is_none_and_brightness_needs_no_depth():
-    cells = planelets(seen(np.full((48, 64), 9.0)), cells_a_side=10, max_range_m=5.0).grids[0]
+    cells = surfels(seen(np.full((48, 64), 9.0)), cells_a_side=10, max_range_m=5.0).grids[0]
     assert not cells[..., EXISTS].any()
     assert np.allclose(cells[..., BRIGHTNESS], 200 / 255)

@@ -1,4 +1,4 @@
-"""Views as coarse grids of planelets: small planes fitted to the depth of cells, in which sensor noise averages out."""
+"""Views as coarse grids of surfels: planes fitted to the depth of cells of pixels, which averages sensor noise out."""
 
 from dataclasses import dataclass
 
@@ -10,46 +10,46 @@ from labeling.core.views import RgbdViews
 from labeling.runtime.threads import in_threads
 
 SAMPLES_A_SIDE = 4
-"""Pixels read along a side of a cell, about; more only cost time."""
+"""About how many pixels are read along a side of a cell; more do not improve the fit noticeably."""
 MIN_FILLED = 0.25
 """Share of a cell's pixels that must have depth."""
 MIN_SAMPLES = 6.0
-"""And how many at least."""
+"""Least number of pixels with depth in a cell."""
 MAX_ROUGHNESS = 0.02
 """Largest deviation of depth from the plane (rms), as a share of the depth: beyond, the cell holds an edge."""
 MAX_SLANT = 0.1
-"""Smallest cosine between a plane's normal and the ray to it: planes seen at a glance are known too badly."""
+"""Smallest cosine between a plane's normal and the ray to it: planes at grazing angles are fitted too badly."""
 X, Y, CENTRE, NORMAL, BRIGHTNESS, CHANGE_X, CHANGE_Y, EXISTS = 0, 1, 2, 5, 8, 9, 10, 11
-"""Fields of a planelet: pixel of its centre; its centre and its normal, which looks to the camera, in the camera's
+"""Fields of a surfel: pixel of its centre; its centre and its normal, which looks to the camera, in the camera's
 frame, metres; its brightness in [0, 1] and how that changes from pixel to pixel; 1, or 0 where a cell has no plane."""
 FIELDS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Planelets:
-    """The planelets of all views."""
+class Surfels:
+    """The surfels of all views, one for each cell."""
 
     grids: Float32[np.ndarray, "views rows columns fields"]
-    """See ``FIELDS``."""
+    """The fields of each surfel, float32, by the indices above."""
     cell_px: int
-    """Edge of a cell."""
+    """Edge of a cell, pixels."""
 
     @property
     def median_depth_m(self) -> Float32[np.ndarray, "views"]:
-        """Of each view; 0 if it has no planelet."""
+        """Median depth of the surfels of each view, metres; 0 if it has none."""
         depths = (grid[..., CENTRE + 2][grid[..., EXISTS] > 0] for grid in self.grids)
         return np.array([np.median(one) if len(one) else 0 for one in depths], np.float32)
 
 
-def planelets(views: RgbdViews, cells_a_side: int, max_range_m: float = np.inf) -> Planelets:
+def surfels(views: RgbdViews, cells_a_side: int, max_range_m: float = np.inf) -> Surfels:
     """Fits a plane to the depth of every cell of every view.
 
     A plane's inverse depth is linear in the pixel, so that the fit is a linear one.
 
     Args:
         views: of one scene.
-        cells_a_side: of a square picture; others get as many in all.
-        max_range_m: depth beyond this counts as no return.
+        cells_a_side: cells along a side of a square picture; other shapes get about as many in all.
+        max_range_m: depth beyond this counts as no return, metres.
     """
     height, width = views.size
     cell_px = min(max(2, round(np.sqrt(height * width) / cells_a_side)), height, width)
@@ -60,12 +60,12 @@ def planelets(views: RgbdViews, cells_a_side: int, max_range_m: float = np.inf) 
         _fit(depth_m, rgb, np.ascontiguousarray(views.intrinsics[view], float), cell_px, max_range_m, grids[view])
 
     in_threads(fit, range(views.num_views))
-    return Planelets(grids, cell_px)
+    return Surfels(grids, cell_px)
 
 
 @njit(cache=True, nogil=True)
 def _fit(depth_m, rgb, k, cell_px, max_range_m, grid):  # pragma: no cover - compiled
-    """Writes the planelets of a view.
+    """Fits the surfels of one view.
 
     Args:
         depth_m: (h, w) float32.
@@ -111,7 +111,7 @@ def _fit(depth_m, rgb, k, cell_px, max_range_m, grid):  # pragma: no cover - com
             cuu, cuv, cvv = suu / n - mu * mu, suv / n - mu * mv, svv / n - mv * mv
             cdu, cdv, cdd = sdu / n - md * mu, sdv / n - md * mv, sdd / n - md * md
             determinant = cuu * cvv - cuv * cuv
-            if determinant < 1e-2 * (cuu + cvv) ** 2:  # all but a line
+            if determinant < 1e-2 * (cuu + cvv) ** 2:  # nearly collinear pixels
                 continue
             a, b = (cdu * cvv - cdv * cuv) / determinant, (cdv * cuu - cdu * cuv) / determinant
             c = md - a * mu - b * mv
