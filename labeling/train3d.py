@@ -87,15 +87,19 @@ def run(command: Train3dCommand) -> dict[str, Any]:
 
 
 def train_val_split_by_object(samples: "list[FrustumSample]") -> "tuple[list[FrustumSample], list[FrustumSample]]":
-    """Splits samples into training and validation; all views of an object lie on one side. Objects are told apart by
-    their boxes.
+    """Splits samples into training and validation.
+
+    All views of an object lie on one side; objects are told apart by their boxes. Every tenth object is held out,
+    unless no other one of its category would be left to learn from.
     """
     of_object: dict[tuple[float, ...], list[FrustumSample]] = {}
     for one in samples:
         of_object.setdefault((*one.box.centre_m.tolist(), *one.box.extent_m.tolist()), []).append(one)
+    objects = list(of_object.values())
+    learnt = {views[0].category for number, views in enumerate(objects) if (number + 1) % EVERY_HELD_OUT}
     sides: tuple[list[FrustumSample], list[FrustumSample]] = [], []
-    for number, views in enumerate(of_object.values()):
-        sides[number % EVERY_HELD_OUT == EVERY_HELD_OUT - 1].extend(views)
+    for number, views in enumerate(objects, start=1):
+        sides[number % EVERY_HELD_OUT == 0 and views[0].category in learnt].extend(views)
     return sides
 
 

@@ -98,7 +98,8 @@ def working_steps(out: Path, recordings: Path) -> Iterator[tuple[str, list[str]]
     env = "--env sbm_gym/IndoorBuiltin-v0"
     policies = f"-m agents.evaluate {env} --policies ring spin frontier --episodes 1 --seeds 2 --labels --out"
     yield "evaluate_policies", [*policies.split(), str(out / "policies")]
-    yield "train", f"-m agents.train {env} --steps 512 --envs 1 --eval-episodes 1 --out {out / 'ppo'}".split()
+    few = "--steps 400 --envs 4 --scenes 2 --validation-scenes 1 --eval-episodes 1 --compare-episodes 0"
+    yield "train", f"-m agents.train {env} {few} --out {out / 'ppo'}".split()
     yield "rollout", ["-c", ROLLOUT, str(out / "rollout.json"), *WORLDS]
 
 

@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,24 @@ def test_objects_that_choose_are_not_learnt_from(recorded):
     kept, held = train3d.train_val_split_by_object(read_frustum_samples(recorded) * 3)
     assert held == [] or not {one.box.centre_m.tobytes() for one in kept} & {one.box.centre_m.tobytes() for one in held}
     assert len(kept) + len(held) == 3 * len(read_frustum_samples(recorded))
+
+
+def test_every_tenth_object_is_held_out_but_no_category_as_a_whole(recorded):
+    sample = read_frustum_samples(recorded)[0]
+
+    def views_of(number, category):
+        box = replace(sample.box, centre_m=np.array([number, 0.0, 0.0]))
+        return [replace(sample, category=category, box=box) for _ in range(3)]
+
+    def held_out(categories):
+        objects = [one for number, name in enumerate(categories) for one in views_of(number, name)]
+        kept, held = train3d.train_val_split_by_object(objects)
+        assert len(kept) + len(held) == len(objects)
+        return [int(one.box.centre_m[0]) for one in held]
+
+    assert held_out(["chair"] * 25) == [9] * 3 + [19] * 3
+    assert held_out([*["chair"] * 9, "bed", *["chair"] * 9, "chair"]) == [19] * 3
+    assert held_out([*["chair"] * 9, "bed", "bed"]) == [9] * 3
 
 
 @pytest.mark.parametrize("detector", ["ldls", "trained"])
