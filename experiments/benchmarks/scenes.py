@@ -20,14 +20,14 @@ LIMITS_S = {"sbm_gym/Indoor-v0": 3.5, "sbm_gym/Outdoor-v0": 4.0}
 RESET_S, FIRST_RESET_S = 0.06, 0.5
 MANY_SCENES = 10
 ONE_MB, WORKER_MB = 700, 250
-"""Memory of one process after ``MANY_SCENES`` scenes, and what each further one adds."""
+"""Memory of one process after ``MANY_SCENES`` scenes, and of each further process in the same scenes, MB."""
 STEPS_PER_S = 300.0
-"""Steps of training without colours a second and core, resets counted."""
+"""Training steps per second and core, without colours and with resets."""
 NOT_KEPT = "every process builds its scenes"
 
 
 def measure(quick: bool) -> Iterator[Row]:
-    """Measures row by row, each in processes of its own; what they say is CPU time.
+    """Measures row by row, each in new processes; times are CPU times.
 
     Args:
         quick: few episodes.

@@ -19,7 +19,7 @@ class Which:
     """Some scenes of an environment."""
 
     env: str = "sbm_gym/Indoor-v0"
-    """Gymnasium id of an environment that comes with sbm_gym; of others nothing is kept."""
+    """Gymnasium id of an environment that comes with sbm_gym; scenes of others are not cached."""
     split: Literal["train", "val", "test", "wide", "endless"] = "train"
     """Scenes of this split."""
     scenes: Count | None = None
@@ -32,8 +32,8 @@ class Which:
 
 @dataclass(frozen=True)
 class Build(Which):
-    """Compile scenes and keep them, so that no environment has to wait for one. Those that are there are passed over,
-    so that a command that was stopped goes on where it was.
+    """Compile scenes into the cache, so that environments open them without delay. Cached scenes are skipped, so that a
+    command that was stopped goes on where it was.
     """
 
     workers: Count = 1
@@ -42,7 +42,7 @@ class Build(Which):
 
 @dataclass(frozen=True)
 class ListScenes(Which):
-    """Print the names of scenes, and which of them are kept."""
+    """Print the names of scenes, and which of them are in the cache."""
 
 
 Command = Annotated[Build, tyro.conf.subcommand("build")] | Annotated[ListScenes, tyro.conf.subcommand("list")]

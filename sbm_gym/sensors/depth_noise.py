@@ -100,10 +100,10 @@ def stereo(
 def lidar(
     depth_m: Float32[np.ndarray, "h w"], intrinsics: Float[np.ndarray, "3 3"], rng: np.random.Generator
 ) -> Float32[np.ndarray, "h w"]:
-    """Time of flight: the same noise along the ray at any range, pulses that do not return, points in mid-air at edges.
+    """Time of flight: constant noise along the ray, lost pulses, and mixed pixels at depth edges.
 
-    What returns has the strength cos(angle)/range², times speckle, which is distributed exponentially; so a pulse is
-    strong enough with probability ``lidar_returns``.
+    The strength of an echo is cos(angle)/range² times exponentially distributed speckle, so a pulse returns with
+    probability ``lidar_returns``.
     """
     slant = _slant(depth_m.shape, intrinsics)
     cosine = incidence_cosine(depth_m, intrinsics)
@@ -118,7 +118,7 @@ def lidar(
 
 
 def lidar_returns(range_m: Float[np.ndarray, "h w"], cosine: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """How probable it is that a pulse returns, by range and by the cosine of the angle between ray and normal."""
+    """Probability that a pulse returns, by range in metres and cosine of the angle between ray and normal."""
     return np.exp(-((range_m / LIDAR_REACH_M) ** 2) / np.maximum(cosine, 1e-3))
 
 
@@ -126,12 +126,12 @@ def lidar_returns(range_m: Float[np.ndarray, "h w"], cosine: Float[np.ndarray, "
 
 
 def quantised(depth_m: Float[np.ndarray, "h w"], step_per_m: float) -> Float[np.ndarray, "h w"]:
-    """Depth whose inverse is rounded to whole steps, as disparity is; what rounds to none at all has no return."""
+    """Depth with its inverse rounded to multiples of ``step_per_m``, as disparity is; 0 steps are no return."""
     return _depth_of(np.rint(_inverse(depth_m) / step_per_m) * step_per_m)
 
 
 def in_shadow(depth_m: Float32[np.ndarray, "h w"], shift_px_m: float) -> Bool[np.ndarray, "h w"]:
-    """Which pixels something nearer hides from a second camera, or from a projector, left of the first.
+    """Pixels that are hidden by something nearer from a second camera, or a projector, left of the first.
 
     Args:
         depth_m: z-depth, 0 = no return.
@@ -147,7 +147,7 @@ def in_shadow(depth_m: Float32[np.ndarray, "h w"], shift_px_m: float) -> Bool[np
 
 
 def jumps(depth_m: Float32[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels beside which another surface begins.
+    """Pixels at depth edges: a neighbour lies on another surface.
 
     On a surface seen at a grazing angle the differences to both sides are alike; at a jump they are not.
     """

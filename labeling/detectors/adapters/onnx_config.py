@@ -1,4 +1,4 @@
-"""What must be known about an exported detector beside its graph: the JSON beside it, or the family it comes from."""
+"""Settings of an exported detector: from the JSON file beside its graph, or from the family of exporters."""
 
 import ast
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from labeling.formats.checked_json import Json
 
 @dataclass(frozen=True)
 class OnnxConfig:
-    """How a graph wants its pictures, and what its numbers mean; docs/detectors.md says it field by field."""
+    """How pictures are prepared for a graph and how its outputs are read; docs/detectors.md describes each field."""
 
     categories: tuple[str, ...] = ()
     first_label: int = 1
@@ -47,7 +47,7 @@ FAMILIES: dict[str, OnnxConfig] = {
     "torchvision": OnnxConfig(COCO_90),
     "tensorflow": OnnxConfig(COCO_90, boxes="unit", order="yxyx"),
 }
-"""What exporters have in common, with COCO's categories. The graph's own list of names and the JSON go before it."""
+"""Settings of common exporters, with COCO's categories; category names in the graph and the JSON take precedence."""
 
 _CHOICES = {
     "resize": ("stretch", "pad"),

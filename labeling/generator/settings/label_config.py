@@ -122,10 +122,10 @@ class LabelConfig(Settings):
     """How much wider the unknown band inside a mask is for a detection of confidence 0 than for one of 1, as ``erode``:
     masks of low confidence are less exact. 0 as in the thesis."""
     dilate_doubt: NonNegative[float] = 0.1
-    """The same for the band outside."""
+    """The same for the band outside, as ``dilate``."""
     refine_poses: Literal["auto", "on", "off"] = "auto"
-    """Mend the poses of views by their depth and brightness: where they are worse than the voxels and mended ones fit
-    better (``auto``), wherever these fit better (``on``), or never; what is found is told in any case."""
+    """Refine the poses of views by their depth and brightness: if errors exceed the voxels and refined poses fit better
+    (``auto``), whenever refined poses fit better (``on``), or never; what the check finds is reported in any case."""
     free_space: bool = True
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
     calibrate: bool = True

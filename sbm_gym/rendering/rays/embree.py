@@ -1,9 +1,9 @@
 """Embree by its C interface: search trees over triangles, and rays through them, sixteen at a time.
 
-Kernels call the library themselves, so that no ray passes through Python. Trees are built the fast way (Morton codes,
-one thread: the same tree every time), in a third of the time that the default takes: one for each run of triangles that
-belong together, and one over those, which keeps long walls out of what is small. Rays are grouped by their number
-alone, so that threads change nothing.
+Compiled kernels call the library, so that no ray passes through Python. Trees are built at low quality (Morton codes,
+one thread, so the same tree every time), in a third of the default's time: one tree for each run of triangles that
+belong together and one over all runs, so that the bounds of small objects hold no long walls. Packets of rays depend on
+the order of the rays alone, so that results do not depend on the number of threads.
 
 Source: https://github.com/RenderKit/embree, api manual of version 4 (``rtcNewScene``, ``rtcIntersect16``).
 """
@@ -24,13 +24,13 @@ from labeling.core.errors import SbmError
 from sbm_gym.rendering.rays.workers import Workers
 
 PACKET = 16
-"""Rays that are traced together."""
+"""Number of rays in a packet."""
 _TRIANGLES, _INDICES, _VERTICES, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
 _FAST_BUILD, _ROBUST = 0, 4
 _NOTHING = 0xFFFFFFFF
 _ONE_RUN = np.zeros(1, np.int64)
 AS_THEY_ARE = np.zeros(0, np.int64)
-"""The order of rays as they stand."""
+"""As the order of rays: the given one."""
 # Where the fields of sixteen rays and their hits stand, in columns of sixteen words. Source: rtcore_ray.h.
 _TNEAR, _TIME, _TFAR, _MASK, _ID, _FLAGS, _U, _V, _PRIMITIVE, _GEOMETRY, _COLUMNS = (
     3,
@@ -49,7 +49,7 @@ _TNEAR, _TIME, _TFAR, _MASK, _ID, _FLAGS, _U, _V, _PRIMITIVE, _GEOMETRY, _COLUMN
 
 @functools.cache
 def _library() -> ctypes.CDLL:
-    """Embree as the package ``embreex`` brings it.
+    """The Embree library of the package ``embreex``.
 
     Raises:
         SbmError: if the package does not hold the library.
@@ -95,7 +95,7 @@ def _device() -> int:
 
 @functools.cache
 def _address(name: str) -> int:
-    """Where a function of the library stands."""
+    """Address of a function of the library."""
     return ctypes.cast(getattr(_library(), name), ctypes.c_void_p).value or 0
 
 
@@ -111,7 +111,7 @@ _indices = np.zeros((0, 3), np.uint32)
 
 
 def _corner_indices(count: int) -> np.ndarray:
-    """Three corners for each triangle, in order; trees of all scenes share them."""
+    """Indices of corners, three for each triangle, in order; shared by the trees of all scenes."""
     global _indices
     if len(_indices) < count:
         _indices = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
@@ -191,7 +191,7 @@ class TriangleTree:
 
 
 def _has_room_behind(vertices: Float32[np.ndarray, "n 3"]) -> bool:
-    """Whether four bytes behind an array belong to the array that it is a part of."""
+    """Whether an array is followed by at least four bytes of its base array."""
     whole = vertices
     while isinstance(whole.base, np.ndarray):
         whole = whole.base
@@ -281,5 +281,5 @@ def _occlude(start, stop, function, scene, query, rays, order, far, hidden):
         count = _fill_packet(words, first, rays, order, far)
         _call(function, at, scene, at + 4 * PACKET, query)  # type: ignore[call-arg]
         for k in range(count):
-            # Embree says so by minus infinity.
+            # Embree marks occluded rays by minus infinity.
             hidden[first + k] = words[1 + _TFAR, k] < 0.0
