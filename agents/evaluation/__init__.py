@@ -1,1 +1,1 @@
-"""Policies measured against each other on the same starts: what they earn, see, and bring home as labels."""
+"""Comparison of policies from the same starts: returns, objects seen, and quality of the labels of their views."""

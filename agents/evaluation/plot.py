@@ -1,4 +1,4 @@
-"""The plot of an evaluation: what is earned and what labels are made, view by view."""
+"""The plot of an evaluation: return and labels by number of views."""
 
 import itertools
 from pathlib import Path

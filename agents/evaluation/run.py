@@ -1,4 +1,4 @@
-"""The whole of an evaluation: run the episodes that are missing, sum up, write, draw, print."""
+"""Running an evaluation: missing episodes, summary, files, plot and tables."""
 
 import contextlib
 import sys

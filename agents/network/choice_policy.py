@@ -1,6 +1,6 @@
-"""A network that chooses among rows: each is scored by the same weights, from what it promises and a summary.
+"""A network that scores choices: each choice is a row of features, and all rows of a kind are scored by one network.
 
-So what is learnt of one side holds for all sides, which takes far fewer episodes than learning it for each.
+What is learnt about one direction holds for all directions, which takes far fewer episodes than a score for each.
 """
 
 from typing import Any
@@ -14,12 +14,12 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
 PARTS = ("state", "summary", "moves", "looks")
-"""Of observations: a vector that only values depend on, a short one that scores depend on too, then a row for each
-choice, in the order of the action's numbers."""
+"""Parts of observations: ``state`` (n) is seen by the value network alone, ``summary`` (s) by the scorers as well;
+``moves`` and ``looks`` have one row of features for each choice, in the order of the action's numbers."""
 
 
 class ChoiceFeatures(BaseFeaturesExtractor):
-    """State, summary and all rows, one after the other."""
+    """Concatenates state, summary and all rows."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
         """Makes an extractor; it has no weights.
@@ -44,14 +44,14 @@ class ChoiceFeatures(BaseFeaturesExtractor):
 
 
 class ChoicePolicy(MultiInputActorCriticPolicy):
-    """Scores rows for actions, and values states by layers of their own."""
+    """An actor-critic policy whose actor scores rows and whose critic has layers of its own."""
 
     def __init__(self, *arguments: Any, width: int = 64, **named: Any) -> None:
         """Makes a policy with random weights; arguments as Stable-Baselines3 has them.
 
         Args:
             arguments: of Stable-Baselines3.
-            width: of the layers that score rows; those that value states are twice as wide.
+            width: width of the scorers' layers; those of the critic are twice as wide.
             named: of Stable-Baselines3.
         """
         self._width = width
@@ -76,7 +76,7 @@ class ChoicePolicy(MultiInputActorCriticPolicy):
 
 
 class RowScores(nn.Module):
-    """Scores of all rows, kind by kind."""
+    """The actor: scores all rows, with one scorer for each kind of rows."""
 
     def __init__(self, features: ChoiceFeatures, width: int) -> None:
         """Makes scorers with random weights, one for each kind of rows."""
@@ -94,7 +94,7 @@ class RowScores(nn.Module):
 
 
 class _RowScorer(nn.Module):
-    """Scores rows of one kind: a weighted sum, and what two layers add."""
+    """Scores rows of one kind: a linear score plus that of a network with two hidden layers."""
 
     def __init__(self, summary_size: int, row_size: int, width: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Ablation of the reward: a planner with parts of it, measured by the whole."""
+"""Ablation of the reward: planners with parts of the reward, scored by the full reward."""
 
 from typing import Any
 

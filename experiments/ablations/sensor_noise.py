@@ -1,4 +1,4 @@
-"""What the noise of real sensors costs labels: the same episodes with noise of several kinds."""
+"""Label quality with the noise of real sensors: the same episodes with noise of several kinds."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace

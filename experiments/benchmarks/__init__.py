@@ -1,1 +1,1 @@
-"""Speed beside baselines."""
+"""Benchmarks: times and memory, compared with baselines."""

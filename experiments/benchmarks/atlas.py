@@ -1,4 +1,4 @@
-"""Steps a second with a real detector in the loop: looked up in a view atlas, beside drawn and detected."""
+"""Steps per second with a real detector in the loop: views looked up in an atlas, beside rendered and detected ones."""
 
 import contextlib
 import tempfile

@@ -1,4 +1,4 @@
-"""3-D boxes a second: the frustum PointNet beside LDLS, on the same detections of the same views."""
+"""3-D boxes per second: the frustum PointNet beside LDLS, on the same detections of the same views."""
 
 import contextlib
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Pictures a second: ``compact`` beside ResNet-50 Mask R-CNN at the sizes of the worlds' views; where time goes."""
+"""Pictures per second of ``compact`` and ResNet-50 Mask R-CNN at the sizes of the worlds' views, and time by stage."""
 
 import time
 from collections.abc import Iterator

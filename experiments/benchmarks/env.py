@@ -1,4 +1,4 @@
-"""Steps a second of the environment: beside ``mujoco.Renderer`` in the same scene, with workers, and what PPO adds."""
+"""Steps per second of the environment: beside ``mujoco.Renderer`` in the same scene, with workers, and with PPO."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Recordings of one furnished room of ten objects, of any number of views: what label benches measure on."""
+"""Recordings of one furnished room with ten objects and any number of views, for the benchmarks of labelling."""
 
 from dataclasses import dataclass, replace
 

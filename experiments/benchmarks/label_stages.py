@@ -1,4 +1,4 @@
-"""What each stage of labelling costs, and what the machine would need at least for it."""
+"""Time of each stage of labelling, and a lower bound on it from the machine's bandwidth and arithmetic."""
 
 import timeit
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""Labelling episodes: beside the thesis' way, over numbers of views and workers, and how far from what is possible."""
+"""Time of labelling, compared with the thesis' way, by number of views and workers, and with lower bounds."""
 
 import os
 import shutil

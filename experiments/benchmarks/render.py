@@ -1,4 +1,4 @@
-"""Pictures a second: both renderers beside ``mujoco.Renderer`` in one furnished room, and what scenes cost."""
+"""Pictures per second of both renderers, beside ``mujoco.Renderer`` in one furnished room, and costs of scenes."""
 
 import copy
 import gc

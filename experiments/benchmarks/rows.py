@@ -1,4 +1,4 @@
-"""Rows of a benchmark: what was measured beside which baseline, as JSON and for people."""
+"""Rows of a benchmark: a measurement beside its baseline, as JSON and as text."""
 
 import os
 import platform

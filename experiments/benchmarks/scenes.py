@@ -1,4 +1,4 @@
-"""What coming to a scene costs: whole episodes of fresh processes, resets and memory, with kept scenes and without."""
+"""Time and memory of opening scenes: whole episodes in new processes and resets, with the scene cache and without."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Figures of what the agent saw, what was made of it, and how."""
+"""Figures of episodes: views, detections, labels and clouds."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The page of what ``python -m experiments.bench`` measured, with what it gave before where known."""
+"""The page of benchmarks: results of ``python -m experiments.bench``, beside earlier ones where known."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial

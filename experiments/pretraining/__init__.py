@@ -1,1 +1,1 @@
-"""How ``compact`` came about."""
+"""Pre-training of ``compact``."""

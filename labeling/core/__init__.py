@@ -1,1 +1,1 @@
-"""What everything else speaks of, as plain arrays: views, masks, boxes, cameras. Touches no file."""
+"""Data types that all folders share, as plain arrays: views, masks, boxes, cameras. Touches no file."""

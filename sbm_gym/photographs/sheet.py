@@ -1,4 +1,4 @@
-"""Contact sheets of photographs with their masks drawn in: what is wrong is seen there first."""
+"""Contact sheets of photographs with their masks drawn in, to check them by eye."""
 
 from pathlib import Path
 

@@ -1,1 +1,1 @@
-"""Worlds compiled and ready for an agent, and what differs between kinds of worlds."""
+"""Compiled worlds with an agent in them, and the settings of each kind of world."""

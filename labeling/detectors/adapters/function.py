@@ -1,4 +1,4 @@
-"""Somebody's Python function as a detector: ``package.module:function``."""
+"""A user's Python function as a detector: ``package.module:function``."""
 
 import hashlib
 import importlib

@@ -1,4 +1,4 @@
-"""Confidences that mean what they say: fitted on detections of which it is known whether they were right."""
+"""Calibration of confidences, fitted on detections that are known to be right or wrong."""
 
 from collections import defaultdict
 from collections.abc import Sequence

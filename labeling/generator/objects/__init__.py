@@ -1,1 +1,1 @@
-"""Which detections, moved into the cloud, are of one object."""
+"""From seeds of detections to objects: association across views and posteriors of categories."""

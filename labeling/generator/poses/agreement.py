@@ -1,4 +1,4 @@
-"""Whether the poses of views agree with their depths, and poses under which they agree better."""
+"""Checks whether the poses of views agree with their depths, and refines them jointly where they do not."""
 
 from dataclasses import replace
 

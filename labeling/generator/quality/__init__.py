@@ -1,1 +1,1 @@
-"""How good each label is, what is to be ignored, and how large objects are."""
+"""Quality of labels, regions to ignore, and completed boxes."""

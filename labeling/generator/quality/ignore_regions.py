@@ -1,4 +1,4 @@
-"""Regions to ignore: they may be objects although none could be confirmed, so nobody should learn background there.
+"""Regions to ignore: they may hold objects that could not be confirmed, so they are no background to learn from.
 
 A detector misses most objects in most views, and finds in one view, at low confidence, what it misses in another.
 Detections that no label explains add up over views at the points of the cloud, and where they reach a threshold, every

@@ -1,1 +1,1 @@
-"""Which points are an object's: classifiers on seeds, and a fully-connected CRF."""
+"""Segmentation of objects in the cloud: classifiers trained on seeds, a fully connected CRF, thin parts."""
