@@ -170,7 +170,6 @@ class TownPlan:
     carriageway: Rect
     """Everything between the outer kerbs of the ring."""
     blocks: tuple[Block, ...]
-    streets: tuple[Street, ...]
     segments: tuple[Segment, ...]
     spawns: tuple[Spawn, ...]
 
@@ -192,7 +191,7 @@ def draw_plan(rng: np.random.Generator) -> TownPlan:
     ys = _lines(rng, down)
     vertical = [_street(rng, 1, float(x), outer=(i == 0, i == across)) for i, x in enumerate(xs)]
     horizontal = [_street(rng, 0, float(y), outer=(i == 0, i == down)) for i, y in enumerate(ys)]
-    rim = Rect(vertical[0].low_m, horizontal[0].low_m, vertical[-1].high_m, horizontal[-1].high_m)
+    carriageway = Rect(vertical[0].low_m, horizontal[0].low_m, vertical[-1].high_m, horizontal[-1].high_m)
     kinds = _block_kinds(rng, across * down)
     blocks = []
     for (left, right), (low, high) in itertools.product(itertools.pairwise(vertical), itertools.pairwise(horizontal)):
@@ -211,7 +210,7 @@ def draw_plan(rng: np.random.Generator) -> TownPlan:
             spawns += car_park_bays(block)
         if block.kind != "houses":
             spawns += _racks(rng, block)
-    return TownPlan(rim, tuple(blocks), tuple(vertical + horizontal), tuple(segments), tuple(spawns))
+    return TownPlan(carriageway, tuple(blocks), tuple(segments), tuple(spawns))
 
 
 def _lines(rng: np.random.Generator, count: int) -> Float[np.ndarray, "n"]:
