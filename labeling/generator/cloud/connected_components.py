@@ -1,7 +1,7 @@
 """Connected components of a segment that are no part of it: noise of depth and pose, the ground, other objects."""
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Int, Int32
 
 MAX_CELLS = 4_000_000
 
@@ -50,18 +50,30 @@ def detached_points(
 
 def _components(points, gap_m: float) -> Int32[np.ndarray, "n"]:
     """Numbers of the connected pieces that points lie in, from 0."""
-    from scipy import ndimage
-
     low, edge = points.min(axis=0), gap_m
     # A cloud with points far apart would need a huge grid: coarser cells only join more pieces.
     while np.prod(np.ceil((points.max(axis=0) - low) / edge) + 1) > MAX_CELLS:
         edge *= 2
-    cell = np.floor((points - low) / edge).astype(int)
+    piece, _ = label_cells(np.floor((points - low) / edge).astype(int))
+    return piece
+
+
+def label_cells(cell: Int[np.ndarray, "n 3"]) -> tuple[Int32[np.ndarray, "n"], int]:
+    """Connected components of occupied cells of a grid; cells that share a face, an edge or a corner are connected.
+
+    Args:
+        cell: indices of the cells, from 0.
+
+    Returns:
+        The component of each cell, numbered from 0, and the number of components.
+    """
+    from scipy import ndimage
+
     grid = np.zeros(cell.max(axis=0) + 1, bool)
     grid[tuple(cell.T)] = True
-    pieces = np.zeros(grid.shape, np.int32)
-    ndimage.label(grid, structure=np.ones((3, 3, 3)), output=pieces)
-    return pieces[tuple(cell.T)] - 1
+    component = np.zeros(grid.shape, np.int32)
+    ndimage.label(grid, structure=np.ones((3, 3, 3)), output=component)
+    return component[tuple(cell.T)] - 1, int(component.max())
 
 
 def _within_reach(points, piece, candidates, body: int, reach: float) -> Bool[np.ndarray, "k"]:

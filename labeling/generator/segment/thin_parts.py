@@ -13,6 +13,7 @@ from numba import njit
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.views import RgbdViews
+from labeling.generator.cloud.connected_components import label_cells
 from labeling.generator.cloud.ground import Ground, find_ground, height_coefficients
 from labeling.generator.cloud.voxel_cloud import Cloud
 
@@ -109,7 +110,7 @@ def _parts(cloud: Cloud, own: Int[np.ndarray, "m"], free: Bool[np.ndarray, "n"],
     if not np.any(zone > 0):
         return
     cell = np.floor(points[near] / voxel_m).astype(np.int32)
-    piece, count = _pieces(cell - cell.min(axis=0), np.ptp(cell, axis=0) + 1)
+    piece, count = label_cells(cell - cell.min(axis=0))
     order = np.argsort(piece, kind="stable")
     start = np.searchsorted(piece[order], np.arange(count + 1))
     inside = np.bincount(piece, weights=zone > 0, minlength=count) / np.bincount(piece, minlength=count)
@@ -176,41 +177,6 @@ def _around(points, free, centre, rotation, under, beside, ring, top, limit):  #
             zone[count] = 2 if along <= under[0] and across <= under[1] else 1
         count += 1
     return found[:count].copy(), zone[:count].copy()
-
-
-@njit(cache=True, nogil=True)
-def _pieces(cell, shape):  # pragma: no cover - compiled
-    """Connected pieces of cells, corner to corner.
-
-    Args:
-        cell: (m, 3) int32, distinct, from 0.
-        shape: (3,) of the grid that holds them.
-
-    Returns:
-        The piece of each (m,) int32, and how many there are.
-    """
-    grid = np.full((shape[0] + 2, shape[1] + 2, shape[2] + 2), -1, np.int32)
-    for p in range(len(cell)):
-        grid[cell[p, 0] + 1, cell[p, 1] + 1, cell[p, 2] + 1] = p
-    piece, stack, count = np.full(len(cell), -1, np.int32), np.empty(len(cell), np.int32), 0
-    for start in range(len(cell)):
-        if piece[start] >= 0:
-            continue
-        piece[start] = count
-        stack[0], left = start, 1
-        while left > 0:
-            left -= 1
-            i, j, k = cell[stack[left]]
-            for a in range(i, i + 3):
-                for b in range(j, j + 3):
-                    for c in range(k, k + 3):
-                        p = grid[a, b, c]
-                        if p >= 0 and piece[p] < 0:
-                            piece[p] = count
-                            stack[left] = p
-                            left += 1
-        count += 1
-    return piece, count
 
 
 @njit(cache=True, nogil=True)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import ndimage
+from scipy.sparse import csgraph, csr_array
 
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Detection
 from labeling.core.views import RgbdViews
+from labeling.generator.cloud.connected_components import label_cells
 from labeling.generator.propagate import propagate
-from labeling.generator.segment.thin_parts import ThinParts, _covariances, _is_thin, _pieces
+from labeling.generator.segment.thin_parts import ThinParts, _covariances, _is_thin
 from labeling.generator.settings.label_config import LabelConfig
 
 from ...synthetic_room import Part, render
@@ -160,15 +161,13 @@ def test_what_hangs_on_a_wall_has_no_parts() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
-def test_pieces_are_those_of_a_labelled_grid(seed: int, count: int) -> None:
+def test_pieces_are_the_components_of_the_graph_of_neighbouring_cells(seed: int, count: int) -> None:
     cell = np.unique(np.random.default_rng(seed).integers(0, 7, (count, 3)), axis=0).astype(np.int32)
-    piece, number = _pieces(cell, cell.max(axis=0) + 1)
-    grid = np.zeros(cell.max(axis=0) + 1, bool)
-    grid[tuple(cell.T)] = True
-    expected = np.zeros(grid.shape, int)
-    total = ndimage.label(grid, np.ones((3, 3, 3)), output=expected)
+    piece, number = label_cells(cell)
+    touching = np.abs(cell[:, None] - cell[None]).max(axis=2) <= 1
+    total, expected = csgraph.connected_components(csr_array(touching), directed=False)
     assert number == total
-    pairs = np.unique(np.stack([piece, expected[tuple(cell.T)]]), axis=1)
+    pairs = np.unique(np.stack([piece, expected]), axis=1)
     assert pairs.shape[1] == total == len(np.unique(pairs[0]))
 
 
