@@ -14,8 +14,8 @@ from labeling.generator.segment.svm_classifier import SvmClassifier, train_svm_c
 
 RIDGE = 0.005
 """Added to the variances of standardised features: a flat object has a covariance that can be inverted."""
-HELD_LOG_ODDS = float(np.log(0.99 / 0.01))
-"""Either classifier's log-odds are held within this before they are averaged. Source: field notes (published code)."""
+MAX_LOG_ODDS = float(np.log(0.99 / 0.01))
+"""Log-odds of classifiers are clipped to this: probabilities in [.01, .99]. Source: field notes (published code)."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class MixedClassifier:
 
     def log_odds(self, features: Float[np.ndarray, "n d"]) -> Float32[np.ndarray, "n"]:
         """Log-odds of the object at each row of features (same units as in training)."""
-        smooth = np.clip(self.gaussians.log_odds(features), -HELD_LOG_ODDS, HELD_LOG_ODDS)
-        exact = np.clip(self.machine.log_odds(features), -HELD_LOG_ODDS, HELD_LOG_ODDS)
+        smooth = np.clip(self.gaussians.log_odds(features), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+        exact = np.clip(self.machine.log_odds(features), -MAX_LOG_ODDS, MAX_LOG_ODDS)
         return np.float32(self.share) * smooth + np.float32(1 - self.share) * exact
 
 

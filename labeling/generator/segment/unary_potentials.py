@@ -8,14 +8,12 @@ from jaxtyping import Bool, Float32
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
 from labeling.generator.objects.seeds import DetectionSeeds
-from labeling.generator.segment.gaussian_classifier import train_classifier, train_gaussian_classifier
+from labeling.generator.segment.gaussian_classifier import MAX_LOG_ODDS, train_classifier, train_gaussian_classifier
 from labeling.generator.segment.training_points import crop_around, sample_background, sample_foreground
 from labeling.generator.settings.label_config import LabelConfig
 
 UNREACHABLE_LOG_ODDS = -8.0
 """Given to points out of an object's reach: they can never join it."""
-MAX_LOG_ODDS = float(np.log(0.99 / 0.01))
-"""Classifier outputs are held in [.01, .99]. Source: field notes (published code)."""
 MAX_VOTES = 3.0
 """Sum of confidences at which more views of the same point stop adding weight: their errors are not independent."""
 

@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from labeling.generator.segment.gaussian_classifier import (
-    HELD_LOG_ODDS,
+    MAX_LOG_ODDS,
     RIDGE,
     train_classifier,
     train_gaussian_classifier,
@@ -61,7 +61,7 @@ def test_the_share_leads_from_the_machine_to_the_gaussians(points) -> None:
 
     assert np.array_equal(trained(0.0), train_svm_classifier(front, back, np.random.default_rng(0)).log_odds(queries))
     assert np.array_equal(trained(1.0), train_gaussian_classifier(front, back).log_odds(queries))
-    held = [np.clip(trained(share), -HELD_LOG_ODDS, HELD_LOG_ODDS) for share in (0.0, 1.0)]
+    held = [np.clip(trained(share), -MAX_LOG_ODDS, MAX_LOG_ODDS) for share in (0.0, 1.0)]
     assert np.allclose(trained(0.25), 0.75 * held[0] + 0.25 * held[1], atol=1e-5)
 
 
