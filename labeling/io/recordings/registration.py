@@ -29,6 +29,8 @@ of view differs by up to as much from that of the colour camera beside it."""
 LEAD, LEAST_FIT = 1.15, 0.02
 """Factor by which edges must fit better at the shift than where they are, and at a scale than at their own, and the
 least that they must fit there, as a coefficient of correlation: with less there is nothing to tell by."""
+CHANCE = 5.0
+"""Standard deviations of what noise fits by chance that edges must fit better: small pictures fit somewhere always."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ def depth_offset(views: RgbdViews) -> DepthOffset | None:
     if best.height < LEAD * own.height:
         best = own
     registered = best.scale == 1.0 and np.hypot(*best.shift) <= tolerance_px
-    least = max(LEAD * own.unshifted, LEAST_FIT * len(chosen))
+    by_chance = np.sqrt(len(chosen) / (size[0] * size[1]))
+    least = max(LEAD * own.unshifted, LEAST_FIT * len(chosen), CHANCE * by_chance)
     if len(chosen) < 2 or not best.agree or registered or best.height < least:
         return None
     return DepthOffset(float(factor * best.shift[1]), float(factor * best.shift[0]), 1.0 / best.scale)

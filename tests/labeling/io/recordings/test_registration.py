@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from labeling.convert import main as convert
 from labeling.core.episode import Episode
 from labeling.core.geometry import intrinsics_matrix
+from labeling.core.views import RgbdViews
 from labeling.io.episodes import read_episode
 from labeling.io.recordings.registration import DepthOffset, depth_edges, depth_offset, offset_note
 
@@ -76,6 +77,16 @@ def test_nothing_is_said_where_there_is_nothing_to_see(seed, views):
     wall = Episode(rgb, np.full((views, 60, 80), 2, np.float32), k, np.tile(np.eye(4), (views, 1, 1)), "", ())
     assert depth_offset(wall) is None
     assert depth_offset(replace(wall, depth_m=np.zeros_like(wall.depth_m))) is None
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 8), st.integers(3, 60), st.integers(3, 60))
+def test_noise_says_nothing_however_small_the_pictures(seed, count, height_px, width_px):
+    rng = np.random.default_rng(seed)
+    rgb = rng.integers(0, 256, (count, height_px, width_px, 3), np.uint8)
+    depth_m = rng.uniform(0.5, 9.0, (count, height_px, width_px)).astype(np.float32)
+    poses = np.stack([np.eye(4)] * count)
+    assert depth_offset(RgbdViews(rgb, depth_m, np.stack([np.eye(3)] * count), poses)) is None
 
 
 @settings(max_examples=50, deadline=None)
