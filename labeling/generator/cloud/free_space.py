@@ -35,7 +35,7 @@ def free_space_points(cloud: Cloud, views: RgbdViews) -> Bool[np.ndarray, "n"]:
     """
     if views.num_views <= MIN_MISSES:
         return np.zeros(cloud.num_points, bool)
-    hits = _count_hits(cloud.voxel_of_pixel, cloud.num_points)
+    hits = count_hits(cloud.voxel_of_pixel, cloud.num_points)
     # No more views can look through a point than there are.
     doubtful = np.flatnonzero(MISSES_PER_HIT * hits <= views.num_views)
     points, margin_m = cloud.points[doubtful], np.float64(np.sqrt(3.0) * cloud.voxel_m)
@@ -71,7 +71,7 @@ def clear_free_space(cloud: Cloud, views: RgbdViews) -> RgbdViews:
 
 
 @njit(cache=True, nogil=True)
-def _count_hits(voxel_of_pixel, count):  # pragma: no cover - compiled
+def count_hits(voxel_of_pixel, count):  # pragma: no cover - compiled
     """Number of views that measured each voxel.
 
     Args:

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float32, Int32
 from labeling.core.splatting import splat
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.fine_points import FinePoints, fine_points
+from labeling.generator.cloud.free_space import count_hits
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.settings.label_config import LabelConfig
 
@@ -58,11 +59,23 @@ class FusedViews:
         """
         return self.cloud.voxel_of_pixel[view] if config.visibility == "own" else self.rendered_voxels(view)
 
-    def rendered_voxels(self, view: int) -> Int32[np.ndarray, "h w"]:
-        """The voxel of the nearest point that any view puts at each pixel, -1 for none."""
+    def rendered_voxels(self, view: int, least_views: int = 1) -> Int32[np.ndarray, "h w"]:
+        """The voxel of the nearest point that other views put at each pixel, -1 for none.
+
+        Args:
+            view: index of the view.
+            least_views: so many must have measured a voxel, where there are more others than that.
+        """
         points, sizes_m, voxel = self._surfaces
-        nearest = splat(points, self.views.camera(view), sizes_m)
+        chosen = self.hits[voxel] >= max(1, min(least_views, self.views.num_views - 1))
+        voxel = voxel[chosen]
+        nearest = splat(points[chosen], self.views.camera(view), sizes_m[chosen])
         return np.where(nearest >= 0, voxel[nearest], np.int32(-1))
+
+    @cached_property
+    def hits(self) -> Int32[np.ndarray, "n"]:
+        """How many views have measured each voxel."""
+        return count_hits(self.cloud.voxel_of_pixel, self.cloud.num_points)
 
     @cached_property
     def _surfaces(

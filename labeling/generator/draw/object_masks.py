@@ -55,7 +55,7 @@ def draw_labels(
 
     def labels_of(view: int) -> list[PseudoLabel]:
         voxels = fused.visible_voxels(view, config)
-        rendered = fused.rendered_voxels(view) if has_holes(voxels) else None
+        rendered = fused.rendered_voxels(view, config.fill_views) if has_holes(voxels) else None
         chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
         rows = np.zeros((len(objects), voxels.shape[0]), bool)
         drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)

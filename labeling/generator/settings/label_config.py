@@ -116,6 +116,9 @@ class LabelConfig(Settings):
     """Reach of hole filling in pixels; None takes half a voxel, 0 fills nothing."""
     fill_edge: Positive[float] = 0.3
     """Change of colour (sum over channels in [0, 1]) that stops hole filling as far as its reach does."""
+    fill_views: Positive[int] = 2
+    """Views that must have measured what another one shows where it has no depth: what one alone has measured is too
+    often noise, floating before the objects."""
     consistency: bool = False
     """Keep only objects that at least four views are confident of, all under one name. Source: thesis A.5."""
     erode_doubt: NonNegative[float] = 0.15
