@@ -119,7 +119,8 @@ def _label(
     inside, owner = owner >= 0, np.where(outliers, np.int32(-1), owner)
     parts = None
     if config.thin_parts:
-        parts = find_thin_parts(cloud, views, owner, len(candidates), scale.object_m)
+        beside = {k: one.beside_outlines for k, one in enumerate(candidates) if one.outlined_in}
+        parts = find_thin_parts(cloud, views, owner, len(candidates), scale.object_m, beside)
         inside |= parts.owner >= 0
     report_progress(f"drawing masks into {views.num_views} views")
     with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:

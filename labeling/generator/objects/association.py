@@ -73,6 +73,16 @@ class Candidate:
         """Indices of the views in which a person outlined it."""
         return frozenset(one.detection.view_index for one in self.sources if one.detection.exact)
 
+    @property
+    def beside_outlines(self) -> Float32[np.ndarray, "n"]:
+        """How many outlines that a person drew of it have each voxel beside them, less those that have it inside."""
+        more = np.zeros(len(self.votes_for), np.float32)
+        for one in self.sources:
+            if one.detection.exact:
+                more[one.background] += 1
+                more[one.foreground] -= 1
+        return more
+
     @cached_property
     def foreground_voxels(self) -> Int[np.ndarray, "f"]:
         """Indices of the foreground: few of all voxels, so that two candidates are compared quickly."""

@@ -3,8 +3,10 @@
 Detectors leave thin parts out of their masks, so that votes count against them, and they are narrower than the kernels
 of the CRF. Without the ground, the points that belong to no object fall into connected pieces. A piece that lies beside
 and below an object is a part of it if it touches it and is thin (so no wall and no other object), or if it supports it.
+Outlines drawn by a person have such parts in them, so a piece that lies beside them is none.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +67,12 @@ class ThinParts:
 
 
 def find_thin_parts(
-    cloud: Cloud, views: RgbdViews, owner: Int32[np.ndarray, "n"], num_objects: int, object_m: float
+    cloud: Cloud,
+    views: RgbdViews,
+    owner: Int32[np.ndarray, "n"],
+    num_objects: int,
+    object_m: float,
+    beside: Mapping[int, Float32[np.ndarray, "n"]] | None = None,
 ) -> ThinParts:
     """Finds the thin parts of all objects of an episode.
 
@@ -75,6 +82,7 @@ def find_thin_parts(
         owner: the object that each point belongs to, -1 for none.
         num_objects: how many objects there are.
         object_m: size of a typical object, metres.
+        beside: of objects that a person has drawn, how many outlines more have each voxel beside than within them.
 
     Returns:
         The parts. A piece that could be of two objects goes to the one that it touches in more points.
@@ -86,6 +94,8 @@ def find_thin_parts(
         own = np.flatnonzero(owner == k)
         if len(own) >= MIN_POINTS:
             for piece, touching in _parts(cloud, own, free, ground, object_m):
+                if beside and k in beside and beside[k][piece].sum() > 0:
+                    continue
                 won = piece[contact[piece] < touching]
                 found[won], contact[won] = k, touching
     return ThinParts(found, ground.top_m, height_coefficients(views))

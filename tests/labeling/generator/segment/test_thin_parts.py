@@ -143,6 +143,25 @@ def test_a_box_under_a_table_is_no_leg_of_it() -> None:
     assert not np.any(labelled(labels, "table") & (truth == 3))
 
 
+def test_what_lies_beside_an_outline_drawn_by_a_person_is_no_part() -> None:
+    box = block((-0.25, -0.2, 0.5), (0.25, 0.2, 0.8), (0.2, 0.5, 0.7), 3)
+    stand = block((-0.24, -0.19, 0), (0.24, 0.19, 0.5), (0.5, 0.45, 0.4), 4)
+    views, truth, _ = scene([box, stand])
+    stands = truth == 4
+    detected = [Detection(v, "box", 0.95, one == 3) for v, one in enumerate(truth)]
+    outlined = [replace(detected[view], confidence=1.0, exact=True) for view in (0, 4)]
+    assert found(labelled(propagate(views, detected), "box"), stands) > 0.5
+    labels = labelled(propagate(views, outlined), "box")
+    assert found(labels, stands) < 0.05
+    assert found(labels, truth == 3) > 0.9
+
+
+def test_an_outline_with_legs_keeps_those_that_it_does_not_show() -> None:
+    views, truth, _ = scene([*table(0, 0)])
+    outlined = [Detection(0, "table", 1.0, truth[0] == TABLE, exact=True)]
+    assert found(labelled(propagate(views, outlined), "table"), truth == TABLE) > 0.95
+
+
 def test_noise_loses_feet_but_swallows_no_ground() -> None:
     views, truth, seen = scene([*table(0, 0)], noise_m=0.01)
     masks = labelled(propagate(views, detections(seen, table=TABLE)), "table")
