@@ -24,6 +24,8 @@ Read = TypeVar("Read")
 
 MAX_EPISODES = 8
 """Most episodes of a scene that are labelled together, so that voxels stay fine; more are divided into groups."""
+FINER = 4
+"""A scene has as many more voxels than one episode as it has episodes, but at most so many times as many."""
 MAX_PIXELS = 64_000_000
 """Most pixels of all views of a group (200 views of 640x480), to bound memory; larger ones are labelled one by one."""
 
@@ -124,7 +126,9 @@ class GroupJob:
             return {}
         episodes, sources = zip(*read.values(), strict=True)
         views, detections = join_episodes(episodes, [one.detections for one in sources])
-        labels = propagate(views, detections, self.job.label, calibration_of(sources[0].detector))
+        config = self.job.label
+        config = replace(config, max_voxels=min(len(episodes), FINER) * config.max_voxels)
+        labels = propagate(views, detections, config, calibration_of(sources[0].detector))
         names = [one.name for one in episodes]
         records: dict[Path, EpisodeRecord | None] = {}
         for (folder, (episode, found)), part in zip(

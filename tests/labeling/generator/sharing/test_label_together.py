@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labeling.core.episode import Episode
+from labeling.formats.ply import read_ply
 from labeling.generate import main
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
@@ -157,6 +158,14 @@ def test_the_label_set_is_sound_and_says_where_objects_were_found(together: Path
     assert (about["share_scenes"], about["label_together"]) == (True, True)
     for visit in dataset.iterdir():
         assert annotations(together, visit.name)
+
+
+def test_a_scene_has_as_fine_voxels_as_its_episodes(dataset: Path, tmp_path: Path) -> None:
+    """The bound on voxels is that of one episode: three that show different things may have three times as many."""
+    bound = 1500
+    together = labelled(dataset, tmp_path / "labels", "--max-voxels", str(bound))
+    for file in (together / "clouds").iterdir():
+        assert bound < len(read_ply(file)["x"]) <= 3 * bound
 
 
 def test_workers_change_nothing_and_what_is_done_is_kept(together: Path, dataset: Path, tmp_path: Path) -> None:
