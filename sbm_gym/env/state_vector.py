@@ -86,17 +86,17 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         confidence_now = update.confidence_now.get(target.object_id, 0.0)
         about_target = [np.arctan2(z, np.hypot(x, y)) / np.pi, confidence_now, target.best_confidence]
     rings = tuple(UNSEEN_STRIDES.values())
-    entries = [
-        *of_object(target),
-        *about_target,
-        *(value for known in [*others, *[None] * OTHERS][:OTHERS] for value in of_object(known)),
-        *(value for one in [*likely, *[None] * CANDIDATES][:CANDIDATES] for value in of_candidate(one)),
-        *(len(robot.objects) / MANY_OBJECTS, body.tilt_rad / np.pi, simulation.collided),
-        max(0.0, 1.0 - simulation.step_index / simulation.num_views),
-        *(free_distances_m(robot.navigable, position_m, yaw_rad, scales.free_reach_m) / scales.free_reach_m).tolist(),
-        *robot.seen_floor.unseen_around(position_m, yaw_rad, rings, UNSEEN_DIRECTIONS).ravel().tolist(),
-    ]
-    return np.array(entries, float).clip(-1.0, 1.0).astype(np.float32)
+    entries = [*of_object(target), *about_target]
+    for known in [*others, *[None] * OTHERS][:OTHERS]:
+        entries += of_object(known)
+    for one in [*likely, *[None] * CANDIDATES][:CANDIDATES]:
+        entries += of_candidate(one)
+    entries += [len(robot.objects) / MANY_OBJECTS, body.tilt_rad / np.pi, simulation.collided]
+    entries.append(max(0.0, 1.0 - simulation.step_index / simulation.num_views))
+    free_m = free_distances_m(robot.navigable, position_m, yaw_rad, scales.free_reach_m)
+    unseen = robot.seen_floor.unseen_around(position_m, yaw_rad, rings, UNSEEN_DIRECTIONS)
+    columns = np.array(entries, float), free_m / scales.free_reach_m, unseen.ravel()
+    return np.concatenate(columns).clip(-1.0, 1.0).astype(np.float32)
 
 
 def nearest_others(robot: RobotKnowledge, camera_m: Float[np.ndarray, "3"]) -> list[KnownObject]:

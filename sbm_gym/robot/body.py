@@ -7,6 +7,7 @@ tilt are kinematic (set outright): real heads turn much faster than bodies walk,
 there.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -253,9 +254,11 @@ class AgentBody:
 
     def _settle(self, goal: Float[np.ndarray, "2"]) -> None:
         """Lets the servos finish; ends early when the body has arrived or rests against an obstacle."""
+        qpos, qvel = self.data.qpos, self.data.qvel
         for _ in range(_SETTLE_SUBSTEPS):
-            speed_m_s = float(np.linalg.norm(self.data.qvel[self._xy_dof]))
-            if speed_m_s < 1e-2 and (np.linalg.norm(goal - self.position_m) < _ARRIVED_M or self._touching()):
+            if math.hypot(*qvel[self._xy_dof].tolist()) < 1e-2 and (
+                math.dist(goal.tolist(), qpos[self._xy].tolist()) < _ARRIVED_M or self._touching()
+            ):
                 return
             mujoco.mj_step(self.model, self.data)
 

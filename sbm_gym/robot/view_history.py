@@ -76,8 +76,10 @@ class ViewHistory:
         """Adds a detection to a candidate near it, or as a new one; ``places_m`` follows the candidates' centroids."""
         centroid_m, size_m = view_kernels.mean_point(points), float(view_kernels.largest_extent(points))
         place_m = tuple(centroid_m.tolist())
+        reach_m, share = self._reach_m(size_m), self._config.merge_extent_share
         for index, one in enumerate(self.candidates):
-            if math.dist(places_m[index], place_m) <= self._reach_m(max(size_m, one.size_m)):
+            distance_m = math.dist(places_m[index], place_m)
+            if distance_m <= reach_m or distance_m <= share * one.size_m:
                 # The newest view is mostly the nearest one; its centroid is as good as any.
                 one.centroid_m, one.size_m = centroid_m, max(size_m, one.size_m)
                 one.confidence, places_m[index] = max(one.confidence, confidence), place_m
