@@ -37,11 +37,15 @@ from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
 from labeling.generator.thesis.per_detection import label_per_detection, single_detection_candidates
+from labeling.runtime.memory import trim_memory
 from labeling.runtime.progress import report_progress
 from labeling.runtime.threads import in_background
 
 BOX_MARGIN_VOXELS = 0.75
 """Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
+
+MANY_PX = 4_000_000
+"""With more pixels in all views memory is given back in between."""
 
 
 def propagate(
@@ -128,6 +132,10 @@ def _label(
         probability = np.where(outliers[:, None], np.float32(0), probability[:, columns])
         parts = parts and parts.of_objects(columns)
         drawn = draw_labels(fused(), objects, probability, parts, scale, config)
+    if views.depth_m.size > MANY_PX:  # what is not needed any more makes room for regions to ignore, which need much
+        del fused, candidates
+        scene.seeds.clear()
+        trim_memory()
     labels = finalise_labels(drawn, usable, cloud, calibration.labels, config)
     return replace(labels, labels=with_label_defects(labels.labels, config.published))
 
@@ -142,7 +150,7 @@ class FusedScene:
     scale: Scale
     poses: PoseCheck | None
     seeds: list[DetectionSeeds]
-    """Empty unless ``config.fuse_views``."""
+    """Empty unless ``config.fuse_views``; many of them are dropped once labels are drawn."""
 
     @property
     def eyes_m(self) -> Float64[np.ndarray, "v 3"]:

@@ -178,13 +178,24 @@ def episode_record(
 
 def as_json(record: Any) -> Any:
     """A record, or any part of one, as JSON values."""
+    kind = type(record)
+    if kind in _PLAIN:
+        return record
     if isinstance(record, list | tuple):
-        return [as_json(one) for one in record]
-    names = _field_names(type(record))
+        return [one if type(one) in _PLAIN else as_json(one) for one in record]
+    names = _field_names(kind)
     if names is None:
         return record
-    values = [(name, optional, getattr(record, name)) for name, optional in names]
-    return {name: as_json(value) for name, optional, value in values if not (optional and value is None)}
+    found = {}
+    for name, optional in names:
+        value = getattr(record, name)
+        if not (optional and value is None):
+            found[name] = value if type(value) in _PLAIN else as_json(value)
+    return found
+
+
+_PLAIN = frozenset((str, int, float, bool, type(None)))
+"""Types of values that are JSON as they are; most are, so that they are told by a look-up."""
 
 
 @cache

@@ -1,14 +1,12 @@
 """The cache of compiled scenes: the last few in memory, and on disk those that any process has compiled."""
 
-import contextlib
-import ctypes
 import functools
-import sys
 import warnings
 from collections import OrderedDict
 
 import mujoco
 
+from labeling.runtime.memory import trim_memory
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import Scene, WorldSource, compile_scene, make_renderer, renderer_kind
@@ -90,22 +88,15 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
     # Read from disk the scene takes less memory than as it was compiled.
     del world
     scene = load_scene(folder, key, renderer, body, whole) or scene
-    _trim_memory()
+    trim_memory()
     return scene
 
 
 def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
     """A scene built and compiled now; arguments as of ``open_scene``."""
     scene = compile_scene(name, source.build(name), renderer, body)
-    _trim_memory()
+    trim_memory()
     return scene
-
-
-def _trim_memory() -> None:
-    """Returns freed memory to the system: after building a scene the C allocator holds hundreds of megabytes."""
-    if sys.platform == "linux":
-        with contextlib.suppress(AttributeError):  # not every C library has it
-            ctypes.CDLL(None).malloc_trim(0)
 
 
 def is_kept(source: WorldSource, renderer: str, name: str) -> bool:

@@ -51,7 +51,7 @@ def unconfirmed_regions(
     found = []
     for view, voxels in enumerate(cloud.voxel_of_pixel):
         drawn: dict[str, tuple[Bool[np.ndarray, "h w"], float]] = {}
-        for one, rest in unexplained[view]:
+        for one, rest in unexplained.pop(view, ()):  # masks that are no longer needed make room for new ones
             if one.confidence >= config.ignore_unconfirmed:
                 drawn[one.category] = _union(drawn.get(one.category), rest, one.confidence)
         if category is not None:

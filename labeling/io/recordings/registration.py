@@ -10,7 +10,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import scipy.fft
 from jaxtyping import Complex, Float, Float32, UInt8
+from numba import njit
 
 from labeling.core.views import RgbdViews
 from labeling.io.recordings.frames import load
@@ -88,22 +90,26 @@ def depth_offset(views: RgbdViews) -> DepthOffset | None:
         edges to tell.
     """
     chosen = np.unique(np.rint(np.linspace(0, views.num_views - 1, MAX_VIEWS)).astype(int))
+    if len(chosen) < 2:
+        return None
     factor = max(1, round(views.size[1] / WIDTH_PX))
     size = views.size[0] // factor, views.size[1] // factor
-    colours = [_colour_spectrum(views.rgb[view], factor, size) for view in chosen]
+    reach_px = max(3, round(REACH * size[1]))
+    colours = [_colour_spectrum(views.rgb[view], factor, size, reach_px) for view in chosen]
     tolerance_px = max(2.0, TOLERANCE * size[1])
     fits = []
     for scale in SCALES:
-        depths = (_scaled(views.depth_m[view], scale) for view in chosen)
-        one = np.stack([_fit(depth, *colour, factor, size) for depth, colour in zip(depths, colours, strict=True)])
-        fits.append(_best_fit(one, scale, tolerance_px))
+        depths = [_depth_spectrum(_scaled(views.depth_m[view], scale), factor, size, reach_px) for view in chosen]
+        products = [depth * np.conj(colour) for depth, colour in zip(depths, colours, strict=True)]
+        halves = [_correlation(np.sum(products[half::2], axis=0), size, reach_px) for half in (0, 1)]
+        fits.append(_best_fit(np.stack(halves), scale, tolerance_px))
     own, best = fits[0], max((fit for fit in fits if fit.agree), key=lambda fit: fit.height, default=fits[0])
     if best.height < LEAD * own.height:
         best = own
     registered = best.scale == 1.0 and np.hypot(*best.shift) <= tolerance_px
     by_chance = np.sqrt(len(chosen) / (size[0] * size[1]))
     least = max(LEAD * own.unshifted, LEAST_FIT * len(chosen), CHANCE * by_chance)
-    if len(chosen) < 2 or not best.agree or registered or best.height < least:
+    if not best.agree or registered or best.height < least:
         return None
     return DepthOffset(float(factor * best.shift[1]), float(factor * best.shift[0]), 1.0 / best.scale)
 
@@ -123,9 +129,9 @@ class _Fit:
     """Whether both halves of the views have about this shift."""
 
 
-def _best_fit(fits: Float[np.ndarray, "views rows columns"], scale: float, tolerance_px: float) -> _Fit:
+def _best_fit(fits: Float[np.ndarray, "halves rows columns"], scale: float, tolerance_px: float) -> _Fit:
     middle, total = np.array(fits.shape[1:]) // 2, fits.sum(axis=0)
-    shift, *halves = (_peak(part.sum(axis=0)) - middle for part in (fits, fits[::2], fits[1::2]))
+    shift, *halves = (_peak(part) - middle for part in (total, *fits))
     unshifted = total[tuple(slice(place - 1, place + 2) for place in middle)].max()
     agree = all(np.abs(one - shift).max() <= tolerance_px for one in halves)
     return _Fit(scale, float(total.max()), float(unshifted), shift, agree)
@@ -141,34 +147,45 @@ def _scaled(depth_m: Float32[np.ndarray, "h w"], scale: float) -> Float32[np.nda
 
 
 def _colour_spectrum(
-    rgb: UInt8[np.ndarray, "h w 3"], factor: int, size: tuple[int, int]
-) -> tuple[Complex[np.ndarray, "rows frequencies"], float]:
-    """Fourier spectrum of a view's colour edges, and their Euclidean norm."""
+    rgb: UInt8[np.ndarray, "h w 3"], factor: int, size: tuple[int, int], reach_px: int
+) -> Complex[np.ndarray, "rows frequencies"]:
     small = cv2.resize(rgb, (factor * size[1], factor * size[0]), interpolation=cv2.INTER_NEAREST)
-    edges = colour_edges(cv2.resize(small, (size[1], size[0]), interpolation=cv2.INTER_AREA))
-    return np.fft.rfft2(edges - edges.mean(), _padded(size)), float(np.linalg.norm(edges))
+    return _spectrum(colour_edges(cv2.resize(small, (size[1], size[0]), interpolation=cv2.INTER_AREA)), reach_px)
 
 
-def _fit(
-    depth_m: Float32[np.ndarray, "h w"],
-    colour: Complex[np.ndarray, "padded frequencies"],
-    colour_length: float,
-    factor: int,
-    size: tuple[int, int],
-) -> Float[np.ndarray, "rows columns"]:
-    """Correlation of depth edges with colour edges by the shift of depth: rows down, columns right, 0 in the middle."""
+def _depth_spectrum(
+    depth_m: Float32[np.ndarray, "h w"], factor: int, size: tuple[int, int], reach_px: int
+) -> Complex[np.ndarray, "rows frequencies"]:
     half = factor // 2
-    depth = depth_edges(depth_m[half::factor, half::factor][: size[0], : size[1]])
-    spectrum = np.fft.rfft2(depth - depth.mean(), _padded(size))
-    # The value at a shift s is the sum over places of depth(x + s) * colour(x).
-    fit = np.fft.irfft2(spectrum * np.conj(colour), _padded(size))
-    reach = max(3, round(REACH * size[1]))
-    fit = np.roll(fit, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1]
-    return fit / max(float(np.linalg.norm(depth)) * colour_length, 1e-9)
+    return _spectrum(depth_edges(depth_m[half::factor, half::factor][: size[0], : size[1]]), reach_px)
 
 
-def _padded(size: tuple[int, int]) -> list[int]:
-    return [cv2.getOptimalDFTSize(2 * side) for side in size]
+def _spectrum(edges: Float[np.ndarray, "h w"], reach_px: int) -> Complex[np.ndarray, "rows frequencies"]:
+    """Fourier spectrum of edges without their mean, padded with zeros, divided by the Euclidean norm of the edges."""
+    length = max(float(np.linalg.norm(edges)), 1e-5)
+    normed = ((edges - edges.mean()) / length).astype(np.float32)
+    return np.asarray(scipy.fft.rfft2(normed, _padded(edges.shape, reach_px)))
+
+
+def _correlation(
+    product: Complex[np.ndarray, "rows frequencies"], size: tuple[int, int], reach_px: int
+) -> Float[np.ndarray, "rows columns"]:
+    """Correlation by the shift of depth: rows down, columns right, 0 in the middle, at most ``reach_px``.
+
+    Args:
+        product: the spectrum of depth edges times the conjugate spectrum of colour edges. The value at a shift s is the
+            sum over places of depth(x + s) * colour(x); those of several views are added up.
+        size: height and width of the edge pictures.
+        reach_px: the largest shift.
+    """
+    fit = np.asarray(scipy.fft.irfft2(product, _padded(size, reach_px)))
+    shifts = np.arange(-reach_px, reach_px + 1)
+    return fit[np.ix_(shifts, shifts)].astype(float)
+
+
+def _padded(size: tuple[int, ...], reach_px: int) -> list[int]:
+    """Sides of a picture that no shift of at most ``reach_px`` brings round to its other end."""
+    return [cv2.getOptimalDFTSize(side + reach_px) for side in size]
 
 
 def colour_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
@@ -179,26 +196,41 @@ def colour_edges(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
     return np.clip(strength / (4 * around), 0.0, 1.0).astype(float)
 
 
-def depth_edges(depth_m: Float32[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+def depth_edges(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
     """Strength of depth edges in [0, 1]; 0 on planes of any tilt, whose inverse depth is linear in the picture.
 
     Nothing is said where a neighbour has no depth.
     """
-    known = depth_m > 0
-    inverse = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=known)
-    strength = np.zeros(depth_m.shape)
-    for axis in (0, 1):
-        before, here, after = (
-            np.take(inverse, np.arange(start, start + depth_m.shape[axis] - 2), axis) for start in (0, 1, 2)
-        )
-        bend = np.abs(before + after - 2 * here) / np.maximum(here, 1e-9)
-        sides = [[slice(None)] * 2 for _ in range(3)]
-        for start, side in enumerate(sides):
-            side[axis] = slice(start, depth_m.shape[axis] - 2 + start)
-        valid = known[tuple(sides[0])] & known[tuple(sides[1])] & known[tuple(sides[2])]
-        place = tuple(sides[1])
-        strength[place] = np.maximum(strength[place], np.where(valid, bend, 0.0))
-    return np.clip((strength - 0.03) / 0.2, 0.0, 1.0)
+    strength = np.zeros(depth_m.shape, np.float32)
+    _measure_bends(np.ascontiguousarray(depth_m, np.float32), strength)
+    return strength
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _measure_bends(depth_m, strength):
+    """Writes what ``depth_edges`` returns into zeros, in loops that compilers turn into operations on many pixels."""
+    height, width = depth_m.shape
+    inverse = np.empty((height, width), np.float32)
+    for row in range(height):
+        for column in range(width):
+            known = depth_m[row, column] > 0
+            inverse[row, column] = np.float32(1.0) / depth_m[row, column] if known else np.float32(-1.0)
+    none, two = np.float32(0.0), np.float32(2.0)
+    for row in range(1, height - 1):
+        for column in range(width):
+            before, here, after = inverse[row - 1, column], inverse[row, column], inverse[row + 1, column]
+            bend = abs(before + after - two * here) / here
+            strength[row, column] = bend if (before > none) & (here > none) & (after > none) else none
+    for row in range(height):
+        for column in range(1, width - 1):
+            before, here, after = inverse[row, column - 1], inverse[row, column], inverse[row, column + 1]
+            bend = abs(before + after - two * here) / here
+            bend = bend if (before > none) & (here > none) & (after > none) else none
+            strength[row, column] = max(strength[row, column], bend)
+    least, span, one = np.float32(0.03), np.float32(0.2), np.float32(1.0)
+    for row in range(height):
+        for column in range(width):
+            strength[row, column] = min(max((strength[row, column] - least) / span, none), one)
 
 
 def _peak(fit: Float[np.ndarray, "rows columns"]) -> np.ndarray:

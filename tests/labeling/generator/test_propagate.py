@@ -146,6 +146,19 @@ def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(room: Episode
         assert np.array_equal(a.amodal, b.amodal)
 
 
+def test_labels_do_not_depend_on_whether_memory_is_given_back_in_between(room: Episode, monkeypatch) -> None:
+    kept = label(room)
+    monkeypatch.setattr("labeling.generator.propagate.MANY_PX", 0)
+    trimmed = label(room)
+    assert kept.objects
+    assert [one.sources for one in kept.objects] == [one.sources for one in trimmed.objects]
+    for ours, theirs in zip((*kept.labels, *kept.ignored), (*trimmed.labels, *trimmed.ignored), strict=True):
+        assert ours.confidence == theirs.confidence
+    for ours, theirs in zip(kept.labels, trimmed.labels, strict=True):
+        assert np.array_equal(ours.modal, theirs.modal)
+        assert np.array_equal(ours.amodal, theirs.amodal)
+
+
 def test_without_a_confident_detection_there_are_no_labels_if_the_unsure_are_left_out(room: Episode) -> None:
     labels = label(room, LabelConfig(confident=0.999, min_posterior=1))
     assert labels.objects == ()
