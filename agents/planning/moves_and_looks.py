@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float
 
-from agents.planning.kernels import new_sides
+from agents.planning.kernels import expected_gains, new_sides
 from agents.planning.steering import bearing_rad, move_and_look, wrap
 from sbm_gym.env.state_vector import CANDIDATES, UNSEEN_STRIDES, likely_candidates, nearest_others, state_names
 from sbm_gym.robot.knowledge import RobotKnowledge
@@ -31,7 +31,9 @@ STAY = DIRECTIONS
 """The move that is none; those before it are directions, counter-clockwise from where the camera points."""
 OTHERS = 2
 """So many confirmed objects beside the fixation target can be looked at, the nearest first."""
-TURNS_RAD = (np.pi / 3.0, -np.pi / 3.0, np.pi)
+HEADINGS = 12
+TURNS_RAD = tuple(2.0 * np.pi / HEADINGS * k for k in range(1, HEADINGS))
+"""Turns from where the camera points, counter-clockwise."""
 LOOKS = ("target", *(f"candidate_{k}" for k in range(CANDIDATES)), *(f"other_{k}" for k in range(OTHERS)), *TURNS_RAD)
 """What can be looked at: things by name, and turns from where the camera points. What is not there is the target, and
 without a target straight ahead."""
@@ -46,23 +48,29 @@ _SIDES = tuple(f"{kind}_new" for kind in KINDS)
 MOVE_ENTRIES = (
     *("length", "aside", *_SIDES, *(f"{name}_{strides:g}_strides" for strides in FARTHER_STRIDES for name in _SIDES)),
     *("unseen_near", "unseen_far", "to_target", "to_other", "to_candidate_0", "to_candidate_1"),
+    *("labels", *(f"labels_{strides:g}_strides" for strides in FARTHER_STRIDES)),
 )
 """What each move promises, as far as the robot knows: the share of a stride that it goes and of a quarter turn that it
 is turned aside; then, at the place it ends at and farther on, whether a side of the target would be new, of how many
 others one would be (divided by two) and how likely the candidates are that have not been looked at from there (in sum);
-unseen floor on that side, as in ``state``; the cosine of the angle to things."""
+unseen floor on that side, as in ``state``; the cosine of the angle to things; by how many the labels that may be
+expected to be right grow by the best look from there, as ``ObjectBeliefs`` has it (divided by ``MANY_LABELS``)."""
 LOOK_ENTRIES = (
     *("is_target", "is_candidate", "is_other", "is_turn", "there", "turn", "range", "confidence", "looks", "new"),
-    *(*_SIDES, "unseen_near", "unseen_far"),
+    *(*_SIDES, "unseen_near", "unseen_far", "labels", "chance"),
 )
 """What each look promises: what it is of, and whether there is such a thing; how far the camera turns (divided by pi);
 of things their range (divided by 16 strides), confidence, vain looks (divided by five) and whether this side of them is
-new; then what is new within the view from here, and unseen floor, as for moves."""
+new; then what is new within the view from here, unseen floor and labels, as for moves; of things the chance that they
+are what they are called."""
 SUMMARY = (
     *("target_known", "target_visible", "target_range", "target_azimuths_covered", "target_confidence_now"),
     *("target_best_confidence", "other_0_known", "candidate_0_confidence", "objects_confirmed", "time_left"),
 )
 """Entries of ``state`` that bear on all choices alike."""
+MANY_LABELS = 3.0
+LEAST_CHANCE = 0.1
+"""Things that are less likely to be what they are called promise no labels."""
 _RANGE_STRIDES = 16.0
 _MANY_LOOKS = 5.0
 
@@ -186,12 +194,16 @@ def with_promises(observation: dict[str, Any], info: dict[str, Any], robot: Robo
     promised[:, 1 + DIRECTIONS :] *= (free_m >= farther_m[:, None]).ravel()
     unseen = robot.seen_floor.unseen_around(position_m, heading_rad, tuple(UNSEEN_STRIDES.values()), DIRECTIONS)
 
+    labels = _labels_from(robot, places_m, heading_rad)
+    best_labels = labels.max(axis=1)
+    best_labels[1 + DIRECTIONS :] *= (free_m >= farther_m[:, None]).ravel()
+
     moves = np.zeros((DIRECTIONS + 1, len(MOVE_ENTRIES)))
-    moves[STAY, 2:5] = promised[:, 0]
+    moves[STAY, 2:5], moves[STAY, 17] = promised[:, 0], best_labels[0]
     rows = moves[:DIRECTIONS]
     rows[:, 0], rows[:, 1] = lengths, np.arccos(np.clip(along, -1.0, 1.0)) / (0.5 * np.pi) * (lengths > 0.0)
     rows[:, 2:11] = promised[:, 1:].reshape(len(KINDS), -1, DIRECTIONS).transpose(2, 1, 0).reshape(DIRECTIONS, -1)
-    rows[:, 11:13] = unseen.T
+    rows[:, 11:13], rows[:, 17:] = unseen.T, best_labels[1:].reshape(-1, DIRECTIONS).T
     for column, name in enumerate(("target", "other_0", "candidate_0", "candidate_1"), 13):
         index = things.index_of(name)
         if index is not None:
@@ -208,7 +220,7 @@ def with_promises(observation: dict[str, Any], info: dict[str, Any], robot: Robo
             looks[row, 4] = 1.0
             looks[row, 6] = min(1.0, things.ranges_m[index] / (_RANGE_STRIDES * robot.stride_m))
             looks[row, 7:9] = things.confidence[index], min(1.0, things.vain_looks[index] / _MANY_LOOKS)
-            looks[row, 9] = new[index, 0]
+            looks[row, 9], looks[row, 16] = new[index, 0], things.chance[index]
         elif not isinstance(what, str):
             ahead_rad[row] += what
             looks[row, 4] = 1.0
@@ -217,9 +229,33 @@ def with_promises(observation: dict[str, Any], info: dict[str, Any], robot: Robo
     in_view = np.abs(wrap(things.bearings_rad[:, None] - ahead_rad)) < IN_VIEW_RAD
     looks[:, 10:13] = np.minimum((things.worth * new[:, 0]) @ in_view, 1.0).T
     looks[:, 13:15] = unseen[:, np.rint(turns_rad / (2.0 * np.pi / DIRECTIONS)).astype(int) % DIRECTIONS].T
+    looks[:, 15] = labels[0, np.rint(turns_rad / (2.0 * np.pi / HEADINGS)).astype(int) % HEADINGS]
     summary = observation["state"][_summary_indices(robot.view_bins)]
     rows = {"moves": moves.astype(np.float32), "looks": looks.astype(np.float32)}
     return {**observation, "summary": summary, **rows}
+
+
+def _labels_from(
+    robot: RobotKnowledge, places_m: Float[np.ndarray, "p 2"], heading_rad: float
+) -> Float[np.ndarray, "p headings"]:
+    """By how many the labels that may be expected to be right grow by looks from places, divided by ``MANY_LABELS``.
+
+    Args:
+        robot: what it knows.
+        places_m: where the looks are taken from.
+        heading_rad: the first direction of looks; the others follow counter-clockwise.
+    """
+    beliefs = robot.beliefs
+    things = [one for one in beliefs.things if one.chance >= LEAST_CHANCE]
+    headings = heading_rad + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    if not things:
+        return np.zeros((len(places_m), HEADINGS))
+    eyes_m = np.column_stack([places_m, np.full(len(places_m), robot.camera_height_m)])
+    centres_m = np.array([one.centroid_m for one in things])
+    short_m = np.array([0.25 + 0.5 * float(np.max(one.extent_m)) for one in things])
+    worth, space = beliefs.worth_from(eyes_m, things), robot.seen_space.grid
+    gains = expected_gains(worth, eyes_m, centres_m, short_m, headings, IN_VIEW_RAD, *space, CLEAR_M)
+    return np.minimum(gains / MANY_LABELS, 1.0)
 
 
 @functools.cache
@@ -249,6 +285,7 @@ class _Things:
         self.bearings_rad = np.arctan2(offsets[:, 1], offsets[:, 0])
         self.ranges_m = np.hypot(offsets[:, 0], offsets[:, 1])
         self.confidence = [*(one.best_confidence for one in known), *(one.confidence for one in candidates)]
+        self.chance = [robot.beliefs.chance_at(one.centroid_m) for one in (*known, *candidates)]
         self.vain_looks = [0] * len(known) + [len(one.looks) for one in candidates]
         self.worth = np.zeros((len(KINDS), count))
         """What a new side of each thing counts, kind by kind."""

@@ -6,8 +6,9 @@ from typing import Literal
 
 from labeling.runtime.ranges import Count, NonNegative, Seed
 
-PaidReward = Literal["both", "discovery", "diversity", "neither"]
-"""Which terms of the reward are paid beside those for collisions and steps."""
+PaidReward = Literal["both", "discovery", "diversity", "neither", "evidence"]
+"""Which terms of the reward are paid beside those for collisions and steps; or another reward, for labels that may be
+expected to be right."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class PpoConfig:
     processes: Count | None = None
     """Processes that the environments are spread over; by default one for each core. Changes nothing but the time."""
     reward: PaidReward = "both"
-    """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward."""
+    """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward. With
+    "evidence" both have another reward, for labels that may be expected to be right (see the environment)."""
     detector: str = "simulated_weak"
     """The detector in the loop."""
     atlas: Path | None = None

@@ -130,7 +130,9 @@ def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
     settings: dict[str, Any] = {} if "rgb" in config.keys else {"colours": False}
     if config.atlas is not None:
         settings["atlas"] = config.atlas
-    weights = REWARDS[config.reward]
+    if config.reward == "evidence":
+        settings["reward"] = "evidence"
+    weights = REWARDS.get(config.reward)
     env = environments.make_env(
         config.env, "endless", config.detector, reward_weights=weights, scene_cache=scene_cache, **settings
     )

@@ -49,6 +49,12 @@ class RunSettings:
             validation_scenes=options.validation_scenes,
         )
 
+    @property
+    def validation_config(self) -> EnvConfig:
+        """The environment to validate in: always with a full reward."""
+        config = self.env_config
+        return config if config.reward == "evidence" else dataclasses.replace(config, reward="both")
+
     def as_json(self) -> dict[str, Any]:
         """As it is written into the folder."""
         kept = {name: getattr(self.options, name) for name in KEPT}

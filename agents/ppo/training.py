@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,7 @@ def _train(
     device = choose_device(None if config.device == "auto" else config.device)
     with contextlib.ExitStack() as stack:
         stack.enter_context(one_network_thread())
-        validation_env = make_env(replace(settings.env_config, reward="both"))
+        validation_env = make_env(settings.validation_config)
         stack.callback(validation_env.close)
         scenes = validation_scenes(validation_env, settings.env_config)
         _check_network(settings, validation_env)
@@ -115,9 +115,10 @@ def _train(
         say(plan(settings, progress.steps, len(scenes), config.compare_episodes))
         baselines = kept_baselines(folder)
         if baselines is None and scenes:
-            validation = replace(settings.env_config, reward="both")
             episodes = settings.options.eval_episodes
-            baselines = play_baselines(validation, episodes, scenes, processes, progress_bar, request.is_set)
+            baselines = play_baselines(
+                settings.validation_config, episodes, scenes, processes, progress_bar, request.is_set
+            )
             if baselines is None:
                 say(f"stopped before the first step; python -m agents.train --resume {folder} goes on")
                 raise KeyboardInterrupt

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from sbm_gym.env.rewards import REWARDS
 from sbm_gym.env.simulation import GAZES
 from sbm_gym.scenes.compiled import SPLITS
 from sbm_gym.worlds.geometry.navigable import NavigableMap
@@ -13,7 +14,9 @@ from sbm_gym.worlds.geometry.navigable import NavigableMap
 RESET_OPTIONS = ("scene", "start", "reuse_scene")
 
 
-def check_choices(split: str | None, gaze: str, render_mode: str | None, render_modes: Sequence[str]) -> None:
+def check_choices(
+    split: str | None, gaze: str, reward: str, render_mode: str | None, render_modes: Sequence[str]
+) -> None:
     """Checks the constructor's names.
 
     Raises:
@@ -23,6 +26,8 @@ def check_choices(split: str | None, gaze: str, render_mode: str | None, render_
         raise ValueError(f"unknown split {split!r}; known: {', '.join(SPLITS)}, or None for all scenes")
     if gaze not in GAZES:
         raise ValueError(f"unknown gaze {gaze!r}; known: {', '.join(GAZES)}")
+    if reward not in REWARDS:
+        raise ValueError(f"unknown reward {reward!r}; known: {', '.join(REWARDS)}")
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"unknown render_mode {render_mode!r}; known: {', '.join(render_modes)}")
 

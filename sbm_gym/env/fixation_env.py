@@ -16,7 +16,7 @@ from sbm_gym.env import observations
 from sbm_gym.env.arguments import check_choices, check_numbers, checked_action, checked_options, checked_start
 from sbm_gym.env.atlases import Atlases
 from sbm_gym.env.recording import Capture
-from sbm_gym.env.rewards import RewardWeights, reward_terms
+from sbm_gym.env.rewards import Reward, RewardWeights, evidence_terms, reward_terms
 from sbm_gym.env.simulation import Simulation, SimulationConfig
 from sbm_gym.env.state_vector import state_names
 from sbm_gym.env.view_detectors import make_detector
@@ -77,6 +77,14 @@ class FixationEnv(gym.Env, EzPickle):
     - `collision`: -0.1 if an obstacle cut the move short;
     - `step`: 0 by default.
 
+    With `reward="evidence"` looks are paid by what they are for, in other terms:
+    - `labels`: +0.1 for each label more that may be expected to be right: for every thing that the detector has pointed
+      at, sure or not, the chance that it is what it is called, from all looks at it
+      (`labeling.generator.objects.object_posterior`), squared, times the number of views that show it, n views from one
+      place counting as the root of n. What the sum loses is taken away;
+    - `discovery`: +0.5 for a thing whose chance reaches one half for the first time, times the share of views left;
+    - `collision`, `step`: as above.
+
     ## Starting State
     A scene of the split, a place where the robot can stand and a heading, all drawn evenly. In towns each episode
     places two vehicles where vehicles naturally stand and draws the weather; the robot starts 3 to 15 m from the first,
@@ -107,6 +115,7 @@ class FixationEnv(gym.Env, EzPickle):
       its camera to one tilt, and what it sees is looked up: pictures are black, depth is true to a millimetre, and a
       real detector costs no more than a look at a file. Scenes are those of the split that the folder holds. Rooms
       only.
+    - `reward`: "views" or "evidence", see above.
     - `reward_weights`, `memory`, `body`: frozen dataclasses of settings.
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
@@ -140,6 +149,7 @@ class FixationEnv(gym.Env, EzPickle):
         antialias: bool = False,
         colours: bool = True,
         atlas: str | Path | None = None,
+        reward: Reward = "views",
         reward_weights: RewardWeights | None = None,
         memory: MemoryConfig | None = None,
         body: BodyConfig | None = None,
@@ -157,7 +167,7 @@ class FixationEnv(gym.Env, EzPickle):
             ValueError: if an argument makes no sense, naming the alternatives.
         """
         EzPickle.__init__(**{name: value for name, value in locals().items() if name != "__class__"})
-        check_choices(split, gaze, render_mode, self.metadata["render_modes"])
+        check_choices(split, gaze, reward, render_mode, self.metadata["render_modes"])
         check_numbers(num_views, stride_m, episodes_per_scene)
         check_renderer(renderer)
         if render_mode == "human":
@@ -170,7 +180,7 @@ class FixationEnv(gym.Env, EzPickle):
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
         self._detector = make_detector(detector, self.profile.detector, load=atlas is None)
-        self._weights = reward_weights or RewardWeights()
+        self._reward, self._weights = reward, reward_weights or RewardWeights()
         robot = replace(
             self.profile,
             body=body or self.profile.body,
@@ -224,7 +234,7 @@ class FixationEnv(gym.Env, EzPickle):
         self._simulation = Simulation(
             scene, self._config, self._detector, entropy, position_m, yaw_rad, self.num_views, atlas
         )
-        terms = dict.fromkeys(reward_terms(self._simulation.update, False, self._weights), 0.0)
+        terms = dict.fromkeys(self._terms(self._simulation), 0.0)
         self._show_human()
         observation = observations.observation(self._simulation, self.profile.scales)
         return observation, observations.info(self._simulation, terms)
@@ -241,7 +251,7 @@ class FixationEnv(gym.Env, EzPickle):
         """
         simulation = self.simulation
         simulation.act(checked_action(action))
-        terms = reward_terms(simulation.update, simulation.collided, self._weights)
+        terms = self._terms(simulation)
         # Made by gym.make without num_views, TimeLimit decides: it alone knows a max_episode_steps given there.
         truncated = simulation.step_index >= self.num_views and (self._num_views is not None or self.spec is None)
         self._show_human()
@@ -324,6 +334,13 @@ class FixationEnv(gym.Env, EzPickle):
         return self.simulation.capture(height_px or height, width_px or width)
 
     # Parts of the above -----------------------------------------------------------------------------------------------
+
+    def _terms(self, simulation: Simulation) -> dict[str, float]:
+        """Of the reward for the latest step."""
+        if self._reward == "views":
+            return reward_terms(simulation.update, simulation.collided, self._weights)
+        left = max(0.0, 1.0 - simulation.step_index / simulation.num_views)
+        return evidence_terms(simulation.robot.beliefs.update, simulation.collided, left, self._weights)
 
     def _choose_scene(self, options: dict[str, Any], seeded: bool) -> Scene:
         """The scene asked for, the current one while its episodes last, or one drawn from the split."""

@@ -8,6 +8,8 @@ from jaxtyping import Float, Int32, UInt8
 
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from labeling.generator.calibration.detector_calibration import calibration_of
+from labeling.generator.objects.object_posterior import ObjectModel
 from sbm_gym.atlas.scene_atlas import SceneAtlas
 from sbm_gym.atlas.stored_views import StoredView
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
@@ -66,7 +68,7 @@ class Simulation:
         """
         self.scene, self._config, self._detector, self._entropy = scene, config, detector, entropy
         self._atlas = atlas
-        self.robot = RobotState(config.robot, scene.world.navigable, position_m, num_views)
+        self.robot = RobotState(config.robot, scene.world.navigable, position_m, num_views, self._object_model)
         """What the robot knows."""
         self.num_views, self.step_index, self.collided, self.path_m = num_views, 0, False, 0.0
         scene.body.place(position_m, yaw_rad, config.robot.rest_tilt_rad)
@@ -205,6 +207,10 @@ class Simulation:
             body, poses = self.scene.body, self._atlas.poses
             heading = poses.nearest_heading(body.yaw_rad)
             body.look(poses.heading_rad(heading), self._config.robot.rest_tilt_rad)
+
+    def _object_model(self) -> ObjectModel:
+        """What looks of the detector say of objects."""
+        return calibration_of(self._detector.name).objects
 
     def _detect(self, view: View) -> list[Detection]:
         """Detections in a view."""

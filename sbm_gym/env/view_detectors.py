@@ -33,6 +33,8 @@ class View:
 class ViewDetector(Protocol):
     """Detects objects in views of a scene."""
 
+    name: str
+    """What calibrations of detectors know it by."""
     needs_detail: bool
     """Whether it looks at large, smooth pictures; else at those of the observation."""
 
@@ -58,7 +60,8 @@ class SimulatedViewDetector:
 
     needs_detail = False
 
-    def __init__(self, config: SimulatedDetectorConfig) -> None:
+    def __init__(self, config: SimulatedDetectorConfig, name: str) -> None:
+        self.name = name
         self._detector = SimulatedDetector(config)
         self._spread = config.episode_sigma > 0.0
         self.categories = config.categories
@@ -83,7 +86,7 @@ class PictureDetector:
             name: what ``labeling.detectors.registry`` knows.
             load: now.
         """
-        self._name = name
+        self.name = name
         if load:
             _ = self._detector
 
@@ -91,7 +94,7 @@ class PictureDetector:
     def _detector(self) -> Detector:
         from labeling.detectors.registry import detector_by_name
 
-        return detector_by_name(self._name)
+        return detector_by_name(self.name)
 
     @property
     def categories(self) -> tuple[str, ...]:
@@ -124,12 +127,12 @@ def make_detector(
         DetectorError: if its files are missing or damaged.
     """
     if isinstance(detector, SimulatedDetectorConfig):
-        return SimulatedViewDetector(detector)
+        return SimulatedViewDetector(detector, SIMULATED)
     if detector == SIMULATED:
-        return SimulatedViewDetector(fitting)
+        return SimulatedViewDetector(fitting, SIMULATED)
     if detector == SIMULATED_WEAK:
         weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
-        return SimulatedViewDetector(weaker)
+        return SimulatedViewDetector(weaker, SIMULATED_WEAK)
     from labeling.core.errors import UsageError
     from labeling.detectors.registry import check_name
 

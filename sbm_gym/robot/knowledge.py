@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from sbm_gym.robot.object_beliefs import ObjectBeliefs
 from sbm_gym.robot.object_memory import KnownObject, ViewBins
 from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.robot.seen_space import SeenSpace
@@ -62,6 +63,13 @@ class RobotKnowledge(Protocol):
     @property
     def target(self) -> KnownObject | None:
         """The object that it fixates, None before any is confirmed."""
+        ...
+
+    @property
+    def beliefs(self) -> ObjectBeliefs:
+        """What all looks so far say of everything that the detector has pointed at, sure or not: the chances of its
+        names, and how many labels may be expected to be right. Worked out when asked for, in about 1 ms a view.
+        """
         ...
 
     def fixate(self, object_id: int) -> None:

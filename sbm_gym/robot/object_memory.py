@@ -98,36 +98,26 @@ class MemoryConfig:
     """View directions told apart."""
 
 
-@dataclass
-class KnownObject:
-    """An object the agent believes in."""
+@dataclass(kw_only=True, eq=False)
+class SeenSurface:
+    """A thing as far as it has been seen: points of its surface."""
 
-    object_id: int
-    """Position in the order of discovery, from 0."""
-    category: str
-    """Of its most confident detection."""
-    best_confidence: float
-    """Of all confident detections merged into it."""
     centroid_m: Float[np.ndarray, "3"]
-    """Mean of the centroids of its confident masks."""
+    """Mean of the centroids of its masks."""
     points_m: Float[np.ndarray, "n 3"]
-    """A sample of its surface as far as seen."""
+    """A sample of its surface."""
     num_detections: int = 1
-    """Confident detections merged into it."""
-    cells: set[Cell] = field(default_factory=set)
-    """View bins from which it has been seen."""
+    """Masks merged into it."""
     _bounds_m: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None = None
-
-    @property
-    def azimuths(self) -> set[int]:
-        """Azimuth sectors from which it has been seen."""
-        return {cell[0] for cell in self.cells}
+    _width_m: float | None = None
 
     @property
     def width_m(self) -> float:
         """The larger of the horizontal extents."""
-        low, high = self._bounds()
-        return max(float(high[0] - low[0]), float(high[1] - low[1]))
+        if self._width_m is None:
+            low, high = self._bounds()
+            self._width_m = max(float(high[0] - low[0]), float(high[1] - low[1]))
+        return self._width_m
 
     @property
     def extent_m(self) -> Float[np.ndarray, "3"]:
@@ -140,6 +130,13 @@ class KnownObject:
         low, high = self._bounds()
         return np.all((points_m >= low - margin_m) & (points_m <= high + margin_m), axis=1)
 
+    def merge(self, points_m: Float[np.ndarray, "n 3"], centroid_m: Float[np.ndarray, "3"], limit: int) -> None:
+        """Adds what another mask shows of it; if there are more than ``limit`` points, evenly picked ones are kept."""
+        self.centroid_m = (self.centroid_m * self.num_detections + centroid_m) / (self.num_detections + 1)
+        self.num_detections += 1
+        self.points_m = thin(np.concatenate([self.points_m, points_m]), limit)
+        self._bounds_m = self._width_m = None
+
     def _bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
         if self._bounds_m is None:
             ordered = np.sort(self.points_m, axis=0)
@@ -147,10 +144,36 @@ class KnownObject:
             self._bounds_m = (ordered[margin], ordered[-1 - margin])
         return self._bounds_m
 
-    def remember(self, points_m: Float[np.ndarray, "n 3"], limit: int) -> None:
-        """Adds points of its surface; if there are more than ``limit`` in all, evenly picked ones are kept."""
-        self.points_m = _thin(np.concatenate([self.points_m, points_m]), limit)
-        self._bounds_m = None
+
+@dataclass(kw_only=True, eq=False)
+class KnownObject(SeenSurface):
+    """An object the agent believes in; its surface is that of its confident masks."""
+
+    object_id: int
+    """Position in the order of discovery, from 0."""
+    category: str
+    """Of its most confident detection."""
+    best_confidence: float
+    """Of all confident detections merged into it."""
+    cells: set[Cell] = field(default_factory=set)
+    """View bins from which it has been seen."""
+
+    @property
+    def azimuths(self) -> set[int]:
+        """Azimuth sectors from which it has been seen."""
+        return {cell[0] for cell in self.cells}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A detection in the world."""
+
+    category: str
+    confidence: float
+    points_m: Float[np.ndarray, "_ 3"]
+    """What its mask shows."""
+    centroid_m: Float[np.ndarray, "3"]
+    """Their mean."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +195,8 @@ class MemoryUpdate:
     """By id of known object: the best confidence with which this view detects it, where it does."""
     unconfirmed: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
     """Confidence and world points of every detection that is not to be believed, the most confident first."""
+    findings: tuple[Finding, ...] = ()
+    """All detections that are large and near enough, the most confident first."""
 
 
 class ObjectMemory:
@@ -204,12 +229,13 @@ class ObjectMemory:
         """
         new_objects, gain = [], 0.0
         confidence_now: dict[int, float] = {}
-        unconfirmed = []
+        unconfirmed, findings = [], []
         for detection in sorted(detections, key=lambda d: -d.confidence):
             points = mask_points(detection.mask, depth_m, camera, self.config)
             if points is None:
                 continue
             centroid_m = view_kernels.mean_point(points)
+            findings.append(Finding(detection.category, detection.confidence, points, centroid_m))
             known = self._match(detection.category, centroid_m)
             if detection.confidence >= self.config.confident:
                 if known is None:
@@ -223,7 +249,14 @@ class ObjectMemory:
                 confidence_now.setdefault(known.object_id, detection.confidence)
         visible, new_azimuths, new_cells = self._look(depth_m, camera)
         return MemoryUpdate(
-            tuple(new_objects), gain, new_azimuths, new_cells, visible, confidence_now, tuple(unconfirmed)
+            new_objects=tuple(new_objects),
+            confidence_gain=gain,
+            num_new_azimuths=new_azimuths,
+            num_new_cells=new_cells,
+            visible=visible,
+            confidence_now=confidence_now,
+            unconfirmed=tuple(unconfirmed),
+            findings=tuple(findings),
         )
 
     def _match(self, category: str, centroid_m: Float[np.ndarray, "3"]) -> KnownObject | None:
@@ -245,16 +278,14 @@ class ObjectMemory:
             category=detection.category,
             best_confidence=detection.confidence,
             centroid_m=centroid_m,
-            points_m=_thin(points, self.config.num_points),
+            points_m=thin(points, self.config.num_points),
         )
         self.objects.append(known)
         return known
 
     def _merge(self, known: KnownObject, detection: Detection, points, centroid_m: Float[np.ndarray, "3"]) -> float:
         """Adds a confident detection to a known object; returns the normalised gain of confidence."""
-        known.centroid_m = (known.centroid_m * known.num_detections + centroid_m) / (known.num_detections + 1)
-        known.num_detections += 1
-        known.remember(points, self.config.num_points)
+        known.merge(points, centroid_m, self.config.num_points)
         gain = max(0.0, detection.confidence - known.best_confidence)
         if gain > 0.0:
             known.best_confidence, known.category = detection.confidence, detection.category
@@ -298,7 +329,7 @@ def mask_points(
 
 
 def visible_share(
-    known: KnownObject,
+    known: SeenSurface,
     depth_m: Float[np.ndarray, "h w"],
     camera: Camera,
     max_own_size_m: float = MemoryConfig.max_own_size_m,
@@ -321,7 +352,7 @@ def visible_share(
     return agreeing / len(known.points_m)
 
 
-def _thin(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
+def thin(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
     """At most ``count`` points, evenly picked from the list."""
     if len(points) <= count:
         return points.copy()

@@ -1,6 +1,6 @@
 """What a robot knows in the course of one episode: everything that ``RobotKnowledge`` promises to policies."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -9,8 +9,10 @@ from jaxtyping import Bool, Float
 
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from labeling.generator.objects.object_posterior import ObjectModel
 from sbm_gym.robot.body import BodyConfig
-from sbm_gym.robot.object_memory import KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
+from sbm_gym.robot.object_beliefs import ObjectBeliefs
+from sbm_gym.robot.object_memory import Finding, KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.robot.seen_space import SeenSpace
 from sbm_gym.robot.view_history import ViewHistory
@@ -48,7 +50,12 @@ class RobotState:
     """Gathers what the robot's senses tell, view by view: a ``RobotKnowledge``, where its attributes are described."""
 
     def __init__(
-        self, config: RobotConfig, navigable: NavigableMap, start_m: Float[np.ndarray, "2"], num_views: int
+        self,
+        config: RobotConfig,
+        navigable: NavigableMap,
+        start_m: Float[np.ndarray, "2"],
+        num_views: int,
+        object_model: Callable[[], ObjectModel],
     ) -> None:
         """Starts with the map alone.
 
@@ -57,6 +64,7 @@ class RobotState:
             navigable: the map the robot navigates by.
             start_m: where it stands.
             num_views: steps of the episode.
+            object_model: gives what looks of the detector say of objects, once that is asked for.
         """
         self.navigable = navigable
         self.stride_m, self.camera_height_m = config.stride_m, config.body.camera_height_m
@@ -68,6 +76,9 @@ class RobotState:
         size_m = np.array(navigable.free.shape[::-1]) * navigable.cell_m
         self.seen_space = SeenSpace(navigable.origin_m, navigable.origin_m + size_m, config.seen_cell_m)
         self._memory = ObjectMemory(config.memory)
+        self._make_beliefs = lambda: ObjectBeliefs(object_model(), config.memory, num_views + 1)
+        self._beliefs: ObjectBeliefs | None = None
+        self._not_judged: list[tuple[Sequence[Finding], Float[np.ndarray, "h w"], Camera]] = []
         self._steps_left = num_views + 1
         self._target_id: int | None = None
         self._camera_to_world: Float[np.ndarray, "4 4"] = np.eye(4)
@@ -97,6 +108,7 @@ class RobotState:
         self._camera_to_world = camera.camera_to_world
         self._steps_left -= 1
         update = self._memory.observe(detections, detector_depth_m, detector_camera)
+        self._not_judged.append((update.findings, detector_depth_m, detector_camera))
         self.view_history.add(update.unconfirmed, self.objects, camera.camera_to_world)
         self.seen_floor.add(depth_m, camera)
         self.seen_space.add(depth_m, camera)
@@ -117,6 +129,16 @@ class RobotState:
     def target(self) -> KnownObject | None:
         """The object that it fixates."""
         return None if self._target_id is None else self.objects[self._target_id]
+
+    @property
+    def beliefs(self) -> ObjectBeliefs:
+        """What all looks say of everything that the detector has pointed at; worked out when asked for."""
+        if self._beliefs is None:
+            self._beliefs = self._make_beliefs()
+        for view in self._not_judged:
+            self._beliefs.add(*view)
+        self._not_judged.clear()
+        return self._beliefs
 
     def fixate(self, object_id: int) -> None:
         """Makes another confirmed object the fixation target, from the next step on.

@@ -40,28 +40,73 @@ class PlaceObservations:
     @property
     def features(self) -> Float[np.ndarray, "c f"]:
         """``FEATURES`` of each category, in the order of ``confidence``."""
-        confidence = np.array([*self.confidence.values()])
-        found = confidence.max(axis=0) > 0
-        observing = np.flatnonzero(found | (self.side > MIN_SIDE))
-        confidence, found = confidence[:, observing], found[observing]
-        range_m = np.maximum(np.linalg.norm(self.from_object_m[observing], axis=1), 1e-6)
-        direction = self.from_object_m[observing] / range_m[:, None]
-        angle_rad = np.arccos(np.clip(direction @ direction.T, -1, 1))
-        further = np.log(range_m[:, None] / range_m)
-        alike = np.exp(-0.5 * ((angle_rad / SAME_ANGLE_RAD) ** 2 + (further / SAME_RANGE) ** 2))
-        weight = 1 / alike.sum(axis=1)
-        weight /= weight.sum()
-        rows = np.zeros((len(confidence), len(FEATURES)))
-        for row, own, k in zip(rows, confidence, range(len(confidence)), strict=True):
-            others = np.delete(confidence, k, axis=0).max(axis=0, initial=0)
-            row[:] = (
-                log_odds(own.max()),
-                weight @ own,
-                weight @ others,
-                np.log2(1 + np.count_nonzero(own)),
-                np.log2(np.clip(self.side.max(), 1 / 64, 1)),
-            )
-        return rows
+        return _features(np.array([*self.confidence.values()]), self.side, self.from_object_m)
+
+
+@njit(cache=True, nogil=True)
+def _features(confidence, side, from_object_m):  # pragma: no cover - compiled
+    """``PlaceObservations.features``.
+
+    Args:
+        confidence: (c, v) float64.
+        side: (v,) float64.
+        from_object_m: (v, 3) float64.
+
+    Returns:
+        (c, f) float64.
+    """
+    count, views = confidence.shape
+    looked = np.empty(views, np.int64)
+    num_looked = 0
+    largest = 0.0
+    for view in range(views):
+        if side[view] > MIN_SIDE or confidence[:, view].max() > 0:
+            looked[num_looked] = view
+            num_looked += 1
+        largest = max(largest, side[view])
+    voice = np.empty(num_looked)
+    for one in range(num_looked):
+        voice[one] = 0.0
+        for other in range(num_looked):
+            voice[one] += alikeness(from_object_m[looked[one]], from_object_m[looked[other]])
+        voice[one] = 1 / voice[one]
+    voice /= voice.sum()
+    rows = np.zeros((count, 5))
+    for row in range(count):
+        best, found = 0.0, 0
+        for place in range(num_looked):
+            others = 0.0
+            for other in range(count):
+                if other != row:
+                    others = max(others, confidence[other, looked[place]])
+            own = confidence[row, looked[place]]
+            best, found = max(best, own), found + (own != 0)
+            rows[row, 1] += voice[place] * own
+            rows[row, 2] += voice[place] * others
+        held = min(max(best, 0.02), 0.98)
+        rows[row, 0] = np.log(held / (1 - held))
+        rows[row, 3] = np.log2(1 + found)
+        rows[row, 4] = np.log2(min(max(largest, 1 / 64), 1))
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def alikeness(one_m, other_m):  # pragma: no cover - compiled
+    """How much two looks resemble each other, 1 for the same.
+
+    Args:
+        one_m: (3,) float64, where the one was taken from, from the middle of the object.
+        other_m: (3,) float64, the other.
+    """
+    dot = square = other_square = 0.0
+    for axis in range(3):
+        dot += one_m[axis] * other_m[axis]
+        square += one_m[axis] * one_m[axis]
+        other_square += other_m[axis] * other_m[axis]
+    square, other_square = max(square, 1e-12), max(other_square, 1e-12)
+    angle_rad = np.arccos(min(1.0, max(-1.0, dot / np.sqrt(square * other_square))))
+    further = 0.5 * np.log(square / other_square)
+    return np.exp(-0.5 * ((angle_rad / SAME_ANGLE_RAD) ** 2 + (further / SAME_RANGE) ** 2))
 
 
 @dataclass(frozen=True)

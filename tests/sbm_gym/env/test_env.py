@@ -121,6 +121,28 @@ def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process(kwargs)
     assert fresh.stdout.strip() == here
 
 
+def test_evidence_pays_what_the_robot_believes_and_changes_nothing_else():
+    plain, env = make(reward="views"), make(reward="evidence")
+    first, _ = plain.reset(seed=2)
+    observation, info = env.reset(seed=2)
+    assert set(info["reward_terms"]) == {"labels", "discovery", "collision", "step"}
+    plain.action_space.seed(2)
+    before = env.unwrapped.knowledge.beliefs.expected_labels
+    labels = 0.0
+    for _ in range(25):
+        assert all(np.array_equal(first[name], observation[name]) for name in first)
+        action = plain.action_space.sample()
+        first, *_ = plain.step(action)
+        observation, reward, *_, info = env.step(action)
+        assert reward == sum(info["reward_terms"].values())
+        labels += info["reward_terms"]["labels"]
+    after = env.unwrapped.knowledge.beliefs.expected_labels
+    assert labels == pytest.approx(RewardWeights().label * (after - before))
+    assert after > before
+    # Asked for at the end alone, beliefs are those that were kept from step to step.
+    assert plain.unwrapped.knowledge.beliefs.expected_labels == pytest.approx(after)
+
+
 def test_reward_is_the_sum_of_its_terms_and_terms_follow_their_weights():
     env = make(reward_weights=RewardWeights(step=0.125))
     env.action_space.seed(1)

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sbm_gym.env.rewards import RewardWeights, reward_terms
+from sbm_gym.env.rewards import RewardWeights, evidence_terms, reward_terms
+from sbm_gym.robot.object_beliefs import BeliefUpdate
 from sbm_gym.robot.object_memory import MemoryUpdate
 
 NOTHING = MemoryUpdate((), 0.0, 0, 0, (), {}, ())
@@ -60,3 +61,13 @@ def test_a_weight_of_zero_switches_its_event_off(update, w, collided):
     unchanged = reward_terms(update, collided, w)
     del unchanged["discovery"]
     assert changed == unchanged
+
+
+@given(st.floats(-5, 5), st.integers(0, 4), st.booleans(), st.floats(0, 1))
+def test_evidence_is_paid_by_labels_and_early_finds(labels, found, collided, views_left):
+    terms = evidence_terms(BeliefUpdate(labels, found), collided, views_left, RewardWeights(label=0.5, found_early=2.0))
+    assert terms["labels"] == 0.5 * labels
+    assert terms["discovery"] == 2.0 * found * views_left
+    assert (terms["collision"] < 0.0) == collided
+    off = RewardWeights(collision=0.0, label=0.0, found_early=0.0)
+    assert not any(evidence_terms(BeliefUpdate(labels, found), collided, views_left, off).values())
