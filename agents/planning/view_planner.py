@@ -52,23 +52,13 @@ HEADINGS_RAD = -np.pi + np.arange(24) * (2.0 * np.pi / 24)
 
 @dataclass(frozen=True)
 class Priorities:
-    """What counts more or less than by default; all are exponents, so that 0 changes nothing, 1 is times e, and minus
-    infinity leaves nothing.
-    """
+    """Factors of the parts of the gain."""
 
-    candidates: float = 0.0
+    candidates: float = 1.0
     """Views of unconfirmed candidates."""
-    floor: float = 0.0
+    floor: float = 1.0
     """Views of unseen floor."""
-    focus: float = 0.0
-    """Views of the fixation target."""
-    detail: float = 0.0
-    """Views from new ranges and elevations in sectors that have been seen."""
-    near: float = 0.0
-    """The nearest views of objects and candidates; the farthest get so much less."""
-    patience: float = 0.0
-    """Views that are many steps away: what a step costs is divided."""
-    sides: float = 0.0
+    sides: float = 1.0
     """Views of confirmed objects."""
 
 
@@ -86,8 +76,6 @@ class _Target:
     """Gain of a view of it from each bin."""
     binned: bool = True
     """Whether only views within the bins' ranges count; else all do, up to the robot's reach."""
-    near: float = 0.0
-    """As ``Priorities.near``."""
 
 
 class ViewPlanner:
@@ -117,7 +105,7 @@ class ViewPlanner:
         position_m, yaw_rad = agent["position_m"], agent["yaw_rad"]
         frontiers = self._note_failed_looks(agent["camera_to_world"], yaw_rad)
         targets = self._targets(frontiers, priorities)
-        goal_m = self.goal_m = self._best_place(targets, info, PATH_COST * float(np.exp(-priorities.patience)))
+        goal_m = self.goal_m = self._best_place(targets, info)
         if goal_m is None:
             goal_m = self._frontiers.next_goal(self._map, position_m, yaw_rad, self._rng)
         step_m = advance(self._map, position_m, goal_m, self._stride_m)
@@ -157,20 +145,18 @@ class ViewPlanner:
     def _targets(self, frontiers: list[Frontier], priorities: Priorities) -> list[_Target]:
         """Confirmed objects, candidates and frontiers."""
         found, looked = [], self._robot.view_history
-        detail = NEW_CELL * float(np.exp(priorities.detail))
         for known in self._robot.objects:
-            focus = priorities.focus if known is self._robot.target else 0.0
-            value = float(np.exp(priorities.sides + focus))
+            value = priorities.sides
             short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
             done = known.cells | looked.tried(known.object_id)
-            bins = self._value_of_bins(value, detail * value, known.azimuths, done)
-            found.append(_Target(known.centroid_m, short_m, bins, near=priorities.near))
+            bins = self._value_of_bins(value, NEW_CELL * value, known.azimuths, done)
+            found.append(_Target(known.centroid_m, short_m, bins))
         for one in looked.candidates:
-            value = float(np.exp(priorities.candidates)) * CANDIDATE * confirmation_score(one)
+            value = priorities.candidates * CANDIDATE * confirmation_score(one)
             bins = self._value_of_bins(value, value, set(), one.looks)
-            found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, bins, near=priorities.near))
+            found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, bins))
         for frontier in frontiers:
-            value = float(np.exp(priorities.floor)) * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
+            value = priorities.floor * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
             centre_m, bins = np.array([*frontier.place_m, FLOOR_EYE_M]), np.full(self._bins.shape, value)
             found.append(_Target(centre_m, self._stride_m, bins, binned=False))
         return found
@@ -199,21 +185,15 @@ class ViewPlanner:
     def _values(self, targets: list[_Target], eyes_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "t p"]:
         """Gain of seeing each target from each place, if nothing hides it."""
         centres_m = np.array([target.centre_m for target in targets])[:, None]
-        near = np.array([target.near for target in targets])[:, None]
         binned = np.array([target.binned for target in targets])[:, None]
         distances_m = np.linalg.norm(eyes_m[:, :2] - centres_m[..., :2], axis=-1)
         inside, bins = self._bins.cells(eyes_m, centres_m)
         value = np.array([target.value_of_bins for target in targets])[np.arange(len(targets))[:, None], *bins]
-        nearness = 1.0 - 2.0 * distances_m / self._bins.range_edges_m[-1]
-        return np.where(
-            np.where(binned, inside, distances_m < self._robot.max_depth_m), value * np.exp(near * nearness), 0.0
-        )
+        return np.where(np.where(binned, inside, distances_m < self._robot.max_depth_m), value, 0.0)
 
     # Where to go ------------------------------------------------------------------------------------------------------
 
-    def _best_place(
-        self, targets: list[_Target], info: dict[str, Any], path_cost: float
-    ) -> Float[np.ndarray, "2"] | None:
+    def _best_place(self, targets: list[_Target], info: dict[str, Any]) -> Float[np.ndarray, "2"] | None:
         """The place within reach whose best view has the highest utility; None if no view has any gain."""
         agent = info["agent"]
         reach_m = BANDS_STRIDES[-1] * self._stride_m
@@ -226,7 +206,7 @@ class ViewPlanner:
         if not info["confirmed_objects"]:
             steps = np.maximum(steps, np.ceil(np.abs(wrap(HEADINGS_RAD - agent["yaw_rad"])) / TURN_RAD - 0.1))
         # Of equally good views the one with the shortest path.
-        utility = gains * np.exp(-path_cost * steps) - 1e-4 * lengths_m[:, None] / self._stride_m
+        utility = gains * np.exp(-PATH_COST * steps) - 1e-4 * lengths_m[:, None] / self._stride_m
         best = int(np.argmax(utility.max(axis=1)))
         return places_m[best] if gains[best].max() > 0.0 else None
 

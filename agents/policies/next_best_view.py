@@ -10,7 +10,7 @@ from agents.planning.view_planner import DEFAULT_PRIORITIES, Priorities, ViewPla
 from agents.policies.base import RobotPolicy
 from labeling.core.errors import UsageError
 
-NOTHING = -np.inf
+NOTHING = 0.0
 GOALS: dict[str, Priorities] = {
     "both": DEFAULT_PRIORITIES,
     "discovery": Priorities(sides=NOTHING),

@@ -6,7 +6,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.planning import moves_and_looks, prioritised_views
+from agents.planning import moves_and_looks
+from labeling.core.errors import SbmError
 
 
 class Ppo:
@@ -19,15 +20,16 @@ class Ppo:
             checkpoint: its folder, or that of the run whose best policy is meant.
 
         Raises:
-            SbmError: if there is none, or it is damaged.
+            SbmError: if there is none, it is damaged, or of a version with other actions.
         """
         from agents.network.checkpoint import checkpoint_folder, read_policy
 
         self._folder = checkpoint_folder(checkpoint)
         self._network, self.description = read_policy(self._folder)
         wrapper = self.description.get("hyperparameters", {}).get("env_wrapper")
-        self._chooses = wrapper == "moves_and_looks"
-        self._sets_priorities = wrapper is not None and not self._chooses
+        if wrapper not in (None, "moves_and_looks"):
+            raise SbmError(f"{self._folder}: its actions are those of {wrapper!r}, which this version does not know")
+        self._chooses = wrapper is not None
 
     def reset(
         self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
@@ -42,11 +44,8 @@ class Ppo:
         observations, actions = env.observation_space, env.action_space
         if self._chooses:
             observations, actions = moves_and_looks.observation_space(observations), moves_and_looks.ACTION_SPACE
-        elif self._sets_priorities:
-            actions = prioritised_views.ACTION_SPACE
         check_spaces(self._folder, self.description, observations, actions)
         self._robot = env.get_wrapper_attr("knowledge") if self._chooses else None
-        self._planner = prioritised_views.planner_of(env) if self._sets_priorities else None
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action."""
@@ -56,4 +55,4 @@ class Ppo:
         action, _ = self._network.predict(seen, deterministic=True)
         if self._robot is not None:
             return moves_and_looks.chosen_action(action, info, self._robot)
-        return action if self._planner is None else self._planner.act(info, prioritised_views.priorities_of(action))
+        return action

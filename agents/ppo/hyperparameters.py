@@ -7,18 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from agents.planning.moves_and_looks import MovesAndLooks
-from agents.planning.prioritised_views import PrioritisedViews
 from labeling.core.errors import UsageError
 
 SHIPPED_FILE = Path(__file__).resolve().parents[1] / "hyperparams" / "ppo.yaml"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
-ENV_WRAPPERS = {"moves_and_looks": MovesAndLooks, "prioritised_views": PrioritisedViews}
-EARLIER_WRAPPER_NAMES = (
-    "agents.prioritised_views.PrioritisedViews",
-    "agents.network.prioritised_views.PrioritisedViews",
-)
-"""What runs and files of before call the wrapper ``prioritised_views``."""
+ENV_WRAPPERS = {"moves_and_looks": MovesAndLooks}
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 
@@ -165,9 +159,9 @@ def _number_or_schedule(value: Any) -> float | str:
 
 
 def _env_wrapper(value: Any) -> str:
-    if value not in (*ENV_WRAPPERS, *EARLIER_WRAPPER_NAMES):
+    if value not in ENV_WRAPPERS:
         raise ValueError
-    return value if value in ENV_WRAPPERS else "prioritised_views"
+    return value
 
 
 def _instance(kind: type, value: Any) -> Any:

@@ -83,10 +83,7 @@ def test_mappings_and_truth_values_of_yaml_are_read_too(tmp_path):
         ("n_timesteps: 10\nlearning_rate: .nan", "learning_rate must be a number"),
         ("n_timesteps: 10\nuse_sde: 1", "use_sde must be true or false, not 1"),
         ("n_timesteps: 10\nsde_sample_freq: -2", "sde_sample_freq must be a whole number above 0, not -2"),
-        (
-            "n_timesteps: 10\nenv_wrapper: os.system",
-            "env_wrapper must be one of moves_and_looks, prioritised_views, not 'os.system'",
-        ),
+        ("n_timesteps: 10\nenv_wrapper: os.system", "env_wrapper must be one of moves_and_looks, not 'os.system'"),
         ("n_timesteps: 10\nnormalize: true\npolicy_kwargs: 3", "policy_kwargs must be a mapping"),
         (
             "n_timesteps: 10\npolicy_kwargs: dict(net_arch=[8])",
@@ -111,9 +108,3 @@ def test_missing_files_and_entries_name_what_there_is(tmp_path):
         read_hyperparameters("x/Moon-v0", written(tmp_path, "n_timesteps: 1"))
     with pytest.raises(UsageError, match=r"none\.yaml: No such file"):
         read_hyperparameters("x/Moon-v0", tmp_path / "none.yaml")
-
-
-@pytest.mark.parametrize("module", ["agents", "agents.network"])
-def test_wrappers_may_have_the_names_they_had_before(tmp_path, module):
-    path = written(tmp_path, f"n_timesteps: 10\nenv_wrapper: {module}.prioritised_views.PrioritisedViews")
-    assert read_hyperparameters("toy/Echo-v0", path).env_wrapper == "prioritised_views"
