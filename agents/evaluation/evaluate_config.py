@@ -6,6 +6,8 @@ from typing import Literal
 
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
 
+VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
+
 
 @dataclass(frozen=True)
 class EvaluateConfig:
@@ -36,7 +38,9 @@ class EvaluateConfig:
     detector: str = "simulated"
     """The detector in the loop."""
     labels: bool = False
-    """Make labels of the first 5, 10, 12, 15, 20 and 25 views, too, and score them; takes many times as long."""
+    """Make labels of the first views, too, and score them; takes many times as long."""
+    label_views: tuple[int, ...] = VIEW_COUNTS
+    """With --labels: how many of the first views labels are made of."""
     size: PictureHeight | None = None
     """Height of the pictures that labels are made on, pixels; their shape is the world's. By default 256, as in the
     thesis."""

@@ -1,6 +1,6 @@
 """How good the labels are that an episode's first views give, and how many.
 
-Two questions, both asked after 5, 10, 12, 15, 20 and 25 views, because either alone is easy to please:
+Two questions, both asked after several numbers of views, because either alone is easy to please:
 
 - *Of what the robot saw so far, how much is labelled right?* AP50 and AP30 of the modal masks against the ground truth
   of these very views. A policy that sees little is not punished, one that sees much of what it cannot label is.
@@ -21,19 +21,19 @@ from sbm_gym.env.recording import Capture, episode_of_captures
 if TYPE_CHECKING:
     from labeling.metrics.matching import MaskInstance
 
-VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
 EARLY_VIEWS = 12
 """After so many, policies are compared with the first one at its end: who needs half the views?"""
 RIGHT_IOU = 0.5
 AP_THRESHOLDS = {"ap50": 0.5, "ap30": 0.3}
 
 
-def label_record(captures: Sequence[Capture], categories: Sequence[str]) -> dict[str, Any]:
+def label_record(captures: Sequence[Capture], categories: Sequence[str], view_counts: Sequence[int]) -> dict[str, Any]:
     """Labels the first views of an episode, a few and more, and keeps what scoring needs, as JSON.
 
     Args:
         captures: full frames, in order.
         categories: that the detector has a name for.
+        view_counts: labels are made of so many of the first views; more than there are give none.
     """
     from labeling.core.rle import encode_mask
     from labeling.generator.propagate import propagate
@@ -44,7 +44,7 @@ def label_record(captures: Sequence[Capture], categories: Sequence[str]) -> dict
         if truth.modal.any() and truth.category in categories
     ]
     made: dict[str, list[Any]] = {}
-    for count in [count for count in VIEW_COUNTS if count <= len(captures)]:
+    for count in [count for count in view_counts if count <= len(captures)]:
         seen = episode_of_captures(captures[:count], categories, {})
         labels = propagate(seen, seen.detections or ())
         made[str(count)] = [

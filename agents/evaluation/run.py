@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.evaluate_config import EvaluateConfig
-from agents.evaluation.label_quality import VIEW_COUNTS, label_record
+from agents.evaluation.label_quality import label_record
 from agents.evaluation.results import (
     DECISIVE_SETTINGS,
     EARLIER_DEFAULTS,
@@ -65,7 +65,7 @@ def evaluate_policies(
     with contextlib.closing(evaluator.env), one_network_thread():
         settings = {name: getattr(config, name) for name in DECISIVE_SETTINGS}
         if config.labels:
-            settings["views"] = list(VIEW_COUNTS)
+            settings["views"] = list(config.label_views)
         claim_run_folder(
             config.out,
             SETTINGS_FILE,
@@ -132,7 +132,7 @@ class Evaluator:
         record, captures = run_episode(self.env, self._policies[policy], spec, size_px)
         record["policy"] = policy
         if self.config.labels:
-            record["label_quality"] = label_record(captures, inner_env(self.env).categories)
+            record["label_quality"] = label_record(captures, inner_env(self.env).categories, self.config.label_views)
         write_json(self.path(spec, policy), record)
 
     def run_all(self, jobs: Sequence[tuple[EpisodeSpec, str]]) -> int:
@@ -150,6 +150,8 @@ def _check(config: EvaluateConfig) -> None:
     if twice:
         raise UsageError(f"--policies names {twice[0]!r} twice; give each once")
     check_ranges(config)
+    if not config.label_views or min(config.label_views) < 1:
+        raise UsageError(f"--label-views must be numbers of views from 1, such as 12 25, not {config.label_views}")
 
 
 def _run_missing(evaluator: Evaluator, specs: Sequence[EpisodeSpec]) -> None:

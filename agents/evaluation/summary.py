@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.evaluate_config import EvaluateConfig
-from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, VIEW_COUNTS, episode_figures, pooled_ap
+from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, episode_figures, pooled_ap
 from agents.evaluation.statistics import MIN_SCENES, MIN_STARTS, interval_record, over_seeds, paired_record, rounded
 from labeling.metrics.average_precision import mean_of
 from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
@@ -51,7 +51,7 @@ def summary(config: EvaluateConfig, records: dict[str, list[Plays]]) -> dict[str
         policies[policy] = {
             "figures": {name: value for name, value in figures.items() if "@" not in name},
             "labels": _label_figures(config, found, figures),
-            "early": _early(per_episode[policy], per_episode[base], scenes),
+            "early": _early(per_episode[policy], per_episode[base], scenes, max(config.label_views, default=0)),
             "curves": _curves(config, found),
         }
     return {
@@ -110,9 +110,11 @@ def _label_figures(
     return found
 
 
-def _early(ours: list[dict[str, Any]], base: list[dict[str, Any]], scenes: Sequence[str]) -> dict[str, Any] | None:
+def _early(
+    ours: list[dict[str, Any]], base: list[dict[str, Any]], scenes: Sequence[str], end: int
+) -> dict[str, Any] | None:
     """A policy's labels after half the views beside those of the first policy after all; None where there are none."""
-    early, end = EARLY_VIEWS, VIEW_COUNTS[-1]
+    early = EARLY_VIEWS
     if not all(f"right@{early}" in one for one in ours) or not all(f"right@{end}" in one for one in base):
         return None
     differences = {

@@ -13,8 +13,8 @@ import torch
 from scipy.stats import norm, t
 
 from agents.evaluate import main
-from agents.evaluation.evaluate_config import EvaluateConfig
-from agents.evaluation.label_quality import VIEW_COUNTS, episode_figures, pooled_ap
+from agents.evaluation.evaluate_config import VIEW_COUNTS, EvaluateConfig
+from agents.evaluation.label_quality import episode_figures, pooled_ap
 from agents.evaluation.results import policy_key
 from agents.evaluation.run import Evaluator, evaluate_policies
 from agents.evaluation.statistics import difference_record, over_seeds, paired_record
