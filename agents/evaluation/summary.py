@@ -15,6 +15,8 @@ from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
 
 SCHEMA_VERSION = 1
 EARLY_FIGURES = ("right", "objects", "ap50")
+PAIR_FIGURES = ("return", *EARLY_FIGURES)
+"""Of these, differences between any two policies are told, those of labels after each number of views."""
 PROTOCOL = tomllib.loads(Path(__file__).with_name("protocol.toml").read_text(encoding="utf-8"))
 """How the figures come about; written beside them."""
 
@@ -69,9 +71,24 @@ def summary(config: EvaluateConfig, records: dict[str, list[Plays]]) -> dict[str
         "compared_with": base,
         "shown_with": {"starts": MIN_STARTS, "scenes": MIN_SCENES},
         "policies": policies,
+        "pairs": _pairs(per_episode, scenes),
         "protocol": PROTOCOL,
         "versions": package_versions(SIMULATION_PACKAGES),
     }
+
+
+def _pairs(
+    per_episode: dict[str, list[dict[str, float | None]]], scenes: Sequence[str]
+) -> dict[str, dict[str, dict[str, Any] | None]]:
+    """Paired differences of each policy to those before it: ``policy minus other`` -> figure -> difference."""
+    found = {}
+    names = list(dict.fromkeys(name for figures in per_episode.values() for one in figures for name in one))
+    names = [name for name in names if name.partition("@")[0] in PAIR_FIGURES and name != "objects"]
+    for number, (policy, ours) in enumerate(per_episode.items()):
+        for other, theirs in list(per_episode.items())[:number]:
+            values = {name: ([one.get(name) for one in ours], [one.get(name) for one in theirs]) for name in names}
+            found[f"{policy} minus {other}"] = {name: paired_record(*both, scenes) for name, both in values.items()}
+    return found
 
 
 def _flat(plays: Plays) -> dict[str, float | None]:

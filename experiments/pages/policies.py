@@ -105,7 +105,24 @@ def _compared(world: Mapping[str, Any], base: str) -> dict[str, Any]:
             rows.append([f"`{policy}`", *(interval(differences[name], factor) for name, (_, factor) in EARLY.items())])
         early = {**early, "table": table(["", *(heading for heading, _ in EARLY.values())], rows)}
     labels = figures_table(LABELLED, {policy: found["labels"][views] for policy, found in labelled.items()})
-    return {"earned": _earned(world), "labels": labels, "views": views, "early": early}
+    return {"earned": _earned(world), "labels": labels, "views": views, "early": early, "pair_table": _pairs(world)}
+
+
+def _pairs(world: Mapping[str, Any]) -> str | None:
+    """What the trained policy has above each other one: paired differences with intervals."""
+    pairs = {name: found for name, found in world.get("pairs", {}).items() if name.startswith("ppo minus")}
+    if not pairs:
+        return None
+    names = list(dict.fromkeys(name for found in pairs.values() for name in found))
+    heads = {name: LABELLED[name.partition("@")[0]] if "@" in name else EARNED[name] for name in names}
+    headings = [
+        f"{heading}, {name.partition('@')[2]} views" if "@" in name else heading for name, (heading, _) in heads.items()
+    ]
+    rows = [
+        [f"`{pair.replace(' minus ', '` minus `')}`", *(interval(found.get(name), heads[name][1]) for name in names)]
+        for pair, found in pairs.items()
+    ]
+    return table(["", *headings], rows)
 
 
 def _earned(world: Mapping[str, Any]) -> str:

@@ -14,10 +14,12 @@ if TYPE_CHECKING:
 
 SPLIT, SCENES = "endless", 40
 """Scenes that no policy was trained in or chosen by, as many homes and as many towns."""
-POLICIES = ("ring", "spin", "random", "next_best_view", "ppo")
+POLICIES = ("ring", "random", "next_best_view", "ppo")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
 LABELLED = ("ring", "next_best_view", "ppo")
 """Whose views labels are made of, which takes several times as long as the views do."""
+LABEL_VIEWS = (12, 25)
+"""Of so many of the first views."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Size:
     """Height of the pictures that labels are made on; None is the world's own."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(40, 6), "full": Size(140, 50)}
+SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(40, 20), "full": Size(140, 140)}
 
 
 @experiment(
@@ -68,12 +70,15 @@ def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     content = evaluate_policies(config, reuse=with_labels.out)
     for policy, found in labelled["policies"].items():
         content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
+    for pair, found in labelled["pairs"].items():
+        content["pairs"][pair] |= {name: value for name, value in found.items() if "@" in name}
     return {
         "settings": content["settings"],
         "labelled": {"episodes": size.labelled, "picture_px": size.picture_px},
         "left_out": left_out,
         "trained": training_of(policies, env_id),
         "policies": content["policies"],
+        "pairs": content["pairs"],
         "protocol": labelled["protocol"],
     }
 
@@ -132,6 +137,7 @@ def evaluate_config(
         seeds=len(context.seeds),
         detector=detector,
         labels=labels,
+        label_views=LABEL_VIEWS,
         size=picture_px,
         workers=context.workers,
         out=context.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}",

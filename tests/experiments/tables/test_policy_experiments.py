@@ -38,7 +38,7 @@ def test_policies_are_compared_and_results_kept(
     assert boxes["policies"]["spin"]["labels"] is None
     assert "no trained policy" in boxes["left_out"]["ppo"]
     assert boxes["trained"] == {}
-    assert list(boxes["policies"]["ring"]["labels"]) == ["5", "10", "12", "15", "20", "25"]
+    assert list(boxes["policies"]["ring"]["labels"]) == ["12", "25"]
     (file,) = (tmp_path / "cache" / "policy_evaluation").rglob("random/*.json")
     figures = boxes["policies"]["random"]["figures"]
     for name, value in read_result(file)["figures"].items():
@@ -48,6 +48,13 @@ def test_policies_are_compared_and_results_kept(
     labels = {policy: found["labels"] for policy, found in boxes["policies"].items() if found["labels"]}
     expected = labels["random"]["12"]["right"]["mean"] - labels["ring"]["25"]["right"]["mean"]
     assert early["difference"]["right"]["mean"] == pytest.approx(expected)
+    pairs = boxes["pairs"]["random minus ring"]
+    for name in ("right", "objects", "ap50"):
+        values = [labels[policy]["25"][name]["mean"] for policy in ("random", "ring")]
+        if None not in values:
+            assert pairs[f"{name}@25"]["mean"] == pytest.approx(values[0] - values[1], abs=1e-4)
+    returns = [boxes["policies"][policy]["figures"]["return"]["mean"] for policy in ("random", "ring")]
+    assert pairs["return"]["mean"] == pytest.approx(returns[0] - returns[1], abs=1e-4)
     page = (tmp_path / "docs" / "policies-results.md").read_text()
     assert "`ppo` is left out" in page
     monkeypatch.setattr(Evaluator, "run", None)  # a second run has nothing left to do
