@@ -39,6 +39,8 @@ class ShipConfig:
     """Folder for the record of the training."""
     record: str | None = None
     """Name of the record; by default that of the env."""
+    remark: str = ""
+    """What readers of the record should know of the run; the page of results prints it."""
 
 
 def run(config: ShipConfig) -> None:
@@ -56,7 +58,11 @@ def run(config: ShipConfig) -> None:
     name = str(origin.get("env")).rpartition("/")[2]  # names folders
     if not ENV_NAME.fullmatch(name):
         raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
-    record = {**training_record(config.run, origin, files), "shipped": config.weights is not None}
+    record = {
+        **training_record(config.run, origin, files),
+        "shipped": config.weights is not None,
+        "remark": config.remark,
+    }
     if config.weights is not None:
         with atomic_folder(config.weights / name) as temporary:
             for file in files:

@@ -15,6 +15,7 @@ from agents.ppo.hyperparameters import ENV_WRAPPERS
 from agents.ppo.vec_env import ProcessVecEnv
 from agents.rollouts import environments
 from agents.rollouts.episode_statistics import EpisodeStatistics
+from labeling.core.errors import UsageError
 from labeling.runtime.interrupts import hold_back_interrupts
 from labeling.runtime.threads import threads_of_children
 from sbm_gym.env.rewards import RewardWeights
@@ -147,8 +148,18 @@ def training_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
 
 
 def validation_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
-    """Names of the scenes to validate in, none of them trained in; none if the environment has none by name."""
-    return _scene_names(env)[config.scenes : config.scenes + config.validation_scenes]
+    """Names of the scenes to validate in, none of them trained in; none if the environment has none by name.
+
+    Raises:
+        UsageError: if all scenes that there are would be trained in.
+    """
+    names = _scene_names(env)
+    if 0 < len(names) <= config.scenes:
+        where = "" if config.atlas is None else f" in {config.atlas}"
+        raise UsageError(
+            f"--scenes {config.scenes} leaves none to validate in: there are {len(names)} scenes{where}; give fewer"
+        )
+    return names[config.scenes : config.scenes + config.validation_scenes]
 
 
 def _scene_names(env: gym.Env) -> tuple[str, ...]:

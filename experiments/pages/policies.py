@@ -223,5 +223,5 @@ def _training(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         )
     headings = ["", "steps", "validation return before", "best, at step", "shipped, at step"]
     headings += [*(f"`{name}`" for name in references), "episodes", "detector"]
-    commands = {env: content["command"] for env, content in contents.items()}
+    commands = {env: (content["command"], content.get("remark", "")) for env, content in contents.items()}
     return {"table": table(headings, rows), "commands": commands}

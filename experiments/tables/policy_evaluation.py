@@ -34,7 +34,7 @@ class Size:
     """Height of the pictures that labels are made on; None is the world's own."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(40, 20), "full": Size(140, 140)}
+SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(34, 10), "full": Size(140, 140)}
 
 
 @experiment(

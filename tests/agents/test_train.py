@@ -337,6 +337,14 @@ def test_training_and_validation_share_no_scene():
     assert set(training) | set(validation) <= set(INTERIORS.of_split("endless"))
 
 
+def test_training_in_all_scenes_that_there_are_is_refused():
+    env = Rooms()
+    env.scene_names = ("a", "b", "c")  # type: ignore[attr-defined]
+    assert validation_scenes(env, EnvConfig(ENV_ID, scenes=2)) == ("c",)
+    with pytest.raises(UsageError, match="--scenes 3 leaves none to validate in: there are 3 scenes; give fewer"):
+        validation_scenes(env, EnvConfig(ENV_ID, scenes=3))
+
+
 @pytest.mark.slow
 def test_results_do_not_depend_on_the_number_of_processes(hyperparams, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
