@@ -49,6 +49,7 @@ def run(config: ShipConfig) -> None:
     Raises:
         SbmError: if there is no checkpoint in the folder, or it is damaged or too large.
     """
+    from agents.policies.registry import TRAINED
     from experiments.tables.trained_policies import origin_of
     from labeling.formats.atomic import atomic_folder, write_json
 
@@ -58,6 +59,8 @@ def run(config: ShipConfig) -> None:
     name = str(origin.get("env")).rpartition("/")[2]  # names folders
     if not ENV_NAME.fullmatch(name):
         raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
+    if origin.get("reward") == "evidence":
+        name += TRAINED["ppo_evidence"]
     record = {
         **training_record(config.run, origin, files),
         "shipped": config.weights is not None,

@@ -16,14 +16,17 @@ POLICIES = {
 """The hand-written ones: name -> module and class. A policy that is added here is known to all commands."""
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 """Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""
+TRAINED = {"ppo": "", "ppo_evidence": "-evidence"}
+"""Names of these: the one trained for the reward of the thesis, and the one trained for ``reward="evidence"``; and how
+their folders' names end."""
 
 
 def make_policy(name: str, env_id: str | None = None) -> Policy:
     """The policy of that name.
 
     Args:
-        name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), "ppo" (the trained
-            policy that comes with the project), "ppo:CHECKPOINT", or "package.module:Class" for one of your own.
+        name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), "ppo" and
+            "ppo_evidence" (trained policies that come with the project), "ppo:CHECKPOINT", or "package.module:Class" for one of your own.
         env_id: for which environment; "ppo" alone needs it.
 
     Raises:
@@ -45,7 +48,7 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
         return Ppo(checkpoint)
     if (not colon and name not in POLICIES) or (kind in POLICIES and colon):
         raise UsageError(
-            f"unknown policy {name!r}; known: {', '.join(POLICIES)}, ppo, ppo:CHECKPOINT, package.module:Class"
+            f"unknown policy {name!r}; known: {', '.join((*POLICIES, *TRAINED))}, ppo:CHECKPOINT, package.module:Class"
         )
     return _policy_class(POLICIES.get(name, name))()
 
@@ -73,22 +76,23 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
         UsageError: if it is one, and there is nothing there.
     """
     kind, colon, path = name.partition(":")
-    if kind != "ppo":
+    if kind not in TRAINED or (colon and kind != "ppo"):
         return None
     if colon:
         if not path or not Path(path).exists():
             raise UsageError(f"policy {name!r}: no such checkpoint; give ppo:RUN, where RUN is what agents.train wrote")
         return Path(path)
     if env_id is None:
-        raise UsageError("policy 'ppo' is a trained one for each env, and no env is given; give ppo:CHECKPOINT")
+        raise UsageError(f"policy {kind!r} is a trained one for each env, and no env is given; give ppo:CHECKPOINT")
     env_name = env_id.rpartition("/")[2]
+    suffix = TRAINED[kind]
     # Builtin furniture makes no difference to a robot's observations and actions.
-    folders = [WEIGHTS / env_name, WEIGHTS / env_name.replace("Builtin", "")]
+    folders = [WEIGHTS / (name + suffix) for name in (env_name, env_name.replace("Builtin", ""))]
     folder = next((folder for folder in folders if folder.is_dir()), None)
     if folder is None:
         shipped = sorted(path.name for path in WEIGHTS.glob("*") if path.is_dir())
         raise UsageError(
-            f"policy 'ppo': no trained policy comes with the project for {env_id!r} (there is one for: "
+            f"policy {kind!r}: no trained policy comes with the project for {env_id!r} (there is one for: "
             f"{', '.join(shipped) or 'none'}); train one with python -m agents.train and give ppo:CHECKPOINT"
         )
     return folder

@@ -13,6 +13,7 @@ from experiments.figures.style import BLUE, GREEN, GREY, INK, save, seed_dots, t
 COLOURS = {
     "ring": BLUE,
     "ppo": "#c2410c",
+    "ppo_evidence": "#7c2d12",
     "next_best_view": GREEN,
     "random": GREY,
     "spin": "#9467bd",

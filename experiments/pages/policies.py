@@ -110,7 +110,7 @@ def _compared(world: Mapping[str, Any], base: str) -> dict[str, Any]:
 
 def _pairs(world: Mapping[str, Any]) -> str | None:
     """What the trained policy has above each other one: paired differences with intervals."""
-    pairs = {name: found for name, found in world.get("pairs", {}).items() if name.startswith("ppo minus")}
+    pairs = {name: found for name, found in world.get("pairs", {}).items() if name.startswith("ppo")}
     if not pairs:
         return None
     names = list(dict.fromkeys(name for found in pairs.values() for name in found))

@@ -80,8 +80,8 @@ class FixationEnv(gym.Env, EzPickle):
     With `reward="evidence"` looks are paid by what they are for, in other terms:
     - `labels`: +0.1 for each label more that may be expected to be right: for every thing that the detector has pointed
       at, sure or not, the chance that it is what it is called, from all looks at it
-      (`labeling.generator.objects.object_posterior`), squared, times the number of views that show it, n views from one
-      place counting as the root of n. What the sum loses is taken away;
+      (`labeling.generator.objects.object_posterior`), times the number of views that show it, n views from one place
+      counting as n to the power of 0.8. What the sum loses is taken away;
     - `discovery`: +0.5 for a thing whose chance reaches one half for the first time, times the share of views left;
     - `collision`, `step`: as above.
 

@@ -16,12 +16,15 @@ from numba import njit
 
 from labeling.core.views import Camera
 from labeling.generator.objects.object_posterior import MIN_SIDE, ObjectModel, PlaceObservations, alikeness
+from labeling.generator.settings.label_config import LabelConfig
 from sbm_gym.robot.object_memory import Finding, MemoryConfig, SeenSurface, thin, visible_share
 
 LIKELY = 0.5
 """A thing is found when the chance of one of its names reaches this for the first time."""
-RESEMBLANCE = 0.5
+RESEMBLANCE = 0.2
 """How much less a label is worth for looks that resemble each other: n looks from one place count n ** (1 - this)."""
+LABELLED = LabelConfig.min_posterior
+"""The label generator labels things whose chance reaches this."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -37,7 +40,7 @@ class Thing(SeenSurface):
     chance: float = 0.0
     """That it is what it is called."""
     labels: float = 0.0
-    """Labels that may be expected to be right, each counted with its chance, fewer for looks that resemble others."""
+    """Labels that may be expected to be right, fewer for looks that resemble others."""
     is_found: bool = False
     """Whether ``chance`` has ever reached ``LIKELY``."""
 
@@ -46,6 +49,11 @@ class Thing(SeenSurface):
         """Of its upright box as seen from any side, on average: a quarter of its surface (Cauchy)."""
         x, y, z = self.extent_m.tolist()
         return 0.5 * (x * y + y * z + z * x)
+
+    @property
+    def worth(self) -> float:
+        """The chance that a label of it is right; 0 where none would be made."""
+        return self.chance if self.chance >= LABELLED else 0.0
 
     def is_detected(self, view: int) -> bool:
         """Whether a view's detections speak of it."""
@@ -138,7 +146,7 @@ class ObjectBeliefs:
             looks = np.flatnonzero(thing.side[: self._count] > MIN_SIDE)
             reach_m = np.sqrt(self._pixel_share * thing.area_m2) / MIN_SIDE
             seen_m = self._eyes_m[looks] - thing.centroid_m
-            row[:] = thing.chance**2 * _novelty(eyes_m - thing.centroid_m, seen_m, reach_m)
+            row[:] = thing.worth * _novelty(eyes_m - thing.centroid_m, seen_m, reach_m)
         return worth
 
     # Parts of the above -----------------------------------------------------------------------------------------------
@@ -199,7 +207,7 @@ class ObjectBeliefs:
         thing.category = max(chances, key=chances.__getitem__)
         thing.chance = chances[thing.category]
         seen = from_object_m[thing.side[:count] > MIN_SIDE]
-        thing.labels = thing.chance**2 * float(np.sum(_company(seen) ** -RESEMBLANCE))
+        thing.labels = thing.worth * float(np.sum(_company(seen) ** -RESEMBLANCE))
 
     def _side(self, thing: Thing, share: float, eye_m: Float[np.ndarray, "3"]) -> float:
         """Square root of the share of the picture that shows a thing, from its size and distance."""

@@ -98,7 +98,12 @@ def test_ppo_is_the_checkpoint_of_the_env_or_the_one_given(tmp_path, monkeypatch
     for env_id in ("sbm_gym/Indoor-v0", "sbm_gym/IndoorBuiltin-v0"):
         assert make_policy("ppo", env_id) == ("ppo", shipped)
     assert make_policy(f"ppo:{shipped}") == ("ppo", shipped)
-    with pytest.raises(UsageError, match="one for: Indoor-v0"):
+    with pytest.raises(UsageError, match="policy 'ppo_evidence': no trained policy"):
+        make_policy("ppo_evidence", "sbm_gym/Indoor-v0")
+    other = tmp_path / "weights" / "Indoor-v0-evidence"
+    other.mkdir()
+    assert make_policy("ppo_evidence", "sbm_gym/IndoorBuiltin-v0") == ("ppo", other)
+    with pytest.raises(UsageError, match="one for: Indoor-v0, Indoor-v0-evidence"):
         make_policy("ppo", "sbm_gym/Outdoor-v0")
     with pytest.raises(UsageError, match="no env"):
         make_policy("ppo")
