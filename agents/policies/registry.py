@@ -26,8 +26,9 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
 
     Args:
         name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), "ppo" and
-            "ppo_evidence" (trained policies that come with the project), "ppo:CHECKPOINT", or "package.module:Class" for one of your own.
-        env_id: for which environment; "ppo" alone needs it.
+            "ppo_evidence" (trained policies that come with the project), "ppo:CHECKPOINT", or "package.module:Class"
+            for one of your own.
+        env_id: for which environment; trained policies without a checkpoint need it.
 
     Raises:
         UsageError: if there is none, naming those there are, or its checkpoint is missing or does not fit.
