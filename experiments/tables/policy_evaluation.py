@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SPLIT, SCENES = "endless", 40
 """Scenes that no policy was trained in or chosen by, as many homes and as many towns."""
-POLICIES = ("ring", "random", "next_best_view", "ppo", "ppo_evidence")
+POLICIES = ("ring", "next_best_view", "ppo", "ppo_evidence")
 """Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
 LABELLED = ("ring", "next_best_view", "ppo", "ppo_evidence")
 """Whose views labels are made of, which takes several times as long as the views do."""
