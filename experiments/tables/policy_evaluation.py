@@ -26,15 +26,19 @@ LABEL_VIEWS = (12, 25)
 class Size:
     """How much of everything a scale has."""
 
-    episodes: int
-    """Of each world, policy and seed."""
-    labelled: int
-    """Labels are made of so many of them, the first."""
+    rooms: tuple[int, int]
+    """Episodes of each policy and seed, and of how many of them, the first, labels are made."""
+    streets: tuple[int, int]
+    """The same in streets, whose pictures are three times as large."""
     picture_px: int | None = None
     """Height of the pictures that labels are made on; None is the world's own."""
 
 
-SIZES: dict[Scale, Size] = {"smoke": Size(1, 1, 64), "quick": Size(34, 10), "full": Size(140, 140)}
+SIZES: dict[Scale, Size] = {
+    "smoke": Size((1, 1), (1, 1), 64),
+    "quick": Size((34, 10), (12, 1)),
+    "full": Size((140, 140), (140, 140)),
+}
 
 
 @experiment(
@@ -60,11 +64,12 @@ def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     from agents.evaluation.run import evaluate_policies
 
     size = SIZES[context.scale]
+    num_episodes, num_labelled = size.streets if env_id == WORLDS.get("streets") else size.rooms
     policies, left_out = available_policies(env_id, POLICIES)
     chosen = tuple(policy for policy in policies if policy in LABELLED)
-    config = evaluate_config("policy_evaluation", env_id, policies, size.episodes, DETECTOR, context)
+    config = evaluate_config("policy_evaluation", env_id, policies, num_episodes, DETECTOR, context)
     with_labels = evaluate_config(
-        "policy_evaluation_labelled", env_id, chosen, size.labelled, DETECTOR, context, True, size.picture_px
+        "policy_evaluation_labelled", env_id, chosen, num_labelled, DETECTOR, context, True, size.picture_px
     )
     labelled = evaluate_policies(with_labels)
     content = evaluate_policies(config, reuse=with_labels.out)
@@ -74,7 +79,7 @@ def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
         content["pairs"][pair] |= {name: value for name, value in found.items() if "@" in name}
     return {
         "settings": content["settings"],
-        "labelled": {"episodes": size.labelled, "picture_px": size.picture_px},
+        "labelled": {"episodes": num_labelled, "picture_px": size.picture_px},
         "left_out": left_out,
         "trained": training_of(policies, env_id),
         "policies": content["policies"],
