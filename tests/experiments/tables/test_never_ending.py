@@ -20,6 +20,7 @@ from labeling.training.config import CONFIG_FILE
 STEADY = Statistics(3.0, 0.7, {"chair": 0.6, "table": 0.4})
 
 
+@pytest.mark.slow
 def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

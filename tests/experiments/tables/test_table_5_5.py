@@ -45,6 +45,7 @@ def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     return asked
 
 
+@pytest.mark.slow
 def test_the_table_runs_resumes_and_reports(
     boxed_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,6 +36,7 @@ from sbm_gym.assets.models.classes import NOVEL_CATEGORIES
 from ...labeling.synthetic_room import make_episode
 
 
+@pytest.mark.slow
 def test_every_table_runs_resumes_and_reports(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

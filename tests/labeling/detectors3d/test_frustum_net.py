@@ -150,6 +150,7 @@ def test_the_paper_s_size():
     assert network.box_net.last.out_features == 3 + 2 * HEADINGS + 4 * 3
 
 
+@pytest.mark.slow
 def test_it_learns_a_few_objects_by_heart(tmp_path):
     some = frustum_samples_of(1, 2)[::2]
     config = Train3dConfig(

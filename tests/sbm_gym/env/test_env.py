@@ -57,7 +57,13 @@ def rollout_digest(seed: int, **kwargs) -> str:
     return digest.hexdigest()
 
 
-@pytest.fixture(params=sorted(ENV_IDS))
+IN_SHORT = {"sbm_gym/Indoor-v0", "sbm_gym/OutdoorBuiltin-v0"}
+"""One of rooms and one of streets, one with libraries' furniture and one with builtin furniture."""
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=() if name in IN_SHORT else pytest.mark.slow) for name in sorted(ENV_IDS)]
+)
 def shared_id(request):
     """A kind of env after the other; scenes that were compiled once are opened from disk."""
     return request.param

@@ -115,6 +115,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch, f
         assert rollout(*HOME) == fresh[HOME]
 
 
+@pytest.mark.slow
 def test_old_scenes_make_room(cache, monkeypatch):
     source, body = IndoorWorlds(builtin=True), BodyConfig()
     open_scene(source, "train/02", "rays", body)
@@ -170,6 +171,7 @@ def test_a_model_without_looks_moves_as_the_whole_one(source, scene):
         assert names[0] == names[1]
 
 
+@pytest.mark.slow
 def test_pictures_from_outside_are_the_same(cache, monkeypatch):
     pictures = []
     for _ in range(2):

@@ -363,6 +363,7 @@ def test_lamps_cast_shadows():
     assert np.all(model.light_castshadow)
 
 
+@pytest.mark.slow
 def test_unseen_models_never_meet():
     """Test scenes are the same either way; with the switch on, training shows none of their models."""
     library = indoor_library()

@@ -122,6 +122,7 @@ def fingerprint(name: str) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.slow
 def test_the_same_name_gives_the_same_town_in_another_process():
     names = ["town/train/01", "town/seed/3"]
     script = (
