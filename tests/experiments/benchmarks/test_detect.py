@@ -1,5 +1,7 @@
 """The bench of detectors, on small pictures."""
 
+import pytest
+
 from experiments import bench
 from experiments.benchmarks import detect as bench_detect
 
