@@ -69,8 +69,6 @@ SUMMARY = (
 )
 """Entries of ``state`` that bear on all choices alike."""
 MANY_LABELS = 3.0
-LEAST_CHANCE = 0.1
-"""Things that are less likely to be what they are called promise no labels."""
 _RANGE_STRIDES = 16.0
 _MANY_LOOKS = 5.0
 
@@ -246,7 +244,7 @@ def _labels_from(
         heading_rad: the first direction of looks; the others follow counter-clockwise.
     """
     beliefs = robot.beliefs
-    things = [one for one in beliefs.things if one.chance >= LEAST_CHANCE]
+    things = [one for one in beliefs.things if one.worth > 0.0]
     headings = heading_rad + np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
     if not things:
         return np.zeros((len(places_m), HEADINGS))
