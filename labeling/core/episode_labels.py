@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float, Float32, Int32
 
 from labeling.core.pose_check import PoseCheck
 from labeling.core.types import Box3d, PseudoLabel
@@ -61,8 +61,8 @@ class IgnoredRegion:
 class SegmentedCloud:
     """The points of an episode and the object each belongs to."""
 
-    points: Float32[np.ndarray, "n 3"]
-    """Metres, world."""
+    points: Float[np.ndarray, "n 3"]
+    """Metres, world; of 32 bits, or of 64 where the recording is far from the origin of its world frame."""
     colours: Float32[np.ndarray, "n 3"]
     """In [0, 1]."""
     instance_id: Int32[np.ndarray, "n"]

@@ -7,8 +7,12 @@ from jaxtyping import Float, Int
 
 from labeling.formats.atomic import atomic_file
 
-_POSITION, _COLOUR = [(axis, "<f4") for axis in "xyz"], [(channel, "u1") for channel in ("red", "green", "blue")]
-_VERTEX = np.dtype([*_POSITION, *_COLOUR, ("label", "<i4"), ("probability", "<f4")])
+_COLOUR = [(channel, "u1") for channel in ("red", "green", "blue")]
+
+
+def _vertex(position: str) -> np.dtype:
+    """A point of a file, with coordinates of this type."""
+    return np.dtype([*((axis, position) for axis in "xyz"), *_COLOUR, ("label", "<i4"), ("probability", "<f4")])
 
 
 def write_ply(
@@ -23,7 +27,7 @@ def write_ply(
 
     Args:
         path: file to write, atomically.
-        points: world points, metres.
+        points: world points, metres; written with 64 bits if they have as many, else with 32.
         colours: true colour in [0, 1].
         labels: object of each point (property ``label``), 0 for none.
         probability: of that label (property ``probability``).
@@ -31,8 +35,8 @@ def write_ply(
     """
     from plyfile import PlyData, PlyElement
 
-    vertices = np.empty(len(points), _VERTEX)
-    vertices["x"], vertices["y"], vertices["z"] = np.asarray(points, np.float32).T
+    vertices = np.empty(len(points), _vertex("<f8" if points.dtype == np.float64 else "<f4"))
+    vertices["x"], vertices["y"], vertices["z"] = points.T
     shown = np.where((labels > 0)[:, None], (1 - tint) * colours + tint * hues(labels), colours)
     vertices["red"], vertices["green"], vertices["blue"] = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8).T
     vertices["label"], vertices["probability"] = labels, probability
@@ -53,7 +57,7 @@ def read_ply(path: Path) -> np.ndarray:
     except (PlyParseError, KeyError, UnicodeDecodeError) as error:
         problem = "truncated" if "end-of-file" in str(error) else "not a PLY of points"
         raise ValueError(f"{path}: {problem} ({error})") from None
-    missing = [name for name in _VERTEX.names or () if name not in (vertices.dtype.names or ())]
+    missing = [name for name in _vertex("<f4").names or () if name not in (vertices.dtype.names or ())]
     if missing:
         raise ValueError(
             f"{path}: its points have no {', '.join(missing)}; expected the segmented cloud of a label set"

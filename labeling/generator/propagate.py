@@ -26,6 +26,7 @@ from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 from labeling.generator.draw.fused_views import FusedViews
 from labeling.generator.draw.object_masks import draw_labels
 from labeling.generator.draw.view_masks import point_owners
+from labeling.generator.near_origin import moved_labels, moved_views, offset_of
 from labeling.generator.objects.association import Candidate, group_segments, is_consistent
 from labeling.generator.objects.find_objects import find_objects, with_posteriors
 from labeling.generator.objects.nested_masks import without_nested
@@ -85,6 +86,9 @@ def propagate(
     _check_detections(detections, views)
     usable = [one for one in detections if np.count_nonzero(one.mask) >= config.min_mask_px]
     calibration = calibration or calibration_of()
+    offset_m = offset_of(views)
+    if offset_m.any():
+        return moved_labels(propagate(moved_views(views, -offset_m), detections, config, calibration), offset_m)
     scene = fuse_scene(views, usable, config)
     if scene is None:
         return _empty_labels()

@@ -61,15 +61,16 @@ def wait() -> None:
 def _add(server: Any, scene: LabelledScene, point_scale: float, boxes: bool, cameras: bool) -> None:
     centre = np.median(scene.points, axis=0) if len(scene.points) else np.zeros(3)
     spread = float(np.linalg.norm(np.ptp(scene.points, axis=0))) if len(scene.points) else 1.0
-    server.scene.add_point_cloud(
-        "/cloud", scene.points.astype(np.float32), scene.colours, point_size=point_scale * spread / 800
-    )
+    # Browsers draw with 32 bits: what is far from the origin of its world frame is shown near it.
+    origin_m = 100.0 * np.round(centre / 100.0)
+    shown = (scene.points - origin_m).astype(np.float32)
+    server.scene.add_point_cloud("/cloud", shown, scene.colours, point_size=point_scale * spread / 800)
     for one in scene.objects if boxes else ():
         colour = tuple(int(255 * value) for value in one.colour)
-        corners = one.box.corners()
+        corners = one.box.corners() - origin_m
         segments = np.array([[corners[a], corners[b]] for a, b in BOX_EDGES], np.float32)
         server.scene.add_line_segments(f"/boxes/{one.number}", segments, colors=colour, line_width=2.5)
-        top = one.box.centre_m + np.array([0, 0, 0.5 * one.box.extent_m[2]])
+        top = one.box.centre_m - origin_m + np.array([0, 0, 0.5 * one.box.extent_m[2]])
         server.scene.add_label(f"/boxes/{one.number}/title", one.title, position=tuple(top))
     for number, camera in enumerate(scene.cameras if cameras else ()):
         height_px, width_px = camera.size
@@ -79,5 +80,5 @@ def _add(server: Any, scene: LabelledScene, point_scale: float, boxes: bool, cam
             aspect=width_px / height_px,
             scale=0.03 * max(1e-3, float(np.linalg.norm(camera.camera_to_world[:3, 3] - centre))),
             wxyz=Rotation.from_matrix(camera.camera_to_world[:3, :3]).as_quat(scalar_first=True),
-            position=tuple(camera.camera_to_world[:3, 3]),
+            position=tuple(camera.camera_to_world[:3, 3] - origin_m),
         )

@@ -118,7 +118,8 @@ def build_lattice(features: Float[np.ndarray, "n d"], block_start: Int[np.ndarra
         raise ValueError(f"block_start must rise from 0 to the {len(features)} points, not {blocks.tolist()}")
     dimension = features.shape[1]
     key, rank, weight = _embed(features)
-    lowest, highest = key.min(axis=0, initial=0), key.max(axis=0, initial=0)
+    # Where the points lie does not matter, only how far they spread.
+    lowest, highest = (key.min(axis=0), key.max(axis=0)) if len(key) else (np.zeros(dimension), np.zeros(dimension))
     # A vertex of the simplex lies up to d below its remainder-0 corner and d above; a neighbour up to d further.
     margin = 2 * (dimension + 1)
     sides = [int(high) - int(low) + 2 * margin + 1 for low, high in zip(lowest, highest, strict=True)]

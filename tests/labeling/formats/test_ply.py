@@ -10,7 +10,7 @@ def write(path: Path, count: int = 50):
     rng = np.random.default_rng(0)
     points, colours = rng.normal(size=(count, 3)), rng.random((count, 3))
     labels, probability = rng.integers(0, 4, count), rng.random(count)
-    write_ply(path, points, colours, labels, probability)
+    write_ply(path, points.astype(np.float32), colours, labels, probability)
     return points, colours, labels, probability
 
 
