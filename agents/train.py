@@ -12,7 +12,7 @@ def run(config: PpoConfig) -> None:
 
     Raises:
         SbmError: if a setting makes no sense, or the folder holds another run.
-        KeyboardInterrupt: if stopped by Ctrl-C, after everything has been saved.
+        KeyboardInterrupt: if stopped by Ctrl-C, after everything has been saved; SystemExit by other signals.
     """
     from tqdm import tqdm
 

@@ -28,7 +28,7 @@ from agents.ppo.training_state import Progress, normalization_of, restore_traini
 from agents.ppo.validation import MostLikelyAction, validate
 from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import choose_device
-from labeling.formats.atomic import atomic_folder, write_json
+from labeling.formats.atomic import atomic_folder, finish_replacing, write_json
 from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.threads import num_threads, one_network_thread
@@ -48,7 +48,7 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
 
     Raises:
         SbmError: if a setting makes no sense, the folder holds another run, or a worker has died.
-        KeyboardInterrupt: if stopped by Ctrl-C, after everything has been saved.
+        KeyboardInterrupt: if stopped by Ctrl-C, after everything has been saved; SystemExit by other signals.
 
     Example:
         >>> from tqdm import tqdm
@@ -106,6 +106,7 @@ def _train(
             **hyperparameters.ppo_arguments(),
         )
         progress = Progress()
+        finish_replacing(folder / LAST)
         if (folder / LAST).is_dir():
             progress = restore_training(model, env, folder / LAST)
             say(f"going on from step {progress.steps}")
@@ -121,7 +122,7 @@ def _train(
             )
             if baselines is None:
                 say(f"stopped before the first step; python -m agents.train --resume {folder} goes on")
-                raise KeyboardInterrupt
+                request.leave()
         baselines = baselines or {}
         # Where rollouts hold whole episodes, a run that goes on plays the very ones that it would have played.
         env.seed(int(np.random.SeedSequence([seed, 0]).generate_state(1)[0] % 2**31))
@@ -159,7 +160,7 @@ def _train(
             line.close()
     if callback.stopped:
         say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
-        raise KeyboardInterrupt
+        request.leave()
     return progress, scenes
 
 

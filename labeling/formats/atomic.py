@@ -1,6 +1,7 @@
 """Writing files so that a killed process leaves either the old file or the new one, never half of one."""
 
 import contextlib
+import ctypes
 import json
 import os
 import shutil
@@ -17,22 +18,55 @@ if TYPE_CHECKING:
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Yields a temporary folder beside ``path`` that takes its place when the block ends without an error.
 
-    An existing folder at ``path`` is replaced. Temporary names start with a dot, so that readers pass them over.
+    An existing folder at ``path`` is exchanged for it in one step where the system can do that; elsewhere it is put
+    aside first, and ``finish_replacing`` puts it back if the program was killed before the new one took its place.
+    Temporary names start with a dot, so that readers pass them over.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    finish_replacing(path)
     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     try:
         temporary.chmod(0o755)
         yield temporary
-        if path.exists():
-            doomed = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
-            path.replace(doomed / "old")
+        if not path.exists():
             temporary.replace(path)
-            shutil.rmtree(doomed)
-        else:
+        elif not _exchange(temporary, path):
+            aside = _put_aside(path)
+            path.replace(aside)
             temporary.replace(path)
+            shutil.rmtree(aside)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def finish_replacing(path: Path) -> None:
+    """Puts a folder back that was put aside to be replaced, if nothing has replaced it; else removes it.
+
+    To be called before a folder is read that ``atomic_folder`` writes.
+    """
+    aside = _put_aside(path)
+    if aside.is_dir() and path.exists():
+        shutil.rmtree(aside, ignore_errors=True)
+    elif aside.is_dir():
+        aside.replace(path)
+
+
+def _put_aside(path: Path) -> Path:
+    """Where a folder is while another takes its place."""
+    return path.with_name(f".{path.name}.replaced")
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchanges two paths in one step; False if the system or the file system cannot do that."""
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if rename is None:
+        return False
+    here = ctypes.c_int(_RELATIVE_TO_HERE)
+    return rename(here, os.fsencode(one), here, os.fsencode(other), ctypes.c_uint(_RENAME_EXCHANGE)) == 0
+
+
+_RELATIVE_TO_HERE, _RENAME_EXCHANGE = -100, 2
+"""``AT_FDCWD`` and ``RENAME_EXCHANGE`` of Linux."""
 
 
 @contextlib.contextmanager

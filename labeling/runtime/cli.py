@@ -1,5 +1,7 @@
 """What all command lines of the project have in common: options from a dataclass, errors in one line, exit codes."""
 
+import contextlib
+import errno
 import functools
 import os
 import sys
@@ -12,7 +14,7 @@ import tyro
 
 from labeling.core.errors import SbmError
 from labeling.runtime.extras import missing_extra
-from labeling.runtime.interrupts import exit_on_sigterm
+from labeling.runtime.interrupts import STOPPING, exit_when_told
 
 Config = TypeVar("Config")
 
@@ -70,12 +72,14 @@ def run_command(
 
     Returns:
         The exit code: 0; 2 if something about the input is wrong or an extra is not installed, after one line on
-        stderr; 130 if interrupted. SIGTERM ends the program with 143, after it has removed temporary files.
+        stderr, also where the system refuses to read or write something (a full disk, a folder that may not be written
+        to); 128 + n after one line if a signal n told it to stop (130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP),
+        once temporary files are removed.
     """
     given: dict[str, Any] = {} if start is None else {"default": start}
     try:
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
-        with exit_on_sigterm():
+        with exit_when_told():
             run(config)
         sys.stdout.flush()
     except (SbmError, ModuleNotFoundError) as error:
@@ -87,7 +91,31 @@ def run_command(
     except KeyboardInterrupt:
         print("interrupted; the same command goes on with what is missing", file=sys.stderr)
         return INTERRUPTED
+    except SystemExit as told:
+        names = {128 + number: number.name for number in STOPPING}
+        if told.code not in names:
+            raise
+        # The terminal that is told may be gone.
+        with contextlib.suppress(OSError):
+            print(f"ended by {names[told.code]}; the same command goes on with what is missing", file=sys.stderr)
+        return told.code
     except BrokenPipeError:
         # Whoever read the output has closed it (`... | head`). Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        print(f"error: {refusal(error)}", file=sys.stderr)
+        return BAD_INPUT
     return 0
+
+
+def refusal(error: OSError) -> str:
+    """What the system has refused, in one sentence: what, with which file, and what to do."""
+    file = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+    advice = {
+        errno.ENOSPC: "; make room, or give a place on another disk",
+        errno.EDQUOT: "; make room, or give a place on another disk",
+        errno.EROFS: "; give another place to write to",
+        errno.EACCES: "; change its permissions, or give another place",
+        errno.EMFILE: "; raise the limit of open files (ulimit -n)",
+    }.get(error.errno or 0, "")
+    return f"{file}{error.strerror or error}{advice}"

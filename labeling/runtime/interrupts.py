@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: to stop at the next good moment, or at once but without half-written files."""
+"""Ctrl-C, SIGTERM and SIGHUP: to stop at the next good moment, or at once but without half-written files."""
 
 import contextlib
 import signal
@@ -7,20 +7,42 @@ from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from typing import Any
 
-TERMINATED = 128 + signal.SIGTERM
-"""Exit code of a process that was told to end."""
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that tell a program to stop: from the keyboard, from the system, from a terminal that closes."""
+
+
+class StopRequest(threading.Event):
+    """Set when the program is told to stop; remembers by which signal."""
+
+    signal_number = int(signal.SIGINT)
+
+    def leave(self) -> None:
+        """Ends the program as the signal would have done.
+
+        Raises:
+            KeyboardInterrupt: after Ctrl-C.
+            SystemExit: after another signal n, with the exit code 128 + n.
+        """
+        if self.signal_number == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise_exit(self.signal_number)
 
 
 @contextlib.contextmanager
-def graceful_interrupt() -> Iterator[threading.Event]:
-    """Yields an event that the first Ctrl-C sets; the second one interrupts at once, as usual."""
-    request, before = threading.Event(), signal.getsignal(signal.SIGINT)
+def graceful_interrupt() -> Iterator[StopRequest]:
+    """Yields an event that the first signal of ``STOPPING`` sets; the second one ends the program at once, as usual."""
+    request = StopRequest()
+    before = {number: signal.getsignal(number) for number in STOPPING}
 
     def note(number: int, frame: object) -> None:
+        request.signal_number = number
         request.set()
-        signal.signal(signal.SIGINT, before)
+        for one, handler in before.items():
+            signal.signal(one, handler)
 
-    with _handled(signal.SIGINT, note):
+    with contextlib.ExitStack() as stack:
+        for number in STOPPING:
+            stack.enter_context(_handled(number, note))
         yield request
 
 
@@ -39,24 +61,34 @@ def hold_back_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def exit_on_sigterm() -> contextlib.AbstractContextManager[None]:
-    """SIGTERM ends the program as an error does: temporary files are removed and worker processes ended."""
-    return _handled(signal.SIGTERM, raise_exit)
+@contextlib.contextmanager
+def exit_when_told() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the program as an error does: temporary files are removed and worker processes ended."""
+    with _handled(signal.SIGTERM, raise_exit), _handled(signal.SIGHUP, raise_exit):
+        yield
 
 
 @contextlib.contextmanager
 def _handled(number: int, handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Signals go to a handler until the block ends; other threads than the main one cannot say so."""
-    if threading.current_thread() is not threading.main_thread():
+    """Signals go to a handler until the block ends; other threads than the main one cannot say so.
+
+    A signal that is ignored stays so: ``nohup`` means what it says.
+    """
+    before = signal.getsignal(number)
+    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
         yield
         return
-    before = signal.signal(number, handler)
+    signal.signal(number, handler)
     try:
         yield
     finally:
         signal.signal(number, before)
 
 
-def raise_exit(*_: object) -> None:
-    """A signal handler that unwinds the stack and ends the process with the exit code of one that was told to."""
-    raise SystemExit(TERMINATED)
+def raise_exit(number: int, frame: object = None) -> None:
+    """A signal handler that unwinds the stack and ends the process with the exit code of one that was told to.
+
+    Raises:
+        SystemExit: with 128 and the number of the signal.
+    """
+    raise SystemExit(128 + number)

@@ -232,8 +232,9 @@ class _Workers:
 
 def _serve(work: Work[Any, Any], pipe: connection.Connection) -> None:
     """What a worker process does: the jobs that come through the pipe, until it closes."""
-    # Ctrl-C reaches all processes of a terminal; the first one decides, and ends the others in its own time.
+    # Ctrl-C, and the end of a terminal, reach all its processes; the first decides, and ends others in its own time.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, raise_exit)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import cv2

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from labeling.formats.atomic import atomic_file, atomic_folder, write_json
+from labeling.formats import atomic
+from labeling.formats.atomic import atomic_file, atomic_folder, finish_replacing, write_json
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -91,3 +92,46 @@ def test_write_json_refuses_what_is_not_json_and_keeps_the_old_file(tmp_path, va
     with pytest.raises((ValueError, TypeError)):
         write_json(tmp_path / "x.json", {"value": value})
     assert contents(tmp_path) == {"x.json": "[\n 1\n]\n"}
+
+
+REPLACING = (
+    "import os, signal, sys; from pathlib import Path\n"
+    "from labeling.formats import atomic\n"
+    "root, moves = Path(sys.argv[1]), int(sys.argv[2])\n"
+    "if sys.argv[3] == 'without':\n"
+    "    atomic._exchange = lambda one, other: False\n"
+    "replace = Path.replace\n"
+    "def counted(one, other):\n"
+    "    global moves\n"
+    "    if moves == 0: os.kill(os.getpid(), signal.SIGKILL)\n"
+    "    moves -= 1\n"
+    "    return replace(one, other)\n"
+    "Path.replace = counted\n"
+    "with atomic.atomic_folder(root / 'run') as folder:\n"
+    "    (folder / 'file').write_text('new')\n"
+)
+
+
+@pytest.mark.parametrize("exchange", ["with", "without"])
+@pytest.mark.parametrize("moves", range(3))
+def test_a_process_killed_between_two_moves_leaves_the_old_folder_or_the_new_one(tmp_path, exchange, moves):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "file").write_text("old")
+    subprocess.run([sys.executable, "-c", REPLACING, str(tmp_path), str(moves), exchange], cwd=ROOT, check=False)
+    if exchange == "with":
+        assert (tmp_path / "run" / "file").is_file()
+    finish_replacing(tmp_path / "run")
+    assert (tmp_path / "run" / "file").read_text() == ("new" if exchange == "with" or moves == 2 else "old")
+
+
+def test_replacing_works_where_folders_cannot_be_exchanged(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic, "_exchange", lambda one, other: False)
+    test_atomic_folder_replaces_all_of_an_older_one(tmp_path)
+
+
+def test_an_old_folder_that_was_put_aside_goes_when_a_new_one_is_there(tmp_path):
+    for name in ("run", ".run.replaced"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").write_text(name)
+    finish_replacing(tmp_path / "run")
+    assert contents(tmp_path) == {"run/file": "run"}

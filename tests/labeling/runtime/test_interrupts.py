@@ -1,12 +1,18 @@
-"""The first Ctrl-C asks to stop, the second interrupts; SIGTERM unwinds."""
+"""The first signal asks to stop, the second ends; without a request SIGTERM and SIGHUP unwind."""
 
 import os
 import signal
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import pytest
 
-from labeling.runtime.interrupts import TERMINATED, exit_on_sigterm, graceful_interrupt
+from labeling.runtime.interrupts import STOPPING, exit_when_told, graceful_interrupt
+
+ROOT = Path(__file__).resolve().parents[4]
+OTHERS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def test_the_first_interrupt_is_a_request_and_the_second_interrupts() -> None:
@@ -18,21 +24,69 @@ def test_the_first_interrupt_is_a_request_and_the_second_interrupts() -> None:
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) == before
+    with pytest.raises(KeyboardInterrupt):
+        request.leave()
 
 
-def test_sigterm_unwinds_and_the_handler_of_before_is_put_back() -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    with exit_on_sigterm(), pytest.raises(SystemExit) as caught:
-        os.kill(os.getpid(), signal.SIGTERM)
-    assert caught.value.code == TERMINATED == 143
-    assert signal.getsignal(signal.SIGTERM) == before
+@pytest.mark.parametrize("number", OTHERS, ids=str)
+def test_other_signals_are_requests_too_and_tell_the_exit_code(number) -> None:
+    with exit_when_told():
+        with graceful_interrupt() as request:
+            os.kill(os.getpid(), number)
+            assert request.is_set()
+            with pytest.raises(SystemExit) as second:
+                os.kill(os.getpid(), number)
+        with pytest.raises(SystemExit) as left:
+            request.leave()
+    assert second.value.code == left.value.code == 128 + number
+
+
+@pytest.mark.parametrize("number", OTHERS, ids=str)
+def test_without_a_request_they_unwind_and_the_handler_of_before_is_put_back(number) -> None:
+    before = signal.getsignal(number)
+    with exit_when_told(), pytest.raises(SystemExit) as caught:
+        os.kill(os.getpid(), number)
+    assert caught.value.code == 128 + number
+    assert signal.getsignal(number) == before
+
+
+def test_a_signal_that_is_ignored_stays_so() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with exit_when_told(), graceful_interrupt() as request:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not request.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", STOPPING, ids=str)
+def test_a_command_says_one_line_and_ends_with_the_code_of_the_signal(number, tmp_path) -> None:
+    program = (
+        "import os, signal, sys; from dataclasses import dataclass; from pathlib import Path\n"
+        "from labeling.formats.atomic import atomic_file\n"
+        "from labeling.runtime.cli import run_command\n"
+        "@dataclass\n"
+        "class Config:\n"
+        "    number: int\n"
+        "def run(config):\n"
+        f"    with atomic_file(Path({str(tmp_path)!r}) / 'file') as half:\n"
+        "        half.write_text('half'); os.kill(os.getpid(), config.number)\n"
+        "sys.exit(run_command(Config, run, 'program'))\n"
+    )
+    command = [sys.executable, "-c", program, "--number", str(int(number))]
+    ended = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    assert ended.returncode == 128 + number
+    assert len(ended.stderr.splitlines()) == 1
+    assert "the same command goes on" in ended.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_other_threads_leave_signals_alone() -> None:
     before, seen = (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)), []
 
     def work() -> None:
-        with graceful_interrupt() as request, exit_on_sigterm():
+        with graceful_interrupt() as request, exit_when_told():
             seen.append((request.is_set(), signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)))
 
     thread = threading.Thread(target=work)
