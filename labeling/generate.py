@@ -17,7 +17,7 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import FLOOR, RecordingConfig
-from labeling.runtime.cli import progress_bar, run_command, showing_stages
+from labeling.runtime.cli import printable, progress_bar, run_command, showing_stages
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,9 @@ def _print_notes(result: EpisodeResult) -> None:
     from tqdm import tqdm
 
     for note in () if result.record is None else result.record.notes:
-        tqdm.write(f"note: {result.name}: {note}", file=sys.stderr)
+        tqdm.write(printable(f"note: {result.name}: {note}"), file=sys.stderr)
     if result.error is not None:
-        tqdm.write(f"error: {result.error}", file=sys.stderr)
+        tqdm.write(printable(f"error: {result.error}"), file=sys.stderr)
 
 
 def _check_out(out: Path, dataset: Path) -> None:

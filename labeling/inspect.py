@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from labeling.core.errors import UsageError
-from labeling.runtime.cli import run_command
+from labeling.runtime.cli import printable, run_command
 
 PROBLEMS = 1
 """Exit code if anything is wrong with the label set."""
@@ -48,7 +48,7 @@ def run(config: InspectConfig) -> list[str]:
     notes: list[str] = []
     problems = inspect_label_set(config.labels, notes)
     for line in [*problems, *(f"note: {note}" for note in notes)]:
-        print(line)
+        print(printable(line))
     print(f"{len(problems)} problem{'' if len(problems) == 1 else 's'}" if problems else "no problem found")
     if config.pictures is not None or config.view:
         _show(config)

@@ -3,7 +3,7 @@
 import json
 import sys
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import msgspec
@@ -65,6 +65,20 @@ class Json:
         except UnicodeEncodeError:  # half of a surrogate pair, which JSON can spell but no file or screen can hold
             raise self.error(f"must be Unicode text, not {_kind(value)}", name) from None
         return value
+
+    def file_name(self, name: str) -> str:
+        """A text field that files are named for: one part of a path, which leads nowhere else."""
+        value = self.text(name)
+        if value in (".", "..") or any(character in value for character in "/\\:") or not value.isprintable():
+            raise self.error(f"must be a plain name, without slashes, not {_kind(value)}", name)
+        return value
+
+    def relative_path(self, name: str) -> PurePosixPath:
+        """A text field that names a file in a folder: no absolute path, and none that leaves the folder."""
+        path = PurePosixPath(self.text(name).replace("\\", "/"))
+        if path.is_absolute() or ".." in path.parts or PureWindowsPath(path).drive:
+            raise self.error(f"must be a file below the folder, not {_kind(str(path))}", name)
+        return path
 
     def number(self, name: str, default: float | None = None, above: int | float | None = None) -> float:
         """A finite number, above a bound if one is given; it must be there if it has no default."""

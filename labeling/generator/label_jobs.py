@@ -62,7 +62,8 @@ def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
         relative = path.relative_to(folder)
         if not any(part.startswith(".") for part in relative.parts) and relative.name != DETECTIONS_3D_FILE:
             digest.update(str(relative).encode(errors="surrogateescape") + b"\0")
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
+            with path.open("rb") as file:  # which may be larger than the memory
+                digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
 
 
@@ -105,7 +106,7 @@ class Job:
                 labels = propagate(episode, sources.detections, self.label, calibration_of(sources.detector))
                 yield episode.depth_m.size
                 record = self.write(episode, sources, labels, mark)
-        except (SbmError, OSError) as error:
+        except Exception as error:  # whatever is wrong with one episode, the others are labelled
             return self.failed(folder, error)
         return EpisodeResult(name, self.relative(folder), record)
 
@@ -171,9 +172,15 @@ class Job:
         write_records(self.record_file(episode.name), as_json(record))
         return record
 
-    def failed(self, folder: Path, error: SbmError | OSError) -> EpisodeResult:
+    def failed(self, folder: Path, error: Exception) -> EpisodeResult:
         """What is said of an episode that could not be labelled."""
-        problem = str(error) if isinstance(error, SbmError) else f"{folder}: cannot be read or written ({error})"
+        if isinstance(error, SbmError):
+            problem = str(error)
+        elif isinstance(error, OSError):
+            problem = f"{folder}: cannot be read or written ({error})"
+        else:
+            told = " ".join(str(error).split()) or type(error).__name__
+            problem = f"{folder}: cannot be labelled ({told}); check its poses, intrinsics and depth unit"
         return EpisodeResult(folder.resolve().name, self.relative(folder), None, problem)
 
     def record_file(self, name: str) -> Path:

@@ -51,7 +51,7 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
         summary = read_json(folder / SUMMARY_FILE)
         names_of = {one.integer("id"): one.text("name") for one in read_json(folder / MODAL_FILE).list_of("categories")}
         boxes = read_json(folder / BOXES_FILE).list_of("boxes")
-        labelled = [e.text("name") for e in summary.list_of("episodes") if e.text("status") == "labelled"]
+        labelled = [e.file_name("name") for e in summary.list_of("episodes") if e.text("status") == "labelled"]
         scenes = []
         for name in labelled:
             found = [box for box in boxes if box.text("episode") == name]

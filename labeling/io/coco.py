@@ -18,6 +18,7 @@ from labeling.core.masks import blank_masks, fill_polygons
 from labeling.core.rle import check_rle, decode_mask, encode_mask
 from labeling.core.types import Box3d, Detection, GroundTruth
 from labeling.formats.checked_json import Json
+from labeling.formats.pixel_limit import too_large
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
@@ -108,7 +109,10 @@ def read_size(image: Json) -> tuple[int, int]:
     for name in ("height", "width"):
         if image.integer(name) <= 0:
             raise image.error(f"must be above 0, not {image.integer(name)}", name)
-    return image.integer("height"), image.integer("width")
+    size = image.integer("height"), image.integer("width")
+    if problem := too_large(*size):
+        raise image.error(problem, "height")
+    return size
 
 
 def is_ignored(record: Json) -> bool:

@@ -24,6 +24,7 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.progress import view_counter
 
 if TYPE_CHECKING:
+    from labeling.core.views import RgbdViews
     from labeling.io.recordings.pictures import Undistortion
 
 DEPTH_UNIT_M = 0.001
@@ -40,7 +41,7 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
         config: the layout to look for; by default any.
 
     Raises:
-        EpisodeFormatError: if the folder does not exist or holds no episode.
+        EpisodeFormatError: if the folder does not exist or holds no episode, or links lead to two of the same name.
 
     Example:
         >>> import tempfile
@@ -60,6 +61,14 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
         return [dataset]
     below = sorted(path for path in dataset.iterdir() if path.is_dir() and not path.name.startswith("."))
     found = [path for path in below if layout_of(path, config)]
+    called: dict[str, Path] = {}
+    for path in found:
+        other = called.setdefault(path.resolve().name, path)
+        if other != path:
+            raise EpisodeFormatError(
+                f"{other} and {path} lead to two folders of the name {path.resolve().name}, which names their labels; "
+                "rename one of these"
+            )
     if not found:
         raise EpisodeFormatError(
             f"{dataset}: no episode here; looked, in it and in the {len(below)} folders directly below it, for "
@@ -96,6 +105,7 @@ def read_episode(
 
     found = frames_of(folder, config or RecordingConfig())
     views, undistortions, notes = load(found.frames, undistort)
+    _check_focal_lengths(folder, views)
     names = tuple(frame.name for frame in found.frames)
     episode = Episode(
         **vars(views),
@@ -171,6 +181,27 @@ def write_episode(folder: Path, episode: Episode) -> None:
 
 
 # Reading -------------------------------------------------------------------------------------------------------------
+
+
+FOCAL_LENGTHS = (0.01, 100.0)
+"""Least and largest focal length that is believed, as shares of a picture's longer side: 179 and 0.6 degrees."""
+
+
+def _check_focal_lengths(folder: Path, views: "RgbdViews") -> None:
+    """Refuses intrinsics that no camera has: other units than pixels, or nonsense.
+
+    Raises:
+        EpisodeFormatError: naming the view.
+    """
+    focal_px, longest = views.intrinsics[:, [0, 1], [0, 1]], max(views.size)
+    low, high = (share * longest for share in FOCAL_LENGTHS)
+    bad = np.flatnonzero(((focal_px < low) | (focal_px > high)).any(axis=1))
+    if len(bad):
+        fx, fy = focal_px[bad[0]].tolist()
+        raise EpisodeFormatError(
+            f"{folder}: view {bad[0]}: focal lengths of {fx:g} and {fy:g} pixels in pictures of "
+            f"{views.size[1]}x{views.size[0]}; expected {low:g} to {high:g}: check their unit, which is pixels"
+        )
 
 
 def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Episode:

@@ -46,6 +46,11 @@ def showing_stages(bar: Any) -> Iterator[None]:
         yield
 
 
+def printable(text: str) -> str:
+    """Text that may hold names from files of others, for a terminal: control characters are spelled, not obeyed."""
+    return "".join(one if one.isprintable() or one in "\n\t" else repr(one)[1:-1] for one in text)
+
+
 def make_main(name: str, config_type: type[Config], run: Callable[[Config], object]) -> Callable[..., int]:
     """The ``main`` of ``python -m name``; takes a command line, by default ``sys.argv``, and returns the exit code."""
     return functools.partial(run_command, config_type, run, f"python -m {name}")
@@ -86,7 +91,7 @@ def run_command(
         told = error if isinstance(error, SbmError) else missing_extra(error, prog)
         if told is None:
             raise
-        print(f"error: {told}", file=sys.stderr)
+        print(f"error: {printable(str(told))}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("interrupted; the same command goes on with what is missing", file=sys.stderr)
@@ -103,7 +108,7 @@ def run_command(
         # Whoever read the output has closed it (`... | head`). Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        print(f"error: {refusal(error)}", file=sys.stderr)
+        print(f"error: {printable(refusal(error))}", file=sys.stderr)
         return BAD_INPUT
     return 0
 

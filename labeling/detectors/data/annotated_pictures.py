@@ -9,7 +9,7 @@ subfolders ``train`` and ``val``, each a COCO folder, training takes the first a
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import UInt8
@@ -115,7 +115,7 @@ def read_coco(file: Path, folder: Path) -> list[AnnotatedPicture]:
     pictures: dict[int, AnnotatedPicture] = {}
     found: dict[int, list[Annotation]] = {}
     for image in content.list_of("images"):
-        name = PurePosixPath(image.text("file_name").replace("\\", "/"))
+        name = image.relative_path("file_name")
         number, size = image.integer("id"), read_size(image)
         if number in pictures:
             raise image.error(f"id {number} is used twice", "id")

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from labeling.core.episode import Episode
-from labeling.core.errors import SbmError
+from labeling.core.errors import EpisodeFormatError, SbmError
 from labeling.generator.calibration.detector_calibration import calibration_of
 from labeling.generator.label_jobs import EpisodeResult, Job, fingerprint
 from labeling.generator.propagate import propagate
 from labeling.generator.sharing.joined_episodes import EpisodePart, join_episodes, split_labels
-from labeling.generator.sharing.scene_groups import scene_groups
+from labeling.generator.sharing.scene_groups import scene_groups, scene_of
 from labeling.generator.sources import Sources
 from labeling.io.label_records import EpisodeRecord
 from labeling.runtime.code_digest import code_digest
@@ -40,11 +40,16 @@ def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[E
 
     Yields:
         How it went with each episode, scene by scene. Closing the generator ends the workers.
-
-    Raises:
-        EpisodeFormatError: if an ``episode.json`` is malformed.
     """
-    groups = groups_to_label(folders)
+    known = []
+    for folder in folders:
+        try:
+            scene_of(folder)
+        except EpisodeFormatError as error:
+            yield job.failed(folder, error)
+        else:
+            known.append(folder)
+    groups = groups_to_label(known)
     work = GroupJob(job).label_group
     if min(workers, len(groups)) == 1:
         for group in groups:
@@ -59,7 +64,7 @@ def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[E
 
 
 def groups_to_label(folders: Sequence[Path]) -> list[list[Path]]:
-    """Groups of episodes to label together: those of one scene, divided evenly if they are more than ``MAX_EPISODES``.
+    """Groups of episodes to label together: those of one scene, divided evenly if more than ``MAX_EPISODES``.
 
     Raises:
         EpisodeFormatError: if an ``episode.json`` is malformed.
@@ -84,7 +89,8 @@ class GroupJob:
         """Labels the episodes of a group together, or reads the records of an earlier run.
 
         An episode that cannot be read, or has nothing to be labelled from, fails alone. If picture sizes or detectors
-        differ, or the group is larger than ``MAX_PIXELS``, each episode is labelled by itself.
+        differ, the group is larger than ``MAX_PIXELS``, or one of them makes labels of all impossible, each episode is
+        labelled by itself.
         """
         if len(folders) == 1:
             return [self.job.label_episode(folders[0])]
@@ -102,12 +108,16 @@ class GroupJob:
             for folder in marks:
                 try:
                     read[folder] = _result(self.job.read(folder))
-                except (SbmError, OSError) as error:
+                except Exception as error:  # whatever is wrong with one episode, the others are labelled
                     failed[folder] = self.job.failed(folder, error)
                 if not _fit_together(read.values()):
                     del read
                     return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
-            records = self._label(read, marks, failed)
+            try:
+                records = self._label(read, marks, failed)
+            except Exception:  # of which episode it is shows when each is labelled alone
+                del read
+                return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
         together = tuple(folder.resolve().name for folder in records)
         labelled = {
             folder: EpisodeResult(folder.resolve().name, self.job.relative(folder), record, labelled_with=together)

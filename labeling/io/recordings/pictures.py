@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
 from labeling.core.errors import EpisodeFormatError
-
-MAX_FRAME_PX = 64_000_000
+from labeling.formats.pixel_limit import jpeg_size, max_pixels, too_large
 
 
 def read_colour(path: Path) -> UInt8[np.ndarray, "h w 3"]:
@@ -174,17 +173,23 @@ def read_picture(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
         raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
     if content[:8] == b"\x89PNG\r\n\x1a\n":
         _check_png(path, content)
-    if content[:3] == b"\xff\xd8\xff" and b"\xff\xd9" not in content[-1024:]:
-        raise EpisodeFormatError(f"{path}: the JPEG is truncated ({len(content)} bytes); copy or export it again")
+    if content[:3] == b"\xff\xd8\xff":
+        if b"\xff\xd9" not in content[-1024:]:
+            raise EpisodeFormatError(f"{path}: the JPEG is truncated ({len(content)} bytes); copy or export it again")
+        _check_size(path, jpeg_size(content) or (0, 0))
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
     except cv2.error:
         image = None
     if image is None:
         raise EpisodeFormatError(f"{path}: not a picture that can be read ({len(content)} bytes); expected PNG or JPEG")
-    if image.shape[0] * image.shape[1] > MAX_FRAME_PX:
-        raise EpisodeFormatError(f"{path}: {size_text(image)} pixels are more than the {MAX_FRAME_PX} accepted")
+    _check_size(path, image.shape[:2])
     return image
+
+
+def _check_size(path: Path, size: tuple[int, ...]) -> None:
+    if problem := too_large(size[0], size[1]):
+        raise EpisodeFormatError(f"{path}: {problem}")
 
 
 def _check_png(path: Path, content: bytes) -> None:
@@ -195,8 +200,7 @@ def _check_png(path: Path, content: bytes) -> None:
     if len(content) < 33 or b"IEND" not in content[-16:]:  # shorter than the signature and the chunk of the size
         raise EpisodeFormatError(f"{path}: the PNG is truncated ({len(content)} bytes); copy or export it again")
     width_px, height_px = struct.unpack(">II", content[16:24])
-    if width_px * height_px > MAX_FRAME_PX:
-        raise EpisodeFormatError(f"{path}: {width_px}x{height_px} pixels are more than the {MAX_FRAME_PX} accepted")
+    _check_size(path, (height_px, width_px))
     start = 8
     while start + 12 <= len(content):
         length, kind = struct.unpack(">I4s", content[start : start + 8])
@@ -210,7 +214,7 @@ def _read_array(path: Path) -> np.ndarray:
     """Reads numbers that numpy has saved; objects, which could hold code, are refused."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-        if array.size > MAX_FRAME_PX or array.dtype.kind not in "fui":
+        if array.size > max_pixels() or array.dtype.kind not in "fui":
             raise ValueError(f"{array.dtype} {array.shape}")
         return np.array(array)
     except (OSError, ValueError, EOFError) as error:
