@@ -4,18 +4,25 @@ It behaves like a network pre-trained on photographs: sure of itself where objec
 from the front; unsure, confused and sloppy from behind, from above, far away, cut off or half hidden. What makes a view
 hard belongs to the object and the viewpoint, not to the moment: bias per model and object and smooth noise over
 viewpoints mean that looking again from the same place does not help, while moving does.
+
+Its settings can be fitted to a real detector (``fitted.py``), so that policies learn on what is like it at a tenth of
+the cost.
 """
 
+import hashlib
 import tomllib
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from labeling.core.types import Detection
+from labeling.core.views import Camera
+from sbm_gym.detection.lasting_phantoms import LastingPhantoms, background_cells
 from sbm_gym.detection.mask_noise import corrupt_mask, phantom_mask
 from sbm_gym.detection.visibility import ObservedObject
 
@@ -33,6 +40,8 @@ class CategoryTraits:
 
 
 DEFAULT_TRAITS = CategoryTraits()
+SAME_PLACE = 0.25
+"""Views from places nearer to each other than this share of ``range_unit_m`` have the same noise per pose."""
 _TABLE = tomllib.loads(Path(__file__).with_name("traits.toml").read_text(encoding="utf-8"))
 TRAITS = {
     category: CategoryTraits(entry["bias"], entry["behind"], tuple(entry["mistaken_for"]))
@@ -84,6 +93,14 @@ class SimulatedDetectorConfig:
     """Probability of a second, less confident detection of the same object under another category."""
     categories: tuple[str, ...] = ("chair", "couch", "plant", "tv", "fridge", "bed", "table", "toilet")
     """What it was trained on: objects of other categories are missed or mistaken for these."""
+    confusion: float = 0.75
+    """Probability of a wrong category where confidence is next to nothing; it falls as confidence rises."""
+    pose_sigma: float = 0.0
+    """Spread of the noise per pose: a step or a turn aside changes it, another look at the same view does not."""
+    traits: Mapping[str, CategoryTraits] = field(default_factory=lambda: TRAITS)
+    """What is hard about each category."""
+    lasting_phantoms: LastingPhantoms | None = None
+    """Parts of the scene that are taken for objects from many views, in scenes that have a name."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +115,10 @@ class SimulatedView:
     """From ``ObjectSurfaces.observe``."""
     episode_luck: float = 0.0
     """Standard normal number of the episode, for ``episode_sigma``."""
+    camera: Camera | None = None
+    """Of the view, for lasting phantoms."""
+    scene: str = ""
+    """Name of the scene, for lasting phantoms."""
 
 
 class SimulatedDetector:
@@ -126,6 +147,7 @@ class SimulatedDetector:
         for observed in view.objects:
             detections += self._detect_object(np.random.default_rng([entropy, observed.instance_id]), view, observed)
         detections += self._phantoms(np.random.default_rng([entropy]), view)
+        detections += self._lasting_phantoms(view)
         return sorted(detections, key=lambda detection: -detection.confidence)
 
     def logit(self, observed: ObservedObject, area_share: float) -> float:
@@ -135,7 +157,7 @@ class SimulatedDetector:
             observed: the object.
             area_share: share of the picture that its visible part covers, above 0.
         """
-        c, traits = self.config, TRAITS.get(observed.category, DEFAULT_TRAITS)
+        c, traits = self.config, self.config.traits.get(observed.category, DEFAULT_TRAITS)
         bias_model = _constant(c.seed, observed.model_key) * c.model_sigma
         bias_object = _constant(c.seed, observed.object_key) * c.object_sigma
         too_small = max(0.0, np.log2(c.good_size / np.sqrt(area_share)))
@@ -157,6 +179,8 @@ class SimulatedDetector:
         if area_share < c.min_area_share:
             return []
         logit = self.logit(observed, area_share) + c.episode_sigma * view.episode_luck + c.frame_sigma * rng.normal()
+        if c.pose_sigma > 0.0:
+            logit += c.pose_sigma * _pose_noise(c.seed, observed, mask, SAME_PLACE * c.range_unit_m)
         confidence = _sigmoid(logit)
         duplicate, duplicate_confidence = rng.random() < c.duplicate_share, rng.uniform(0.2, 0.8)
         known = observed.category in c.categories
@@ -167,7 +191,7 @@ class SimulatedDetector:
         # How likely the category and how poor the mask are follow confidence, as they do in a calibrated network,
         # and stay the same from one viewpoint to the next.
         luck = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/category", observed, c.range_unit_m))
-        wrong = luck < 0.02 + 0.75 * (1.0 - confidence) ** 1.5
+        wrong = luck < 0.02 + c.confusion * (1.0 - confidence) ** 1.5
         poor = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/mask", observed, c.range_unit_m))
         error = min(max(1.5 * (1.0 - confidence) + 0.35 * (poor - 0.5), 0.0), 1.0)
         others = self._other_categories(observed)
@@ -180,7 +204,7 @@ class SimulatedDetector:
 
     def _other_categories(self, observed: ObservedObject) -> list[str]:
         """What the object may be mistaken for, in an order of the object's own."""
-        c, traits = self.config, TRAITS.get(observed.category, DEFAULT_TRAITS)
+        c, traits = self.config, self.config.traits.get(observed.category, DEFAULT_TRAITS)
         likely = [name for name in traits.mistaken_for if name in c.categories]
         if len(likely) > 1 and _constant(c.seed, observed.object_key + "/order") > 0.7:
             likely[0], likely[1] = likely[1], likely[0]
@@ -204,6 +228,26 @@ class SimulatedDetector:
                 found.append(Detection(view.view_index, category, confidence, mask))
         return found
 
+    def _lasting_phantoms(self, view: SimulatedView) -> list[Detection]:
+        c, found = self.config, []
+        phantoms = c.lasting_phantoms
+        if phantoms is None or view.camera is None or not view.scene:
+            return []
+        eye_m, ahead = view.camera.camera_to_world[:3, 3], view.camera.camera_to_world[:3, 2]
+        pose = f"{_rounded(eye_m, SAME_PLACE * c.range_unit_m)}/{_rounded(ahead, 0.25)}"
+        cells = background_cells(
+            view.depth_m, view.instance_map, view.camera, phantoms.cell_m, phantoms.heights_m, c.min_area_share
+        )
+        for cell, mask in cells:
+            key = f"{view.scene}/{cell}"
+            logit = phantoms.logit(_constant(c.seed, key), np.count_nonzero(mask) / mask.size)
+            logit += phantoms.pose_sigma * _hashed_normal(c.seed, f"{key}/{pose}")
+            confidence = _sigmoid(logit + c.episode_sigma * view.episode_luck)
+            if confidence >= c.min_confidence:
+                category = phantoms.category(_hashed_uniform(c.seed, f"{key}/category"))
+                found.append(Detection(view.view_index, category, confidence, mask))
+        return found
+
 
 def _sigmoid(logit: float) -> float:
     return float(1.0 / (1.0 + np.exp(-logit)))
@@ -223,6 +267,30 @@ def _rng(seed: int, key: str) -> np.random.Generator:
 def _constant(seed: int, key: str) -> float:
     """A standard normal number that belongs to a key."""
     return float(_rng(seed, key).normal())
+
+
+def _hashed_uniform(seed: int, key: str) -> float:
+    """A number in (0, 1) that belongs to a key; far cheaper than a generator of its own."""
+    digest = hashlib.blake2b(f"{seed}/{key}".encode(), digest_size=8).digest()
+    return (int.from_bytes(digest, "little") + 0.5) / 2.0**64
+
+
+def _hashed_normal(seed: int, key: str) -> float:
+    """About a standard normal number that belongs to a key: the logistic approximation of the normal distribution."""
+    share = _hashed_uniform(seed, key)
+    return float(np.log(share / (1.0 - share))) / 1.702
+
+
+def _rounded(values: Float[np.ndarray, "n"], unit: float) -> str:
+    return ",".join(str(round(value / unit)) for value in values.tolist())
+
+
+def _pose_noise(seed: int, observed: ObservedObject, mask: Bool[np.ndarray, "h w"], unit_m: float) -> float:
+    """Noise that belongs to where an object is seen from, to ``unit_m``, and where in the picture it is."""
+    place_m = observed.range_m * np.array([np.cos(observed.azimuth_rad), np.sin(observed.azimuth_rad)])
+    columns = np.flatnonzero(mask.any(axis=0))
+    middle = (columns[0] + columns[-1]) / (2.0 * mask.shape[1])
+    return _hashed_normal(seed, f"{observed.object_key}/{_rounded(place_m, unit_m)}/{round(6.0 * middle)}")
 
 
 @lru_cache(maxsize=4096)

@@ -6,7 +6,7 @@ from labeling.core.errors import UsageError
 from sbm_gym.atlas.scene_atlas import AtlasKey, SceneAtlas, finished_folders, folder_name, scene_digest
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env.simulation import SimulationConfig
-from sbm_gym.env.view_detectors import SIMULATED, SIMULATED_WEAK
+from sbm_gym.env.view_detectors import SIMULATED, is_simulated
 from sbm_gym.scenes.compiled import Scene
 
 
@@ -23,8 +23,7 @@ class Atlases:
         """
         self._folder, self._config = folder, config
         # Atlases hold no detections of the simulated detector: it detects in the views that were looked up.
-        is_simulated = isinstance(detector, SimulatedDetectorConfig) or detector in (SIMULATED, SIMULATED_WEAK)
-        self._detector = SIMULATED if is_simulated else str(detector)
+        self._detector = SIMULATED if is_simulated(detector) else str(detector)
         self._digest: str | None = None
         self._open: dict[str, SceneAtlas] = {}
 

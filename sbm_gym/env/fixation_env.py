@@ -179,7 +179,7 @@ class FixationEnv(gym.Env, EzPickle):
         self._source = world_source(worlds, unseen_models)
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
-        self._detector = make_detector(detector, self.profile.detector, load=atlas is None)
+        self._detector = make_detector(detector, self.profile, load=atlas is None)
         self._reward, self._weights = reward, reward_weights or RewardWeights()
         robot = replace(
             self.profile,

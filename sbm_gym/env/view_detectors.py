@@ -10,11 +10,13 @@ from jaxtyping import Int32
 from labeling.core.detector import Detector
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from sbm_gym.detection.fitted_settings import fitted_settings
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.rendering.base import Frame
 from sbm_gym.scenes.compiled import Scene
+from sbm_gym.scenes.profiles import WorldProfile
 
-SIMULATED, SIMULATED_WEAK = "simulated", "simulated_weak"
+SIMULATED, SIMULATED_WEAK, SIMULATED_LIKE = "simulated", "simulated_weak", "simulated:"
 WEAKER_LOGIT, WEAK_SPREAD = 1.9, 1.0
 """How much less sure the weak simulated detector is, and how much that differs from episode to episode. Chosen so that
 ``spin`` confirms about as many objects as it does with ``compact`` in training homes."""
@@ -34,7 +36,7 @@ class ViewDetector(Protocol):
     """Detects objects in views of a scene."""
 
     name: str
-    """What calibrations of detectors know it by."""
+    """What calibrations of detectors know it by; a simulated one that is fitted to a real one has the name of that."""
     needs_detail: bool
     """Whether it looks at large, smooth pictures; else at those of the observation."""
 
@@ -70,7 +72,9 @@ class SimulatedViewDetector:
         """See ``ViewDetector``."""
         observed = scene.surfaces.observe(view.instance_map, view.camera)
         luck = float(np.random.default_rng([entropy, 0, 1]).normal()) if self._spread else 0.0
-        seen = SimulatedView(step_index, view.instance_map, view.frame.depth_m, tuple(observed), luck)
+        seen = SimulatedView(
+            step_index, view.instance_map, view.frame.depth_m, tuple(observed), luck, view.camera, scene.name
+        )
         return self._detector.detect(np.random.default_rng([entropy, step_index]), seen)
 
 
@@ -111,15 +115,13 @@ class PictureDetector:
         return list(found[0].as_detections(step_index))
 
 
-def make_detector(
-    detector: str | SimulatedDetectorConfig, fitting: SimulatedDetectorConfig, load: bool = True
-) -> ViewDetector:
+def make_detector(detector: str | SimulatedDetectorConfig, profile: WorldProfile, load: bool = True) -> ViewDetector:
     """The detector that an env was asked for.
 
     Args:
-        detector: "simulated", "simulated_weak", settings of the simulated detector, or what
-            ``labeling.detectors.registry`` knows.
-        fitting: the simulated detector's settings that fit the kind of world.
+        detector: "simulated", "simulated_weak", "simulated:NAME" for the simulated detector with settings that are
+            fitted to a real one, settings of the simulated detector, or what ``labeling.detectors.registry`` knows.
+        profile: of the kind of world.
         load: read a real one's weights now, not when it is first asked for something.
 
     Raises:
@@ -128,8 +130,12 @@ def make_detector(
     """
     if isinstance(detector, SimulatedDetectorConfig):
         return SimulatedViewDetector(detector, SIMULATED)
+    fitting = profile.detector
     if detector == SIMULATED:
         return SimulatedViewDetector(fitting, SIMULATED)
+    if detector.startswith(SIMULATED_LIKE):
+        real = detector.removeprefix(SIMULATED_LIKE)
+        return SimulatedViewDetector(fitted_settings(real, profile.kind, fitting), real)
     if detector == SIMULATED_WEAK:
         weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
         return SimulatedViewDetector(weaker, SIMULATED_WEAK)
@@ -139,5 +145,14 @@ def make_detector(
     try:
         check_name(detector)
     except UsageError as error:
-        raise ValueError(f"{error}, {SIMULATED}, {SIMULATED_WEAK}, or a SimulatedDetectorConfig") from None
+        raise ValueError(
+            f"{error}, {SIMULATED}, {SIMULATED_WEAK}, {SIMULATED_LIKE}NAME, or a SimulatedDetectorConfig"
+        ) from None
     return PictureDetector(detector, load)
+
+
+def is_simulated(detector: str | SimulatedDetectorConfig) -> bool:
+    """Whether this names a simulated detector."""
+    return (
+        not isinstance(detector, str) or detector in (SIMULATED, SIMULATED_WEAK) or detector.startswith(SIMULATED_LIKE)
+    )

@@ -25,6 +25,8 @@ class ObservationScales:
 class WorldProfile(RobotConfig):
     """Settings that fit a kind of world; the defaults are those of rooms. Every source of worlds brings its own."""
 
+    kind: str = "indoor"
+    """What kind it is, as files of fitted settings name it."""
     image_size: tuple[int, int] = (84, 84)
     """Height and width of observed pictures, pixels."""
     capture_size: tuple[int, int] = (256, 256)
@@ -39,6 +41,7 @@ INDOOR = WorldProfile()
 """Rooms. Source: thesis A.2.2 (Replica)."""
 
 OUTDOOR = WorldProfile(
+    kind="outdoor",
     body=BodyConfig(camera_height_m=1.65, speed_m_s=3.0),
     rest_tilt_rad=-0.08,
     # The circumference at 8 m is 50 m: 25 views of 2.5 m go around more than once.
