@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from labeling.core.views import Camera
+from sbm_gym.rendering.tables.looks import Looks
 from sbm_gym.robot.view_kernels import count_shown
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, ObjectInstance
 
@@ -64,6 +65,7 @@ class ObjectSurfaces:
         objects: Sequence[ObjectInstance],
         world_name: str,
         known: Mapping[str, Float[np.ndarray, "k 3"]] | None = None,
+        looks: Looks | None = None,
     ) -> "ObjectSurfaces":
         """Samples the objects' drawn geoms.
 
@@ -73,12 +75,15 @@ class ObjectSurfaces:
             objects: the objects.
             world_name: distinguishes objects of different worlds.
             known: points of some objects, by names of their bodies.
+            looks: meshes, if the model was compiled without them.
         """
         known = known or {}
+        if looks is None and any(instance.body_name not in known for instance in objects):
+            looks = Looks.of_model(model)
         points_m = [
             known[instance.body_name]
             if instance.body_name in known
-            else surface_points(model, data, _visual_geoms(model, instance.body_name), POINTS_PER_OBJECT)
+            else surface_points(model, data, _visual_geoms(model, instance.body_name), POINTS_PER_OBJECT, looks)
             for instance in objects
         ]
         return cls(objects, np.array(points_m).reshape(-1, POINTS_PER_OBJECT, 3), world_name)
@@ -145,19 +150,22 @@ class ObjectSurfaces:
         )
 
 
-def points_of_moved(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Float[np.ndarray, "k 3"]]:
+def points_of_moved(
+    model: mujoco.MjModel, data: mujoco.MjData, looks: Looks | None = None
+) -> dict[str, Float[np.ndarray, "k 3"]]:
     """Points on the surfaces of all bodies that are moved from episode to episode, by name and in their own frames.
 
     Args:
         model: the compiled world; bodies that are moved are mocap bodies.
         data: its state, with forward kinematics done.
+        looks: meshes, if the model was compiled without them.
     """
-    found = {}
+    looks, found = looks or Looks.of_model(model), {}
     for body in np.flatnonzero(model.body_mocapid >= 0).tolist():
         name = model.body(body).name
         geoms = _visual_geoms(model, name)
         if geoms:
-            away = surface_points(model, data, geoms, POINTS_PER_OBJECT) - data.xpos[body]
+            away = surface_points(model, data, geoms, POINTS_PER_OBJECT, looks) - data.xpos[body]
             found[name] = away @ data.xmat[body].reshape(3, 3)
     return found
 
@@ -170,7 +178,7 @@ def _visual_geoms(model: mujoco.MjModel, body_name: str) -> list[int]:
 
 
 def surface_points(
-    model: mujoco.MjModel, data: mujoco.MjData, geom_ids: Sequence[int], count: int
+    model: mujoco.MjModel, data: mujoco.MjData, geom_ids: Sequence[int], count: int, looks: Looks | None = None
 ) -> Float[np.ndarray, "count 3"]:
     """Points spread over the surfaces of some geoms, in proportion to area; the same for the same arguments.
 
@@ -181,7 +189,8 @@ def surface_points(
     """
     if len(geom_ids) == 0:
         raise ValueError("surface_points needs at least one geom; the object's body has no visual geoms")
-    triangles = np.concatenate([_triangles(model, data, geom) for geom in geom_ids])
+    looks = looks or Looks.of_model(model)
+    triangles = np.concatenate([_triangles(model, data, geom, looks) for geom in geom_ids])
     edges_a, edges_b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = np.linalg.norm(np.cross(edges_a, edges_b), axis=1)
     rng = np.random.default_rng(0)
@@ -200,15 +209,12 @@ _BOX_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 _BOX_TRIANGLES = np.array([triangle for a, b, c, d in _BOX_SIDES for triangle in ((a, b, c), (a, c, d))])
 
 
-def _triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Float[np.ndarray, "n 3 3"]:
+def _triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int, looks: Looks) -> Float[np.ndarray, "n 3 3"]:
     """World triangles of one geom."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        vertices = model.mesh_vert[first : first + count].astype(float)
-        first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-        local = vertices[model.mesh_face[first : first + count]]
+    if looks.mesh_of_geom[geom] >= 0:
+        mesh = looks.meshes[looks.mesh_of_geom[geom]]
+        local = mesh.vertices_m.astype(float)[mesh.faces]
     else:
         size = model.geom_size[geom].astype(float)
         shapes = mujoco.mjtGeom
