@@ -189,8 +189,9 @@ def draw_model(library: "FurnitureLibrary", card: "ModelCard", size: int) -> "UI
     ground.rgba = [0.75, 0.75, 0.73, 1.0]
     sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     spec.worldbody.add_light(type=sun, pos=[0, 0, 9], dir=[0.5, 0.6, -1.0], diffuse=[0.6] * 3, castshadow=True)
-    SceneBuilder(spec).furniture(spec.worldbody.add_body(name="model"), library.load(card))
-    model = spec.compile()
+    builder = SceneBuilder(spec)
+    builder.furniture(spec.worldbody.add_body(name="model"), library.load(card))
+    model = builder.whole_spec().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     middle = np.array([0.0, 0.0, 0.5 * card.size_m[2]])

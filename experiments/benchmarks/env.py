@@ -44,7 +44,7 @@ def _in_one_scene(quick: bool) -> Iterator[Row]:
         scene = env.get_wrapper_attr("scene")
         log(f"{SCENE}: {len(scene.world.objects)} objects")
         views = cameras[:: MAX_EPISODE_STEPS // 3]
-        draw = baseline(scene.whole_model(), scene.data, views, SIZE_PX, False, True)
+        draw = baseline(scene.whole_model(), scene.whole_data(), views, SIZE_PX, False, True)
         theirs = median_seconds(draw, 1 if quick else 3) / len(views)
     what = f"step at {SIZE_PX}x{SIZE_PX}: move, picture with shadows, simulated detector, memory, reward"
     yield Row(what, f"{BASELINE}: the picture only", seconds, theirs)

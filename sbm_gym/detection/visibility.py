@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
 from labeling.core.views import Camera
+from sbm_gym.rendering.tables.looks import Looks
+from sbm_gym.rendering.tables.tessellate import twice_areas
 from sbm_gym.robot.view_kernels import count_shown
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, ObjectInstance
 
@@ -64,6 +66,7 @@ class ObjectSurfaces:
         objects: Sequence[ObjectInstance],
         world_name: str,
         known: Mapping[str, Float[np.ndarray, "k 3"]] | None = None,
+        looks: Looks | None = None,
     ) -> "ObjectSurfaces":
         """Samples the objects' drawn geoms.
 
@@ -73,12 +76,15 @@ class ObjectSurfaces:
             objects: the objects.
             world_name: distinguishes objects of different worlds.
             known: points of some objects, by names of their bodies.
+            looks: meshes, if the model was compiled without them.
         """
         known = known or {}
+        if looks is None and any(instance.body_name not in known for instance in objects):
+            looks = Looks.of_model(model)
         points_m = [
             known[instance.body_name]
             if instance.body_name in known
-            else surface_points(model, data, _visual_geoms(model, instance.body_name), POINTS_PER_OBJECT)
+            else surface_points(model, data, _visual_geoms(model, instance.body_name), POINTS_PER_OBJECT, looks)
             for instance in objects
         ]
         return cls(objects, np.array(points_m).reshape(-1, POINTS_PER_OBJECT, 3), world_name)
@@ -145,19 +151,22 @@ class ObjectSurfaces:
         )
 
 
-def points_of_moved(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Float[np.ndarray, "k 3"]]:
+def points_of_moved(
+    model: mujoco.MjModel, data: mujoco.MjData, looks: Looks | None = None
+) -> dict[str, Float[np.ndarray, "k 3"]]:
     """Points on the surfaces of all bodies that are moved from episode to episode, by name and in their own frames.
 
     Args:
         model: the compiled world; bodies that are moved are mocap bodies.
         data: its state, with forward kinematics done.
+        looks: meshes, if the model was compiled without them.
     """
-    found = {}
+    looks, found = looks or Looks.of_model(model), {}
     for body in np.flatnonzero(model.body_mocapid >= 0).tolist():
         name = model.body(body).name
         geoms = _visual_geoms(model, name)
         if geoms:
-            away = surface_points(model, data, geoms, POINTS_PER_OBJECT) - data.xpos[body]
+            away = surface_points(model, data, geoms, POINTS_PER_OBJECT, looks) - data.xpos[body]
             found[name] = away @ data.xmat[body].reshape(3, 3)
     return found
 
@@ -170,7 +179,7 @@ def _visual_geoms(model: mujoco.MjModel, body_name: str) -> list[int]:
 
 
 def surface_points(
-    model: mujoco.MjModel, data: mujoco.MjData, geom_ids: Sequence[int], count: int
+    model: mujoco.MjModel, data: mujoco.MjData, geom_ids: Sequence[int], count: int, looks: Looks | None = None
 ) -> Float[np.ndarray, "count 3"]:
     """Points spread over the surfaces of some geoms, in proportion to area; the same for the same arguments.
 
@@ -181,18 +190,26 @@ def surface_points(
     """
     if len(geom_ids) == 0:
         raise ValueError("surface_points needs at least one geom; the object's body has no visual geoms")
-    triangles = np.concatenate([_triangles(model, data, geom) for geom in geom_ids])
-    edges_a, edges_b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    area = np.linalg.norm(np.cross(edges_a, edges_b), axis=1)
+    looks = looks or Looks.of_model(model)
+    triangles = [_triangles(model, geom, looks) for geom in geom_ids]
     rng = np.random.default_rng(0)
     # Systematic sampling: evenly spaced quantiles of area, so that even few points cover everything.
-    cumulative = np.cumsum(area)
+    cumulative = np.cumsum(np.concatenate([twice_areas(local) for local in triangles]))
     quantiles = (np.arange(count) + rng.random(count)) / count * cumulative[-1]
-    chosen = np.minimum(np.searchsorted(cumulative, quantiles), len(triangles) - 1)
+    chosen = np.minimum(np.searchsorted(cumulative, quantiles), len(cumulative) - 1)
     u, v = rng.random(count), rng.random(count)
     flip = u + v > 1.0
     u[flip], v[flip] = 1.0 - u[flip], 1.0 - v[flip]
-    return triangles[chosen, 0] + u[:, None] * edges_a[chosen] + v[:, None] * edges_b[chosen]
+    shares = np.stack([1.0 - u - v, u, v], axis=1)
+    firsts = np.cumsum([0] + [len(local) for local in triangles])
+    of_geom = np.searchsorted(firsts, chosen, side="right") - 1
+    points = np.empty((count, 3))
+    for number in np.unique(of_geom).tolist():
+        here, geom = of_geom == number, geom_ids[number]
+        corners = triangles[number][chosen[here] - firsts[number]].astype(float)
+        local = np.einsum("nk,nkj->nj", shares[here], corners)
+        points[here] = local @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    return points
 
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -200,27 +217,23 @@ _BOX_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 _BOX_TRIANGLES = np.array([triangle for a, b, c, d in _BOX_SIDES for triangle in ((a, b, c), (a, c, d))])
 
 
-def _triangles(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Float[np.ndarray, "n 3 3"]:
-    """World triangles of one geom."""
+def _triangles(
+    model: mujoco.MjModel, geom: int, looks: Looks
+) -> Float[np.ndarray, "n 3 3"] | Float32[np.ndarray, "n 3 3"]:
+    """Triangles of one geom, in its own frame."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        vertices = model.mesh_vert[first : first + count].astype(float)
-        first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-        local = vertices[model.mesh_face[first : first + count]]
+    if looks.mesh_of_geom[geom] >= 0:
+        mesh = looks.meshes[looks.mesh_of_geom[geom]]
+        return mesh.vertices_m[mesh.faces]
+    size = model.geom_size[geom].astype(float)
+    shapes = mujoco.mjtGeom
+    # Corners of a box around something round would stick out of it; those of an inscribed box do not.
+    if kind == shapes.mjGEOM_SPHERE:
+        half = np.full(3, size[0] / np.sqrt(3.0))
+    elif kind == shapes.mjGEOM_ELLIPSOID:
+        half = size / np.sqrt(3.0)
+    elif kind in (shapes.mjGEOM_CYLINDER, shapes.mjGEOM_CAPSULE):
+        half = np.array([size[0] / np.sqrt(2.0), size[0] / np.sqrt(2.0), size[1]])
     else:
-        size = model.geom_size[geom].astype(float)
-        shapes = mujoco.mjtGeom
-        # Corners of a box around something round would stick out of it; those of an inscribed box do not.
-        if kind == shapes.mjGEOM_SPHERE:
-            half = np.full(3, size[0] / np.sqrt(3.0))
-        elif kind == shapes.mjGEOM_ELLIPSOID:
-            half = size / np.sqrt(3.0)
-        elif kind in (shapes.mjGEOM_CYLINDER, shapes.mjGEOM_CAPSULE):
-            half = np.array([size[0] / np.sqrt(2.0), size[0] / np.sqrt(2.0), size[1]])
-        else:
-            half = size
-        local = (_BOX_CORNERS * half)[_BOX_TRIANGLES]
-    rotation = data.geom_xmat[geom].reshape(3, 3)
-    return local @ rotation.T + data.geom_xpos[geom]
+        half = size
+    return (_BOX_CORNERS * half)[_BOX_TRIANGLES]

@@ -371,7 +371,7 @@ class FixationEnv(gym.Env, EzPickle):
             height_m = float(scene.body.camera_to_world[2, 3])
             view = ThirdPersonView(scene.whole_model(), self._cache.make_renderer, height_m)
             self._third_person = (scene, view)
-        return self._third_person[1].draw(scene.data, self.simulation.trace(), *self._render_size)
+        return self._third_person[1].draw(scene.whole_data(), self.simulation.trace(), *self._render_size)
 
     def _show_human(self) -> None:
         if self.render_mode == "human":

@@ -75,12 +75,14 @@ class Viewfinder:
     def __init__(self, photo_set: PhotoScene):
         """Compiles ``photo_set``."""
         self.photo_set = photo_set
-        self.model = photo_set.pieces.scene.spec.compile()
+        scene = photo_set.pieces.scene
+        self.model = scene.spec.compile()
+        looks = scene.left_out.looks(self.model)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
-        self.renderer = RaysRenderer(self.model)
+        self.renderer = RaysRenderer(self.model, looks=looks)
         objects = photo_set.pieces.objects
-        self.surfaces = ObjectSurfaces.sampled(self.model, self.data, objects, photo_set.name)
+        self.surfaces = ObjectSurfaces.sampled(self.model, self.data, objects, photo_set.name, looks=looks)
         instance_of_body = np.zeros(self.model.nbody, np.int32)
         for instance in objects:
             instance_of_body[self.model.body(instance.body_name).id] = instance.instance_id

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int32
 
 from sbm_gym.detection.visibility import ObjectSurfaces, points_of_moved
 from sbm_gym.rendering.base import Renderer
+from sbm_gym.rendering.tables.looks import Looks
 from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
 from sbm_gym.scenes.profiles import WorldProfile
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, Arrangement, World, WorldContents
@@ -44,17 +45,23 @@ class WorldSource(Protocol):
 
 
 class WholeModel:
-    """A scene's model with its meshes and textures, which pictures by OpenGL and from outside need."""
+    """A scene's model with its meshes and textures, which pictures by OpenGL and from outside need, and its state."""
 
     def __init__(self, make: Callable[[], mujoco.MjModel]) -> None:
         """Makes nothing yet."""
-        self._make, self._model = make, None
+        self._make, self._model, self._data = make, None, None
 
     def get(self) -> mujoco.MjModel:
         """The model, made when it is first asked for."""
         if self._model is None:
             self._model = self._make()
         return self._model
+
+    def data(self) -> mujoco.MjData:
+        """A state of the model, always the same one."""
+        if self._data is None:
+            self._data = mujoco.MjData(self.get())
+        return self._data
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ class Scene:
     name: str
     world: WorldContents
     model: mujoco.MjModel
-    """What physics and poses need; may lack textures and the meshes that nothing touches."""
+    """What physics and poses need; may have boxes in place of meshes, and no textures."""
     data: mujoco.MjData
     body: AgentBody
     renderer: Renderer
@@ -102,8 +109,18 @@ class Scene:
             self.arrangement.apply(model)
         return model
 
+    def whole_data(self) -> mujoco.MjData:
+        """The state of the whole model in which everything stands as it does in ``data``."""
+        model = self.whole_model()
+        if model is self.model:
+            return self.data
+        data = self.whole.data()
+        data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = self.data.qpos, self.data.mocap_pos, self.data.mocap_quat
+        mujoco.mj_forward(model, data)
+        return data
 
-def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> Scene:
+
+def compile_scene(name: str, world: World, renderer: str, body: BodyConfig, whole: bool = False) -> Scene:
     """Adds the agent to a world and makes everything that stepping through it needs.
 
     Args:
@@ -111,15 +128,22 @@ def compile_scene(name: str, world: World, renderer: str, body: BodyConfig) -> S
         world: a world that has no agent yet; its ``spec`` gets one.
         renderer: one of ``RENDERERS``.
         body: the agent's body.
+        whole: whether the scene's model has meshes and textures though its renderer does without.
     """
-    add_agent(world.spec, body)
-    model = world.spec.compile()
+    left_out = None if whole or renderer_kind(renderer) == "gl" else world.left_out
+    if left_out is not None and left_out.is_in_spec:
+        left_out = None
+    spec = world.spec if left_out is None else world.bare
+    add_agent(spec, body)
+    model = spec.compile()
+    looks = None if left_out is None else left_out.looks(model)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    surfaces = ObjectSurfaces.sampled(model, data, world.objects, world.name)
-    moved = {} if world.stage is None else points_of_moved(model, data)
-    whole = WholeModel(lambda: model)
-    return assemble(name, world.contents, model, data, body, make_renderer(renderer, model), surfaces, moved, whole)
+    surfaces = ObjectSurfaces.sampled(model, data, world.objects, world.name, looks=looks)
+    moved = {} if world.stage is None else points_of_moved(model, data, looks)
+    drawn = make_renderer(renderer, model, looks)
+    whole_model = WholeModel((lambda: model) if looks is None else (lambda: world.spec.compile()))
+    return assemble(name, world.contents, model, data, body, drawn, surfaces, moved, whole_model)
 
 
 def assemble(
@@ -175,8 +199,13 @@ def renderer_kind(name: str) -> str:
     return name
 
 
-def make_renderer(name: str, model: mujoco.MjModel) -> Renderer:
+def make_renderer(name: str, model: mujoco.MjModel, looks: Looks | None = None) -> Renderer:
     """The renderer of that name for one model; ``auto`` is ``gl`` where a GPU is, ``rays`` elsewhere.
+
+    Args:
+        name: one of ``RENDERERS``.
+        model: the compiled model.
+        looks: meshes and pictures, if the model was compiled without them, which is for ``rays`` only.
 
     Raises:
         ValueError: if there is no such renderer, naming those there are.
@@ -190,4 +219,4 @@ def make_renderer(name: str, model: mujoco.MjModel) -> Renderer:
         return GlRenderer(model)
     from sbm_gym.rendering.rays.renderer import RaysRenderer
 
-    return RaysRenderer(model, shadows=True)
+    return RaysRenderer(model, shadows=True, looks=looks)

@@ -36,20 +36,19 @@ class SavedScene:
     texels: list[TexelFile]
 
 
-def save_scene(folder: SceneFolder, key: str, scene: Scene, spec: mujoco.MjSpec) -> None:
+def save_scene(folder: SceneFolder, key: str, scene: Scene) -> None:
     """Keeps a scene for all processes.
 
     Args:
         folder: where.
         key: names it.
         scene: as ``compile_scene`` made it; no episode has begun in it.
-        spec: what its model was compiled from.
 
     Raises:
         OSError: if it cannot be written.
         TypeError: if it holds something that cannot be kept.
     """
-    still, texels, model = None, [], scene.model
+    still, texels = None, []
     if isinstance(scene.renderer, RaysRenderer):
         still = scene.renderer.still(scene.data)
         textures = still.textures
@@ -58,9 +57,8 @@ def save_scene(folder: SceneFolder, key: str, scene: Scene, spec: mujoco.MjSpec)
         texels = [save_texels(folder.textures, textures.texels[a:b]) for a, b in zip(first, ends, strict=True)]
         textures = textures._replace(texels=textures.texels[:0], level_start=textures.level_start - first[:, None])
         still = replace(still, textures=textures)
-        model = model_without_visuals(spec, scene.model)
     points = scene.surfaces.points_m
-    saved = SavedScene(scene.world, _as_bytes(model), points, dict(scene.points_of_moved), still, texels)
+    saved = SavedScene(scene.world, _as_bytes(scene.model), points, dict(scene.points_of_moved), still, texels)
     arrays: list[np.ndarray] = []
     record = encode(SavedScene, saved, arrays, _stage)
     content = {"scene": scene.name, "textures": [file.name for file in texels], "record": record}
@@ -102,40 +100,6 @@ def load_scene(
     return assemble(
         content["scene"], saved.world, model, data, body, drawn, surfaces, saved.points_of_moved, whole_model
     )
-
-
-def model_without_visuals(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
-    """A model for physics and poses alone: same bodies, geoms and lights, no textures, meshes only where they count.
-
-    Meshes that nothing touches become boxes of their size, with the poses that MuJoCo gave them.
-
-    Args:
-        spec: what the model was compiled from.
-        model: the model.
-    """
-    light = spec.copy()
-    only_drawn = [geom for geom in light.geoms if geom.contype == 0 and geom.conaffinity == 0]
-    for geom in only_drawn:
-        if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-            geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_BOX, "", [1.0, 1.0, 1.0]
-        # Geoms that touch nothing would be discarded with their meshes and textures, but their rows are needed.
-        geom.contype = 1
-    light.compiler.discardvisual = True
-    light.compile()
-    for geom in only_drawn:
-        geom.contype = 0
-    light.compiler.discardvisual = False
-    compiled = light.compile()
-    for name in dir(compiled):
-        if name.startswith(("body_", "geom_", "light_", "cam_", "site_")) and name not in _VISUAL_COLUMNS:
-            ours, theirs = getattr(compiled, name), getattr(model, name)
-            if isinstance(ours, np.ndarray):
-                ours[:] = theirs
-    return compiled
-
-
-_VISUAL_COLUMNS = ("geom_type", "geom_dataid", "geom_matid", "site_matid")
-"""Columns with indices of meshes and materials, which a model without visuals does not have."""
 
 
 def _as_bytes(model: mujoco.MjModel) -> UInt8[np.ndarray, "bytes"]:

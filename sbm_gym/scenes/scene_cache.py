@@ -33,7 +33,7 @@ class SceneCache:
         if capacity < 1:
             raise ValueError(f"a scene cache holds at least 1 scene, not {capacity}")
         self._source, self._renderer, self._body, self._capacity = source, renderer, body, capacity
-        self._open = open_scene if on_disk else build_scene
+        self._open = open_scene if on_disk else build_whole_scene
         self._scenes: OrderedDict[str, Scene] = OrderedDict()
 
     def get(self, name: str) -> Scene:
@@ -80,7 +80,7 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
     if not sources_unchanged():
         return scene
     try:
-        save_scene(folder, key, scene, world.spec)
+        save_scene(folder, key, scene)
         folder.shrink(limit)
     except OSError as error:
         warnings.warn(f"compiled scenes cannot be kept in {folder.folder} ({error})", stacklevel=2)
@@ -92,11 +92,16 @@ def open_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) 
     return scene
 
 
-def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
-    """A scene built and compiled now; arguments as of ``open_scene``."""
-    scene = compile_scene(name, source.build(name), renderer, body)
+def build_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig, whole: bool = False) -> Scene:
+    """A scene built and compiled now; arguments as of ``open_scene`` and ``compile_scene``."""
+    scene = compile_scene(name, source.build(name), renderer, body, whole)
     trim_memory()
     return scene
+
+
+def build_whole_scene(source: WorldSource, name: str, renderer: str, body: BodyConfig) -> Scene:
+    """A scene of which the model has meshes and textures; arguments as of ``open_scene``."""
+    return build_scene(source, name, renderer, body, whole=True)
 
 
 def is_kept(source: WorldSource, renderer: str, name: str) -> bool:

@@ -1,6 +1,5 @@
 """Putting models, quads and boxes into an ``MjSpec``: geometry that is only drawn, and boxes that are only touched."""
 
-import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +10,9 @@ from jaxtyping import Float, Int, UInt8
 from labeling.core.types import Box3d
 from sbm_gym.assets.models.model import FurnitureModel
 from sbm_gym.assets.models.surfaces import Material
+from sbm_gym.rendering.tables.looks import DrawnMesh
 from sbm_gym.worlds.geometry.placing import Placement, rotation, yaw_quaternion
+from sbm_gym.worlds.left_out import LeftOut
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, GEOM_GROUP_VISUAL, ObjectInstance
 
 DRAWN: dict[str, Any] = {"group": GEOM_GROUP_VISUAL, "contype": 0, "conaffinity": 0, "mass": 0}
@@ -56,36 +57,22 @@ def _across(corners_m: Float[np.ndarray, "n c 3"]) -> Float[np.ndarray, "n 3"]:
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
-def _mesh_file(vertices_m, normals, faces, texcoords) -> bytes:
-    """A mesh with one normal (and texture coordinate) for each vertex as a file of MuJoCo's binary format.
-
-    Source: MuJoCo, ``user_mesh.cc``, ``LoadMSH``: counts, then vertices, normals, texture coordinates and faces.
-    """
-    points, directions = np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(normals, np.float32)
-    mapped = np.ascontiguousarray([] if texcoords is None else texcoords, np.float32)
-    corners = np.ascontiguousarray(faces, np.int32)
-    counts = np.array([len(points), len(directions), len(mapped), len(corners)], np.int32)
-    return b"".join(column.tobytes() for column in (counts, points, directions, mapped, corners))
-
-
 class SceneBuilder:
     """Adds things to one ``MjSpec``. Meshes of a model and pictures are added once, however often they are used."""
 
     def __init__(self, spec: mujoco.MjSpec):
         """Builds into ``spec``.
 
-        MuJoCo is told to keep no meshes: the few that come again in another scene of a process are prepared in 0.03 s,
-        and all of them would take half a gigabyte.
+        MuJoCo is told to keep no meshes of whole models: the few that come again in another scene of a process are
+        prepared in 0.03 s, and all of them would take half a gigabyte.
         """
         mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
         self.spec = spec
-        self._meshes: dict[str, list[tuple[str, str]]] = {}
-        self._textures: dict[int, tuple[str, np.ndarray]] = {}
-        self._count = 0
-
-    def _name(self, stem: str) -> str:
-        self._count += 1
-        return f"{stem}_{self._count}"
+        self.left_out = LeftOut()
+        """Meshes and pictures, which the spec does without until it is made whole."""
+        self._meshes: dict[str, list[tuple[int, str]]] = {}
+        self._textures: dict[int, int] = {}
+        self._materials = 0
 
     def place(self, name: str, piece: Placement, *, moves: bool = False) -> mujoco.MjsBody:
         """Adds an empty body where a piece stands.
@@ -98,14 +85,17 @@ class SceneBuilder:
         position_m, turn = [piece.x_m, piece.y_m, piece.z_m], yaw_quaternion(piece.yaw_rad)
         return self.spec.worldbody.add_body(name=name, pos=position_m, quat=turn, mocap=moves)
 
-    def texture(self, picture: UInt8[np.ndarray, "h w c"]) -> str:
-        """Adds a picture (RGB or RGBA); the same array is added once."""
+    def whole_spec(self) -> mujoco.MjSpec:
+        """The spec with all meshes and pictures in it."""
+        self.left_out.put_into(self.spec)
+        return self.spec
+
+    def texture(self, picture: UInt8[np.ndarray, "h w c"]) -> int:
+        """Adds a picture (RGB or RGBA) and returns its number; the same array is added once."""
         if id(picture) not in self._textures:
-            texture = self.spec.add_texture(name=self._name("texture"), type=mujoco.mjtTexture.mjTEXTURE_2D)
-            texture.height, texture.width, texture.nchannel = picture.shape
-            texture.data = np.ascontiguousarray(picture).tobytes()
-            self._textures[id(picture)] = (texture.name, picture)  # the array is kept, so its id stays its own
-        return self._textures[id(picture)][0]
+            self._textures[id(picture)] = len(self.left_out.pictures)
+            self.left_out.pictures.append(picture)  # the array is kept, so its id stays its own
+        return self._textures[id(picture)]
 
     def material(
         self,
@@ -117,14 +107,12 @@ class SceneBuilder:
         emission: float = 0.0,
     ) -> str:
         """Adds a material and returns its name."""
+        self._materials += 1
         material = self.spec.add_material(
-            name=self._name("material"), rgba=rgba, specular=specular, shininess=shininess, emission=emission
+            name=f"material_{self._materials}", rgba=rgba, specular=specular, shininess=shininess, emission=emission
         )
         if picture is not None:
-            role = (
-                mujoco.mjtTextureRole.mjTEXROLE_RGBA if picture.shape[2] == 4 else mujoco.mjtTextureRole.mjTEXROLE_RGB
-            )
-            material.textures[role] = self.texture(picture)
+            self.left_out.materials.append((material, self.texture(picture)))
         return material.name
 
     def mesh(
@@ -133,20 +121,20 @@ class SceneBuilder:
         normals: Float[np.ndarray, "v 3"],
         faces: Int[np.ndarray, "t 3"],
         texcoords: Float[np.ndarray, "v 2"] | None,
-    ) -> str:
-        """Adds a mesh with one normal (and texture coordinate) for each vertex, and returns its name."""
-        mesh = self.spec.add_mesh(name=self._name("mesh"))
-        # Drawn only: a shell's inertia is defined for open and flat meshes too, and needs no convex hull.
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        content = _mesh_file(vertices_m, normals, faces, texcoords)
-        # The name says what is in the file: whoever keeps meshes by name, as MuJoCo can, may keep these.
-        mesh.file = f"{hashlib.blake2b(content, digest_size=16).hexdigest()}.msh"
-        self.spec.assets[mesh.file] = content
-        return mesh.name
+    ) -> int:
+        """Adds a mesh with one normal (and texture coordinate) for each vertex, and returns its number."""
+        points, directions = np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(normals, np.float32)
+        corners = np.ascontiguousarray(faces, np.int32)
+        mapped = None if texcoords is None else np.ascontiguousarray(texcoords, np.float32)
+        mesh = DrawnMesh(points, corners, directions, corners, mapped, None if mapped is None else corners)
+        self.left_out.meshes.append(mesh)
+        return len(self.left_out.meshes) - 1
 
-    def drawn(self, body: mujoco.MjsBody, mesh: str, material: str, **where) -> None:
+    def drawn(self, body: mujoco.MjsBody, mesh: int, material: str, **where) -> None:
         """Adds a mesh to a body as a geom that is drawn and never touched."""
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, material=material, **DRAWN, **where)
+        around = np.maximum(np.abs(self.left_out.meshes[mesh].vertices_m).max(axis=0), 1e-4)
+        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=around, material=material, **DRAWN, **where)
+        self.left_out.geoms.append((geom, mesh))
 
     def drawn_box(
         self, body: mujoco.MjsBody, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], material: str
@@ -177,8 +165,8 @@ class SceneBuilder:
             rgba=[0.8, 0.3, 0.3, 0.3],
         )
 
-    def flat_mesh(self, corners_m: Float[np.ndarray, "q 4 3"], texcoords: Float[np.ndarray, "n 2"] | None) -> str:
-        """Adds a mesh of flat quads and returns its name.
+    def flat_mesh(self, corners_m: Float[np.ndarray, "q 4 3"], texcoords: Float[np.ndarray, "n 2"] | None) -> int:
+        """Adds a mesh of flat quads and returns its number.
 
         Args:
             corners_m: counter-clockwise as seen from the front; a triangle's last two are the same point.

@@ -10,6 +10,7 @@ from jaxtyping import Int
 
 from labeling.core.types import Box3d
 from sbm_gym.worlds.geometry.navigable import NavigableMap
+from sbm_gym.worlds.left_out import LeftOut
 
 GEOM_GROUP_VISUAL = 2
 """Geoms that are drawn and never touched."""
@@ -75,14 +76,24 @@ class WorldContents:
 
 @dataclass(frozen=True)
 class World:
-    """A furnished scene. The agent is not in it yet: it is added to ``spec`` before compilation."""
+    """A furnished scene. The agent is not in it yet: it is added to its spec before compilation."""
 
     name: str
-    spec: mujoco.MjSpec
+    bare: mujoco.MjSpec
+    """Without what is left out of it."""
     objects: tuple[ObjectInstance, ...]
     navigable: NavigableMap
     starts: NavigableMap | None = None
     stage: Stage | None = None
+    left_out: LeftOut | None = None
+    """Meshes and pictures that ``bare`` does without."""
+
+    @property
+    def spec(self) -> mujoco.MjSpec:
+        """The whole of it: what was left out is put into it when this is asked for the first time."""
+        if self.left_out is not None:
+            self.left_out.put_into(self.bare)
+        return self.bare
 
     @property
     def contents(self) -> WorldContents:

@@ -15,6 +15,7 @@ from sbm_gym.rendering.rays.raycast import RayCaster, TriangleScene
 from sbm_gym.rendering.rays.workers import Workers
 from sbm_gym.rendering.tables.light_tables import LampReach, LightTable
 from sbm_gym.rendering.tables.lights import LightMeter, ambient_light, light_key, light_table, skybox_of
+from sbm_gym.rendering.tables.looks import Looks
 from sbm_gym.rendering.tables.occupancy import FilledSpace, bounds_of, fill_space
 from sbm_gym.rendering.tables.scene_tables import HOLES, SceneTables
 from sbm_gym.rendering.tables.texture_sampling import TextureTable
@@ -52,20 +53,28 @@ class StillScene:
 class RayScene:
     """Tables and search trees of a model. What stands still is prepared once, what moves is placed anew."""
 
-    def __init__(self, model: mujoco.MjModel, workers: Workers, still: StillScene | None = None) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        workers: Workers,
+        still: StillScene | None = None,
+        looks: Looks | None = None,
+    ) -> None:
         """Reads geometry, materials and textures of a model.
 
         Args:
             model: the compiled model.
             workers: threads.
             still: what is known of the model already; it may then lack its meshes and textures.
+            looks: meshes and pictures, if the model was compiled without them.
         """
         self._model = model
         self._workers = workers
         if still is None:
-            store = lay_out_textures(model)
+            shown = looks or Looks.of_model(model)
+            store = lay_out_textures(shown.pictures)
             _, self.tables = self._in_parallel(
-                lambda: fill_textures(model, store), lambda: SceneTables.of_model(model, store)
+                lambda: fill_textures(shown.pictures, store), lambda: SceneTables.of_model(model, shown, store)
             )
             self.textures = TextureTable(
                 store.texels, store.level_start, store.level_size, store.level_count, store.is_cube
@@ -87,7 +96,7 @@ class RayScene:
         self._filled = fill_space(np.zeros((0, 3, 3), np.float32)) if still is None else still.filled
         self._far_m = 1.0 if still is None else still.far_m
         self._bounds = np.zeros((2, 3)) if still is None else still.bounds
-        self._meter = LightMeter(None if still is None else still.together)
+        self._meter = LightMeter(None if still is None else still.together, self._is_in_sight)
         self._reach: tuple[bytes, LampReach] | None = None
         self._light: tuple[bytes, Illumination] | None = None
         if still is not None:
@@ -158,6 +167,15 @@ class RayScene:
             self._light = (key, Illumination(lights, self._lamp_reach(lights), ambient, self._far_m))
         return self._light[1]
 
+    def _is_in_sight(self, start_m: Float[np.ndarray, "3"], end_m: Float[np.ndarray, "3"]) -> bool:
+        """Whether nothing that stands still lies between two points; glass counts."""
+        rays = np.concatenate([start_m, end_m - start_m])[None].astype(np.float32)
+        occluded = np.zeros(1, bool)
+        for (moving, _), scene in self._scenes.items():
+            if not moving:
+                occluded |= scene.occluded(rays, 1.0)
+        return not (occluded | self.caster.behind_planes(rays))[0]
+
     def _lamp_reach(self, lights: LightTable) -> LampReach:
         """Where light can arrive, worked out anew when lamps or walls have moved."""
         key = _lamps_key(lights)
@@ -205,7 +223,7 @@ class RayScene:
         still = self.tables.spans[False, False]
         corners = self.tables.corners[still.start : still.stop]
         self._filled = fill_space(corners)
-        self._reach, self._light, self._meter = None, None, LightMeter()
+        self._reach, self._light, self._meter = None, None, LightMeter(in_sight=self._is_in_sight)
         if len(corners):
             bounds = bounds_of(corners)
             self._bounds = bounds.astype(float)

@@ -242,6 +242,13 @@ class RayCaster:
             self._special_shadows(rays, occluded)
         return occluded
 
+    def behind_planes(self, rays: Float32[np.ndarray, "n 6"]) -> Bool[np.ndarray, "n"]:
+        """Whether planes hide parameter 1 of each ray from its origin."""
+        hidden = np.zeros(len(rays), bool)
+        if len(self.plane_rows):
+            self._workers.split(occlude_planes, len(rays), rays, self._planes(), hidden)
+        return hidden
+
     def _special_shadows(self, rays, occluded) -> None:
         holed = [scene for scene in self.special if scene.has_holes]
         far = np.where(occluded, np.float32(-1.0), np.float32(1.0))

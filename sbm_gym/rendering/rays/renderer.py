@@ -19,6 +19,7 @@ from sbm_gym.rendering.rays.ray_scene import RayScene, StillScene
 from sbm_gym.rendering.rays.raycast import GlassHits
 from sbm_gym.rendering.rays.reused_arrays import ReusedArrays
 from sbm_gym.rendering.rays.workers import MIN_RAYS_OF_A_MOMENT, Workers
+from sbm_gym.rendering.tables.looks import Looks
 
 CENTRE = np.zeros((1, 2))
 EDGE_OFFSETS_PX = np.array([[0.12, -0.34], [0.235, 0.274], [-0.355, 0.066]])
@@ -36,20 +37,28 @@ class RaysRenderer:
     threads at a time.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, shadows: bool = True, still: StillScene | None = None) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        shadows: bool = True,
+        still: StillScene | None = None,
+        looks: Looks | None = None,
+    ) -> None:
         """Reads geometry, materials and textures of a model.
 
         Args:
             model: the compiled model; colours, lights and textures are read now, poses at every picture.
             shadows: whether lights that cast shadows do so.
             still: what is known of the model already; it may then lack its meshes and textures.
+            looks: meshes and pictures, if the model was compiled without them.
         """
         import numba
 
         self._model = model
         self._shadows = shadows
         self._workers = Workers(int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
-        self._scene = RayScene(model, self._workers, still)
+        self._scene = RayScene(model, self._workers, still, looks)
         self._shader = Shader(self._scene.tables, self._scene.textures, self._scene.caster, self._workers)
         self._memory = {use: ReusedArrays() for use in ("picture", "samples", "panes")}
 

@@ -1,5 +1,7 @@
 """The lights of a model as the ray renderer uses them."""
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -167,12 +169,14 @@ class LightLevel:
 class LightMeter:
     """Tells how bright a world is, and measures anew only what has changed: the weather, say."""
 
-    def __init__(self, together: Bool[np.ndarray, "l l"] | None = None) -> None:
+    def __init__(self, together: Bool[np.ndarray, "l l"] | None = None, in_sight: "InSight | None" = None) -> None:
         """Has seen nothing yet.
 
         Args:
             together: which active lights shine on one place, if that is known.
+            in_sight: tells it in place of ``is_in_sight``, which needs a model's meshes.
         """
+        self._in_sight = in_sight
         self.together = together
         """Which active lights shine on one place; None if it has not been looked for."""
         self._last: tuple[bytes, LightLevel] | None = None
@@ -184,7 +188,7 @@ class LightMeter:
         settings += (np.array(lights), headlight.ambient, headlight.diffuse, np.array(headlight.active))
         key = b"".join(column.tobytes() for column in settings)
         if self.together is None or len(self.together) != len(lights):
-            self.together = _shine_together(model, data, lights)
+            self.together = _shine_together(model, data, lights, self._in_sight)
         if self._last is None or self._last[0] != key:
             self._last = (key, light_level(model, data, self.together))
         return self._last[1]
@@ -227,17 +231,24 @@ def _exposure(fill: Float[np.ndarray, "3"], strength: float) -> float:
     return min(1.0, FULL_LIGHT / max(float(fill.mean()) + 0.5 * strength, 1e-6))
 
 
-def _shine_together(model: mujoco.MjModel, data: mujoco.MjData, lights: list[int]) -> Bool[np.ndarray, "l l"]:
+def _shine_together(
+    model: mujoco.MjModel, data: mujoco.MjData, lights: list[int], in_sight: "InSight | None" = None
+) -> Bool[np.ndarray, "l l"]:
     """Which lights shine on one place: lamps that see each other, and whatever shines from afar."""
+    in_sight = in_sight or functools.partial(is_in_sight, model, data)
     count = len(lights)
     together = np.eye(count, dtype=bool)
     place = _places(model, data, np.array(lights, np.int64))[0] - [0.0, 0.0, BELOW_LAMP_M]
     far_away = model.light_type[lights] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     for i in range(count):
         for j in range(i):
-            seen = far_away[i] or far_away[j] or is_in_sight(model, data, place[i], place[j])
+            seen = far_away[i] or far_away[j] or in_sight(place[i], place[j])
             together[i, j] = together[j, i] = seen
     return together
+
+
+InSight = Callable[[Float[np.ndarray, "3"], Float[np.ndarray, "3"]], bool]
+"""Whether nothing that is drawn and stands still lies between two points."""
 
 
 def is_in_sight(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 from numba import njit
 
+from sbm_gym.rendering.tables.looks import Looks
 from sbm_gym.rendering.tables.tessellate import (
     Surface,
     TextureMapping,
@@ -16,7 +17,7 @@ from sbm_gym.rendering.tables.tessellate import (
     tessellate_geom,
     twice_areas,
 )
-from sbm_gym.rendering.tables.textures import TextureStore, srgb_decode, textures_with_holes
+from sbm_gym.rendering.tables.textures import TextureStore, has_holes_in, srgb_decode
 
 FIRST_HIDDEN_GROUP = 3
 """MuJoCo's viewers hide geom groups from here on."""
@@ -104,14 +105,15 @@ class SceneTables:
         }
 
     @classmethod
-    def of_model(cls, model: mujoco.MjModel, textures: TextureStore) -> "SceneTables":
+    def of_model(cls, model: mujoco.MjModel, looks: Looks, textures: TextureStore) -> "SceneTables":
         """Tessellates a model's visible geoms; they stand nowhere until they are placed.
 
         Args:
             model: the compiled model.
-            textures: its textures.
+            looks: its meshes and pictures.
+            textures: the pictures as textures.
         """
-        geoms = _geom_table(model, textures)
+        geoms = _geom_table(model, looks, textures)
         visible = visible_geoms(model)
         plane_geoms = [
             geom
@@ -122,7 +124,7 @@ class SceneTables:
         surfaces: dict[int, Surface] = {}
         for geom in np.flatnonzero(visible).tolist():
             if geom not in plane_geoms:
-                surface = _surface(model, geom, _mapping(model, textures, geom))
+                surface = _surface(model, looks, geom, _mapping(model, looks, geom))
                 if surface is not None and len(surface.corners):
                     surfaces[geom] = surface
         runs: list[GeomSpan] = []
@@ -137,7 +139,7 @@ class SceneTables:
                     row += len(surfaces[geom].corners)
                 runs.append(GeomSpan(members, start, row))
         ordered = [surfaces[geom] for run in runs for geom in run.geoms]
-        ordered += [_plane_triangle(model, geom, _mapping(model, textures, geom)) for geom in plane_geoms]
+        ordered += [_plane_triangle(model, geom, _mapping(model, looks, geom)) for geom in plane_geoms]
         for index, geom in enumerate(plane_geoms):
             rows[geom] = row + index, row + index + 1
         if not ordered:
@@ -241,7 +243,9 @@ def visible_geoms(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
 
 def geom_kinds(model: mujoco.MjModel) -> Int32[np.ndarray, "ngeom"]:
     """Whether each geom is solid, has holes where its texture is transparent, or is glass."""
-    return _geom_kinds(_geom_rgba(model), _geom_textures(model), np.array(textures_with_holes(model), bool))
+    looks = Looks.of_model(model)
+    has_holes = np.array([has_holes_in(picture) for picture in looks.pictures], bool)
+    return _geom_kinds(_geom_rgba(model), _geom_textures(model, looks), has_holes)
 
 
 def _geom_kinds(rgba, texture, has_holes) -> Int32[np.ndarray, "ngeom"]:
@@ -252,14 +256,11 @@ def _geom_kinds(rgba, texture, has_holes) -> Int32[np.ndarray, "ngeom"]:
     return kind
 
 
-def _geom_textures(model: mujoco.MjModel) -> Int32[np.ndarray, "ngeom"]:
+def _geom_textures(model: mujoco.MjModel, looks: Looks) -> Int32[np.ndarray, "ngeom"]:
     """The texture of each geom, -1 for none."""
     texture = np.full(model.ngeom, -1, np.int32)
     has_material = model.geom_matid >= 0
-    if has_material.any():
-        roles = model.mat_texid.reshape(model.nmat, -1)[model.geom_matid[has_material]]
-        plain, with_alpha = (roles[:, int(getattr(mujoco.mjtTextureRole, f"mjTEXROLE_{r}"))] for r in ("RGB", "RGBA"))
-        texture[has_material] = np.where(plain >= 0, plain, with_alpha)
+    texture[has_material] = looks.texture_of_material[model.geom_matid[has_material]]
     return texture
 
 
@@ -271,12 +272,12 @@ def _geom_rgba(model: mujoco.MjModel) -> Float[np.ndarray, "ngeom 4"]:
     return rgba
 
 
-def _geom_table(model: mujoco.MjModel, textures: TextureStore) -> GeomTable:
+def _geom_table(model: mujoco.MjModel, looks: Looks, textures: TextureStore) -> GeomTable:
     rgba = _geom_rgba(model)
     material = model.geom_matid
     has_material = material >= 0
     specular, shininess = (np.full(model.ngeom, value) for value in _DEFAULT_GLOSS)
-    emission, texture = np.zeros(model.ngeom), _geom_textures(model)
+    emission, texture = np.zeros(model.ngeom), _geom_textures(model, looks)
     if has_material.any():
         chosen = material[has_material]
         specular[has_material] = model.mat_specular[chosen]
@@ -295,15 +296,13 @@ def _geom_table(model: mujoco.MjModel, textures: TextureStore) -> GeomTable:
     )
 
 
-def _mapping(model: mujoco.MjModel, textures: TextureStore, geom: int) -> TextureMapping:
+def _mapping(model: mujoco.MjModel, looks: Looks, geom: int) -> TextureMapping:
     material = int(model.geom_matid[geom])
     if material < 0:
         return TextureMapping()
-    roles = model.mat_texid.reshape(model.nmat, -1)[material]
-    plain = int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
-    texture = plain if plain >= 0 else int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)])
+    texture = int(looks.texture_of_material[material])
     return TextureMapping(
-        is_cube=texture >= 0 and bool(textures.is_cube[texture]),
+        is_cube=texture >= 0 and looks.pictures[texture].is_cube,
         repeat=(float(model.mat_texrepeat[material, 0]), float(model.mat_texrepeat[material, 1])),
         uniform=bool(model.mat_texuniform[material]),
     )
@@ -319,9 +318,9 @@ def _moves(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
 INFINITE_GLASS_HALF_SIZE_M = 1000.0
 
 
-def _surface(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -> Surface | None:
+def _surface(model: mujoco.MjModel, looks: Looks, geom: int, mapping: TextureMapping) -> Surface | None:
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
-        return tessellate_geom(model, geom, mapping)
+        return tessellate_geom(model, looks, geom, mapping)
     # Planes that rays may pass through become two triangles, since only triangles take part in that loop.
     size = np.asarray(model.geom_size[geom], float)
     half = np.where(size[:2] > 0, size[:2], INFINITE_GLASS_HALF_SIZE_M)

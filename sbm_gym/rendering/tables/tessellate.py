@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numba import njit
 
+from sbm_gym.rendering.tables.looks import DrawnMesh, Looks
+
 MAX_SAGITTA_M = 1e-4
 """How far a flat facet may lie inside the circle it stands for: a tenth of the depth agreement asked for."""
 MIN_SEGMENTS, MAX_SEGMENTS = 24, 256
@@ -42,11 +44,12 @@ class Surface:
     """(u, v, 0) with row 0 of the picture at v = 0, or a direction for cube textures."""
 
 
-def tessellate_geom(model: mujoco.MjModel, geom_id: int, mapping: TextureMapping) -> Surface | None:
+def tessellate_geom(model: mujoco.MjModel, looks: Looks, geom_id: int, mapping: TextureMapping) -> Surface | None:
     """Triangles of a geom of any type that has a finite surface.
 
     Args:
         model: the compiled model.
+        looks: its meshes.
         geom_id: which geom.
         mapping: the texture mapping of its material.
 
@@ -55,6 +58,8 @@ def tessellate_geom(model: mujoco.MjModel, geom_id: int, mapping: TextureMapping
     """
     kind = int(model.geom_type[geom_id])
     size = np.asarray(model.geom_size[geom_id], float)
+    if looks.mesh_of_geom[geom_id] >= 0:
+        return _mesh(looks.meshes[looks.mesh_of_geom[geom_id]], size, mapping)
     types = mujoco.mjtGeom
     if kind == types.mjGEOM_BOX:
         return _box(size, mapping)
@@ -66,8 +71,6 @@ def tessellate_geom(model: mujoco.MjModel, geom_id: int, mapping: TextureMapping
         return _cylinder(size[0], size[1], mapping)
     if kind == types.mjGEOM_CAPSULE:
         return _capsule(size[0], size[1], mapping)
-    if kind in (types.mjGEOM_MESH, types.mjGEOM_SDF) and model.geom_dataid[geom_id] >= 0:
-        return _mesh(model, int(model.geom_dataid[geom_id]), size, mapping)
     if kind == types.mjGEOM_HFIELD and model.geom_dataid[geom_id] >= 0:
         return _height_field(model, int(model.geom_dataid[geom_id]), size, mapping)
     return None
@@ -223,17 +226,13 @@ def _capsule(radius_m: float, half_length_m: float, mapping: TextureMapping) -> 
     return _joined(parts, size, mapping)
 
 
-def _mesh(model: mujoco.MjModel, mesh_id: int, size, mapping: TextureMapping) -> Surface:
-    faces = slice(int(model.mesh_faceadr[mesh_id]), int(model.mesh_faceadr[mesh_id] + model.mesh_facenum[mesh_id]))
-    vertices = model.mesh_vert[model.mesh_vertadr[mesh_id] :]
-    corners = vertices[model.mesh_face[faces]]
-    normals = model.mesh_normal[model.mesh_normaladr[mesh_id] :][model.mesh_facenormal[faces]]
+def _mesh(mesh: DrawnMesh, size, mapping: TextureMapping) -> Surface:
+    corners = mesh.vertices_m[mesh.faces]
+    normals = mesh.normals[mesh.normals_of_faces]
     # A zero normal (from a degenerate face) would shade black.
     normals[(normals * normals).sum(axis=-1) < 0.25] = [0.0, 0.0, 1.0]
-    coordinates_at = int(model.mesh_texcoordadr[mesh_id])
-    if coordinates_at >= 0 and not mapping.is_cube:
-        uv = model.mesh_texcoord[coordinates_at:][model.mesh_facetexcoord[faces]]
-        return _finish(corners, normals, uv, corners, size, mapping)
+    if mesh.texcoords is not None and not mapping.is_cube:
+        return _finish(corners, normals, mesh.texcoords[mesh.texcoords_of_faces], corners, size, mapping)
     return _finish_generated(corners, normals, size, mapping)
 
 

@@ -1,11 +1,13 @@
 """The textures of a model as mip pyramids in one flat array that kernels can index."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 from numba import njit
+
+from sbm_gym.rendering.tables.looks import Picture
 
 CUBE_FACES = 6
 
@@ -46,12 +48,12 @@ class TextureStore:
     """Whether some texels are transparent."""
 
 
-def lay_out_textures(model: mujoco.MjModel) -> TextureStore:
-    """Places of a model's textures and their mip levels in one array of texels, which ``fill_textures`` fills.
+def lay_out_textures(pictures: Sequence[Picture]) -> TextureStore:
+    """Places of textures and their mip levels in one array of texels, which ``fill_textures`` fills.
 
     Textures with a channel count that is not a picture's (1 to 4) are a single white texel.
     """
-    layouts = [_layout(model, texture) for texture in range(model.ntex)] or [(1, [(1, 1)])]
+    layouts = [_layout(picture) for picture in pictures] or [(1, [(1, 1)])]
     count, most_levels = len(layouts), max(len(sizes) for _, sizes in layouts)
     level_start = np.zeros((count, most_levels), np.int64)
     level_size = np.ones((count, most_levels, 2), np.int64)
@@ -62,7 +64,7 @@ def lay_out_textures(model: mujoco.MjModel) -> TextureStore:
             level_size[texture, level] = width, height
             filled += faces * width * height
     has_holes = np.zeros(count, np.int64)
-    has_holes[: model.ntex] = textures_with_holes(model)
+    has_holes[: len(pictures)] = [has_holes_in(picture) for picture in pictures]
     return TextureStore(
         texels=np.empty((filled, 4), np.uint8),
         level_start=level_start,
@@ -73,64 +75,56 @@ def lay_out_textures(model: mujoco.MjModel) -> TextureStore:
     )
 
 
-def fill_textures(model: mujoco.MjModel, store: TextureStore) -> None:
-    """Fills the texels of what ``lay_out_textures`` made of the same model."""
-    if model.ntex == 0:
+def fill_textures(pictures: Sequence[Picture], store: TextureStore) -> None:
+    """Fills the texels of what ``lay_out_textures`` made of the same pictures."""
+    if len(pictures) == 0:
         store.texels[:] = 255
-    for texture in range(model.ntex):
+    for texture, picture in enumerate(pictures):
         faces = CUBE_FACES if store.is_cube[texture] else 1
         levels = []
         for level in range(int(store.level_count[texture])):
             start, (width, height) = int(store.level_start[texture, level]), store.level_size[texture, level].tolist()
             texels = store.texels[start : start + faces * width * height]
             levels.append(texels.reshape(faces, height, width, 4))
-        _read_picture(model, texture, levels[0])
+        _read_picture(picture, levels[0])
         _fill_pyramid(levels)
 
 
-def textures_with_holes(model: mujoco.MjModel) -> list[bool]:
-    """Whether some texels of each texture are more transparent than opaque."""
-    found = []
-    for texture in range(model.ntex):
-        channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-        texels = int(model.tex_width[texture]) * int(model.tex_height[texture])
-        alpha = model.tex_data[start : start + texels * channels][channels - 1 :: channels]
-        found.append(channels in (2, 4) and bool(np.asarray(alpha).min(initial=255) < 128))
-    return found
+def has_holes_in(picture: Picture) -> bool:
+    """Whether some texels of a texture are more transparent than opaque."""
+    return picture.texels.shape[2] in (2, 4) and bool(picture.texels[..., -1].min(initial=255) < 128)
 
 
-def _layout(model: mujoco.MjModel, texture: int) -> tuple[int, list[tuple[int, int]]]:
+def _layout(picture: Picture) -> tuple[int, list[tuple[int, int]]]:
     """How many faces a texture has, and width and height of each level, halved until one texel is left."""
-    width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
-    if not 1 <= int(model.tex_nchannel[texture]) <= 4:
+    height, width, channels = picture.texels.shape
+    if not 1 <= channels <= 4:
         return 1, [(1, 1)]
-    is_cube = model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D
-    sizes = [(width, width if is_cube else height)]
+    sizes = [(width, width if picture.is_cube else height)]
     while max(sizes[-1]) > 1:
         sizes.append((max(sizes[-1][0] // 2, 1), max(sizes[-1][1] // 2, 1)))
-    return CUBE_FACES if is_cube else 1, sizes
+    return CUBE_FACES if picture.is_cube else 1, sizes
 
 
-def _read_picture(model: mujoco.MjModel, texture: int, faces: UInt8[np.ndarray, "faces h w 4"]) -> None:
+def _read_picture(picture: Picture, faces: UInt8[np.ndarray, "faces h w 4"]) -> None:
     """Copies a texture into ``faces``; a cube with one picture for all its faces gets six of it."""
     import cv2
 
-    width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
-    channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+    height, width, channels = picture.texels.shape
     if not 1 <= channels <= 4:
         faces[:] = 255
         return
-    data = np.asarray(model.tex_data[start : start + width * height * channels], np.uint8).reshape(-1, channels)
-    picture = faces.reshape(-1, 4)[: len(data)]
+    data = picture.texels.reshape(-1, channels)
+    texels = faces.reshape(-1, 4)[: len(data)]
     if channels == 3:
         # In one pass, where numpy would need one for each channel.
-        cv2.cvtColor(data[None], cv2.COLOR_RGB2RGBA, dst=picture[None])
+        cv2.cvtColor(data[None], cv2.COLOR_RGB2RGBA, dst=texels[None])
     elif channels == 4:
-        picture[:] = data
+        texels[:] = data
     else:
-        picture[:, :3], picture[:, 3] = data[:, :1], data[:, 1] if channels == 2 else 255
-    if model.tex_colorspace[texture] == mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
-        picture[:, :3] = np.rint(255.0 * srgb_encode(picture[:, :3] / 255.0))
+        texels[:, :3], texels[:, 3] = data[:, :1], data[:, 1] if channels == 2 else 255
+    if picture.is_linear:
+        texels[:, :3] = np.rint(255.0 * srgb_encode(texels[:, :3] / 255.0))
     if len(faces) == CUBE_FACES and height == width:
         faces[1:] = faces[0]
 

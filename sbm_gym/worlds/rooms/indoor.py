@@ -255,7 +255,7 @@ def _assemble(
                 objects.append(instance_of(piece, len(objects) + 1, body_name))
     solid = np.concatenate(obstacles)
     navigable = navigable_map(np.array([x0, y0]), np.array([x1, y1]), solid, cell_m=CELL_M).connected()
-    return World(name, spec, tuple(objects), navigable)
+    return World(name, spec, tuple(objects), navigable, left_out=builder.left_out)
 
 
 def _lamps(rooms: Sequence[Room]) -> list[int]:

@@ -109,7 +109,7 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     moved = _add_moved_vehicles(builder, library, len(objects) + 1, rng)
     left = tuple(spawn for spawn in spawns if spawn not in taken)
     stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked))
-    return World(name, spec, tuple(objects), navigable, stage=stage)
+    return World(name, spec, tuple(objects), navigable, stage=stage, left_out=builder.left_out)
 
 
 def _park_vehicles(

@@ -22,7 +22,7 @@ SAMPLE = [(kind, world_source(kind).scenes(None)[-(index % 2)]) for index, kind 
 def assert_agreement(kind, scene):
     world = world_source(kind).build(scene)
     model = world.spec.compile()
-    world = replace(world, spec=mujoco.MjSpec())  # needs as much memory as the model
+    world = replace(world, bare=mujoco.MjSpec(), left_out=None)  # needs as much memory as the model
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     gl, rays = GlRenderer(model, shadows="off"), RaysRenderer(model, shadows=False)

@@ -7,6 +7,7 @@ import pytest
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.views import Camera
 from sbm_gym.rendering.rays.renderer import RaysRenderer
+from sbm_gym.rendering.tables.looks import Looks
 from sbm_gym.rendering.tables.textures import BYTE_TO_LINEAR, fill_textures, lay_out_textures, srgb_decode, srgb_encode
 
 from .pixels import pixel_grid
@@ -195,8 +196,9 @@ def test_far_checkerboard_fades_to_its_mean_instead_of_sparkling():
 def test_mip_levels_keep_the_mean_light():
     picture = np.random.default_rng(0).integers(0, 256, (64, 32, 3)).astype(np.uint8)
     model, _ = with_texture(picture, add_quad)
-    store = lay_out_textures(model)
-    fill_textures(model, store)
+    pictures = Looks.of_model(model).pictures
+    store = lay_out_textures(pictures)
+    fill_textures(pictures, store)
     for level in range(int(store.level_count[0])):
         width, height = store.level_size[0, level]
         start = store.level_start[0, level]

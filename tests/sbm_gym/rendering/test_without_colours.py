@@ -99,7 +99,7 @@ def test_colours_do_not_depend_on_pictures_without_them(make):
 def test_furnished_rooms_and_towns_are_the_same_without_colours(kind, scene):
     world = world_source(kind).build(scene)
     model = world.spec.compile()
-    world = replace(world, spec=mujoco.MjSpec())  # needs as much memory as the model
+    world = replace(world, bare=mujoco.MjSpec(), left_out=None)  # needs as much memory as the model
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)
     navigable = world.navigable
