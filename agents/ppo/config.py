@@ -57,5 +57,8 @@ class PpoConfig:
     device: str = "auto"
     """Where the network computes: cpu, cuda, ...; auto takes a GPU if there is one."""
     resume: Path | None = None
-    """Go on with this run, with its settings; only --steps, --envs, --processes, --compare-episodes
-    and --device may be given with it."""
+    """Go on with this run, with its settings; only --steps, --envs, --processes, --compare-episodes,
+    --allow-code and --device may be given with it."""
+    allow_code: bool = False
+    """With --resume: Python code that RUN's settings name, as env or detector, may be run. Only for runs that you
+    trust; naming it again with --env or --detector allows it, too."""

@@ -116,7 +116,20 @@ def _resumed(config: PpoConfig, folder: Path) -> RunSettings:
             raise UsageError(
                 f"--{option} {given} cannot be given with --resume {folder}, which goes on as it was begun"
             )
+    for name in ("env", "detector"):
+        kept = begun_with[name]
+        if _names_code(kept) and getattr(config, name) != kept and not config.allow_code:
+            raise UsageError(
+                f"{folder / SETTINGS_FILE}: {name} {kept!r} is Python code, which would be run; if you trust it, give "
+                "--allow-code"
+            )
     return settings
+
+
+def _names_code(name: str) -> bool:
+    """Whether the name of an env or a detector is that of Python code: ``module:...``."""
+    kind, colon, _ = name.partition(":")
+    return bool(colon) and kind not in ("onnx", "simulated")
 
 
 def _read_settings(folder: Path) -> RunSettings:

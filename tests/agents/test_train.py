@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -452,3 +453,21 @@ def test_help_names_the_options():
         [sys.executable, "-m", "agents.train", "--help"], capture_output=True, text=True, cwd=ROOT, check=True
     )
     assert all(option in result.stdout for option in ("--env", "--out", "--steps", "--resume", "--seed", "--device"))
+
+
+@pytest.mark.parametrize("field", ["env", "detector"])
+def test_code_that_a_run_names_is_run_only_if_allowed(config, trained, tmp_path, monkeypatch, capsys, field):
+    run = shutil.copytree(config.out, tmp_path / "run")
+    (tmp_path / "planted.py").write_text("from pathlib import Path\nPath(__file__).with_suffix('.ran').touch()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    settings = json.loads((run / "train.json").read_text())
+    settings[field] = {"env": f"planted:{settings['env']}", "detector": "planted:detect"}[field]
+    (run / "train.json").write_text(json.dumps(settings))
+    assert main(["--resume", str(run)]) == 2
+    told = capsys.readouterr().err
+    assert f"{field} '{settings[field]}' is Python code, which would be run" in told
+    assert "--allow-code" in told
+    assert not (tmp_path / "planted.ran").exists()
+    assert main(["--resume", str(run), "--allow-code", "--device", "cpu"]) == 0
+    # The toy environment has no use for a detector.
+    assert (tmp_path / "planted.ran").exists() == (field == "env")
