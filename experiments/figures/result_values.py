@@ -26,11 +26,12 @@ def values(row: Mapping[str, Any], figure: str, category: str | None = None) -> 
 
     Args:
         row: of a result.
-        figure: "ap50" or "ap30".
+        figure: "ap50" or "ap30" of masks, "box_ap50" or "box_ap30". Tables of before may lack those of boxes.
         category: None for the mean over all.
     """
+    mean = figure if figure.startswith("box_") else f"mask_{figure}"
     found = [
-        run[f"mask_{figure}"] if category is None else run[f"per_class_{figure}"].get(category) for run in row["runs"]
+        run.get(mean) if category is None else run.get(f"per_class_{figure}", {}).get(category) for run in row["runs"]
     ]
     return [100.0 * value for value in found if value is not None]
 

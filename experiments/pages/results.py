@@ -141,6 +141,7 @@ def table_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
         "episodes": [f"{plural(pool['episodes'], 'episode')} {SUBSETS[part][1]}" for part, pool in pools],
         "fine_tuned": any(row["teacher"] is not None for row in content["rows"]),
         "means": _means(name, content),
+        "has_boxes": _has_boxes(content),
         "gaps": [one for gap in content["gaps"] if (one := _gap(name, content, gap))],
         "above": [compare_categories(content, *pair) for pair in content.get("above", ())],
         "categories": _categories_table(name, content),
@@ -154,8 +155,15 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
         cells = [row["name"], SUBSETS[row["part"]][0]]
         for figure in ("ap50", "ap30"):
             cells += [mean_std(values(row, figure)), f"{thesis[figure]:.1f}" if figure in thesis else "-"]
+        if _has_boxes(content):
+            cells += [mean_std(values(row, figure)) for figure in ("box_ap50", "box_ap30")]
         rows.append(cells)
     return rows
+
+
+def _has_boxes(content: Mapping[str, Any]) -> bool:
+    """Whether a table tells AP of boxes; some of before do not."""
+    return any(values(row, "box_ap50") for row in content["rows"])
 
 
 def _gap(name: str, content: Mapping[str, Any], gap: Sequence[str]) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
-from experiments.tables.training_sets import Student, Subset, TrainingSets
+from experiments.tables.training_sets import PER_CLASS, Student, Subset, TrainingSets
 
 
 @dataclass(frozen=True)
@@ -99,18 +99,21 @@ class Table:
 
 
 def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
-    """The figures of some categories: AP of masks of each, and its mean over those that there are.
+    """The figures of some categories: AP of masks and boxes of each, and its means over those that there are.
 
-    Means over other categories are left out; what is no mean over categories of views stays.
+    Means over other categories are left out, and so is AP of boxes that was kept as a mean only, as it once was; what
+    is no mean over categories of views stays.
     """
     of_each = {
         name: {category: figures[name][category] for category in categories if category in figures[name]}
-        for name in ("per_class_ap50", "per_class_ap30", "instances")
+        for name in (*(f"per_class_{saved}" for saved in PER_CLASS.values()), "instances")
+        if name in figures
     }
     means = {}
-    for figure in ("ap50", "ap30"):
-        known = [value for value in of_each[f"per_class_{figure}"].values() if value is not None]
-        means[f"mask_{figure}"] = sum(known) / len(known) if known else None
+    for figure, saved in PER_CLASS.items():
+        if f"per_class_{saved}" in of_each:
+            known = [value for value in of_each[f"per_class_{saved}"].values() if value is not None]
+            means[figure] = sum(known) / len(known) if known else None
     rest = {name: value for name, value in figures.items() if name in ("seed", "photographs_ap50")}
     return {**rest, **means, **of_each}
 

@@ -30,6 +30,8 @@ SPLITS: dict[Subset, Split] = {"learn": "train", "choose": "train", "val": "val"
 more. Nothing learns from the last three."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
 """The thesis' own label settings for streets. Source: field notes."""
+PER_CLASS = {"mask_ap50": "ap50", "mask_ap30": "ap30", "box_ap50": "box_ap50", "box_ap30": "box_ap30"}
+"""AP over all categories -> what its parts by category are called after ``per_class_``."""
 
 
 @dataclass(frozen=True)
@@ -208,10 +210,10 @@ class TrainingSets:
         metrics = evaluate_label_set(self.labels(subset, recipe, seed, detector)).metrics["pseudo_labels"]
         of_each = metrics["per_class"]
         return {
-            **{name: metrics[name] for name in ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30")},
+            **{name: metrics[name] for name in PER_CLASS},
             **{
-                f"per_class_{figure}": {name: found[f"mask_{figure}"] for name, found in of_each.items()}
-                for figure in ("ap50", "ap30")
+                f"per_class_{saved}": {name: found[figure] for name, found in of_each.items()}
+                for figure, saved in PER_CLASS.items()
             },
             "instances": {name: found["ground_truth_instances"] for name, found in of_each.items()},
         }

@@ -24,6 +24,8 @@ class Scores:
     per_class_ap50: dict[str, float | None]
     """Of masks, as ``per_class_ap30``."""
     per_class_ap30: dict[str, float | None]
+    per_class_box_ap50: dict[str, float | None]
+    per_class_box_ap30: dict[str, float | None]
     pictures: int
     objects: int
 
@@ -47,6 +49,8 @@ def evaluate(
         box_ap30=boxes.mean[0.3],
         per_class_ap50={name: ap[0.5] for name, ap in masks.per_class.items()},
         per_class_ap30={name: ap[0.3] for name, ap in masks.per_class.items()},
+        per_class_box_ap50={name: ap[0.5] for name, ap in boxes.per_class.items()},
+        per_class_box_ap30={name: ap[0.3] for name, ap in boxes.per_class.items()},
         pictures=len(pictures),
         objects=sum(not truth.ignore for truth in truths),
     )

@@ -90,6 +90,18 @@ def test_every_figure_stands_in_its_cell_beside_the_thesis() -> None:
     assert "lamp" not in text
 
 
+def test_boxes_stand_beside_masks_where_a_table_has_them() -> None:
+    content = table()
+    assert "boxes, AP50" not in page({"table_5_3": content})
+    first, *others = content["rows"]
+    for one in first["runs"]:
+        one.update(box_ap50=0.7, box_ap30=0.8)
+    text = page({"table_5_3": content})
+    assert "| AP30 | thesis | boxes, AP50 | boxes, AP30 |\n|---|---|---|---|---|---|---|---|\n" in text
+    assert cells(text, first["name"])[0][-2:] == ["70.0 ± 0.0", "80.0 ± 0.0"]
+    assert all(cells(text, row["name"])[0][-2:] == ["-", "-"] for row in others)
+
+
 def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:
     assert gap_share(table(), GAP) == pytest.approx(0.25)
     text = page({"table_5_3": table()})

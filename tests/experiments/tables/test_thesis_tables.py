@@ -160,6 +160,12 @@ def test_means_are_over_the_categories_that_count() -> None:
     assert found["mask_ap50"] == pytest.approx(0.3)
     assert found["mask_ap30"] == pytest.approx(0.4)
     assert set(found["instances"]) == {"cushion", "shelf", "beanbag"}
+    assert not any("box" in name for name in found)  # a mean over other categories says nothing of these
+    boxes = {"box_ap50": 0.9, "per_class_box_ap50": {"cushion": 0.5, "shelf": 0.7, "chair": 1.0, "beanbag": None}}
+    found = only(NOVEL_CATEGORIES, {**figures, **boxes})
+    assert found["mask_ap50"] == pytest.approx(0.3)
+    assert found["box_ap50"] == pytest.approx(0.6)
+    assert found["per_class_box_ap50"] == {"cushion": 0.5, "shelf": 0.7, "beanbag": None}
     assert only(("plant",), figures)["mask_ap50"] is None
 
 

@@ -163,6 +163,7 @@ def test_a_perfect_detector_scores_one_and_a_random_one_does_not(pictures):
     scores = evaluate(Oracle(pictures), pictures)
     assert (scores.mask_ap50, scores.mask_ap30, scores.box_ap50, scores.box_ap30) == pytest.approx((1.0,) * 4)
     assert set(scores.per_class_ap50) == set(scores.per_class_ap30) == set(CATEGORIES)
+    assert scores.per_class_box_ap50 == scores.per_class_box_ap30 == dict.fromkeys(CATEGORIES, pytest.approx(1.0))
     assert (scores.pictures, scores.objects) == (4, 8)
     torch.manual_seed(0)
     guess = evaluate(NetworkDetector(build_network(SPEC), "guess"), pictures)
