@@ -1,6 +1,7 @@
 """Calibrates a detector's labels: ``python -m experiments.calibrate_labels TRAIN [TRAIN ...] --check VAL``."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,10 +12,16 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
-    from labeling.generator.quality.label_quality import LabelQualityModel
+    import numpy as np
+
+    from experiments.calibration.label_samples import Samples
 
 RIGHT_IOU = 0.5
 """Labels that overlap what they name less are wrong."""
+FOLDS = 5
+"""Into how many parts training scenes are divided, each of which is judged by a fit to the others."""
+DRAWS = 500
+"""How often scenes are drawn for intervals."""
 SURE = 0.5
 """Confidence from which on a label is believed; ``sure_of_wrong`` is the share of wrong ones that are."""
 
@@ -31,14 +38,17 @@ class CalibrateConfig:
     train: tyro.conf.Positional[tuple[Annotated[Path, tyro.conf.arg(metavar="TRAIN")], ...]]
     """Datasets with detections of one detector and ground truth to fit to."""
     check: tuple[Path, ...] = ()
-    """Datasets to measure the fit on, from other scenes."""
+    """Datasets to measure the fit on, from other scenes. Besides, each part of the training scenes is judged by a fit
+    to the others."""
     out: Path = Path("labeling/generator/calibration")
     """Folder for the fit; its file is named for the detector."""
     results: Path | None = None
     """File for the figures; by default experiments/results/label_trust_DETECTOR.json."""
     picture: Path | None = None
-    """The reliability diagram, drawn if there is anything to check;
+    """The reliability diagram, of what is to be checked or of the training scenes, each judged by a fit to others;
     by default docs/pictures/label_trust_DETECTOR.png."""
+    keep_objects: bool = False
+    """Fit the quality of labels alone, and keep what the detector's file says of objects."""
     seed: int = 0
     """Of label generation."""
 
@@ -52,13 +62,16 @@ def run(config: CalibrateConfig) -> None:
     import numpy as np
 
     from experiments.calibration.episodes import detector_of
-    from experiments.calibration.label_samples import label_samples
+    from experiments.calibration.label_samples import joined_samples, label_samples
     from experiments.calibration.object_samples import object_samples
     from labeling.formats.atomic import atomic_file, write_json
+    from labeling.formats.checked_json import read_json
     from labeling.generator.calibration.detector_calibration import (
+        FOLDER,
         DetectorCalibration,
         calibration_of,
         file_name,
+        is_calibrated,
     )
     from labeling.generator.objects.object_posterior import fit_object_model
     from labeling.generator.quality.label_quality import fit_model
@@ -66,11 +79,22 @@ def run(config: CalibrateConfig) -> None:
     if not config.train:
         raise UsageError("give at least one dataset of training episodes")
     detector = detector_of([*config.train, *config.check])
-    looks = object_samples(config.train)
-    if not looks:
-        raise UsageError("there is no detection on known depth in these episodes")
-    calibration = DetectorCalibration(fit_object_model(looks), calibration_of().labels)
-    fitted = label_samples(config.train, config.seed, calibration)
+    file, objects = config.out / file_name(detector), {}
+    if config.keep_objects:
+        if not is_calibrated(detector):
+            raise UsageError(f"{detector} has no calibration whose model of objects could be kept")
+        calibration = calibration_of(detector)
+        about = read_json(FOLDER / file_name(detector)).value["fitted_to"]
+        objects = {"objects": about["objects"], "objects_fitted_to": about.get("objects_fitted_to", about["episodes"])}
+    else:
+        looks = object_samples(config.train)
+        if not looks:
+            raise UsageError("there is no detection on known depth in these episodes")
+        calibration = DetectorCalibration(fit_object_model(looks), calibration_of().labels)
+        objects = {"objects": len(looks)}
+    kinds = {"alone": False, "together": True}
+    parts = {name: label_samples(config.train, config.seed, calibration, kind) for name, kind in kinds.items()}
+    fitted = joined_samples(list(parts.values()))
     counted = ~fitted.ignored
     if not counted.any():
         raise UsageError("no label of these episodes can be compared with ground truth")
@@ -78,30 +102,62 @@ def run(config: CalibrateConfig) -> None:
     provenance = {
         "command": "python -m experiments.calibrate_labels",
         "episodes": fitted.origins,
-        "objects": len(looks),
+        **objects,
         "labels": int(np.count_nonzero(counted)),
         "mean_iou": round(float(fitted.iou[counted].mean()), 4),
     }
-    file = config.out / file_name(detector)
     write_json(file, {**calibration.as_json(), "fitted_to": provenance})
-    print(f"calibration: {file}, from {len(looks)} objects and {provenance['labels']} labels")
-    figures: dict[str, Any] = {"fitted_to": _figures(fitted, calibration.labels)}
+    print(f"calibration: {file}, from {provenance['objects']} objects and {provenance['labels']} labels")
+    figures: dict[str, Any] = {
+        "fitted_to": {
+            name: _figures(some, calibration.labels.expected_iou(some.features)) for name, some in parts.items()
+        }
+    }
+    if len(set(fitted.scene)) > 1:
+        figures["held_out"] = _held_out(parts)
     if config.check:
-        checked = label_samples(config.check, config.seed, calibration)
-        figures["checked_on"] = _figures(checked, calibration.labels)
+        checked = {name: label_samples(config.check, config.seed, calibration, kind) for name, kind in kinds.items()}
+        figures["checked_on"] = {
+            name: _figures(some, calibration.labels.expected_iou(some.features)) for name, some in checked.items()
+        }
+    unseen = figures.get("checked_on", figures.get("held_out"))
+    if unseen:
         picture = config.picture or Path(f"docs/pictures/label_trust_{file.stem}.png")
         with atomic_file(picture) as temporary:
-            _draw(figures["checked_on"], temporary)
+            _draw(unseen, temporary)
         print(f"picture: {picture}")
     results = config.results or Path(f"experiments/results/label_trust_{file.stem}.json")
     write_json(results, figures)
-    for name, record in figures.items():
-        print(name, {key: record[key] for key in ("labels", "before", "after")})
+    for part, of_kinds in figures.items():
+        for name, record in of_kinds.items():
+            print(part, name, {key: record[key] for key in ("labels", "before", "after", "intervals")})
     print(f"figures: {results}")
 
 
-def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
-    """How honest and how good a ranking the confidences are, without the model and with it."""
+def _held_out(parts: "Mapping[str, Samples]") -> dict[str, Any]:
+    """The figures of training scenes, each part of which is judged by a model that is fitted to the others."""
+    import numpy as np
+
+    from labeling.generator.quality.label_quality import fit_model
+
+    scenes = sorted({scene for some in parts.values() for scene in some.scene})
+    fold = dict(zip(scenes, np.random.default_rng(0).permutation(len(scenes)) % FOLDS, strict=True))
+    of_part = {name: np.array([fold[scene] for scene in some.scene]) for name, some in parts.items()}
+    confidence = {name: np.zeros(len(some.iou)) for name, some in parts.items()}
+    for k in sorted(set(fold.values())):
+        learnt = {name: ~some.ignored & (of_part[name] != k) for name, some in parts.items()}
+        features, iou = (
+            np.concatenate([getattr(some, column)[learnt[name]] for name, some in parts.items()])
+            for column in ("features", "iou")
+        )
+        model = fit_model(features, iou)
+        for name, some in parts.items():
+            confidence[name][of_part[name] == k] = model.expected_iou(some.features[of_part[name] == k])
+    return {name: _figures(some, confidence[name]) for name, some in parts.items()}
+
+
+def _figures(samples: "Samples", expected: "np.ndarray") -> dict[str, Any]:
+    """How honest and how good a ranking confidences are, as they were before and as expected IoU."""
     import numpy as np
 
     from labeling.metrics.calibration_error import calibration_curve
@@ -109,7 +165,7 @@ def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
 
     counted, wrong = ~samples.ignored, samples.iou < RIGHT_IOU
     found: dict[str, Any] = {"episodes": samples.origins, "labels": int(np.count_nonzero(counted))}
-    for name, confidence in (("before", samples.confidence), ("after", model.expected_iou(samples.features))):
+    for name, confidence in (("before", samples.confidence), ("after", expected)):
         curve = calibration_curve(confidence[counted], samples.iou[counted])
         assert curve is not None, "samples_of gives at least one"
         ap50 = average_precision(samples.predictions(confidence), samples.truths, (0.5,)).mean[0.5]
@@ -117,34 +173,64 @@ def _figures(samples, model: "LabelQualityModel") -> dict[str, Any]:
         found[name] = {
             "ece": round(curve.expected_calibration_error, 4),
             "mean_squared_error": round(float(np.mean((confidence - samples.iou)[counted] ** 2)), 4),
-            "sure_of_wrong": round(float(np.mean(confidence[counted & wrong] >= SURE)), 4),
+            "sure_of_wrong": round(_share_of_sure(confidence[counted & wrong]), 4),
             "correlation": round(float(np.corrcoef(confidence[counted], samples.iou[counted])[0, 1]), 4),
             "mask_ap50": round(ap50, 4),
         }
         found[f"{name}_curve"] = {
             key: np.round(getattr(curve, key), 4).tolist() for key in ("confidence", "outcome", "count")
         }
+    found["intervals"] = _intervals(samples, expected)
     return found
 
 
+def _intervals(samples: "Samples", expected: "np.ndarray") -> dict[str, list[float]]:
+    """95 % intervals of figures of the expected IoU, by drawing scenes with replacement."""
+    import numpy as np
+
+    from labeling.metrics.calibration_error import calibration_curve
+
+    counted = ~samples.ignored
+    confidence, iou = expected[counted], samples.iou[counted]
+    names, scene = np.unique(np.array(samples.scene)[counted], return_inverse=True)
+    own = [np.flatnonzero(scene == k) for k in range(len(names))]
+    rng, drawn = np.random.default_rng(0), []
+    for _ in range(DRAWS):
+        some = np.concatenate([own[k] for k in rng.integers(len(names), size=len(names))])
+        curve, wrong = calibration_curve(confidence[some], iou[some]), some[iou[some] < RIGHT_IOU]
+        assert curve is not None, "every scene has a label"
+        drawn.append((curve.expected_calibration_error, _share_of_sure(confidence[wrong])))
+    bounds = np.round(np.quantile(drawn, (0.025, 0.975), axis=0), 4)
+    return {name: bounds[:, k].tolist() for k, name in enumerate(("ece", "sure_of_wrong"))}
+
+
+def _share_of_sure(confidence: "np.ndarray") -> float:
+    """The share of some labels that are believed, 0 of none."""
+    return float((confidence >= SURE).mean()) if len(confidence) else 0.0
+
+
 def _draw(figures: dict[str, Any], path: Path) -> None:
-    """Reliability diagrams side by side."""
+    """Reliability diagrams: episodes labelled alone above, together below; without the model left, with it right."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, panels = plt.subplots(1, 2, figsize=(8.4, 4.0), sharey=True, layout="constrained")
+    figure, panels = plt.subplots(2, 2, figsize=(8.4, 8.0), sharex=True, sharey=True, layout="constrained")
     titles = {"before": "sources' confidence x mean probability", "after": "expected IoU"}
-    for axes, (name, title) in zip(panels, titles.items(), strict=True):
-        curve, record = figures[f"{name}_curve"], figures[name]
+    cells = [(kind, name, title) for kind in figures for name, title in titles.items()]
+    for axes, (kind, name, title) in zip(panels.flat, cells, strict=True):
+        curve, record = figures[kind][f"{name}_curve"], figures[kind][name]
         axes.plot([0, 1], [0, 1], color="0.75", linewidth=1)
         sizes = [8 + 300 * count / sum(curve["count"]) for count in curve["count"]]
         axes.plot(curve["confidence"], curve["outcome"], color="tab:blue", linewidth=1)
         axes.scatter(curve["confidence"], curve["outcome"], s=sizes, color="tab:blue")
-        axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xlabel="confidence of labels")
-        axes.set_title(f"{title}\nECE {record['ece']:.3f}, mask AP50 {record['mask_ap50']:.3f}", fontsize=10)
-    panels[0].set_ylabel("mean IoU with ground truth")
+        axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
+        axes.set_title(f"{kind}: {title}\nECE {record['ece']:.3f}, mask AP50 {record['mask_ap50']:.3f}", fontsize=10)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("mean IoU with ground truth")
+    for axes in panels[-1]:
+        axes.set_xlabel("confidence of labels")
     figure.savefig(path, dpi=110, format="png")
     plt.close(figure)
 

@@ -24,10 +24,19 @@ def training_episodes(datasets: Sequence[Path], title: str) -> Iterator[Episode]
     """
     folders = [folder for dataset in datasets for folder in find_episodes(dataset)]
     for folder in tqdm(folders, desc=title, unit="episode", file=sys.stderr):
-        episode = read_episode(folder)
-        if episode.ground_truth is None or episode.detections is None:
-            raise UsageError(f"{folder}: needs detections.json and ground_truth.json")
-        yield episode
+        yield read_training_episode(folder)
+
+
+def read_training_episode(folder: Path) -> Episode:
+    """An episode with detections and ground truth.
+
+    Raises:
+        SbmError: if it cannot be read, or lacks one of them.
+    """
+    episode = read_episode(folder)
+    if episode.ground_truth is None or episode.detections is None:
+        raise UsageError(f"{folder}: needs detections.json and ground_truth.json")
+    return episode
 
 
 def detector_of(datasets: Sequence[Path]) -> str:

@@ -1,14 +1,16 @@
 """Labels of recorded episodes with the IoU each turned out to have, to fit and check label quality."""
 
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from tqdm import tqdm
 
 from experiments.ablations.label_scores import known_truths
-from experiments.calibration.episodes import training_episodes
+from experiments.calibration.episodes import read_training_episode
 from labeling.core.episode import Episode
 from labeling.core.errors import UsageError
 from labeling.core.masks import mask_iou
@@ -17,6 +19,9 @@ from labeling.generator.calibration.detector_calibration import DetectorCalibrat
 from labeling.generator.propagate import propagate
 from labeling.generator.quality.label_quality import FEATURES, features_of
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.generator.sharing.joined_episodes import join_episodes
+from labeling.generator.sharing.label_together import FINER, groups_to_label
+from labeling.io.episodes import find_episodes
 from labeling.metrics.matching import MaskInstance, instances_of
 
 
@@ -31,6 +36,8 @@ class Samples:
     """With the ground truth of the label's name that overlaps it most; 0 for none."""
     ignored: Bool[np.ndarray, "n"]
     """That ground truth is one to be ignored."""
+    scene: list[str]
+    """Where each label is."""
     masks: tuple[MaskInstance, ...]
     truths: tuple[MaskInstance, ...]
     origins: list[str]
@@ -44,32 +51,56 @@ class Samples:
         ]
 
 
-def label_samples(datasets: Sequence[Path], seed: int, calibration: DetectorCalibration) -> Samples:
+def label_samples(
+    datasets: Sequence[Path], seed: int, calibration: DetectorCalibration, together: bool = False
+) -> Samples:
     """Labels all episodes of some datasets; the confidence of labels is not calibrated.
 
     Args:
         datasets: folders of episodes.
         seed: of label generation.
         calibration: of their detector; only what it says of objects counts.
+        together: label the episodes of each scene as one recording, as ``--share-scenes`` does, and not each alone.
 
     Raises:
         SbmError: if a dataset cannot be read or has no ground truth, or if there is no label at all.
     """
     config = LabelConfig(calibrate=False, min_confidence=0, ignore_unconfirmed=1, complete_boxes=False, seed=seed)
-    features, rest, masks, truths, origins = [np.zeros((0, len(FEATURES)))], [], [], [], []
-    for number, episode in enumerate(training_episodes(datasets, "labels")):
-        detections = episode.detections or ()
-        found = propagate(episode, detections, config, calibration)
-        features.append(features_of(found, detections)[[one.modal.any() for one in found.labels]])
-        visible = [one for one in found.labels if one.modal.any()]
-        rest += [(one.confidence, *_compared(one, episode)) for one in visible]
-        masks += instances_of(number, visible)
-        truths += known_truths(episode, number)
-        origins.append(_origin(episode))
+    groups = [group for dataset in datasets for group in groups_to_label(find_episodes(dataset))]
+    if not together:
+        groups = [[folder] for group in groups for folder in group]
+    features, rest, scenes, masks, truths, origins = [np.zeros((0, len(FEATURES)))], [], [], [], [], []
+    for group in tqdm(groups, desc="labels", unit="scene" if together else "episode", file=sys.stderr):
+        episodes = [read_training_episode(folder) for folder in group]
+        views, detections = join_episodes(episodes, [one.detections or () for one in episodes])
+        finer = replace(config, max_voxels=min(len(group), FINER) * config.max_voxels)
+        found = propagate(views, detections, finer, calibration)
+        shown = np.array([one.modal.any() for one in found.labels], bool)
+        features.append(features_of(found, detections)[shown])
+        starts = np.cumsum([0, *(one.num_views for one in episodes)])
+        for label in (one for one, visible in zip(found.labels, shown, strict=True) if visible):
+            k = int(np.searchsorted(starts, label.view_index, side="right")) - 1
+            own = replace(label, view_index=label.view_index - int(starts[k]))
+            rest.append((own.confidence, *_compared(own, episodes[k])))
+            masks += instances_of(len(origins) + k, [own])
+            scenes.append(str(episodes[k].metadata.get("scene", group[0])))
+        for episode in episodes:
+            truths += known_truths(episode, len(origins))
+            origins.append(_origin(episode))
     if not rest:
         raise UsageError("the label generator finds nothing in these episodes")
     confidence, iou, ignored = (np.array(column) for column in zip(*rest, strict=True))
-    return Samples(np.concatenate(features), confidence, iou, ignored, tuple(masks), tuple(truths), origins)
+    return Samples(np.concatenate(features), confidence, iou, ignored, scenes, tuple(masks), tuple(truths), origins)
+
+
+def joined_samples(parts: Sequence[Samples]) -> Samples:
+    """Samples of several kinds as one, to fit to; pictures of one may bear the number of another's."""
+    arrays = ("features", "confidence", "iou", "ignored")
+    columns = {name: np.concatenate([getattr(one, name) for one in parts]) for name in arrays}
+    scenes = [name for one in parts for name in one.scene]
+    origins = list(dict.fromkeys(name for one in parts for name in one.origins))
+    masks, truths = (tuple(x for one in parts for x in getattr(one, name)) for name in ("masks", "truths"))
+    return Samples(**columns, scene=scenes, masks=masks, truths=truths, origins=origins)
 
 
 def _compared(label: PseudoLabel, episode: Episode) -> tuple[float, bool]:
