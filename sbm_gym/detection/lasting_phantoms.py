@@ -80,8 +80,8 @@ _SPAN, _HALF = 2048, 1024
 def _cell_codes(depth_m, instance_map, camera: Camera, cell_m: float, heights_m) -> Int[np.ndarray, "h w"]:
     """The number of each pixel's cell; -1 where there is an object, nothing, or a height that does not count."""
     height_px, width_px = depth_m.shape
-    x = (np.arange(width_px) + 0.5 - camera.intrinsics[0, 2]) / camera.intrinsics[0, 0]
-    y = (np.arange(height_px) + 0.5 - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1]
+    x = (np.arange(width_px) - camera.intrinsics[0, 2]) / camera.intrinsics[0, 0]
+    y = (np.arange(height_px) - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1]
     rotation, eye_m = camera.camera_to_world[:3, :3], camera.camera_to_world[:3, 3]
     code, coordinate_m = np.zeros(depth_m.shape, np.int64), depth_m
     for axis in range(3):

@@ -44,6 +44,11 @@ def test_masks_are_what_mujocos_own_rays_hit(theme):
         names[number] = annotation
     groups = np.zeros(6, np.uint8)
     groups[: GEOM_GROUP_VISUAL + 1] = 1
+    scene = photo_set.pieces.scene
+    scene.left_out.put_into(scene.spec)  # the model that is drawn from has boxes in place of meshes
+    model = scene.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
     bodies = {view.model.body(o.body_name).id: o for o in photo_set.pieces.objects}
     places = [np.argwhere(owner == number) for number in range(len(names) + 1)]
     right = total = 0
@@ -51,8 +56,8 @@ def test_masks_are_what_mujocos_own_rays_hit(theme):
         for row, column in pixels[rng.permutation(len(pixels))[:25]]:
             ray = camera.camera_to_world[:3, :3] @ np.linalg.inv(camera.intrinsics) @ [column, row, 1.0]
             hit = np.full(1, -1, np.int32)
-            mujoco.mj_ray(view.model, view.data, camera.camera_to_world[:3, 3], ray, groups, 1, -1, hit)
-            found = bodies.get(int(view.model.geom_bodyid[hit[0]])) if hit[0] >= 0 else None
+            mujoco.mj_ray(model, data, camera.camera_to_world[:3, 3], ray, groups, 1, -1, hit)
+            found = bodies.get(int(model.geom_bodyid[hit[0]])) if hit[0] >= 0 else None
             right += (found is None) if number == 0 else found is not None and found.category == names[number].category
             total += 1
     assert total >= 40
