@@ -102,8 +102,9 @@ class FixationEnv(gym.Env, EzPickle):
       scenes, so that testing is on models never seen in training. Only with a name as `worlds`.
     - `detector`: "simulated", "simulated_weak" (as seldom sure as a small real one, some episodes more, some less),
       "simulated:compact" (in rooms: fitted to what `compact` says), a `SimulatedDetectorConfig`, or a real one by a
-      name that `labeling.detectors.registry` knows ("compact", the folder of a fine-tuning run, ...). At every step a simulated one looks at the picture of the observation, a real one at a
-      picture of `detector_size` with smooth edges; captures run it on the captured picture.
+      name that `labeling.detectors.registry` knows ("compact", the folder of a fine-tuning run, ...). At every step a
+      simulated one looks at the picture of the observation, a real one at a picture of `detector_size` with smooth
+      edges; captures run it on the captured picture.
     - `detector_size`: height and width of that picture, pixels; by default that of captures.
     - `renderer`: "rays", "gl", or "auto": `gl` where a GPU is, `rays` elsewhere.
     - `image_size`: height and width of the observed pictures, pixels; like `memory`, `body`, `stride_m` and

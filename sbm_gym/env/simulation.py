@@ -68,7 +68,9 @@ class Simulation:
         """
         self.scene, self._config, self._detector, self._entropy = scene, config, detector, entropy
         self._atlas = atlas
-        self.robot = RobotState(config.robot, scene.world.navigable, position_m, num_views, self._object_model)
+        self.robot = RobotState(
+            config.robot, scene.world.navigable, position_m, num_views, functools.partial(_object_model, detector.name)
+        )
         """What the robot knows."""
         self.num_views, self.step_index, self.collided, self.path_m = num_views, 0, False, 0.0
         scene.body.place(position_m, yaw_rad, config.robot.rest_tilt_rad)
@@ -208,13 +210,14 @@ class Simulation:
             heading = poses.nearest_heading(body.yaw_rad)
             body.look(poses.heading_rad(heading), self._config.robot.rest_tilt_rad)
 
-    def _object_model(self) -> ObjectModel:
-        """What looks of the detector say of objects."""
-        return calibration_of(self._detector.name).objects
-
     def _detect(self, view: View) -> list[Detection]:
         """Detections in a view."""
         return self._detector.detect(self.scene, view, self.step_index, self._entropy)
+
+
+def _object_model(detector: str) -> ObjectModel:
+    """What looks of a detector say of objects."""
+    return calibration_of(detector).objects
 
 
 @functools.lru_cache(maxsize=4)

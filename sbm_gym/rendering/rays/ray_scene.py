@@ -96,7 +96,7 @@ class RayScene:
         self._filled = fill_space(np.zeros((0, 3, 3), np.float32)) if still is None else still.filled
         self._far_m = 1.0 if still is None else still.far_m
         self._bounds = np.zeros((2, 3)) if still is None else still.bounds
-        self._meter = LightMeter(None if still is None else still.together, self._is_in_sight)
+        self._meter = LightMeter(None if still is None else still.together)
         self._reach: tuple[bytes, LampReach] | None = None
         self._light: tuple[bytes, Illumination] | None = None
         if still is not None:
@@ -135,7 +135,7 @@ class RayScene:
             data: the same as at the last update.
         """
         lamps = light_table(self._model, data, np.eye(4), shadows=True)
-        self._meter.level(self._model, data)
+        self._meter.level(self._model, data, self._is_in_sight)
         reach = self._lamp_reach(lamps)
         return StillScene(
             self.tables.at_rest(),
@@ -163,7 +163,9 @@ class RayScene:
         key = light_key(self._model, data, camera_to_world) + bytes([shadows])
         if self._light is None or self._light[0] != key:
             lights = light_table(self._model, data, camera_to_world, shadows)
-            ambient = ambient_light(self._model, self._filled, self._meter.level(self._model, data), self._skybox)
+            ambient = ambient_light(
+                self._model, self._filled, self._meter.level(self._model, data, self._is_in_sight), self._skybox
+            )
             self._light = (key, Illumination(lights, self._lamp_reach(lights), ambient, self._far_m))
         return self._light[1]
 
@@ -223,7 +225,7 @@ class RayScene:
         still = self.tables.spans[False, False]
         corners = self.tables.corners[still.start : still.stop]
         self._filled = fill_space(corners)
-        self._reach, self._light, self._meter = None, None, LightMeter(in_sight=self._is_in_sight)
+        self._reach, self._light, self._meter = None, None, LightMeter()
         if len(corners):
             bounds = bounds_of(corners)
             self._bounds = bounds.astype(float)

@@ -169,26 +169,30 @@ class LightLevel:
 class LightMeter:
     """Tells how bright a world is, and measures anew only what has changed: the weather, say."""
 
-    def __init__(self, together: Bool[np.ndarray, "l l"] | None = None, in_sight: "InSight | None" = None) -> None:
+    def __init__(self, together: Bool[np.ndarray, "l l"] | None = None) -> None:
         """Has seen nothing yet.
 
         Args:
             together: which active lights shine on one place, if that is known.
-            in_sight: tells it in place of ``is_in_sight``, which needs a model's meshes.
         """
-        self._in_sight = in_sight
         self.together = together
         """Which active lights shine on one place; None if it has not been looked for."""
         self._last: tuple[bytes, LightLevel] | None = None
 
-    def level(self, model: mujoco.MjModel, data: mujoco.MjData) -> LightLevel:
-        """How bright the world is now."""
+    def level(self, model: mujoco.MjModel, data: mujoco.MjData, in_sight: "InSight | None" = None) -> LightLevel:
+        """How bright the world is now.
+
+        Args:
+            model: the compiled model.
+            data: where lamps and walls are.
+            in_sight: tells what is in sight in place of ``is_in_sight``, which needs a model's meshes.
+        """
         lights, headlight = active_lights(model), model.vis.headlight
         settings = (model.light_ambient, model.light_diffuse, model.light_attenuation, model.light_type)
         settings += (np.array(lights), headlight.ambient, headlight.diffuse, np.array(headlight.active))
         key = b"".join(column.tobytes() for column in settings)
         if self.together is None or len(self.together) != len(lights):
-            self.together = _shine_together(model, data, lights, self._in_sight)
+            self.together = _shine_together(model, data, lights, in_sight)
         if self._last is None or self._last[0] != key:
             self._last = (key, light_level(model, data, self.together))
         return self._last[1]

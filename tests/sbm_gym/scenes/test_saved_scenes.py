@@ -1,7 +1,9 @@
 """Scenes from disk are those that were compiled, whatever happens to the disk."""
 
+import gc
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import gymnasium as gym
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from labeling.core.views import Camera
+from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
 from sbm_gym.scenes import scene_keys
 from sbm_gym.scenes.compiled import compile_scene
@@ -249,3 +252,19 @@ def test_the_digest_of_code_is_found_out_once(cache, monkeypatch):
     found = scene_keys._code()
     monkeypatch.setattr(scene_keys, "code_digest", None)
     assert scene_keys._code() == found
+
+
+def test_a_scene_that_is_left_is_freed_at_once(cache):
+    """Not when the garbage collector comes to it: scenes hold tens of megabytes that it knows nothing of."""
+    env = FixationEnv(BoxRooms(), split=None, scene_cache=1)
+    first, second = env.scene_names[:2]
+    env.reset(seed=0, options={"scene": first})
+    env.step(np.zeros(4, np.float32))
+    gone = weakref.ref(env.scene.renderer)
+    gc.collect()
+    gc.disable()
+    try:
+        env.reset(seed=0, options={"scene": second})
+        assert gone() is None
+    finally:
+        gc.enable()
