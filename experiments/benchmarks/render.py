@@ -138,7 +138,7 @@ def scene_costs(quick: bool) -> Iterator[Row]:
             gc.collect()
             samples.append(resident_mb())
     seconds = (time.perf_counter() - started) / resets
-    before, after = np.median(samples[: SAMPLES // 4]), np.median(samples[-SAMPLES // 4 :])
+    before, after = (float(np.median(some)) for some in (samples[: SAMPLES // 4], samples[-SAMPLES // 4 :]))
     growth, what = after - before, f"{resets} resets in {scenes} scenes: {before:.0f} MB before, {after:.0f} MB after"
     yield Row(what, "limit", seconds, None, f"< {GROWTH_MB:g} MB more", growth < GROWTH_MB, f"{growth:+.1f} MB")
     env.close()

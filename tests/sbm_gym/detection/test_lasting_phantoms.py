@@ -42,7 +42,7 @@ def test_cells_divide_the_background_as_a_loop_over_pixels_does(x_m, distance_m,
     depth_m[:5] = 0.0
     assert view.camera is not None
     cells = dict(background_cells(depth_m, instance_map, view.camera, cell_m, (low_m, high_m), 0.0))
-    covered = sum(np.asarray(mask, int) for mask in cells.values()) if cells else np.zeros_like(instance_map)
+    covered = np.sum([np.zeros_like(instance_map), *cells.values()], axis=0)
     eye_m, k = view.camera.camera_to_world[:3, 3], view.camera.intrinsics
     for row, column in [(4, 8), (7, 30), (15, 15), (24, 24), (40, 3), (47, 47)]:
         ray = [(column - k[0, 2]) / k[0, 0], (row - k[1, 2]) / k[1, 1], 1.0]
