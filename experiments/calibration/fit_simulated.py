@@ -1,4 +1,4 @@
-"""Fits the simulated detector to a real one: ``python -m experiments.fit_simulated --detector compact``."""
+"""Fits the simulated detector to a real one: ``python -m experiments.calibration.fit_simulated --detector compact``."""
 
 import sys
 from dataclasses import dataclass
@@ -89,7 +89,7 @@ def run(config: FitConfig) -> None:
         figures["at_least"][f"{level:g}"] = {"real": round(real, 4), "fitted": round(float(share), 4)}
     file = config.out / f"{config.detector}_{profile.kind}.json"
     provenance = {
-        "command": f"python -m experiments.fit_simulated --detector {config.detector} --env {config.env}",
+        "command": f"python -m experiments.calibration.fit_simulated --detector {config.detector} --env {config.env}",
         "scenes": [scenes[0], scenes[-1]],
         "places": config.places,
         "seed": config.seed,
@@ -100,7 +100,7 @@ def run(config: FitConfig) -> None:
     print(f"settings: {file}")
 
 
-main = make_main("experiments.fit_simulated", FitConfig, run)
+main = make_main("experiments.calibration.fit_simulated", FitConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())
