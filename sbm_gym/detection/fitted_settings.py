@@ -1,4 +1,4 @@
-"""Settings of the simulated detector that make it like a real one, fitted by ``python -m experiments.calibration.fit_simulated``.
+"""Settings of the simulated detector that make it like a real one, fitted by ``python -m sbm_gym.fit_simulated``.
 
 One JSON file for each detector and kind of world. What is not in a file is as in the kind's own settings.
 """
@@ -45,7 +45,7 @@ def fitted_settings(detector: str, kind: str, fitting: SimulatedDetectorConfig) 
         known = ", ".join(fitted_detectors(kind)) or "none"
         raise ValueError(
             f"the simulated detector has not been fitted to {detector!r} in {kind} worlds (it has to: {known}); "
-            "python -m experiments.calibration.fit_simulated does that"
+            "python -m sbm_gym.fit_simulated does that"
         )
     content = dict(_content(detector, kind))
     content["traits"] = msgspec.convert(content["traits"], dict[str, CategoryTraits])

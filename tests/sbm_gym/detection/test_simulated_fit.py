@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.calibration.detector_views import CellView, DetectorViews, ObjectView
-from experiments.calibration.simulated_fit import fit_settings, predicted_shares
+from sbm_gym.detection.detector_views import CellView, DetectorViews, ObjectView
 from sbm_gym.detection.lasting_phantoms import LastingPhantoms
 from sbm_gym.detection.simulated import CategoryTraits, SimulatedDetector, SimulatedDetectorConfig
+from sbm_gym.detection.simulated_fit import fit_settings, predicted_shares
 from sbm_gym.detection.visibility import ObservedObject
 
 TRAITS = {

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64, Int
 
-from experiments.calibration.detector_views import CellView, DetectorViews, ObjectView
+from sbm_gym.detection.detector_views import CellView, DetectorViews, ObjectView
 from sbm_gym.detection.lasting_phantoms import LastingPhantoms
 from sbm_gym.detection.simulated import (
     DEFAULT_TRAITS,

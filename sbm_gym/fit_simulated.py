@@ -1,4 +1,4 @@
-"""Fits the simulated detector to a real one: ``python -m experiments.calibration.fit_simulated --detector compact``."""
+"""Fits the simulated detector to a real one: ``python -m sbm_gym.fit_simulated --detector compact``."""
 
 import sys
 from dataclasses import dataclass
@@ -47,12 +47,12 @@ def run(config: FitConfig) -> None:
     import numpy as np
 
     import sbm_gym  # noqa: F401, registers the environments
-    from experiments.calibration.detector_views import DetectorViews, detector_views
-    from experiments.calibration.simulated_fit import fit_settings, predicted_shares
     from labeling.formats.atomic import write_json
     from labeling.runtime.cli import progress_bar
+    from sbm_gym.detection.detector_views import DetectorViews, detector_views
     from sbm_gym.detection.fitted_settings import as_json
     from sbm_gym.detection.lasting_phantoms import LastingPhantoms
+    from sbm_gym.detection.simulated_fit import fit_settings, predicted_shares
 
     try:
         env = gymnasium.make(config.env, split="endless", detector=config.detector, colours=False, scene_cache=1)
@@ -89,7 +89,7 @@ def run(config: FitConfig) -> None:
         figures["at_least"][f"{level:g}"] = {"real": round(real, 4), "fitted": round(float(share), 4)}
     file = config.out / f"{config.detector}_{profile.kind}.json"
     provenance = {
-        "command": f"python -m experiments.calibration.fit_simulated --detector {config.detector} --env {config.env}",
+        "command": f"python -m sbm_gym.fit_simulated --detector {config.detector} --env {config.env}",
         "scenes": [scenes[0], scenes[-1]],
         "places": config.places,
         "seed": config.seed,
@@ -100,7 +100,7 @@ def run(config: FitConfig) -> None:
     print(f"settings: {file}")
 
 
-main = make_main("experiments.calibration.fit_simulated", FitConfig, run)
+main = make_main("sbm_gym.fit_simulated", FitConfig, run)
 
 if __name__ == "__main__":
     sys.exit(main())
