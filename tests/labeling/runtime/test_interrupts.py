@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,15 @@ from labeling.runtime.interrupts import STOPPING, exit_when_told, graceful_inter
 
 ROOT = Path(__file__).resolve().parents[4]
 OTHERS = (signal.SIGTERM, signal.SIGHUP)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_ignored() -> Iterator[None]:
+    """As in a terminal, also where the tests themselves run under ``nohup``."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in OTHERS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def test_the_first_interrupt_is_a_request_and_the_second_interrupts() -> None:
