@@ -50,7 +50,7 @@ def run(config: FitConfig) -> None:
     from labeling.formats.atomic import write_json
     from labeling.runtime.cli import progress_bar
     from sbm_gym.detection.detector_views import DetectorViews, detector_views
-    from sbm_gym.detection.fitted_settings import as_json
+    from sbm_gym.detection.fitted_settings import as_json, settings_file
     from sbm_gym.detection.lasting_phantoms import LastingPhantoms
     from sbm_gym.detection.simulated_fit import fit_settings, predicted_shares
 
@@ -87,7 +87,7 @@ def run(config: FitConfig) -> None:
     for level, share in zip(THRESHOLDS, predicted, strict=True):
         real = float(np.mean([one.right >= level for one in known]))
         figures["at_least"][f"{level:g}"] = {"real": round(real, 4), "fitted": round(float(share), 4)}
-    file = config.out / f"{config.detector}_{profile.kind}.json"
+    file = settings_file(config.out, config.detector, profile.kind)
     provenance = {
         "command": f"python -m sbm_gym.fit_simulated --detector {config.detector} --env {config.env}",
         "scenes": [scenes[0], scenes[-1]],

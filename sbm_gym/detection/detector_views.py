@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import gymnasium as gym
 import numpy as np
 from jaxtyping import Bool, Int
@@ -128,6 +129,4 @@ def _shown_by(mask: Bool[np.ndarray, "h w"], instance_map: Int[np.ndarray, "h w"
 
 def _resized(mask: Bool[np.ndarray, "h w"], shape: tuple[int, ...]) -> Bool[np.ndarray, "H W"]:
     """A mask as a picture of another size shows it, by the nearest pixel."""
-    rows = ((np.arange(shape[0]) + 0.5) * mask.shape[0] / shape[0]).astype(int)
-    columns = ((np.arange(shape[1]) + 0.5) * mask.shape[1] / shape[1]).astype(int)
-    return mask[np.ix_(rows, columns)]
+    return cv2.resize(mask.view(np.uint8), (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST_EXACT).astype(bool)

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from labeling.generator.calibration.detector_calibration import file_name
 from sbm_gym.detection.lasting_phantoms import LastingPhantoms
 from sbm_gym.detection.simulated import CategoryTraits, SimulatedDetectorConfig
 
@@ -25,9 +26,14 @@ def fitted_detectors(kind: str) -> tuple[str, ...]:
     return tuple(sorted(path.stem.rpartition("_")[0] for path in FOLDER.glob(f"*_{kind}.json")))
 
 
+def settings_file(folder: Path, detector: str, kind: str) -> Path:
+    """The file of a detector, whose own name may be a path, and a kind of world."""
+    return folder / f"{Path(file_name(detector)).stem}_{kind}.json"
+
+
 @cache
 def _content(detector: str, kind: str) -> dict[str, Any]:
-    return msgspec.json.decode((FOLDER / f"{detector}_{kind}.json").read_bytes())["settings"]
+    return msgspec.json.decode(settings_file(FOLDER, detector, kind).read_bytes())["settings"]
 
 
 def fitted_settings(detector: str, kind: str, fitting: SimulatedDetectorConfig) -> SimulatedDetectorConfig:
@@ -41,7 +47,7 @@ def fitted_settings(detector: str, kind: str, fitting: SimulatedDetectorConfig) 
     Raises:
         ValueError: if none have been fitted, naming those that have.
     """
-    if detector not in fitted_detectors(kind):
+    if not settings_file(FOLDER, detector, kind).is_file():
         known = ", ".join(fitted_detectors(kind)) or "none"
         raise ValueError(
             f"the simulated detector has not been fitted to {detector!r} in {kind} worlds (it has to: {known}); "

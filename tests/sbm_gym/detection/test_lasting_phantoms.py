@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.views import Camera
-from sbm_gym.detection.fitted_settings import FOLDER, as_json, fitted_detectors, fitted_settings
+from sbm_gym.detection.fitted_settings import FOLDER, as_json, fitted_detectors, fitted_settings, settings_file
 from sbm_gym.detection.lasting_phantoms import LastingPhantoms, background_cells
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.env.view_detectors import is_simulated, make_detector
@@ -124,3 +124,8 @@ def test_one_that_has_not_been_fitted_is_refused_with_what_to_do():
         ValueError, match=r"not been fitted to 'nonsense' in indoor .*it has to: compact.*fit_simulated"
     ):
         make_detector("simulated:nonsense", INDOOR)
+
+
+def test_detectors_whose_names_are_paths_have_a_file_in_the_folder(tmp_path):
+    assert settings_file(tmp_path, "out/run", "indoor").parent == tmp_path
+    assert settings_file(tmp_path, "onnx:a.onnx", "indoor") != settings_file(tmp_path, "onnx:b.onnx", "indoor")
