@@ -15,6 +15,7 @@ import os
 import pickle
 import signal
 import threading
+import time
 import traceback
 from collections.abc import Callable, Generator, Iterable, Sized
 from dataclasses import dataclass
@@ -268,3 +269,5 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(_PATIENCE_S)  # this thread ends with the process; only if that hangs does it get past here
+        os.kill(os.getpid(), signal.SIGKILL)
