@@ -1,7 +1,6 @@
 """Pages of docs as Jinja2 templates: how they are rendered and written, and how numbers stand on them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -67,21 +66,6 @@ def write_page(name: str, results: Path, docs: Path) -> list[Path]:
     with atomic_file(docs / module.PAGE) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return [docs / module.PAGE, *(docs / PICTURES / picture for picture in pictures)]
-
-
-@dataclass(frozen=True)
-class PageConfig:
-    """Where results are read from and pages are written to."""
-
-    results: Path = Path("experiments/results")
-    """Folder with the results of experiments."""
-    docs: Path = Path("docs")
-    """Folder for the page; its pictures go to DOCS/pictures."""
-
-
-def run_page(page: str, config: PageConfig) -> None:
-    """Writes the page of a module of ``experiments.pages``, and prints the files written."""
-    print(*write_page(page, config.results, config.docs), sep="\n")
 
 
 def read_result(file: Path) -> dict[str, Any] | None:

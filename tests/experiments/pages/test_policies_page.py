@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
 from experiments.pages.policies import PAGE, cell, interval, page, read_results
-from experiments.policies_page import main
 from labeling.core.errors import SbmError
 
 from . import made_up_policies as made_up
@@ -137,7 +137,7 @@ def test_what_is_missing_is_one_sentence_with_its_command(there: str, missing: l
 def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SbmError, match="run policy_evaluation"):
         read_results(tmp_path)
-    assert main(["--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
+    assert main(["policies", "--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "docs").exists()
 

@@ -17,9 +17,9 @@ from experiments.figures.result_values import (
     thesis_gap_share,
     values,
 )
+from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
 from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results
-from experiments.results_page import main
 from labeling.core.errors import SbmError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -178,7 +178,7 @@ def test_a_loop_tells_how_far_it_rises() -> None:
 def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SbmError, match="no figures of any table"):
         read_results(tmp_path)
-    assert main(["--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
+    assert main(["results", "--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "docs").exists()
 

@@ -1,0 +1,37 @@
+"""Pages of docs written from committed results: ``python -m experiments.pages [NAME ...]``."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from labeling.runtime.cli import make_main
+
+Page = Literal["results", "policies", "benchmarks"]
+
+
+@dataclass(frozen=True)
+class PagesConfig:
+    """Writes docs/results.md, docs/policies-results.md and docs/benchmarks.md, and their pictures, from results."""
+
+    names: tyro.conf.Positional[tuple[Page, ...]] = ("results", "policies", "benchmarks")
+    """Which pages to write."""
+    results: Path = Path("experiments/results")
+    """Folder with the results of experiments."""
+    docs: Path = Path("docs")
+    """Folder for the pages; their pictures go to DOCS/pictures."""
+
+
+def _run(config: PagesConfig) -> None:
+    from experiments.pages.markdown import write_page
+
+    for name in config.names:
+        print(*write_page(name, config.results, config.docs), sep="\n")
+
+
+main = make_main("experiments.pages", PagesConfig, _run)
+
+if __name__ == "__main__":
+    sys.exit(main())
