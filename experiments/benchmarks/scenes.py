@@ -97,7 +97,7 @@ class _Visitor:
 
     def memory_mb(self) -> float:
         """Its proportional set size now."""
-        return _memory_mb(self._process.pid)
+        return proportional_mb(self._process.pid)
 
 
 def visit(env_id: str, episodes: int, steps: int | None, scenes: bool = False, training: bool = False) -> None:
@@ -132,12 +132,12 @@ def visit(env_id: str, episodes: int, steps: int | None, scenes: bool = False, t
             ended, taken = terminated or truncated, taken + 1
         if episode:
             count, after_first_s = count + taken, after_first_s + time.process_time() - started
-    found = {"cpu_s": time.process_time(), "resets_s": resets_s, "pss_mb": _memory_mb(os.getpid())}
+    found = {"cpu_s": time.process_time(), "resets_s": resets_s, "pss_mb": proportional_mb(os.getpid())}
     print(json.dumps({**found, "per_step_s": after_first_s / max(count, 1)}), flush=True)
     sys.stdin.read()
 
 
-def _memory_mb(process: int) -> float:
+def proportional_mb(process: int) -> float:
     """Proportional set size: pages that several processes share count as the share of each. Linux only."""
     with Path(f"/proc/{process}/smaps_rollup").open(encoding="ascii") as file:
         return next(int(line.split()[1]) for line in file if line.startswith("Pss:")) / 1024.0

@@ -1,0 +1,126 @@
+"""The commands that a campaign runs, with the files that each of them reads."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from experiments.campaign.inputs import ENV
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A command, and files of its input that may be spoilt."""
+
+    name: str
+    module: str
+    """With the function ``main``; ``python -m`` runs it."""
+    arguments: tuple[str, ...]
+    """Of the command line; ``{in}`` stands for a copy of the input and ``{out}`` for a place to write to."""
+    inputs: str
+    """Folder of the input, a name in ``MAKERS``."""
+    files: tuple[str, ...]
+    """Patterns of the files that may be spoilt."""
+    weight: float = 1.0
+    """How often, compared with others, it has its turn."""
+    resumes: bool = False
+    """Whether the same command, given again, goes on with what is missing."""
+
+    def command(self, given: Path, out: Path) -> list[str]:
+        """The command line."""
+        return [one.replace("{in}", str(given)).replace("{out}", str(out)) for one in self.arguments]
+
+
+_EPISODE = ("*/*.json", "*/*.json", "*/rgb/000.png", "*/depth/000.png")
+_TRAIN = ("--env", ENV, "--steps", "25", "--scenes", "1", "--validation-scenes", "1", "--eval-episodes", "1")
+_TRAIN += ("--compare-episodes", "0", "--processes", "1")
+SUBJECTS = (
+    Subject("label", "labeling.generate", ("{in}", "--out", "{out}"), "episodes", _EPISODE, 4.0, True),
+    Subject(
+        "label, scenes shared",
+        "labeling.generate",
+        ("{in}", "--out", "{out}", "--share-scenes"),
+        "episodes",
+        _EPISODE,
+        2.0,
+        True,
+    ),
+    Subject(
+        "label, weak",
+        "labeling.generate",
+        ("{in}", "--out", "{out}", "--weak", "one-view"),
+        "episodes",
+        _EPISODE,
+        1.0,
+        True,
+    ),
+    Subject(
+        "label a ScanNet folder",
+        "labeling.generate",
+        ("{in}", "--out", "{out}"),
+        "scannet",
+        ("room/pose/*.txt", "room/intrinsic/*.txt", "room/*.json", "room/color/0.png", "room/depth/0.png"),
+        2.0,
+        True,
+    ),
+    Subject(
+        "convert a TUM folder",
+        "labeling.convert",
+        ("{in}/room", "--out", "{out}"),
+        "tum",
+        ("room/*.txt", "room/*.txt", "room/rgb/0.png", "room/depth/0.png"),
+        2.0,
+    ),
+    Subject("convert an episode", "labeling.convert", ("{in}/0000", "--out", "{out}"), "episodes", _EPISODE),
+    Subject("inspect labels", "labeling.inspect", ("{in}/set",), "labels", ("set/*.json", "set/*/*"), 3.0),
+    Subject(
+        "evaluate labels",
+        "labeling.evaluate",
+        ("{in}/set", "--dataset", "{in}/episodes"),
+        "labels",
+        ("set/*.json", "set/*.json", "episodes/*/*.json"),
+        3.0,
+    ),
+    Subject(
+        "record with a policy",
+        "agents.collect",
+        (*("--env", ENV, "--episodes", "1", "--size", "32"), *("--policy", "ppo:{in}/run", "--out", "{out}")),
+        "policy",
+        ("run/*.json", "run/best/*"),
+        2.0,
+        True,
+    ),
+    Subject(
+        "go on with a training",
+        "agents.train",
+        ("--resume", "{in}/run", "--steps", "75", "--compare-episodes", "0"),
+        "policy",
+        ("run/*.json", "run/last/*", "run/best/*.json"),
+        1.0,
+    ),
+    Subject(
+        "train with hyperparameters of others",
+        "agents.train",
+        (*_TRAIN, "--hyperparams", "{in}/ppo.yaml", "--out", "{out}"),
+        "policy",
+        ("ppo.yaml",),
+        2.0,
+        True,
+    ),
+    Subject(
+        "detect with a network",
+        "labeling.detect",
+        ("{in}/episode", "--detector", "{in}/run", "--device", "cpu", "--replace"),
+        "network",
+        ("run/**/*.json", "run/**/*.safetensors", "episode/*.json"),
+        1.0,
+    ),
+)
+"""Those that change their input (``evaluate``, ``detect``, ``go on``) work on a copy."""
+
+
+def files_of(subject: Subject, given: Path) -> list[str]:
+    """The files of an input that may be spoilt, in a fixed order; named twice by patterns, they come twice."""
+    found = [
+        sorted(path.relative_to(given).as_posix() for path in given.glob(pattern) if path.is_file())
+        for pattern in subject.files
+    ]
+    return [name for names in found for name in names]
