@@ -83,7 +83,11 @@ def detect_episode(
     about: dict[str, Any] = dict(read_json(about_path).mapping()) if about_path.is_file() else {}
     mark = _digest(f"{detector.digest}\0{sorted(asdict(recording).items())}")
     kept = about.get("detector_run")
-    ours = isinstance(kept, dict) and path.is_file() and kept.get("detections_sha256") == _digest(path.read_bytes())
+    ours = (
+        isinstance(kept, dict)
+        and path.is_file()
+        and kept.get("detections_sha256") == _digest(regular(path).read_bytes())
+    )
     if isinstance(kept, dict) and ours and (kept.get("detector"), kept.get("mark")) == (detector.name, mark):
         return None
     if path.is_file() and not ours and not replace:

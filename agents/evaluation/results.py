@@ -9,6 +9,7 @@ from agents.policies.registry import checkpoint_of
 from agents.rollouts.run_episode import EpisodeSpec
 from labeling.core.errors import UsageError
 from labeling.formats.atomic import write_json
+from labeling.formats.regular_file import regular
 
 SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
 DECISIVE_SETTINGS = ("env", "split", "scenes", "detector", "labels", "size")
@@ -61,7 +62,7 @@ def read_result(path: Path) -> dict[str, Any]:
         UsageError: if it is damaged.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(regular(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: cannot be read ({error}); delete it to have it made again") from None
     if not isinstance(content, dict):

@@ -13,6 +13,7 @@ from agents.policies.registry import make_policy
 from agents.ppo.envs import EnvConfig, make_env
 from agents.ppo.validation import play
 from agents.rollouts.episode_statistics import means
+from labeling.formats.regular_file import regular
 from labeling.runtime.process_pool import PerProcess, map_jobs
 
 BASELINES = ("random", "ring", "next_best_view")
@@ -73,4 +74,4 @@ def kept_baselines(run: Path) -> dict[str, dict[str, float]] | None:
     path = run / HISTORY_FILE
     if not path.is_file():
         return None
-    return json.loads(path.read_text(encoding="utf-8")).get("baselines")
+    return json.loads(regular(path).read_text(encoding="utf-8")).get("baselines")

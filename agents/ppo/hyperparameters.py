@@ -8,6 +8,7 @@ from typing import Any
 
 from agents.planning.moves_and_looks import MovesAndLooks
 from labeling.core.errors import UsageError
+from labeling.formats.regular_file import regular
 
 SHIPPED_FILE = Path(__file__).resolve().parents[1] / "hyperparams" / "ppo.yaml"
 LINEAR = "lin_"
@@ -88,7 +89,7 @@ def _read_yaml(path: Path) -> dict[Any, Any]:
     import yaml
 
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.safe_load(regular(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:

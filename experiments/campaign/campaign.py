@@ -47,8 +47,8 @@ def run_campaign(config: "CampaignConfig") -> dict[str, Any]:
             trials = _corruptions if kind == "corruptions" else _disturbances
             with progress_bar(desc=kind, unit="trial", initial=len(done)) as bar:
                 for line in trials(kind, config, inputs, {one["number"] for one in done}):
-                    with file.open("a", encoding="utf-8") as lines:
-                        lines.write(json.dumps(line) + "\n")
+                    with file.open("a", encoding="utf-8") as lines:  # after what a kill may have cut off
+                        lines.write("\n" * (not _ends_a_line(file)) + json.dumps(line) + "\n")
                     bar.update()
     summary = {
         "seed": config.seed,
@@ -74,6 +74,11 @@ def read_lines(file: Path) -> list[dict[str, Any]]:
         except ValueError:
             continue
     return found
+
+
+def _ends_a_line(file: Path) -> bool:
+    data = file.read_bytes() if file.is_file() else b""
+    return not data or data.endswith(b"\n")
 
 
 def summed(trials: list[dict[str, Any]]) -> dict[str, Any]:

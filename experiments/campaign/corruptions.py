@@ -12,9 +12,6 @@ from experiments.campaign.damage import damage
 from experiments.campaign.subjects import SUBJECTS, files_of
 from experiments.campaign.trial import FINE, Trial, run_trial
 
-CHANGES_INPUT = ("labeling.evaluate", "labeling.detect", "agents.train")
-"""Commands that write beside what they read."""
-
 
 @dataclass(frozen=True)
 class Job:
@@ -53,7 +50,7 @@ def _corrupt(job: Job) -> Found:
         given, out = folder / "in", folder / "results" / "out"
         shutil.copytree(job.inputs / subject.inputs, given)
         done = damage(given, files_of(subject, given), rng)
-        writes = given if subject.module in CHANGES_INPUT else out
+        writes = given if subject.writes_beside else out
         if writes is out:
             out.parent.mkdir()
         spoilt = folder.parent / f"{folder.name}_spoilt"

@@ -88,7 +88,7 @@ def damage_json(content: Any, rng: np.random.Generator) -> tuple[Any, str]:
         depth = int(rng.integers(0, max(map(len, places)) + 1))
         chosen = [place for place in places if len(place) == depth]
         path = chosen[int(rng.integers(len(chosen)))]
-        value = ODD_VALUES[int(rng.integers(len(ODD_VALUES)))]
+        value = copy.deepcopy(ODD_VALUES[int(rng.integers(len(ODD_VALUES)))])
         if not path:
             content = value
             done.append(f"all = {_short(value)}")

@@ -23,6 +23,8 @@ class Subject:
     """How often, compared with others, it has its turn."""
     resumes: bool = False
     """Whether the same command, given again, goes on with what is missing."""
+    writes_beside: bool = False
+    """Whether it writes beside what it reads, not to ``{out}``."""
 
     def command(self, given: Path, out: Path) -> list[str]:
         """The command line."""
@@ -78,6 +80,7 @@ SUBJECTS = (
         "labels",
         ("set/*.json", "set/*.json", "episodes/*/*.json"),
         3.0,
+        writes_beside=True,
     ),
     Subject(
         "record with a policy",
@@ -95,6 +98,7 @@ SUBJECTS = (
         "policy",
         ("run/*.json", "run/last/*", "run/best/*.json"),
         1.0,
+        writes_beside=True,
     ),
     Subject(
         "train with hyperparameters of others",
@@ -112,9 +116,10 @@ SUBJECTS = (
         "network",
         ("run/**/*.json", "run/**/*.safetensors", "episode/*.json"),
         1.0,
+        writes_beside=True,
     ),
 )
-"""Those that change their input (``evaluate``, ``detect``, ``go on``) work on a copy."""
+"""Each works on a copy of its input."""
 
 
 def files_of(subject: Subject, given: Path) -> list[str]:

@@ -83,10 +83,11 @@ def _judged(
         return "traceback"
     if memory_mb > MOST_MEMORY_MB:
         return "memory"
+    new = {name for name, _ in _entries(folder, out) - before}
+    if any(_is_temporary(Path(name)) for name in new) or any(map(_is_temporary, out.rglob("*"))):
+        return "half-written"
     if _entries(folder, out) != before:
         return "outside"
-    if out.exists() and any(_is_temporary(path) for path in out.parent.rglob("*")):
-        return "half-written"
     if code == 2:
         return "refused" if any(line.startswith("error:") for line in told.splitlines()) else "silent"
     if code not in (0, 1):

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from labeling.core.errors import EpisodeFormatError
+from labeling.formats.regular_file import regular
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def read_text(path: Path) -> str:
         EpisodeFormatError: if the file is missing or is not text.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return regular(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise EpisodeFormatError(f"{path}: file is missing") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -12,6 +12,7 @@ from labeling.core.types import Detection
 from labeling.detectors.registry import detector_by_name
 from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
+from labeling.formats.regular_file import regular
 from labeling.generator.calibration.detector_calibration import is_calibrated
 from labeling.generator.detection_pooling import pool_detections
 from labeling.generator.objects.weak_supervision import one_view_per_object
@@ -89,7 +90,7 @@ def source_fingerprint(config: SourceConfig) -> list[Any]:
     """Changes whenever the sources might: the settings, and the files and the code they name."""
     known: list[Any] = [config.weak, config.detector, config.with_recorded]
     for path in (config.detections, config.annotations):
-        known.append(path and hashlib.sha256(path.read_bytes()).hexdigest())
+        known.append(path and hashlib.sha256(regular(path).read_bytes()).hexdigest())
     if config.detector is not None:
         known.append(detector_by_name(config.detector).digest)
     return known

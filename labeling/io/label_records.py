@@ -18,6 +18,7 @@ from labeling.core.episode_labels import LabelledObject, Source
 from labeling.core.pose_check import PoseCheck
 from labeling.core.rle import encode_mask, rle_area, rle_box_xywh
 from labeling.core.types import Box3d, PseudoLabel
+from labeling.formats.regular_file import regular
 
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
@@ -207,7 +208,7 @@ def _field_names(kind: type) -> tuple[tuple[str, bool], ...] | None:
 def read_record(path: Path, fingerprint: str) -> EpisodeRecord | None:
     """The record of a finished episode, if there is one that can be read and has this fingerprint."""
     try:
-        record = msgspec.json.decode(path.read_bytes(), type=EpisodeRecord)
+        record = msgspec.json.decode(regular(path).read_bytes(), type=EpisodeRecord)
     except (OSError, msgspec.MsgspecError, RecursionError):
         return None  # labelled again
     return record if record.fingerprint == fingerprint else None

@@ -10,6 +10,7 @@ from torch import nn
 from labeling.core.detector import DetectorError
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import atomic_file
+from labeling.formats.regular_file import regular
 
 
 def save_weights(path: Path, network: nn.Module, header: Mapping[str, str], half_precision: bool = False) -> None:
@@ -47,7 +48,7 @@ def read_header(path: Path, key: str, command: str) -> str:
     from safetensors import SafetensorError, safe_open
 
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(regular(path), framework="pt") as file:
             header = file.metadata() or {}
     except FileNotFoundError:
         raise DetectorError(f"{path}: no such file; give the folder of a {command} run") from None
@@ -92,7 +93,7 @@ def read_tensors(
     from safetensors.torch import load_file
 
     try:
-        tensors = load_file(path)
+        tensors = load_file(regular(path))
     except FileNotFoundError:
         raise error_class(f"{path}: no such file") from None
     except (SafetensorError, OSError) as error:

@@ -1,6 +1,7 @@
 """Files of strangers: bad episodes, forged sizes, names that lead elsewhere. Each is one sentence, nothing is lost."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -200,3 +201,22 @@ def test_labels_of_a_dataset_with_a_bad_episode_can_be_evaluated(dataset, tmp_pa
     generate([str(dataset), "--out", str(tmp_path / "labels")])
     assert evaluate([str(tmp_path / "labels")]) in (0, 2)
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "detections.json", "rgb/001.png", "depth/001.png"])
+@pytest.mark.parametrize("kind", ["pipe", "link to itself", "folder"])
+def test_what_is_no_file_is_refused_and_waited_for_by_nobody(dataset, tmp_path, capsys, name, kind) -> None:
+    file = dataset / "room_1" / name
+    file.unlink()
+    if kind == "pipe":
+        os.mkfifo(file)
+    elif kind == "folder":
+        file.mkdir()
+    else:
+        file.symlink_to(file.name)
+    assert generate([str(dataset / "room_1"), "--out", str(tmp_path / "labels")]) == 2
+    told = capsys.readouterr().err
+    assert "Traceback" not in told
+    assert "error:" in told
+    if kind == "pipe" and name == "transforms.json":
+        assert "is a pipe or a device, not a file" in told

@@ -21,6 +21,7 @@ from labeling.detectors.adapters.onnx_config import FAMILIES, read_config
 from labeling.detectors.adapters.onnx_layouts import DENSE_NMS_IOU, Candidates, read_candidates
 from labeling.detectors.data.augment import resize_picture
 from labeling.formats.checked_json import read_json
+from labeling.formats.regular_file import regular
 
 _TYPES: dict[str, Any] = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 PAD_VALUE = 114
@@ -53,8 +54,8 @@ class OnnxDetector:
                 f"or its family, onnx:FAMILY:FILE, one of {', '.join(FAMILIES)}"
             )
         self.categories = tuple(dict.fromkeys(one for one in self.config.categories if one))
-        extra = beside.read_bytes() if beside.is_file() else (family or "").encode()
-        self.digest = hashlib.sha256(path.read_bytes() + extra).hexdigest()
+        extra = regular(beside).read_bytes() if beside.is_file() else (family or "").encode()
+        self.digest = hashlib.sha256(regular(path).read_bytes() + extra).hexdigest()
         self._outputs = [one.name for one in self._session.get_outputs()]
         missing = [one for _, one in self.config.outputs if one not in self._outputs]
         if missing:

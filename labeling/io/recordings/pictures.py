@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 
 from labeling.core.errors import EpisodeFormatError
 from labeling.formats.pixel_limit import jpeg_size, max_pixels, too_large
+from labeling.formats.regular_file import regular
 
 
 def read_colour(path: Path) -> UInt8[np.ndarray, "h w 3"]:
@@ -168,7 +169,7 @@ def read_picture(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
         EpisodeFormatError: naming the file.
     """
     try:
-        content = path.read_bytes()
+        content = regular(path).read_bytes()
     except OSError as error:
         raise EpisodeFormatError(f"{path}: cannot be read ({error})") from None
     if content[:8] == b"\x89PNG\r\n\x1a\n":
@@ -213,7 +214,7 @@ def _check_png(path: Path, content: bytes) -> None:
 def _read_array(path: Path) -> np.ndarray:
     """Reads numbers that numpy has saved; objects, which could hold code, are refused."""
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        array = np.load(regular(path), mmap_mode="r", allow_pickle=False)
         if array.size > max_pixels() or array.dtype.kind not in "fui":
             raise ValueError(f"{array.dtype} {array.shape}")
         return np.array(array)
