@@ -1,6 +1,6 @@
 """Hand-written policies in the validation episodes of a run: what its curve is to be compared with."""
 
-import json
+import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -13,7 +13,8 @@ from agents.policies.registry import make_policy
 from agents.ppo.envs import EnvConfig, make_env
 from agents.ppo.validation import play
 from agents.rollouts.episode_statistics import means
-from labeling.formats.regular_file import regular
+from labeling.core.errors import SbmError
+from labeling.formats.checked_json import read_json
 from labeling.runtime.process_pool import PerProcess, map_jobs
 
 BASELINES = ("random", "ring", "next_best_view")
@@ -70,8 +71,22 @@ def _player(config: EnvConfig) -> Callable[[Job], list[dict[str, float]]]:
 
 
 def kept_baselines(run: Path) -> dict[str, dict[str, float]] | None:
-    """What the history of a run says of them; None if they have not been played."""
+    """What the history of a run says of them; None if they have not been played.
+
+    Raises:
+        SbmError: if the history is damaged.
+    """
     path = run / HISTORY_FILE
     if not path.is_file():
         return None
-    return json.loads(regular(path).read_text(encoding="utf-8")).get("baselines")
+    found = read_json(path).mapping().get("baselines")
+    parts = found.values() if isinstance(found, dict) else [found]
+    if found is not None and not all(isinstance(one, dict) and _is_number(one.get("return")) for one in parts):
+        raise SbmError(
+            f"{path}: is damaged: baselines must hold figures by policy; delete it to have them played again"
+        )
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)

@@ -84,8 +84,8 @@ def _shorten(episode: Path, views: int) -> None:
 
 
 def _labels(out: Path, inputs: Path) -> None:
-    run_command("labeling.generate", str(inputs / "episodes"), "--out", str(out / "set"))
     shutil.copytree(inputs / "episodes", out / "episodes")
+    run_command("labeling.generate", str(out / "episodes"), "--out", str(out / "set"))
 
 
 def _frames(inputs: Path) -> list[tuple[Path, Path, np.ndarray, dict[str, float]]]:
