@@ -82,9 +82,7 @@ def kept_baselines(run: Path) -> dict[str, dict[str, float]] | None:
     found = read_json(path).mapping().get("baselines")
     parts = found.values() if isinstance(found, dict) else [found]
     if found is not None and not all(isinstance(one, dict) and _is_number(one.get("return")) for one in parts):
-        raise SbmError(
-            f"{path}: is damaged: baselines must hold figures by policy; delete it to have them played again"
-        )
+        raise SbmError(f"{path}: is damaged: baselines holds no figures by policy; delete it to play them again")
     return found
 
 

@@ -24,6 +24,8 @@ from labeling.runtime.process_pool import PerProcess, run_jobs
 if TYPE_CHECKING:
     from experiments.campaign.__main__ import CampaignConfig
 
+KINDS = ("corruptions", "kills", "faults")
+"""Campaigns of trials; a soak has none."""
 SURVIVED = (*FINE, "survived")
 
 
@@ -54,7 +56,7 @@ def run_campaign(config: "CampaignConfig") -> dict[str, Any]:
         "seed": config.seed,
         "limits": {"seconds": PATIENCE_S, "memory_mb": MOST_MEMORY_MB},
         **experiment_provenance(),
-        **{kind: summed(read_lines(config.out / f"{kind}.jsonl")) for kind in ("corruptions", "kills", "faults")},
+        **{kind: summed(read_lines(config.out / f"{kind}.jsonl")) for kind in KINDS},
     }
     soaked = config.out / "soak.json"
     if soaked.is_file():
@@ -86,7 +88,7 @@ def summed(trials: list[dict[str, Any]]) -> dict[str, Any]:
     outcomes: dict[str, Counter[str]] = {}
     for trial in trials:
         outcomes.setdefault(trial["subject"], Counter())[trial["outcome"]] += 1
-    kept = ("number", "subject", "what", "outcome", "told")
+    kept = ("number", "subject", "what", "outcome")
     return {
         "trials": len(trials),
         "survived": sum(trial["outcome"] in SURVIVED for trial in trials),
@@ -98,7 +100,7 @@ def summed(trials: list[dict[str, Any]]) -> dict[str, Any]:
 def table(summary: dict[str, Any]) -> str:
     """The outcomes as text: a line for each command, then the trials that were not survived."""
     lines = []
-    for kind in ("corruptions", "kills", "faults"):
+    for kind in KINDS:
         found = summary[kind]
         if not found["trials"]:
             continue

@@ -9,14 +9,14 @@ import tyro
 
 from labeling.runtime.cli import make_main
 
-Page = Literal["results", "policies", "benchmarks"]
+Page = Literal["results", "policies", "benchmarks", "robustness"]
 
 
 @dataclass(frozen=True)
 class PagesConfig:
-    """Writes docs/results.md, docs/policies-results.md and docs/benchmarks.md, and their pictures, from results."""
+    """Writes results.md, policies-results.md, benchmarks.md and robustness.md in docs, and their pictures."""
 
-    names: tyro.conf.Positional[tuple[Page, ...]] = ("results", "policies", "benchmarks")
+    names: tyro.conf.Positional[tuple[Page, ...]] = ("results", "policies", "benchmarks", "robustness")
     """Which pages to write."""
     results: Path = Path("experiments/results")
     """Folder with the results of experiments."""

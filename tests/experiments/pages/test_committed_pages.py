@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.pages import benchmarks, fine_tuning, label_generator, policies, results, sensor_noise
+from experiments.pages import benchmarks, fine_tuning, label_generator, policies, results, robustness, sensor_noise
 from experiments.pages.markdown import write_page
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = ROOT / "docs"
 
 
-@pytest.mark.parametrize("module", [results, policies, fine_tuning, label_generator, benchmarks, sensor_noise])
+@pytest.mark.parametrize(
+    "module", [results, policies, fine_tuning, label_generator, benchmarks, sensor_noise, robustness]
+)
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
     page, *pictures = write_page(module.__name__.rpartition(".")[2], ROOT / "experiments" / "results", tmp_path)
     text = (DOCS / module.PAGE).read_text(encoding="utf-8")
