@@ -96,7 +96,7 @@ def compare_views(episodes: Sequence[Path], before: "Detector", after: "Detector
     return found
 
 
-main = make_main("experiments.before_after", PictureConfig, run)
+main = make_main("experiments.before_after", PictureConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

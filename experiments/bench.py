@@ -56,7 +56,7 @@ def run(config: BenchConfig) -> None:
         print(table(name, rows))
 
 
-main = make_main("experiments.bench", BenchConfig, run)
+main = make_main("experiments.bench", BenchConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

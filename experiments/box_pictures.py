@@ -72,7 +72,7 @@ def run(config: PictureConfig) -> None:
     print(f"{picture}\n{record}")
 
 
-main = make_main("experiments.box_pictures", PictureConfig, run)
+main = make_main("experiments.box_pictures", PictureConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -46,7 +46,7 @@ def run(config: PicturesConfig) -> None:
     preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
 
 
-main = make_main("experiments.pictures", PicturesConfig, run)
+main = make_main("experiments.pictures", PicturesConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -151,7 +151,7 @@ def _short(figures: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in figures.items()}
 
 
-main = make_main("experiments.ship_policy", ShipConfig, run)
+main = make_main("experiments.ship_policy", ShipConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -52,7 +52,7 @@ def run(config: ConvertConfig) -> None:
     print(f"{episode.num_views} views of {width_px}x{height_px} pixels: {config.out}")
 
 
-main = make_main("labeling.convert", ConvertConfig, run)
+main = make_main("labeling.convert", ConvertConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -160,7 +160,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-main = make_main("labeling.evaluate", EvaluateConfig, run_either)
+main = make_main("labeling.evaluate", EvaluateConfig, run_either, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -79,7 +79,11 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
     problems: list[str] = []
     code = run_command(
-        InspectConfig, lambda config: problems.extend(run(config)), "python -m labeling.inspect", arguments
+        InspectConfig,
+        lambda config: problems.extend(run(config)),
+        "python -m labeling.inspect",
+        arguments,
+        resumes=False,
     )
     return code or (PROBLEMS if problems else 0)
 

@@ -100,7 +100,7 @@ def run(config: FitConfig) -> None:
     print(f"settings: {file}")
 
 
-main = make_main("sbm_gym.fit_simulated", FitConfig, run)
+main = make_main("sbm_gym.fit_simulated", FitConfig, run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

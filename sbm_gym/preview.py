@@ -204,7 +204,7 @@ def _run_and_list(config: PreviewConfig) -> None:
         print(path)
 
 
-main = make_main("sbm_gym.preview", PreviewConfig, _run_and_list)
+main = make_main("sbm_gym.preview", PreviewConfig, _run_and_list, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

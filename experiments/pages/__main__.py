@@ -31,7 +31,7 @@ def _run(config: PagesConfig) -> None:
         print(*write_page(name, config.results, config.docs), sep="\n")
 
 
-main = make_main("experiments.pages", PagesConfig, _run)
+main = make_main("experiments.pages", PagesConfig, _run, resumes=False)
 
 if __name__ == "__main__":
     sys.exit(main())

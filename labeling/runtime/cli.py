@@ -51,9 +51,18 @@ def printable(text: str) -> str:
     return "".join(one if one.isprintable() or one in "\n\t" else repr(one)[1:-1] for one in text)
 
 
-def make_main(name: str, config_type: type[Config], run: Callable[[Config], object]) -> Callable[..., int]:
-    """The ``main`` of ``python -m name``; takes a command line, by default ``sys.argv``, and returns the exit code."""
-    return functools.partial(run_command, config_type, run, f"python -m {name}")
+def make_main(
+    name: str, config_type: type[Config], run: Callable[[Config], object], resumes: bool = True
+) -> Callable[..., int]:
+    """The ``main`` of ``python -m name``; takes a command line, by default ``sys.argv``, and returns the exit code.
+
+    Args:
+        name: of the module.
+        config_type: see ``run_command``, as for the others.
+        run: does the work.
+        resumes: whether the same command, given again, goes on with what is missing.
+    """
+    return functools.partial(run_command, config_type, run, f"python -m {name}", resumes=resumes)
 
 
 def run_command(
@@ -63,6 +72,7 @@ def run_command(
     arguments: list[str] | None = None,
     description: str | None = None,
     start: Config | None = None,
+    resumes: bool = True,
 ) -> int:
     """Parses the command line into a config and runs it.
 
@@ -74,6 +84,7 @@ def run_command(
         arguments: the command line; ``sys.argv`` if None.
         description: of a command with subcommands, for the help text.
         start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
+        resumes: whether the same command, given again, goes on with what is missing; else it begins anew.
 
     Returns:
         The exit code: 0; 2 if something about the input is wrong or an extra is not installed, after one line on
@@ -82,6 +93,7 @@ def run_command(
         once temporary files are removed.
     """
     given: dict[str, Any] = {} if start is None else {"default": start}
+    again = "the same command " + ("goes on with what is missing" if resumes else "begins anew")
     try:
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
         with exit_when_told():
@@ -94,7 +106,7 @@ def run_command(
         print(f"error: {printable(str(told))}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on with what is missing", file=sys.stderr)
+        print(f"interrupted; {again}", file=sys.stderr)
         return INTERRUPTED
     except SystemExit as told:
         names = {128 + number: number.name for number in STOPPING}
@@ -102,7 +114,7 @@ def run_command(
             raise
         # The terminal that is told may be gone.
         with contextlib.suppress(OSError):
-            print(f"ended by {names[told.code]}; the same command goes on with what is missing", file=sys.stderr)
+            print(f"ended by {names[told.code]}; {again}", file=sys.stderr)
         return told.code
     except BrokenPipeError:
         # Whoever read the output has closed it (`... | head`). Python would complain once more when it flushes at exit.

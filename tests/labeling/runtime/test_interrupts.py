@@ -70,8 +70,9 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.parametrize("resumes", [True, False])
 @pytest.mark.parametrize("number", STOPPING, ids=str)
-def test_a_command_says_one_line_and_ends_with_the_code_of_the_signal(number, tmp_path) -> None:
+def test_a_command_says_one_line_and_ends_with_the_code_of_the_signal(number, resumes, tmp_path) -> None:
     program = (
         "import os, signal, sys; from dataclasses import dataclass; from pathlib import Path\n"
         "from labeling.formats.atomic import atomic_file\n"
@@ -82,13 +83,13 @@ def test_a_command_says_one_line_and_ends_with_the_code_of_the_signal(number, tm
         "def run(config):\n"
         f"    with atomic_file(Path({str(tmp_path)!r}) / 'file') as half:\n"
         "        half.write_text('half'); os.kill(os.getpid(), config.number)\n"
-        "sys.exit(run_command(Config, run, 'program'))\n"
+        f"sys.exit(run_command(Config, run, 'program', resumes={resumes}))\n"
     )
     command = [sys.executable, "-c", program, "--number", str(int(number))]
     ended = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
     assert ended.returncode == 128 + number
     assert len(ended.stderr.splitlines()) == 1
-    assert "the same command goes on" in ended.stderr
+    assert f"the same command {'goes on' if resumes else 'begins anew'}" in ended.stderr
     assert not list(tmp_path.iterdir())
 
 
