@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, TypeVar
 
 import tyro
@@ -19,6 +20,8 @@ from labeling.runtime.interrupts import STOPPING, exit_when_told
 Config = TypeVar("Config")
 
 BAD_INPUT, INTERRUPTED = 2, 130
+_NAME: ContextVar[str | None] = ContextVar("_NAME", default=None)
+"""What the user typed to call the command, where that is not ``python -m``."""
 
 
 def progress_bar(items: Any = None, unit: str = "batch", **options: Any) -> Any:
@@ -49,6 +52,16 @@ def showing_stages(bar: Any) -> Iterator[None]:
 def printable(text: str) -> str:
     """Text that may hold names from files of others, for a terminal: control characters are spelled, not obeyed."""
     return "".join(one if one.isprintable() or one in "\n\t" else repr(one)[1:-1] for one in text)
+
+
+@contextmanager
+def called_as(name: str) -> Iterator[None]:
+    """Help and messages in the block call the command by another name than that of its module."""
+    token = _NAME.set(name)
+    try:
+        yield
+    finally:
+        _NAME.reset(token)
 
 
 def make_main(
@@ -92,6 +105,7 @@ def run_command(
         to); 128 + n after one line if a signal n told it to stop (130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP),
         once temporary files are removed.
     """
+    prog = _NAME.get() or prog
     given: dict[str, Any] = {} if start is None else {"default": start}
     again = "the same command " + ("goes on with what is missing" if resumes else "begins anew")
     try:
