@@ -139,7 +139,7 @@ def options(verb: str) -> list[str]:
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
         import_module(MODULES[verb]).main(["--help"])
     plain = re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue())
-    rows = re.findall(r"^│ ((?:-h|--)[^ ,]+(?:, --[^ ,]+)*)", plain, re.MULTILINE)
+    rows = re.findall(r"^[│ ] ((?:-h|--)[^ ,]+(?:, --[^ ,]+)*)", plain, re.MULTILINE)
     return sorted({name for row in rows for name in row.split(", ") if name.startswith("--")})
 
 
