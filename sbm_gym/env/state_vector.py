@@ -1,5 +1,6 @@
 """The ``state`` observation: what the robot knows, as numbers from -1 to 1."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -101,8 +102,9 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
 
 def nearest_others(robot: RobotKnowledge, camera_m: Float[np.ndarray, "3"]) -> list[KnownObject]:
     """The confirmed objects beside the fixation target in the order that observations have them: nearest first."""
-    others = [known for known in robot.objects if known is not robot.target]
-    return sorted(others, key=lambda known: float(np.linalg.norm((known.centroid_m - camera_m)[:2])))
+    target, here_m = robot.target, camera_m[:2].tolist()
+    others = [known for known in robot.objects if known is not target]
+    return sorted(others, key=lambda known: math.dist(known.centroid_m[:2].tolist(), here_m))
 
 
 def likely_candidates(robot: RobotKnowledge) -> list[Candidate]:

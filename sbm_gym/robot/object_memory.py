@@ -174,6 +174,8 @@ class Finding:
     """What its mask shows."""
     centroid_m: Float[np.ndarray, "3"]
     """Their mean."""
+    size_m: float
+    """The largest of their extents along the world's axes."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +195,8 @@ class MemoryUpdate:
     """Ids of known objects that this view shows."""
     confidence_now: dict[int, float]
     """By id of known object: the best confidence with which this view detects it, where it does."""
-    unconfirmed: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
-    """Confidence and world points of every detection that is not to be believed, the most confident first."""
+    unconfirmed: tuple[Finding, ...]
+    """The detections that are not to be believed, the most confident first."""
     findings: tuple[Finding, ...] = ()
     """All detections that are large and near enough, the most confident first."""
 
@@ -231,11 +233,11 @@ class ObjectMemory:
         confidence_now: dict[int, float] = {}
         unconfirmed, findings = [], []
         for detection in sorted(detections, key=lambda d: -d.confidence):
-            points = mask_points(detection.mask, depth_m, camera, self.config)
-            if points is None:
+            finding = find(detection, depth_m, camera, self.config)
+            if finding is None:
                 continue
-            centroid_m = view_kernels.mean_point(points)
-            findings.append(Finding(detection.category, detection.confidence, points, centroid_m))
+            findings.append(finding)
+            points, centroid_m = finding.points_m, finding.centroid_m
             known = self._match(detection.category, centroid_m)
             if detection.confidence >= self.config.confident:
                 if known is None:
@@ -244,7 +246,7 @@ class ObjectMemory:
                 else:
                     gain += self._merge(known, detection, points, centroid_m)
             else:
-                unconfirmed.append((detection.confidence, points))
+                unconfirmed.append(finding)
             if known is not None:
                 confidence_now.setdefault(known.object_id, detection.confidence)
         visible, new_azimuths, new_cells = self._look(depth_m, camera)
@@ -309,23 +311,25 @@ class ObjectMemory:
         return tuple(visible), new_azimuths, new_cells
 
 
-def mask_points(
-    mask: Bool[np.ndarray, "h w"], depth_m: Float[np.ndarray, "h w"], camera: Camera, config: MemoryConfig
-) -> Float[np.ndarray, "n 3"] | None:
-    """World points of a detection's mask, None if it is too small, too far or without depth.
+def find(
+    detection: Detection, depth_m: Float[np.ndarray, "h w"], camera: Camera, config: MemoryConfig
+) -> Finding | None:
+    """What a detection shows in the world, None if its mask is too small, too far or without depth.
 
     The mask's rim is left out where enough remains inside (its pixels often belong to the background), and so are
     points more than three standard deviations from the mean, as in the thesis' published code.
     """
-    points = view_kernels.mask_points(
-        mask,
+    points_m, centroid_m, size_m = view_kernels.mask_points(
+        detection.mask,
         depth_m,
         camera.intrinsics,
         camera.camera_to_world,
-        config.min_mask_share * mask.size,
+        config.min_mask_share * detection.mask.size,
         config.max_depth_m,
     )
-    return points if len(points) else None
+    if len(points_m) == 0:
+        return None
+    return Finding(detection.category, detection.confidence, points_m, centroid_m, size_m)
 
 
 def visible_share(

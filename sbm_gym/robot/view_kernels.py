@@ -268,6 +268,34 @@ def find_inner(mask, inner):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def window_of(mask):
+    """The smallest window that holds the pixels of a mask, (h, w) bool.
+
+    Row by row, in loops that compilers turn into operations on many pixels at a time.
+
+    Returns:
+        First row, one past the last, first column, one past the last; an empty window for an empty mask.
+    """
+    height_px, width_px = mask.shape
+    in_column = np.zeros(width_px, np.bool_)
+    top, bottom = height_px, 0
+    for row in range(height_px):
+        some = False
+        for column in range(width_px):
+            some |= mask[row, column]
+        if some:
+            top, bottom = min(top, row), row + 1
+            for column in range(width_px):
+                in_column[column] |= mask[row, column]
+    left, right = 0, width_px
+    while left < right and not in_column[left]:
+        left += 1
+    while right > left and not in_column[right - 1]:
+        right -= 1
+    return min(top, bottom), bottom, left, right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_depth_m):
     """World points of a mask without its rim, where enough is left, and without outliers.
 
@@ -280,37 +308,50 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
         max_depth_m: pixels so far away are left out.
 
     Returns:
-        (n, 3) float64, row by row; nothing if there are less than three pixels with depth.
+        The points, (n, 3) float64, row by row, nothing if there are less than three pixels with depth; their mean,
+        (3,); and the largest of their extents along the world's axes.
     """
-    height_px, width_px = mask.shape
-    inner = np.empty(mask.shape, np.bool_)
-    area, num_inner = find_inner(mask, inner)
+    top, bottom, left, right = window_of(mask)
+    # Beyond the window lies no pixel of the mask, so that one pixel around it decides which of them are at its rim.
+    top, bottom = max(top - 1, 0), min(bottom + 1, mask.shape[0])
+    left, right = max(left - 1, 0), min(right + 1, mask.shape[1])
+    part, seen_part_m = mask[top:bottom, left:right], depth_m[top:bottom, left:right]
+    inner = np.empty(part.shape, np.bool_)
+    area, num_inner = find_inner(part, inner)
     if area < min_pixels:
-        return np.empty((0, 3))
-    chosen = inner if num_inner >= 0.3 * area else mask
+        return np.empty((0, 3)), np.zeros(3), 0.0
+    chosen = inner if num_inner >= 0.3 * area else part
+    across = np.empty(right - left)
+    for column in range(right - left):
+        across[column] = (column + left - intrinsics[0, 2]) / intrinsics[0, 0]
+    pose = camera_to_world
     points_m = np.empty((area, 3))
     count = 0
     sum_x = sum_y = sum_z = 0.0
-    for row in range(height_px):
-        some = False
-        for column in range(width_px):
-            some |= chosen[row, column]
-        for column in range(width_px if some else 0):
-            seen_m = np.float64(depth_m[row, column])
-            if chosen[row, column] and seen_m > 0.0 and seen_m < max_depth_m:
-                x, y, z = world_point(row, column, seen_m, intrinsics, camera_to_world)
+    for row in range(bottom - top):
+        down = (row + top - intrinsics[1, 2]) / intrinsics[1, 1]
+        for column in range(right - left):
+            if not chosen[row, column]:
+                continue
+            seen_m = np.float64(seen_part_m[row, column])
+            if seen_m > 0.0 and seen_m < max_depth_m:
+                # As ``world_point``, with the divisions of a row and of a column done once.
+                right_m, down_m = across[column] * seen_m, down * seen_m
+                x = (right_m * pose[0, 0] + down_m * pose[0, 1]) + seen_m * pose[0, 2] + pose[0, 3]
+                y = (right_m * pose[1, 0] + down_m * pose[1, 1]) + seen_m * pose[1, 2] + pose[1, 3]
+                z = (right_m * pose[2, 0] + down_m * pose[2, 1]) + seen_m * pose[2, 2] + pose[2, 3]
                 points_m[count, 0], points_m[count, 1], points_m[count, 2] = x, y, z
                 sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
                 count += 1
     if count < 3:
-        return np.empty((0, 3))
+        return np.empty((0, 3)), np.zeros(3), 0.0
     return _without_outliers(points_m[:count], sum_x / count, sum_y / count, sum_z / count)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _without_outliers(points_m, mean_x, mean_y, mean_z):
-    """The points at most three standard deviations from their mean along every axis, in their own memory; all if those
-    are none.
+    """The points at most three standard deviations from their mean along every axis, in their own memory: at least two
+    thirds of them (Chebyshev). Also what ``mask_points`` returns of these.
     """
     count = len(points_m)
     # The axes side by side: one sum need not wait for another.
@@ -322,31 +363,17 @@ def _without_outliers(points_m, mean_x, mean_y, mean_z):
     reach_y = 3.0 * np.sqrt(y_2 / count) + 1e-9
     reach_z = 3.0 * np.sqrt(z_2 / count) + 1e-9
     num_kept = 0
+    sum_x = sum_y = sum_z = 0.0
+    low_x = low_y = low_z = np.inf
+    high_x = high_y = high_z = -np.inf
     for number in range(count):
         x, y, z = points_m[number]
         is_near = (abs(x - mean_x) <= reach_x) & (abs(y - mean_y) <= reach_y) & (abs(z - mean_z) <= reach_z)
         if is_near:
             points_m[num_kept, 0], points_m[num_kept, 1], points_m[num_kept, 2] = x, y, z
             num_kept += 1
-    return points_m[:num_kept] if num_kept > 0 else points_m
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def mean_point(points_m):
-    """The mean of points, (n, 3) float64, n > 0; (3,)."""
-    x = y = z = 0.0
-    for number in range(len(points_m)):
-        x, y, z = x + points_m[number, 0], y + points_m[number, 1], z + points_m[number, 2]
-    return np.array([x / len(points_m), y / len(points_m), z / len(points_m)])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def largest_extent(points_m):
-    """The largest of the extents of points, (n, 3) float64, n > 0, along the world's axes."""
-    low_x, low_y, low_z = points_m[0]
-    high_x, high_y, high_z = points_m[0]
-    for number in range(1, len(points_m)):
-        x, y, z = points_m[number]
-        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
-        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
-    return max(high_x - low_x, high_y - low_y, high_z - low_z)
+            sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
+            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    mean_m = np.array([sum_x / num_kept, sum_y / num_kept, sum_z / num_kept])
+    return points_m[:num_kept], mean_m, max(high_x - low_x, high_y - low_y, high_z - low_z)

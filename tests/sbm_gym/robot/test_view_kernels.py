@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproject, unproject_depth
+from labeling.core.types import Detection
 from labeling.core.views import Camera
 from sbm_gym.robot import view_kernels
-from sbm_gym.robot.object_memory import MemoryConfig, mask_points
+from sbm_gym.robot.object_memory import MemoryConfig, find
 from sbm_gym.robot.seen_space import SeenSpace
 from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
@@ -109,7 +110,7 @@ def test_points_of_masks(seed, share):
     inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     chosen = inner if np.count_nonzero(inner) >= 0.3 * np.count_nonzero(mask) else mask
     y, x = np.nonzero(chosen & (depth_m > 0.0) & (depth_m < 5.0))
-    told = mask_points(mask, depth_m, camera, MemoryConfig(max_depth_m=5.0, min_mask_share=0.02))
+    told = find(Detection(0, "chair", 0.9, mask), depth_m, camera, MemoryConfig(max_depth_m=5.0, min_mask_share=0.02))
     if len(x) < 3 or np.count_nonzero(mask) < 0.02 * mask.size:
         assert told is None
         return
@@ -118,9 +119,11 @@ def test_points_of_masks(seed, share):
     off_m = np.abs(points_m - points_m.mean(axis=0))
     kept_m = points_m[np.all(off_m <= 3.0 * points_m.std(axis=0) + 1e-9, axis=1)]
     assert told is not None
-    np.testing.assert_allclose(told, kept_m if len(kept_m) else points_m, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(view_kernels.mean_point(told), told.mean(axis=0))
-    assert view_kernels.largest_extent(told) == np.ptp(told, axis=0).max()
+    np.testing.assert_allclose(told.points_m, kept_m, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(told.centroid_m, told.points_m.mean(axis=0))
+    assert told.size_m == np.ptp(told.points_m, axis=0).max()
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    assert view_kernels.window_of(mask) == (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1)
 
 
 @settings(deadline=None)
