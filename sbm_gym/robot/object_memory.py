@@ -49,13 +49,11 @@ class ViewBins:
             Which of them are within the outermost ranges, and sector, range and elevation of all; what lies beyond the
             outermost ranges is counted to the nearest.
         """
-        offsets = cameras_m - centroids_m
-        ranges_m = np.hypot(offsets[..., 0], offsets[..., 1])
-        rings = np.searchsorted(self.range_edges_m, ranges_m, side="right") - 1
-        layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[..., 2], ranges_m), side="right")
-        azimuths = self.azimuth_bin(np.arctan2(offsets[..., 1], offsets[..., 0]))
-        last = len(self.range_edges_m) - 2
-        return (rings >= 0) & (rings <= last), (azimuths, np.clip(rings, 0, last), layers)
+        offsets = np.ascontiguousarray(cameras_m - centroids_m, float)
+        edges = self.range_edges_m, self.elevation_edges_rad
+        inside, *bins = view_kernels.view_bins(offsets.reshape(-1, 3), *edges, self.num_azimuths)
+        azimuths, rings, layers = (index.reshape(offsets.shape[:-1]) for index in bins)
+        return inside.reshape(offsets.shape[:-1]) > 0, (azimuths, rings, layers)
 
     @property
     def shape(self) -> tuple[int, int, int]:

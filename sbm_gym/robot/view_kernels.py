@@ -377,3 +377,37 @@ def _without_outliers(points_m, mean_x, mean_y, mean_z):
             high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
     mean_m = np.array([sum_x / num_kept, sum_y / num_kept, sum_z / num_kept])
     return points_m[:num_kept], mean_m, max(high_x - low_x, high_y - low_y, high_z - low_z)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def view_bins(offsets_m, range_edges_m, elevation_edges_rad, num_azimuths):
+    """The bins of views (``object_memory.ViewBins``) by where the camera is from what it looks at.
+
+    Args:
+        offsets_m: (n, 3) float64.
+        range_edges_m: edges between horizontal ranges, rising, as a tuple.
+        elevation_edges_rad: edges between elevations, rising, as a tuple.
+        num_azimuths: sectors around what is looked at.
+
+    Returns:
+        (4, n) int64: 1 within the outermost ranges, else 0; sector; range, the nearest one beyond the outermost; and
+        elevation.
+    """
+    found = np.empty((4, len(offsets_m)), np.int64)
+    last = len(range_edges_m) - 2
+    for number in range(len(offsets_m)):
+        x, y, z = offsets_m[number]
+        range_m = np.hypot(x, y)
+        elevation_rad = np.arctan2(z, range_m)
+        turns = np.arctan2(y, x) / (2.0 * np.pi) % 1.0
+        ring = -1
+        for edge_m in range_edges_m:
+            ring += edge_m <= range_m
+        layer = 0
+        for edge_rad in elevation_edges_rad:
+            layer += edge_rad <= elevation_rad
+        found[0, number] = 0 <= ring <= last
+        found[1, number] = min(int(np.floor(turns * num_azimuths)), num_azimuths - 1)
+        found[2, number] = min(max(ring, 0), last)
+        found[3, number] = layer
+    return found

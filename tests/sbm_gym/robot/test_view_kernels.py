@@ -9,7 +9,7 @@ from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproj
 from labeling.core.types import Detection
 from labeling.core.views import Camera
 from sbm_gym.robot import view_kernels
-from sbm_gym.robot.object_memory import MemoryConfig, find
+from sbm_gym.robot.object_memory import MemoryConfig, ViewBins, find
 from sbm_gym.robot.seen_space import SeenSpace
 from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
@@ -124,6 +124,22 @@ def test_points_of_masks(seed, share):
     assert told.size_m == np.ptp(told.points_m, axis=0).max()
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     assert view_kernels.window_of(mask) == (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1)
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_bins_of_views_are_those_of_sorted_edges_and_whole_sectors(seed):
+    rng = np.random.default_rng(seed)
+    bins = ViewBins(num_azimuths=int(rng.integers(1, 30)))
+    cameras_m, centroids_m = rng.normal(0.0, 2.0, (7, 1, 3)), rng.normal(0.0, 2.0, (1, 5, 3))
+    inside, (azimuths, rings, layers) = bins.cells(cameras_m, centroids_m)
+    x, y, z = np.moveaxis(cameras_m - centroids_m, -1, 0)
+    ranges_m = np.hypot(x, y)
+    low_m, *_, high_m = bins.range_edges_m
+    np.testing.assert_array_equal(inside, (ranges_m >= low_m) & (ranges_m < high_m))
+    np.testing.assert_array_equal(rings, np.digitize(ranges_m, bins.range_edges_m[1:-1]))
+    np.testing.assert_array_equal(layers, np.digitize(np.arctan2(z, ranges_m), bins.elevation_edges_rad))
+    np.testing.assert_array_equal(azimuths, bins.azimuth_bin(np.arctan2(y, x)))
 
 
 @settings(deadline=None)
