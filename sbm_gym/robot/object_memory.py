@@ -128,6 +128,10 @@ class SeenSurface:
         low, high = self._bounds()
         return np.all((points_m >= low - margin_m) & (points_m <= high + margin_m), axis=1)
 
+    def holds(self, points_m: Float[np.ndarray, "n 3"], reach_m: float, margin_m: float) -> Bool[np.ndarray, "n"]:
+        """Which points lie at most ``reach_m`` from its centroid, or are such that it ``surrounds``."""
+        return view_kernels.are_near(points_m, self.centroid_m, reach_m, *self._bounds(), margin_m)
+
     def merge(self, points_m: Float[np.ndarray, "n 3"], centroid_m: Float[np.ndarray, "3"], limit: int) -> None:
         """Adds what another mask shows of it; if there are more than ``limit`` points, evenly picked ones are kept."""
         self.centroid_m = (self.centroid_m * self.num_detections + centroid_m) / (self.num_detections + 1)

@@ -90,12 +90,11 @@ class ViewHistory:
         """Drops the candidates that have turned out to be confirmed objects."""
         if not objects or not self.candidates:
             return
-        centroids_m = np.stack([one.centroid_m for one in self.candidates])
+        centroids_m = np.array([one.centroid_m for one in self.candidates])
         is_part = np.zeros(len(centroids_m), bool)
         for known in objects:
-            reach_m = self._reach_m(float(np.max(known.extent_m)))
-            is_part |= np.linalg.norm(centroids_m - known.centroid_m, axis=1) <= reach_m
-            is_part |= known.surrounds(centroids_m, self._config.merge_radius_m)
+            reach_m = self._reach_m(max(known.extent_m.tolist()))
+            is_part |= known.holds(centroids_m, reach_m, self._config.merge_radius_m)
         self.candidates = [one for one, part in zip(self.candidates, is_part, strict=True) if not part]
 
     def _reach_m(self, size_m: float) -> float:

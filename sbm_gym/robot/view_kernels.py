@@ -324,7 +324,10 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
     across = np.empty(right - left)
     for column in range(right - left):
         across[column] = (column + left - intrinsics[0, 2]) / intrinsics[0, 0]
-    pose = camera_to_world
+    # What stores into arrays might change is not read again and again.
+    xx, xy, xz, x0 = camera_to_world[0]
+    yx, yy, yz, y0 = camera_to_world[1]
+    zx, zy, zz, z0 = camera_to_world[2]
     points_m = np.empty((area, 3))
     count = 0
     sum_x = sum_y = sum_z = 0.0
@@ -337,9 +340,9 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
             if seen_m > 0.0 and seen_m < max_depth_m:
                 # As ``world_point``, with the divisions of a row and of a column done once.
                 right_m, down_m = across[column] * seen_m, down * seen_m
-                x = (right_m * pose[0, 0] + down_m * pose[0, 1]) + seen_m * pose[0, 2] + pose[0, 3]
-                y = (right_m * pose[1, 0] + down_m * pose[1, 1]) + seen_m * pose[1, 2] + pose[1, 3]
-                z = (right_m * pose[2, 0] + down_m * pose[2, 1]) + seen_m * pose[2, 2] + pose[2, 3]
+                x = (right_m * xx + down_m * xy) + seen_m * xz + x0
+                y = (right_m * yx + down_m * yy) + seen_m * yz + y0
+                z = (right_m * zx + down_m * zy) + seen_m * zz + z0
                 points_m[count, 0], points_m[count, 1], points_m[count, 2] = x, y, z
                 sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
                 count += 1
@@ -410,4 +413,30 @@ def view_bins(offsets_m, range_edges_m, elevation_edges_rad, num_azimuths):
         found[1, number] = min(int(np.floor(turns * num_azimuths)), num_azimuths - 1)
         found[2, number] = min(max(ring, 0), last)
         found[3, number] = layer
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def are_near(points_m, centre_m, reach_m, low_m, high_m, margin_m):
+    """Which points are near a place, or in an upright box.
+
+    Args:
+        points_m: (n, 3) float64.
+        centre_m: (3,) float64, the place.
+        reach_m: so near.
+        low_m: (3,) float64, a corner of the box.
+        high_m: (3,) float64, the opposite one.
+        margin_m: by this much the box is larger on all sides.
+
+    Returns:
+        (n,) bool.
+    """
+    found = np.empty(len(points_m), np.bool_)
+    for number in range(len(points_m)):
+        square, inside = 0.0, True
+        for axis in range(3):
+            at = points_m[number, axis]
+            square += (at - centre_m[axis]) ** 2
+            inside &= (at >= low_m[axis] - margin_m) & (at <= high_m[axis] + margin_m)
+        found[number] = inside | (np.sqrt(square) <= reach_m)
     return found

@@ -9,7 +9,7 @@ from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproj
 from labeling.core.types import Detection
 from labeling.core.views import Camera
 from sbm_gym.robot import view_kernels
-from sbm_gym.robot.object_memory import MemoryConfig, ViewBins, find
+from sbm_gym.robot.object_memory import MemoryConfig, SeenSurface, ViewBins, find
 from sbm_gym.robot.seen_space import SeenSpace
 from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
@@ -140,6 +140,17 @@ def test_bins_of_views_are_those_of_sorted_edges_and_whole_sectors(seed):
     np.testing.assert_array_equal(rings, np.digitize(ranges_m, bins.range_edges_m[1:-1]))
     np.testing.assert_array_equal(layers, np.digitize(np.arctan2(z, ranges_m), bins.elevation_edges_rad))
     np.testing.assert_array_equal(azimuths, bins.azimuth_bin(np.arctan2(y, x)))
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_points_that_an_object_holds_are_near_its_centroid_or_in_its_box(seed):
+    rng = np.random.default_rng(seed)
+    surface_m, points_m, margin_m = rng.normal(0.0, 0.5, (30, 3)), rng.normal(0.0, 1.0, (50, 3)), 0.1
+    known = SeenSurface(centroid_m=surface_m.mean(axis=0), points_m=surface_m)
+    near = np.linalg.norm(points_m - known.centroid_m, axis=1) <= 0.7
+    expected = near | known.surrounds(points_m, margin_m)
+    np.testing.assert_array_equal(known.holds(points_m, 0.7, margin_m), expected)
 
 
 @settings(deadline=None)
