@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
 from labeling.core.types import Box3d
 
@@ -19,12 +20,11 @@ def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: floa
     """
     if len(points) == 0:
         return None
-    points = np.asarray(points, float)
-    kept = _without_outliers(points, trim)
-    corners = _hull(kept[:, :2])
-    best = min((_rectangle(corners, angle) for angle in _edge_angles(corners)), key=lambda r: r[0])
-    _, angle, low, high = best
-    bottom, top = np.quantile(points[:, 2], [trim, 1 - trim])
+    points = np.ascontiguousarray(points, float)
+    low, high = np.quantile(points, [trim, 1 - trim], axis=0)
+    corners = _hull(_within(points, low, high))
+    best = min((_rectangle(corners, angle) for angle in _likely_angles(corners)), key=lambda r: r[0])
+    (bottom, top), (_, angle, low, high) = (low[2], high[2]), best
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     sides, middle = high - low, turn @ (0.5 * (low + high))
     if sides[1] > sides[0]:
@@ -35,11 +35,20 @@ def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: floa
     return Box3d(np.array([*middle, 0.5 * (bottom + top)]), extent, rotation)
 
 
-def _without_outliers(points, trim):
-    """Points inside the per-axis quantiles, so that single outliers do not stretch the footprint's hull."""
-    low, high = np.quantile(points, [trim, 1 - trim], axis=0)
-    kept = points[np.all((points >= low - 1e-9) & (points <= high + 1e-9), axis=1)]
-    return kept if len(kept) else points
+@njit(cache=True, nogil=True)
+def _within(points, low, high):  # pragma: no cover - compiled
+    """Horizontal places (m, 2) of those ``points`` (n, 3) float64 that lie inside the per-axis quantiles ``low`` and
+    ``high`` (3,), so that single outliers do not stretch the footprint's hull; of all if none do.
+    """
+    kept, count = np.empty((len(points), 2)), 0
+    for p in range(len(points)):
+        inside = True
+        for axis in range(3):
+            inside &= (points[p, axis] >= low[axis] - 1e-9) & (points[p, axis] <= high[axis] + 1e-9)
+        if inside:
+            kept[count, 0], kept[count, 1] = points[p, 0], points[p, 1]
+            count += 1
+    return kept[:count] if count > 0 else points[:, :2].copy()
 
 
 def _hull(footprint) -> np.ndarray:
@@ -57,6 +66,15 @@ def _edge_angles(hull) -> np.ndarray:
     if len(edges) == 0:
         return np.zeros(1)
     return np.unique(np.mod(np.arctan2(edges[:, 1], edges[:, 0]), np.pi / 2))
+
+
+def _likely_angles(hull) -> np.ndarray:
+    """Those directions of the hull's edges along which the rectangle is the smallest, or next to it."""
+    angles = _edge_angles(hull)
+    cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    x, y = hull[:, 0], hull[:, 1]
+    areas = np.ptp(cos * x + sin * y, axis=1) * np.ptp(cos * y - sin * x, axis=1)
+    return angles[areas <= areas.min() * (1 + 1e-9) + 1e-12]
 
 
 def _rectangle(footprint, angle):

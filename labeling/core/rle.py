@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from hotcoco import mask as coco_mask
 from jaxtyping import Bool
+from numba import njit
 
 
 def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
@@ -87,20 +88,38 @@ def check_rle(rle: Any) -> None:
 def _total_run_length(counts: bytes) -> int:
     """Sum of the runs.
 
+    Raises:
+        ValueError: if the counts are not what the code allows.
+    """
+    total, stray = _sum_runs(np.frombuffer(counts, np.uint8))
+    if stray > 0:
+        raise ValueError(f"RLE counts hold a character outside the code: {chr(stray)!r}")
+    if stray < 0:
+        raise ValueError("RLE counts end in the middle of a run")
+    return int(total)
+
+
+@njit(cache=True, nogil=True)
+def _sum_runs(text):  # pragma: no cover - compiled
+    """Sum of the runs that ``text`` (t,) uint8 encodes; then 0, or the character that is not of the code, or -1 if the
+    last run does not end.
+
     Source: the COCO API's maskApi, ``rleFrString``: a run is groups of 5 bits, the lowest first and the highest
     sign-extended, each with a sixth bit that says whether more follow, written as characters from ``0`` on; every run
     from the fourth on is its difference from the run two before.
     """
-    if not counts:
-        return 0
-    groups = np.frombuffer(counts, np.uint8).astype(np.int64) - 48
-    if groups.max() > 63:
-        raise ValueError(f"RLE counts hold a character outside the code: {chr(groups.max() + 48)!r}")
-    if groups[-1] & 32:
-        raise ValueError("RLE counts end in the middle of a run")
-    last = np.flatnonzero(groups & 32 == 0)
-    first = np.concatenate([[0], last[:-1] + 1])
-    shift = 5 * (np.arange(len(groups)) - np.repeat(first, last - first + 1))
-    runs = np.add.reduceat((groups & 31) << shift, first)
-    runs -= np.where(groups[last] & 16, np.int64(32) << shift[last], 0)
-    return int(runs[0] + np.cumsum(runs[1::2]).sum() + np.cumsum(runs[2::2]).sum())
+    total, last, before, runs, run, shift = 0, 0, 0, 0, 0, 0
+    for character in text:
+        group = np.int64(character) - 48
+        if group > 63:
+            return 0, np.int64(character)
+        # Higher bits than there are lie beyond any picture.
+        run |= (group & 31) << shift if shift < 60 else 0
+        shift += 5
+        if group & 32 == 0:
+            if group & 16 != 0 and shift < 60:
+                run |= -1 << shift
+            run += before if runs > 2 else 0
+            total += run
+            before, last, runs, run, shift = last, run, runs + 1, 0, 0
+    return total, -1 if shift > 0 else 0

@@ -58,7 +58,4 @@ class PoseGrid:
     def nearest_place(self, position_m: Float[np.ndarray, "2"], navigable: NavigableMap) -> int:
         """Number of the nearest place that can be reached straight on; of the nearest one if none of nine can."""
         near = np.argsort(((self.places_m - position_m) ** 2).sum(axis=1), kind="stable")[:9]
-        for place in near:
-            if navigable.line_is_free(position_m, self.places_m[place]):
-                return int(place)
-        return int(near[0])
+        return int(near[max(0, navigable.first_straight(position_m, self.places_m[near]))])

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float, UInt8
+from numba import njit
 
 from sbm_gym.env.simulation import Simulation
 from sbm_gym.env.state_vector import ROOM_SCALES, state_names, state_vector
@@ -27,8 +28,18 @@ def encode_depth(
     depth_m: Float[np.ndarray, "h w"], level_m: float = ROOM_SCALES.depth_level_m
 ) -> UInt8[np.ndarray, "h w 1"]:
     """Depth in levels of ``level_m``; a return is never encoded as 0, which stands for none."""
-    levels = np.clip(np.rint(depth_m / level_m), 1, 255)
-    return np.where(depth_m > 0.0, levels, 0).astype(np.uint8)[..., None]
+    levels = np.empty((*depth_m.shape, 1), np.uint8)
+    _write_levels(depth_m, depth_m.dtype.type(level_m), levels)
+    return levels
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write_levels(depth_m, level_m, levels):
+    """What ``encode_depth`` returns, into (h, w, 1) uint8."""
+    for row in range(depth_m.shape[0]):
+        for column in range(depth_m.shape[1]):
+            level = min(max(np.rint(depth_m[row, column] / level_m), 1), 255)
+            levels[row, column, 0] = np.uint8(level) if depth_m[row, column] > 0.0 else np.uint8(0)
 
 
 def observation(simulation: Simulation, scales: ObservationScales) -> dict[str, np.ndarray]:

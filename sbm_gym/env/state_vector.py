@@ -1,6 +1,6 @@
 """The ``state`` observation: what the robot knows, as numbers from -1 to 1."""
 
-from typing import Any
+import math
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -24,6 +24,8 @@ CANDIDATES = 3
 FAILED_LOOK_FACTOR = 0.4
 """What each look that did not confirm a candidate leaves of its score."""
 MANY_OBJECTS, MANY_LOOKS = 10, 5
+PLACED = 6
+"""Entries about an object before those about its sectors."""
 ROOM_SCALES = ObservationScales()
 
 
@@ -65,44 +67,46 @@ def state_vector(simulation: Simulation, scales: ObservationScales) -> Float32[n
         bearing_rad = np.arctan2(y, x) - yaw_rad
         return np.hypot(x, y) / scales.range_reach_m, np.cos(bearing_rad), np.sin(bearing_rad)
 
-    def of_object(known: KnownObject | None) -> list[Any]:
-        if known is None:
-            return [0.0] * (6 + 2 * count)
+    def tell_object(known: KnownObject, entries: Float[np.ndarray, "m"]) -> None:
         away = camera_m - known.centroid_m
         here = int(robot.view_bins.azimuth_bin(np.arctan2(away[1], away[0])))
-        azimuths, is_open = known.azimuths, robot.open_sectors(known).tolist()
-        covered = [(here + k) % count in azimuths for k in range(count)]
+        azimuths, is_open = known.azimuths, robot.open_sectors(known)
         visible = known.object_id in update.visible
-        entries = [1.0, visible, *place(known.centroid_m), len(azimuths) / count]
-        return entries + covered + is_open[here:] + is_open[:here]
+        entries[:PLACED] = (1.0, visible, *place(known.centroid_m), len(azimuths) / count)
+        covered, seen = entries[PLACED : PLACED + count], entries[PLACED + count :]
+        for azimuth in azimuths:
+            covered[(azimuth - here) % count] = 1.0
+        seen[: count - here], seen[count - here :] = is_open[here:], is_open[:here]
 
-    def of_candidate(one: Candidate | None) -> list[Any]:
-        return [0.0] * 5 if one is None else [one.confidence, *place(one.centroid_m), len(one.looks) / MANY_LOOKS]
-
-    others, likely = nearest_others(robot, camera_m), likely_candidates(robot)
-    about_target = [0.0, 0.0, 0.0]
+    # Zeros stand for what there is nothing of.
+    of_object, of_candidate = PLACED + 2 * count, 5
+    others, candidates = of_object + 3, of_object + 3 + OTHERS * of_object
+    episode = candidates + CANDIDATES * of_candidate
+    entries = np.zeros(episode + 4)
     if target is not None:
+        tell_object(target, entries[:of_object])
         x, y, z = target.centroid_m - camera_m
         confidence_now = update.confidence_now.get(target.object_id, 0.0)
-        about_target = [np.arctan2(z, np.hypot(x, y)) / np.pi, confidence_now, target.best_confidence]
-    rings = tuple(UNSEEN_STRIDES.values())
-    entries = [*of_object(target), *about_target]
-    for known in [*others, *[None] * OTHERS][:OTHERS]:
-        entries += of_object(known)
-    for one in [*likely, *[None] * CANDIDATES][:CANDIDATES]:
-        entries += of_candidate(one)
-    entries += [len(robot.objects) / MANY_OBJECTS, body.tilt_rad / np.pi, simulation.collided]
-    entries.append(max(0.0, 1.0 - simulation.step_index / simulation.num_views))
+        about = np.arctan2(z, np.hypot(x, y)) / np.pi, confidence_now, target.best_confidence
+        entries[of_object:others] = about
+    for k, known in enumerate(nearest_others(robot, camera_m)[:OTHERS]):
+        tell_object(known, entries[others + k * of_object :][:of_object])
+    for k, one in enumerate(likely_candidates(robot)[:CANDIDATES]):
+        told = one.confidence, *place(one.centroid_m), len(one.looks) / MANY_LOOKS
+        entries[candidates + k * of_candidate :][:of_candidate] = told
+    time_left = max(0.0, 1.0 - simulation.step_index / simulation.num_views)
+    entries[episode:] = len(robot.objects) / MANY_OBJECTS, body.tilt_rad / np.pi, simulation.collided, time_left
     free_m = free_distances_m(robot.navigable, position_m, yaw_rad, scales.free_reach_m)
-    unseen = robot.seen_floor.unseen_around(position_m, yaw_rad, rings, UNSEEN_DIRECTIONS)
-    columns = np.array(entries, float), free_m / scales.free_reach_m, unseen.ravel()
+    unseen = robot.seen_floor.unseen_around(position_m, yaw_rad, tuple(UNSEEN_STRIDES.values()), UNSEEN_DIRECTIONS)
+    columns = entries, free_m / scales.free_reach_m, unseen.ravel()
     return np.concatenate(columns).clip(-1.0, 1.0).astype(np.float32)
 
 
 def nearest_others(robot: RobotKnowledge, camera_m: Float[np.ndarray, "3"]) -> list[KnownObject]:
     """The confirmed objects beside the fixation target in the order that observations have them: nearest first."""
-    others = [known for known in robot.objects if known is not robot.target]
-    return sorted(others, key=lambda known: float(np.linalg.norm((known.centroid_m - camera_m)[:2])))
+    target, here_m = robot.target, camera_m[:2].tolist()
+    others = [known for known in robot.objects if known is not target]
+    return sorted(others, key=lambda known: math.dist(known.centroid_m[:2].tolist(), here_m))
 
 
 def likely_candidates(robot: RobotKnowledge) -> list[Candidate]:

@@ -37,6 +37,7 @@ _SLACK_M = 0.5
 """Obstacles this much farther away than a move is long are out of its reach for certain."""
 _BLOCKED_M = 0.02
 """A move that ends this far from its goal while touching something has collided."""
+_IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ class AgentBody:
     @property
     def camera_to_world(self) -> Float[np.ndarray, "4 4"]:
         """Pose of the camera, OpenCV axes."""
-        opengl = np.eye(4)
+        opengl = _IDENTITY.copy()
         opengl[:3, :3] = self.data.cam_xmat[self._camera].reshape(3, 3)
         opengl[:3, 3] = self.data.cam_xpos[self._camera]
         return flip_camera_axes(opengl)
@@ -211,7 +212,7 @@ class AgentBody:
         self.data.qvel[:] = 0.0
         if distance_m > 0.0:
             travelling = int(np.ceil(distance_m / (self._speed_m_s * SUBSTEP_S)))
-            with self._obstacles_within(distance_m + _SLACK_M):
+            with self._near_things_only(distance_m + _SLACK_M):
                 model, data, ctrl = self.model, self.data, self.data.ctrl
                 for set_point in start + (goal - start) * (np.arange(1, travelling + 1) / travelling)[:, None]:
                     ctrl[self._servos] = set_point
@@ -237,8 +238,10 @@ class AgentBody:
         return False
 
     @contextmanager
-    def _obstacles_within(self, reach_m: float) -> Iterator[None]:
-        """Has MuJoCo look for contacts with near obstacles only, which finds the same ones much sooner in a town."""
+    def _near_things_only(self, reach_m: float) -> Iterator[None]:
+        """Has MuJoCo look for contacts with near obstacles only, which finds the same ones much sooner in a town, and
+        leave alone what never moves (the world "sleeps"; driven bodies do not), whose place it knows already.
+        """
         model = self.model
         x, y = (self.data.geom_xpos[self._obstacles, :2] - self.position_m).T
         is_near = x * x + y * y <= (reach_m + self._obstacle_radii_m) ** 2
@@ -246,11 +249,14 @@ class AgentBody:
         is_far[self._obstacle_bodies] = True
         is_far[self._obstacle_bodies[is_near]] = False
         before = model.body_contype.copy(), model.body_conaffinity.copy()
+        flags = model.opt.enableflags
         model.body_contype[is_far] = model.body_conaffinity[is_far] = 0
+        model.opt.enableflags = flags | mujoco.mjtEnableBit.mjENBL_SLEEP
         try:
             yield
         finally:
             model.body_contype[:], model.body_conaffinity[:] = before
+            model.opt.enableflags = flags
 
     def _settle(self, goal: Float[np.ndarray, "2"]) -> None:
         """Lets the servos finish; ends early when the body has arrived or rests against an obstacle."""

@@ -49,13 +49,11 @@ class ViewBins:
             Which of them are within the outermost ranges, and sector, range and elevation of all; what lies beyond the
             outermost ranges is counted to the nearest.
         """
-        offsets = cameras_m - centroids_m
-        ranges_m = np.hypot(offsets[..., 0], offsets[..., 1])
-        rings = np.searchsorted(self.range_edges_m, ranges_m, side="right") - 1
-        layers = np.searchsorted(self.elevation_edges_rad, np.arctan2(offsets[..., 2], ranges_m), side="right")
-        azimuths = self.azimuth_bin(np.arctan2(offsets[..., 1], offsets[..., 0]))
-        last = len(self.range_edges_m) - 2
-        return (rings >= 0) & (rings <= last), (azimuths, np.clip(rings, 0, last), layers)
+        offsets = np.ascontiguousarray(cameras_m - centroids_m, float)
+        edges = self.range_edges_m, self.elevation_edges_rad
+        inside, *bins = view_kernels.view_bins(offsets.reshape(-1, 3), *edges, self.num_azimuths)
+        azimuths, rings, layers = (index.reshape(offsets.shape[:-1]) for index in bins)
+        return inside.reshape(offsets.shape[:-1]) > 0, (azimuths, rings, layers)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -130,6 +128,10 @@ class SeenSurface:
         low, high = self._bounds()
         return np.all((points_m >= low - margin_m) & (points_m <= high + margin_m), axis=1)
 
+    def holds(self, points_m: Float[np.ndarray, "n 3"], reach_m: float, margin_m: float) -> Bool[np.ndarray, "n"]:
+        """Which points lie at most ``reach_m`` from its centroid, or are such that it ``surrounds``."""
+        return view_kernels.are_near(points_m, self.centroid_m, reach_m, *self._bounds(), margin_m)
+
     def merge(self, points_m: Float[np.ndarray, "n 3"], centroid_m: Float[np.ndarray, "3"], limit: int) -> None:
         """Adds what another mask shows of it; if there are more than ``limit`` points, evenly picked ones are kept."""
         self.centroid_m = (self.centroid_m * self.num_detections + centroid_m) / (self.num_detections + 1)
@@ -174,6 +176,8 @@ class Finding:
     """What its mask shows."""
     centroid_m: Float[np.ndarray, "3"]
     """Their mean."""
+    size_m: float
+    """The largest of their extents along the world's axes."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +197,8 @@ class MemoryUpdate:
     """Ids of known objects that this view shows."""
     confidence_now: dict[int, float]
     """By id of known object: the best confidence with which this view detects it, where it does."""
-    unconfirmed: tuple[tuple[float, Float[np.ndarray, "_ 3"]], ...]
-    """Confidence and world points of every detection that is not to be believed, the most confident first."""
+    unconfirmed: tuple[Finding, ...]
+    """The detections that are not to be believed, the most confident first."""
     findings: tuple[Finding, ...] = ()
     """All detections that are large and near enough, the most confident first."""
 
@@ -231,11 +235,11 @@ class ObjectMemory:
         confidence_now: dict[int, float] = {}
         unconfirmed, findings = [], []
         for detection in sorted(detections, key=lambda d: -d.confidence):
-            points = mask_points(detection.mask, depth_m, camera, self.config)
-            if points is None:
+            finding = find(detection, depth_m, camera, self.config)
+            if finding is None:
                 continue
-            centroid_m = view_kernels.mean_point(points)
-            findings.append(Finding(detection.category, detection.confidence, points, centroid_m))
+            findings.append(finding)
+            points, centroid_m = finding.points_m, finding.centroid_m
             known = self._match(detection.category, centroid_m)
             if detection.confidence >= self.config.confident:
                 if known is None:
@@ -244,7 +248,7 @@ class ObjectMemory:
                 else:
                     gain += self._merge(known, detection, points, centroid_m)
             else:
-                unconfirmed.append((detection.confidence, points))
+                unconfirmed.append(finding)
             if known is not None:
                 confidence_now.setdefault(known.object_id, detection.confidence)
         visible, new_azimuths, new_cells = self._look(depth_m, camera)
@@ -309,23 +313,25 @@ class ObjectMemory:
         return tuple(visible), new_azimuths, new_cells
 
 
-def mask_points(
-    mask: Bool[np.ndarray, "h w"], depth_m: Float[np.ndarray, "h w"], camera: Camera, config: MemoryConfig
-) -> Float[np.ndarray, "n 3"] | None:
-    """World points of a detection's mask, None if it is too small, too far or without depth.
+def find(
+    detection: Detection, depth_m: Float[np.ndarray, "h w"], camera: Camera, config: MemoryConfig
+) -> Finding | None:
+    """What a detection shows in the world, None if its mask is too small, too far or without depth.
 
     The mask's rim is left out where enough remains inside (its pixels often belong to the background), and so are
     points more than three standard deviations from the mean, as in the thesis' published code.
     """
-    points = view_kernels.mask_points(
-        mask,
+    points_m, centroid_m, size_m = view_kernels.mask_points(
+        detection.mask,
         depth_m,
         camera.intrinsics,
         camera.camera_to_world,
-        config.min_mask_share * mask.size,
+        config.min_mask_share * detection.mask.size,
         config.max_depth_m,
     )
-    return points if len(points) else None
+    if len(points_m) == 0:
+        return None
+    return Finding(detection.category, detection.confidence, points_m, centroid_m, size_m)
 
 
 def visible_share(

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from sbm_gym.robot import view_kernels
-from sbm_gym.robot.object_memory import Cell, KnownObject, MemoryConfig
+from sbm_gym.robot.object_memory import Cell, Finding, KnownObject, MemoryConfig
 
 IN_VIEW_RAD = np.deg2rad(38.0)
 """What is at most this far to the side of where the camera points is well inside its 90 degrees."""
@@ -46,7 +45,7 @@ class ViewHistory:
 
     def add(
         self,
-        unconfirmed: Sequence[tuple[float, Float[np.ndarray, "_ 3"]]],
+        unconfirmed: Sequence[Finding],
         objects: Sequence[KnownObject],
         camera_to_world: Float[np.ndarray, "4 4"],
     ) -> None:
@@ -58,8 +57,8 @@ class ViewHistory:
             camera_to_world: its pose.
         """
         places_m = [tuple(one.centroid_m.tolist()) for one in self.candidates]
-        for confidence, points in unconfirmed:
-            self._note(confidence, points, places_m)
+        for finding in unconfirmed:
+            self._note(finding, places_m)
         self._forget_parts_of(objects)
         camera_m, forward = camera_to_world[:3, 3], camera_to_world[:3, 2]
         yaw_rad = float(np.arctan2(forward[1], forward[0]))
@@ -72,9 +71,9 @@ class ViewHistory:
         for index in np.flatnonzero(inside & (np.abs(side_rad) < IN_VIEW_RAD)):
             watched[index][1].add((int(azimuths[index]), int(rings[index]), int(layers[index])))
 
-    def _note(self, confidence: float, points, places_m: list[tuple[float, ...]]) -> None:
+    def _note(self, finding: Finding, places_m: list[tuple[float, ...]]) -> None:
         """Adds a detection to a candidate near it, or as a new one; ``places_m`` follows the candidates' centroids."""
-        centroid_m, size_m = view_kernels.mean_point(points), float(view_kernels.largest_extent(points))
+        centroid_m, size_m, confidence = finding.centroid_m, finding.size_m, finding.confidence
         place_m = tuple(centroid_m.tolist())
         reach_m, share = self._reach_m(size_m), self._config.merge_extent_share
         for index, one in enumerate(self.candidates):
@@ -91,12 +90,11 @@ class ViewHistory:
         """Drops the candidates that have turned out to be confirmed objects."""
         if not objects or not self.candidates:
             return
-        centroids_m = np.stack([one.centroid_m for one in self.candidates])
+        centroids_m = np.array([one.centroid_m for one in self.candidates])
         is_part = np.zeros(len(centroids_m), bool)
         for known in objects:
-            reach_m = self._reach_m(float(np.max(known.extent_m)))
-            is_part |= np.linalg.norm(centroids_m - known.centroid_m, axis=1) <= reach_m
-            is_part |= known.surrounds(centroids_m, self._config.merge_radius_m)
+            reach_m = self._reach_m(max(known.extent_m.tolist()))
+            is_part |= known.holds(centroids_m, reach_m, self._config.merge_radius_m)
         self.candidates = [one for one, part in zip(self.candidates, is_part, strict=True) if not part]
 
     def _reach_m(self, size_m: float) -> float:

@@ -268,6 +268,34 @@ def find_inner(mask, inner):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def window_of(mask):
+    """The smallest window that holds the pixels of a mask, (h, w) bool.
+
+    Row by row, in loops that compilers turn into operations on many pixels at a time.
+
+    Returns:
+        First row, one past the last, first column, one past the last; an empty window for an empty mask.
+    """
+    height_px, width_px = mask.shape
+    in_column = np.zeros(width_px, np.bool_)
+    top, bottom = height_px, 0
+    for row in range(height_px):
+        some = False
+        for column in range(width_px):
+            some |= mask[row, column]
+        if some:
+            top, bottom = min(top, row), row + 1
+            for column in range(width_px):
+                in_column[column] |= mask[row, column]
+    left, right = 0, width_px
+    while left < right and not in_column[left]:
+        left += 1
+    while right > left and not in_column[right - 1]:
+        right -= 1
+    return min(top, bottom), bottom, left, right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_depth_m):
     """World points of a mask without its rim, where enough is left, and without outliers.
 
@@ -280,37 +308,53 @@ def mask_points(mask, depth_m, intrinsics, camera_to_world, min_pixels, max_dept
         max_depth_m: pixels so far away are left out.
 
     Returns:
-        (n, 3) float64, row by row; nothing if there are less than three pixels with depth.
+        The points, (n, 3) float64, row by row, nothing if there are less than three pixels with depth; their mean,
+        (3,); and the largest of their extents along the world's axes.
     """
-    height_px, width_px = mask.shape
-    inner = np.empty(mask.shape, np.bool_)
-    area, num_inner = find_inner(mask, inner)
+    top, bottom, left, right = window_of(mask)
+    # Beyond the window lies no pixel of the mask, so that one pixel around it decides which of them are at its rim.
+    top, bottom = max(top - 1, 0), min(bottom + 1, mask.shape[0])
+    left, right = max(left - 1, 0), min(right + 1, mask.shape[1])
+    part, seen_part_m = mask[top:bottom, left:right], depth_m[top:bottom, left:right]
+    inner = np.empty(part.shape, np.bool_)
+    area, num_inner = find_inner(part, inner)
     if area < min_pixels:
-        return np.empty((0, 3))
-    chosen = inner if num_inner >= 0.3 * area else mask
+        return np.empty((0, 3)), np.zeros(3), 0.0
+    chosen = inner if num_inner >= 0.3 * area else part
+    across = np.empty(right - left)
+    for column in range(right - left):
+        across[column] = (column + left - intrinsics[0, 2]) / intrinsics[0, 0]
+    # What stores into arrays might change is not read again and again.
+    xx, xy, xz, x0 = camera_to_world[0]
+    yx, yy, yz, y0 = camera_to_world[1]
+    zx, zy, zz, z0 = camera_to_world[2]
     points_m = np.empty((area, 3))
     count = 0
     sum_x = sum_y = sum_z = 0.0
-    for row in range(height_px):
-        some = False
-        for column in range(width_px):
-            some |= chosen[row, column]
-        for column in range(width_px if some else 0):
-            seen_m = np.float64(depth_m[row, column])
-            if chosen[row, column] and seen_m > 0.0 and seen_m < max_depth_m:
-                x, y, z = world_point(row, column, seen_m, intrinsics, camera_to_world)
+    for row in range(bottom - top):
+        down = (row + top - intrinsics[1, 2]) / intrinsics[1, 1]
+        for column in range(right - left):
+            if not chosen[row, column]:
+                continue
+            seen_m = np.float64(seen_part_m[row, column])
+            if seen_m > 0.0 and seen_m < max_depth_m:
+                # As ``world_point``, with the divisions of a row and of a column done once.
+                right_m, down_m = across[column] * seen_m, down * seen_m
+                x = (right_m * xx + down_m * xy) + seen_m * xz + x0
+                y = (right_m * yx + down_m * yy) + seen_m * yz + y0
+                z = (right_m * zx + down_m * zy) + seen_m * zz + z0
                 points_m[count, 0], points_m[count, 1], points_m[count, 2] = x, y, z
                 sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
                 count += 1
     if count < 3:
-        return np.empty((0, 3))
+        return np.empty((0, 3)), np.zeros(3), 0.0
     return _without_outliers(points_m[:count], sum_x / count, sum_y / count, sum_z / count)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _without_outliers(points_m, mean_x, mean_y, mean_z):
-    """The points at most three standard deviations from their mean along every axis, in their own memory; all if those
-    are none.
+    """The points at most three standard deviations from their mean along every axis, in their own memory: at least two
+    thirds of them (Chebyshev). Also what ``mask_points`` returns of these.
     """
     count = len(points_m)
     # The axes side by side: one sum need not wait for another.
@@ -322,31 +366,77 @@ def _without_outliers(points_m, mean_x, mean_y, mean_z):
     reach_y = 3.0 * np.sqrt(y_2 / count) + 1e-9
     reach_z = 3.0 * np.sqrt(z_2 / count) + 1e-9
     num_kept = 0
+    sum_x = sum_y = sum_z = 0.0
+    low_x = low_y = low_z = np.inf
+    high_x = high_y = high_z = -np.inf
     for number in range(count):
         x, y, z = points_m[number]
         is_near = (abs(x - mean_x) <= reach_x) & (abs(y - mean_y) <= reach_y) & (abs(z - mean_z) <= reach_z)
         if is_near:
             points_m[num_kept, 0], points_m[num_kept, 1], points_m[num_kept, 2] = x, y, z
             num_kept += 1
-    return points_m[:num_kept] if num_kept > 0 else points_m
+            sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
+            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    mean_m = np.array([sum_x / num_kept, sum_y / num_kept, sum_z / num_kept])
+    return points_m[:num_kept], mean_m, max(high_x - low_x, high_y - low_y, high_z - low_z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mean_point(points_m):
-    """The mean of points, (n, 3) float64, n > 0; (3,)."""
-    x = y = z = 0.0
+def view_bins(offsets_m, range_edges_m, elevation_edges_rad, num_azimuths):
+    """The bins of views (``object_memory.ViewBins``) by where the camera is from what it looks at.
+
+    Args:
+        offsets_m: (n, 3) float64.
+        range_edges_m: edges between horizontal ranges, rising, as a tuple.
+        elevation_edges_rad: edges between elevations, rising, as a tuple.
+        num_azimuths: sectors around what is looked at.
+
+    Returns:
+        (4, n) int64: 1 within the outermost ranges, else 0; sector; range, the nearest one beyond the outermost; and
+        elevation.
+    """
+    found = np.empty((4, len(offsets_m)), np.int64)
+    last = len(range_edges_m) - 2
+    for number in range(len(offsets_m)):
+        x, y, z = offsets_m[number]
+        range_m = np.hypot(x, y)
+        elevation_rad = np.arctan2(z, range_m)
+        turns = np.arctan2(y, x) / (2.0 * np.pi) % 1.0
+        ring = -1
+        for edge_m in range_edges_m:
+            ring += edge_m <= range_m
+        layer = 0
+        for edge_rad in elevation_edges_rad:
+            layer += edge_rad <= elevation_rad
+        found[0, number] = 0 <= ring <= last
+        found[1, number] = min(int(np.floor(turns * num_azimuths)), num_azimuths - 1)
+        found[2, number] = min(max(ring, 0), last)
+        found[3, number] = layer
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def are_near(points_m, centre_m, reach_m, low_m, high_m, margin_m):
+    """Which points are near a place, or in an upright box.
+
+    Args:
+        points_m: (n, 3) float64.
+        centre_m: (3,) float64, the place.
+        reach_m: so near.
+        low_m: (3,) float64, a corner of the box.
+        high_m: (3,) float64, the opposite one.
+        margin_m: by this much the box is larger on all sides.
+
+    Returns:
+        (n,) bool.
+    """
+    found = np.empty(len(points_m), np.bool_)
     for number in range(len(points_m)):
-        x, y, z = x + points_m[number, 0], y + points_m[number, 1], z + points_m[number, 2]
-    return np.array([x / len(points_m), y / len(points_m), z / len(points_m)])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def largest_extent(points_m):
-    """The largest of the extents of points, (n, 3) float64, n > 0, along the world's axes."""
-    low_x, low_y, low_z = points_m[0]
-    high_x, high_y, high_z = points_m[0]
-    for number in range(1, len(points_m)):
-        x, y, z = points_m[number]
-        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
-        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
-    return max(high_x - low_x, high_y - low_y, high_z - low_z)
+        square, inside = 0.0, True
+        for axis in range(3):
+            at = points_m[number, axis]
+            square += (at - centre_m[axis]) ** 2
+            inside &= (at >= low_m[axis] - margin_m) & (at <= high_m[axis] + margin_m)
+        found[number] = inside | (np.sqrt(square) <= reach_m)
+    return found

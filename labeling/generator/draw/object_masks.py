@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float32
+from numba import njit
 
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud
 from labeling.core.masks import blank_masks
@@ -69,12 +70,9 @@ def draw_labels(
         seen = [k for k in range(len(objects)) if pixels[k] or np.any(rows[k])]
         blank, labels = blank_masks(2 * len(seen), voxels.shape), []
         for k, modal, amodal in zip(seen, blank[::2], blank[1::2], strict=True):
-            one, own = objects[k], slice(*windows[k, :2])
-            if config.published.missing_z_buffer:
-                own = slice(None)
-            modal[own] = shown[own] == k
-            amodal[rows[k]] = drawn[k][rows[k]]
-            amodal[own] |= modal[own]
+            one = objects[k]
+            first, end = (0, len(shown)) if config.published.missing_z_buffer else windows[k, :2]
+            _write_masks(k, shown, first, end, drawn[k], rows[k], modal, amodal)
             labels.append(
                 PseudoLabel(
                     view_index=view,
@@ -100,6 +98,30 @@ def draw_labels(
     return EpisodeLabels(
         tuple(objects), labels, SegmentedCloud(cloud.points, cloud.colours, instance_ids, probability), scale
     )
+
+
+@njit(cache=True, nogil=True)
+def _write_masks(k, shown, first, end, drawn, rows, modal, amodal):  # pragma: no cover - compiled
+    """Writes the masks of an object into blank ones, row by row where there is anything.
+
+    Args:
+        k: its number.
+        shown: (h, w) int32, the object at each pixel.
+        first: no earlier row shows it.
+        end: nor does this one, or a later one.
+        drawn: (h, w) bool, all of it; only where ``rows``.
+        rows: (h,) bool.
+        modal: (h, w) bool, receives where it is shown.
+        amodal: (h, w) bool, receives all of it.
+    """
+    for y in range(len(rows)):
+        if rows[y]:
+            for x in range(shown.shape[1]):
+                amodal[y, x] = drawn[y, x]
+        if first <= y < end:
+            for x in range(shown.shape[1]):
+                modal[y, x] = shown[y, x] == k
+                amodal[y, x] |= modal[y, x]
 
 
 def _painted(drawn: Bool[np.ndarray, "k h w"], chances: ViewChances):

@@ -162,7 +162,8 @@ def _depth_spectrum(
 
 def _spectrum(edges: Float[np.ndarray, "h w"], reach_px: int) -> Complex[np.ndarray, "rows frequencies"]:
     """Fourier spectrum of edges without their mean, padded with zeros, divided by the Euclidean norm of the edges."""
-    length = max(float(np.linalg.norm(edges)), 1e-5)
+    # Not by BLAS, which wakes threads for so many numbers and waits for them.
+    length = max(float(np.sqrt(np.square(edges).sum())), 1e-5)
     normed = ((edges - edges.mean()) / length).astype(np.float32)
     return np.asarray(scipy.fft.rfft2(normed, _padded(edges.shape, reach_px)))
 

@@ -44,6 +44,26 @@ def line_is_free(free, ax: float, ay: float, bx: float, by: float) -> bool:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def first_straight(free, origin_m, cell_m, x: float, y: float, ends_m) -> int:
+    """The first of some places to which ``line_is_free`` from a place, -1 if there is none.
+
+    Args:
+        free: as there.
+        origin_m: (2,) float64, x and y of the grid's lower corner.
+        cell_m: edge length of a cell.
+        x: of where to start, metres.
+        y: likewise.
+        ends_m: (n, 2) float64.
+    """
+    ax, ay = (x - origin_m[0]) / cell_m, (y - origin_m[1]) / cell_m
+    for number in range(len(ends_m)):
+        bx, by = (ends_m[number, 0] - origin_m[0]) / cell_m, (ends_m[number, 1] - origin_m[1]) / cell_m
+        if line_is_free(free, ax, ay, bx, by):
+            return number
+    return -1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def free_steps(free, origin_m, cell_m, x: float, y: float, directions, most: int):
     """How many steps of a cell's length one can go in some directions before a place that is not free.
 

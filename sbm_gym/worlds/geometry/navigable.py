@@ -81,9 +81,12 @@ class NavigableMap:
 
     def line_is_free(self, a_m: Float[np.ndarray, "2"], b_m: Float[np.ndarray, "2"]) -> bool:
         """Whether the agent can go straight from ``a_m`` to ``b_m``: every cell on the way is free."""
-        a = (np.asarray(a_m, float) - self.origin_m) / self.cell_m
-        b = (np.asarray(b_m, float) - self.origin_m) / self.cell_m
-        return grid_kernels.line_is_free(self.free, a[0], a[1], b[0], b[1])
+        return self.first_straight(a_m, np.asarray(b_m, float)[None]) == 0
+
+    def first_straight(self, start_m: Float[np.ndarray, "2"], ends_m: Float[np.ndarray, "n 2"]) -> int:
+        """The first of some places that the agent can go straight to, -1 if there is none."""
+        x, y = float(start_m[0]), float(start_m[1])
+        return grid_kernels.first_straight(self.free, self.origin_m, self.cell_m, x, y, ends_m)
 
     def shortest_path(
         self, start_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]

@@ -1,5 +1,7 @@
 """The body moves as commanded where it can, and stops or slides where it cannot."""
 
+from contextlib import nullcontext
+
 import mujoco
 import numpy as np
 import pytest
@@ -171,6 +173,22 @@ def test_obstacles_out_of_reach_change_no_move_and_stay_solid(room, monkeypatch)
     assert max(contacts for *_, contacts in ends) > 0
     assert np.array_equal(before[0], body.model.body_contype)
     assert np.array_equal(before[1], body.model.body_conaffinity)
+
+
+def test_a_world_that_sleeps_while_the_body_drives_changes_no_move(room, monkeypatch):
+    world, body = room
+    ends = []
+    for near_things_only in (body._near_things_only, lambda reach_m: nullcontext()):
+        monkeypatch.setattr(body, "_near_things_only", near_things_only)
+        rng = np.random.default_rng(4)
+        for _ in range(20):
+            body.place(world.navigable.random_point(rng), 0.0, 0.0)
+            for _ in range(3):
+                collided = body.move(rng.uniform(-0.5, 0.5, 2))
+                ends.append((collided, *body.camera_to_world.ravel(), *body.data.qacc_warmstart, body.data.time))
+    assert ends[: len(ends) // 2] == ends[len(ends) // 2 :]
+    assert any(collided for collided, *_ in ends)
+    assert body.model.opt.enableflags == 0
 
 
 def test_a_body_set_down_drives_on_from_there_at_rest(room):

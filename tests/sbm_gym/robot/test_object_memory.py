@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Detection
 from labeling.core.views import Camera
-from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory, ViewBins, mask_points, visible_share
+from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory, ViewBins, find, visible_share
 
 SIZE_PX = 96
 INTRINSICS = intrinsics_from_fov(SIZE_PX, SIZE_PX, np.pi / 2)
@@ -64,9 +64,9 @@ def test_an_unconfident_detection_is_a_candidate_and_no_object():
     memory = ObjectMemory()
     update = observe(memory, (2.0, 0.0, 1.5), (0.0, 0.0, 0.5), confidence=0.89)
     assert memory.objects == []
-    ((confidence, points),) = update.unconfirmed
-    assert confidence == 0.89
-    assert np.linalg.norm(points.mean(axis=0) - [0, 0, 0.5]) < 0.4
+    (finding,) = update.unconfirmed
+    assert finding.confidence == 0.89
+    assert np.linalg.norm(finding.centroid_m - [0, 0, 0.5]) < 0.4
 
 
 def test_circling_an_object_keeps_it_one_and_fills_every_sector():
@@ -140,26 +140,30 @@ def test_an_object_that_is_gone_is_not_visible():
     assert visible_share(memory.objects[0], np.full((SIZE_PX, SIZE_PX), FAR_M), camera_at(pose)) == 0.0
 
 
+def chair(mask):
+    return Detection(0, "chair", 0.9, mask)
+
+
 def test_points_of_a_mask_lie_on_the_surface_and_stray_background_is_dropped():
     depth, mask, pose = sphere_view((1.5, 0.0, 1.2), (0.0, 0.0, 0.5))
-    points = mask_points(mask, depth, camera_at(pose), MemoryConfig())
-    assert points is not None
-    assert np.allclose(np.linalg.norm(points - [0, 0, 0.5], axis=1), 0.4, atol=1e-6)
+    finding = find(chair(mask), depth, camera_at(pose), MemoryConfig())
+    assert finding is not None
+    assert np.allclose(np.linalg.norm(finding.points_m - [0, 0, 0.5], axis=1), 0.4, atol=1e-6)
     spilled = mask.copy()
     y = int(np.argwhere(mask)[:, 0].mean())
     spilled[y - 1 : y + 2, :3] = True
-    clean = mask_points(spilled, depth, camera_at(pose), MemoryConfig())
+    clean = find(chair(spilled), depth, camera_at(pose), MemoryConfig())
     assert clean is not None
-    assert np.all(np.linalg.norm(clean - [0, 0, 0.5], axis=1) < 0.5)
+    assert np.all(np.linalg.norm(clean.points_m - [0, 0, 0.5], axis=1) < 0.5)
 
 
 def test_small_far_and_depthless_masks_are_dropped():
     depth, mask, pose = sphere_view((1.5, 0.0, 1.2), (0.0, 0.0, 0.5))
     tiny = np.zeros_like(mask)
     tiny[0, 0] = True
-    assert mask_points(tiny, depth, camera_at(pose), MemoryConfig()) is None
-    assert mask_points(mask, depth * 0.0, camera_at(pose), MemoryConfig()) is None
-    assert mask_points(mask, depth + 9.0, camera_at(pose), MemoryConfig()) is None
+    assert find(chair(tiny), depth, camera_at(pose), MemoryConfig()) is None
+    assert find(chair(mask), depth * 0.0, camera_at(pose), MemoryConfig()) is None
+    assert find(chair(mask), depth + 9.0, camera_at(pose), MemoryConfig()) is None
 
 
 @given(st.floats(-20.0, 20.0), st.floats(0.5, 2.9), st.integers(0, 17))

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproject, unproject_depth
+from labeling.core.types import Detection
 from labeling.core.views import Camera
 from sbm_gym.robot import view_kernels
-from sbm_gym.robot.object_memory import MemoryConfig, mask_points
+from sbm_gym.robot.object_memory import MemoryConfig, SeenSurface, ViewBins, find
 from sbm_gym.robot.seen_space import SeenSpace
 from sbm_gym.worlds.geometry.grid_kernels import free_steps
 from sbm_gym.worlds.geometry.navigable import NavigableMap
@@ -109,7 +110,7 @@ def test_points_of_masks(seed, share):
     inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     chosen = inner if np.count_nonzero(inner) >= 0.3 * np.count_nonzero(mask) else mask
     y, x = np.nonzero(chosen & (depth_m > 0.0) & (depth_m < 5.0))
-    told = mask_points(mask, depth_m, camera, MemoryConfig(max_depth_m=5.0, min_mask_share=0.02))
+    told = find(Detection(0, "chair", 0.9, mask), depth_m, camera, MemoryConfig(max_depth_m=5.0, min_mask_share=0.02))
     if len(x) < 3 or np.count_nonzero(mask) < 0.02 * mask.size:
         assert told is None
         return
@@ -118,9 +119,38 @@ def test_points_of_masks(seed, share):
     off_m = np.abs(points_m - points_m.mean(axis=0))
     kept_m = points_m[np.all(off_m <= 3.0 * points_m.std(axis=0) + 1e-9, axis=1)]
     assert told is not None
-    np.testing.assert_allclose(told, kept_m if len(kept_m) else points_m, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(view_kernels.mean_point(told), told.mean(axis=0))
-    assert view_kernels.largest_extent(told) == np.ptp(told, axis=0).max()
+    np.testing.assert_allclose(told.points_m, kept_m, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(told.centroid_m, told.points_m.mean(axis=0))
+    assert told.size_m == np.ptp(told.points_m, axis=0).max()
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    assert view_kernels.window_of(mask) == (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1)
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_bins_of_views_are_those_of_sorted_edges_and_whole_sectors(seed):
+    rng = np.random.default_rng(seed)
+    bins = ViewBins(num_azimuths=int(rng.integers(1, 30)))
+    cameras_m, centroids_m = rng.normal(0.0, 2.0, (7, 1, 3)), rng.normal(0.0, 2.0, (1, 5, 3))
+    inside, (azimuths, rings, layers) = bins.cells(cameras_m, centroids_m)
+    x, y, z = np.moveaxis(cameras_m - centroids_m, -1, 0)
+    ranges_m = np.hypot(x, y)
+    low_m, *_, high_m = bins.range_edges_m
+    np.testing.assert_array_equal(inside, (ranges_m >= low_m) & (ranges_m < high_m))
+    np.testing.assert_array_equal(rings, np.digitize(ranges_m, bins.range_edges_m[1:-1]))
+    np.testing.assert_array_equal(layers, np.digitize(np.arctan2(z, ranges_m), bins.elevation_edges_rad))
+    np.testing.assert_array_equal(azimuths, bins.azimuth_bin(np.arctan2(y, x)))
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_points_that_an_object_holds_are_near_its_centroid_or_in_its_box(seed):
+    rng = np.random.default_rng(seed)
+    surface_m, points_m, margin_m = rng.normal(0.0, 0.5, (30, 3)), rng.normal(0.0, 1.0, (50, 3)), 0.1
+    known = SeenSurface(centroid_m=surface_m.mean(axis=0), points_m=surface_m)
+    near = np.linalg.norm(points_m - known.centroid_m, axis=1) <= 0.7
+    expected = near | known.surrounds(points_m, margin_m)
+    np.testing.assert_array_equal(known.holds(points_m, 0.7, margin_m), expected)
 
 
 @settings(deadline=None)

@@ -88,6 +88,9 @@ def test_free_lines_pass_over_free_points_only(case):
     if grid.line_is_free(a, b):
         assert everywhere
     assert grid.line_is_free(a, b) == grid.line_is_free(b, a)
+    ends = np.stack([b, a, b])
+    straight = [number for number, end in enumerate(ends) if grid.line_is_free(a, end)]
+    assert grid.first_straight(a, ends) == (straight[0] if straight else -1)
 
 
 @settings(deadline=None)
