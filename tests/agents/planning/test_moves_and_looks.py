@@ -140,7 +140,7 @@ def test_promises_are_what_the_robot_knows():
                     towards = robot.target.centroid_m[:2] - agent["position_m"]
                     ahead = np.array([np.cos(angle), np.sin(angle)]) @ towards / np.linalg.norm(towards)
                     assert row["to_target"] == pytest.approx(ahead, abs=1e-5)
-            looks = {name: seen["looks"][:, k] for k, name in enumerate(LOOK_ENTRIES)}
+            looks = {name: seen["looks"][STAY, :, k] for k, name in enumerate(LOOK_ENTRIES)}
             assert looks["there"][0] == (robot.target is not None)
             assert looks["there"][1:4].sum() == min(3, len(robot.view_history.candidates))
             best = likely_candidates(robot)[:3]
