@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from agents.planning.kernels import expected_gains, new_sides, unseen_by_way
 from agents.planning.steering import bearing_rad, move_and_look, wrap
+from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.env.state_vector import CANDIDATES, UNSEEN_STRIDES, likely_candidates, nearest_others, state_names
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import ViewBins
@@ -260,8 +261,10 @@ def _looks_from(
             ahead_rad[:, row] += what
             looks[:, row, 4] = 1.0
     turns_rad = wrap(ahead_rad - heading_rad)
+    if not things.any_confirmed:  # the camera turns by no more then, and the row tells of the view that comes of it
+        turns_rad = np.clip(turns_rad, -TURN_RAD, TURN_RAD)
     looks[..., 5] = np.abs(turns_rad) / np.pi
-    in_view = np.abs(wrap(bearings_rad[:, None] - ahead_rad[..., None])) < IN_VIEW_RAD
+    in_view = np.abs(wrap(bearings_rad[:, None] - heading_rad - turns_rad[..., None])) < IN_VIEW_RAD
     looks[..., 10:13] = np.minimum(np.einsum("kt,tm,mlt->mlk", things.worth, new, in_view), 1.0)
     moves, side = np.arange(len(ends_m))[:, None], turns_rad / (2.0 * np.pi)
     looks[..., 13:15] = unseen.transpose(0, 2, 1)[moves, np.rint(side * DIRECTIONS).astype(int) % DIRECTIONS]
@@ -308,6 +311,7 @@ class _Things:
         self._names = [*("target" for _ in target), *(f"other_{k}" for k in range(len(others)))]
         self._names += [f"candidate_{k}" for k in range(len(candidates))]
         known = [*target, *others]
+        self.any_confirmed = bool(known)
         count = len(self._names)
         self.centres_m = np.array([one.centroid_m for one in (*known, *candidates)]).reshape(-1, 3)
         sizes_m = [float(np.max(one.extent_m)) for one in known] + [one.size_m for one in candidates]
