@@ -1,4 +1,6 @@
-"""Compiled loops over places: shortest paths over a grid, expected gains of looks, new sides that are seen."""
+"""Compiled loops over places: shortest paths over a grid, ways to unseen floor, expected gains of looks, new sides that
+are seen.
+"""
 
 import heapq
 
@@ -44,6 +46,52 @@ def grid_path_lengths(free, spacing_m: float, max_length_m: float):
                     lengths_m[ni, nj] = longer_m
                     heapq.heappush(queue, (longer_m, ni, nj))
     return lengths_m
+
+
+@numba.njit(cache=True)
+def unseen_by_way(is_floor, is_unseen, row: int, column: int, cell_strides: float, angles, path_cost: float):
+    """Unseen floor by the side on which the shortest way to it begins, less the longer the way.
+
+    Args:
+        is_floor: (my, mx) bool, cells where the robot can be.
+        is_unseen: (my, mx) bool, those of them that it has not seen.
+        row: of the cell it stands in.
+        column: likewise.
+        cell_strides: edge length of a cell, strides.
+        angles: (d,) float64, sides, radians, counter-clockwise from +X (columns).
+        path_cost: unseen floor counts exp(-path_cost) for each stride of the way.
+
+    Returns:
+        (d,) float64, squares of a stride: what lies on the ways that begin on each side, times the cosine of the angle
+        between the two, where that is positive.
+    """
+    found = np.zeros(len(angles))
+    lengths = np.full(is_floor.shape, np.inf)
+    ways = np.zeros(is_floor.shape)
+    lengths[row, column] = 0.0
+    queue = [(0.0, row, column)]
+    while len(queue) > 0:
+        length, i, j = heapq.heappop(queue)
+        if length > lengths[i, j]:
+            continue
+        if is_unseen[i, j] and length > 0.0:
+            worth = cell_strides * cell_strides * np.exp(-path_cost * length)
+            for side in range(len(angles)):
+                found[side] += worth * max(np.cos(angles[side] - ways[i, j]), 0.0)
+        for di in range(-1, 2):
+            for dj in range(-1, 2):
+                ni, nj = i + di, j + dj
+                if (di == 0 and dj == 0) or ni < 0 or nj < 0 or ni >= is_floor.shape[0] or nj >= is_floor.shape[1]:
+                    continue
+                if not is_floor[ni, nj] or not is_floor[i, nj] or not is_floor[ni, j]:
+                    continue
+                longer = length + cell_strides * np.sqrt(float(di * di + dj * dj))
+                if longer < lengths[ni, nj]:
+                    lengths[ni, nj] = longer
+                    # The first stride and a half of a way say where it begins.
+                    ways[ni, nj] = np.arctan2(float(ni - row), float(nj - column)) if longer <= 1.5 else ways[i, j]
+                    heapq.heappush(queue, (longer, ni, nj))
+    return found
 
 
 @numba.njit(cache=True)

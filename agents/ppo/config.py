@@ -37,7 +37,7 @@ class PpoConfig:
     reward: PaidReward = "both"
     """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward. With
     "evidence" both have another reward, for labels that may be expected to be right (see the environment)."""
-    detector: str = "simulated_weak"
+    detector: str = "simulated:compact"
     """The detector in the loop."""
     atlas: Path | None = None
     """Folder of python -m sbm_gym.build_atlas with views of the scenes: they are looked up instead of drawn."""
@@ -47,7 +47,7 @@ class PpoConfig:
     """So many scenes to validate in: those that come next in the endless split."""
     hyperparams: Path | None = None
     """YAML file in the shape of rl-zoo's, with the env as a key; by default the one that comes with the project."""
-    eval_every: Count = 100_000
+    eval_every: Count = 40_000
     """Steps between validations."""
     eval_episodes: Count = 200
     """Episodes of a validation; the same starts every time."""

@@ -10,6 +10,7 @@ from agents.network.checkpoint import write_policy
 from agents.network.choice_policy import PARTS
 from agents.network.policy_network import build_policy
 from agents.network.spaces import describe
+from agents.planning.kernels import unseen_by_way
 from agents.planning.moves_and_looks import (
     ACTION_SPACE,
     DIRECTIONS,
@@ -19,6 +20,7 @@ from agents.planning.moves_and_looks import (
     STAY,
     MovesAndLooks,
     free_step,
+    with_promises,
 )
 from agents.policies.ppo import Ppo
 from sbm_gym.env.gaze import PITCH_RAD
@@ -136,17 +138,71 @@ def test_promises_are_what_the_robot_knows():
                 for kind, value in wanted.items():
                     assert row[f"{kind}_new"] == pytest.approx(min(value, 1.0), abs=1e-6)
                     promised[kind] += value > 0.0
+                assert seen["looks"][move, 0, LOOK_ENTRIES.index("new")] == row["target_new"]
                 if robot.target is not None:
+                    from_end_m = np.linalg.norm(robot.target.centroid_m[:2] - eye_m[:2])
+                    ranges = min(1.0, from_end_m / (16.0 * robot.stride_m))
+                    assert seen["looks"][move, 0, LOOK_ENTRIES.index("range")] == pytest.approx(ranges, abs=1e-5)
                     towards = robot.target.centroid_m[:2] - agent["position_m"]
                     ahead = np.array([np.cos(angle), np.sin(angle)]) @ towards / np.linalg.norm(towards)
                     assert row["to_target"] == pytest.approx(ahead, abs=1e-5)
-            looks = {name: seen["looks"][:, k] for k, name in enumerate(LOOK_ENTRIES)}
+            looks = {name: seen["looks"][STAY, :, k] for k, name in enumerate(LOOK_ENTRIES)}
             assert looks["there"][0] == (robot.target is not None)
             assert looks["there"][1:4].sum() == min(3, len(robot.view_history.candidates))
             best = likely_candidates(robot)[:3]
             assert looks["confidence"][1 : 1 + len(best)] == pytest.approx([one.confidence for one in best], abs=1e-6)
             seen, *_, info = env.step(np.array([rng.integers(DIRECTIONS + 1), rng.integers(len(LOOKS))]))
     assert all(promised.values())
+
+
+def test_a_look_promises_what_it_promises_from_where_the_move_ends():
+    # Whoever stands where a move would end and looks the same way is told the same of looks.
+    env = MovesAndLooks(make_env())
+    compared = 0
+    for seed in range(3):
+        seen, info = env.reset(seed=seed)
+        robot = env.get_wrapper_attr("knowledge")
+        for move in range(DIRECTIONS):
+            agent = info["agent"]
+            step_m = free_step(
+                robot.navigable, agent["position_m"], robot.stride_m, agent["yaw_rad"] + move * np.pi / 4
+            )
+            there = {**info, "agent": {**agent, "position_m": agent["position_m"] + step_m}}
+            told = with_promises(seen, there, robot)["looks"][STAY]
+            assert seen["looks"][move] == pytest.approx(told, abs=1e-5)
+            compared += bool(np.any(step_m))
+        seen, *_, info = env.step(np.array([0, 0]))
+    assert compared > 10
+
+
+@given(st.integers(1, 12), st.integers(1, 12), st.integers(0, 7))
+def test_unseen_floor_counts_by_the_length_and_the_side_of_the_way(along, across, turned):
+    floor = np.ones((30, 30), bool)
+    unseen = np.zeros_like(floor)
+    unseen[10 + across, 10 + along] = True
+    angles = np.arange(8) * np.pi / 4 + turned * 0.1
+    found = unseen_by_way(floor, unseen, 10, 10, 0.3, angles, 0.2)
+    # In the open, a king's way: as many diagonal steps as there can be.
+    length = 0.3 * (abs(along - across) + np.sqrt(2.0) * min(along, across))
+    worth = 0.09 * np.exp(-0.2 * length)
+    assert worth * np.cos(np.pi / 8) - 1e-9 <= found.max() <= worth + 1e-9
+    assert found.sum() > 0.0
+    way_rad = np.arctan2(across, along)
+    assert abs(np.angle(np.exp(1j * (angles[np.argmax(found)] - way_rad)))) < np.pi / 3
+
+
+def test_the_way_to_floor_behind_a_wall_begins_at_its_gap():
+    floor = np.ones((21, 21), bool)
+    floor[:, 12] = False
+    floor[18:20, 12] = True  # the gap, far up (rows count along +Y)
+    unseen = np.zeros_like(floor)
+    unseen[8:12, 15:18] = True
+    sides = np.array([0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi])
+    ahead, up, back, down = unseen_by_way(floor, unseen, 10, 10, 0.3, sides, 0.2)
+    assert up > ahead
+    assert max(back, down) < 1e-12
+    floor[18:20, 12] = False
+    assert not unseen_by_way(floor, unseen, 10, 10, 0.3, sides, 0.2).any()
 
 
 def test_a_checkpoint_acts_as_in_training(tmp_path):

@@ -38,12 +38,29 @@ def observations() -> dict[str, np.ndarray]:
     return {name: np.stack([one[name] for one in drawn]) for name in SPACE.spaces}
 
 
-def test_what_moves_promise_moves_with_them(policy, observations):
+def test_what_moves_and_looks_promise_moves_with_them(policy, observations):
     before = scores(policy, observations)
-    turned = np.roll(np.arange(9), 3)
-    after = scores(policy, observations | {"moves": observations["moves"][:, turned]})
-    np.testing.assert_allclose(after[:, :9], before[:, turned], atol=1e-6)
-    np.testing.assert_allclose(after[:, 9:], before[:, 9:], atol=1e-6)
+    moves, looks = np.roll(np.arange(9), 3), np.roll(np.arange(17), 5)
+    turned = {"moves": observations["moves"][:, moves], "looks": observations["looks"][:, moves][:, :, looks]}
+    after = scores(policy, observations | turned)
+    np.testing.assert_allclose(after, before[:, moves][:, :, looks], atol=1e-6)
+
+
+def test_odds_are_those_of_pairs_by_brute_force(policy, observations):
+    given, _ = policy.obs_to_tensor(observations)
+    odds = torch.softmax(torch.from_numpy(scores(policy, observations)).flatten(1), dim=1).reshape(5, 9, 17)
+    with torch.no_grad():
+        drawn = policy.get_distribution(given)
+        for move in range(9):
+            for look in range(17):
+                pair = torch.tensor([[move, look]]).expand(5, 2)
+                assert torch.allclose(drawn.log_prob(pair).exp(), odds[:, move, look], atol=1e-6)
+        assert torch.allclose(drawn.entropy(), -(odds * odds.log()).sum(dim=(1, 2)), atol=1e-4)
+        best, _ = policy.predict(observations, deterministic=True)
+        assert all(odds[k, *best[k]] == odds[k].max() for k in range(5))
+        pairs = torch.cat([drawn.sample() for _ in range(400)])
+    assert pairs.min(dim=0).values.tolist() == [0, 0]
+    assert pairs.max(dim=0).values.tolist() == [8, 16]
 
 
 def test_scores_depend_on_the_rows_and_the_summary_and_values_on_all(policy, observations):
@@ -58,8 +75,8 @@ def test_scores_depend_on_the_rows_and_the_summary_and_values_on_all(policy, obs
 
 
 def test_untrained_it_draws_nearly_evenly(policy, observations):
-    odds = torch.softmax(torch.from_numpy(scores(policy, observations)[:, :9]), dim=1)
-    assert float(odds.max()) < 2.0 / 9.0
+    odds = torch.softmax(torch.from_numpy(scores(policy, observations)).flatten(1), dim=1)
+    assert float(odds.max()) < 2.0 / (9.0 * 17.0)
 
 
 def test_all_weights_are_learnt(policy, observations):
