@@ -40,12 +40,14 @@ def same_surface(start, stop, width, height, seen: SurfaceTable, across, below):
         below: written.
     """
     rays, t, triangle, geom, normal = seen
+    last_row, x = (height - 1) * width, start % width - 1
     for i in range(start, stop):
+        x = x + 1 if x < width - 1 else 0
         across[i] = below[i] = False
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
         for step in range(2):
             j = i + 1 if step == 0 else i + width
-            is_inside = i % width < width - 1 if step == 0 else i // width < height - 1
+            is_inside = x < width - 1 if step == 0 else i < last_row
             if not is_inside or geom[i] != geom[j]:
                 continue
             same = triangle[i] == triangle[j]
@@ -77,9 +79,10 @@ def interpolate_light(start, stop, width, height, geom, across, below, light, li
         lit: likewise.
         is_open: white pixels that are left; written.
     """
+    x, y = start % width - 1, start // width
     for i in range(start, stop):
+        x, y = (x + 1, y) if x < width - 1 else (0, y + 1)
         is_open[i] = False
-        x, y = i % width, i // width
         if (x + y) % 2 == 0 or geom[i] < 0:
             continue
         is_open[i] = True
@@ -125,10 +128,11 @@ def soften_shadows(start, stop, width, height, geom, across, below, light, lit, 
         lit: see the module.
         softened: (n, 6) float32, the new light; written.
     """
+    x, y = start % width - 1, start // width
     for i in range(start, stop):
+        x, y = (x + 1, y) if x < width - 1 else (0, y + 1)
         for channel in range(6):
             softened[i, channel] = light[i, channel]
-        x, y = i % width, i // width
         if geom[i] < 0 or x == 0 or y == 0 or x == width - 1 or y == height - 1:
             continue
         left, right, above, under = i - 1, i + 1, i - width, i + width
@@ -189,7 +193,7 @@ def interpolate_samples(
         if geom[i] < 0:
             continue
         pixel = pixels[i // samples]
-        x, y = pixel % width, pixel // width
+        x = pixel % width
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
         px, py, pz = t[i] * rays[i, 3], t[i] * rays[i, 4], t[i] * rays[i, 5]
         found = 0.0
@@ -201,9 +205,9 @@ def interpolate_samples(
             elif step == 2:
                 j = pixel + 1 if x < width - 1 else -1
             elif step == 3:
-                j = pixel - width if y > 0 else -1
+                j = pixel - width if pixel >= width else -1
             else:
-                j = pixel + width if y < height - 1 else -1
+                j = pixel + width if pixel < (height - 1) * width else -1
             if j < 0 or geom[i] != of_geom[j]:
                 continue
             if triangle[i] != of_triangle[j]:

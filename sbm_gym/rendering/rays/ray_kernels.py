@@ -28,10 +28,14 @@ def camera_rays(start, stop, pixels, width, offsets, origin, pixel_to_world, ray
         rays: (k * samples, 6) float32, the samples of a pixel together; written.
     """
     samples = offsets.shape[0]
+    number, sample = start // samples, start % samples
+    column, row = pixels[number] % width, pixels[number] // width
     for i in range(start, stop):
-        pixel = pixels[i // samples]
-        x = pixel % width + offsets[i % samples, 0]
-        y = pixel // width + offsets[i % samples, 1]
+        if sample == samples:
+            number, sample = number + 1, 0
+            column, row = pixels[number] % width, pixels[number] // width
+        x, y = column + offsets[sample, 0], row + offsets[sample, 1]
+        sample += 1
         for axis in range(3):
             rays[i, axis] = origin[axis]
             rays[i, 3 + axis] = pixel_to_world[axis, 0] * x + pixel_to_world[axis, 1] * y + pixel_to_world[axis, 2]

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from sbm_gym.rendering.tables.light_tables import AmbientTable
@@ -52,13 +53,14 @@ def describe(
         geoms.colour,
         geoms.texture,
     )
-    for i in range(start, stop):
-        at = triangle[i]
+    # Unsigned, or every index is asked whether it is negative.
+    for i in range(np.uint64(start), np.uint64(stop)):
         dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]
-        if at < 0:
+        if triangle[i] < 0:
             geom[i] = -1
             albedo[i, 0], albedo[i, 1], albedo[i, 2] = _background(dx, dy, dz, ambient, textures, footprint)
             continue
+        at = np.uint64(triangle[i])
         u, v = uv[i, 0], uv[i, 1]
         w = 1.0 - u - v
         fx, fy, fz = face_normals[at, 0], face_normals[at, 1], face_normals[at, 2]
@@ -76,8 +78,8 @@ def describe(
             scale = 1.0 / length if nx * fx + ny * fy + nz * fz >= 0.0 else -1.0 / length
             nx, ny, nz = nx * scale, ny * scale, nz * scale
         normal[i, 0], normal[i, 1], normal[i, 2] = nx, ny, nz
-        number = geom_of[at]
-        geom[i] = number
+        geom[i] = geom_of[at]
+        number = np.uint64(geom_of[at])
         red, green, blue = colours[number, 0], colours[number, 1], colours[number, 2]
         texture = texture_of[number]
         if texture >= 0:

@@ -59,8 +59,10 @@ def _bilinear(texels, first, width, height, u, v, wraps):
     else:
         x0, x1 = min(max(x0, 0), width - 1), min(max(x1, 0), width - 1)
         y0, y1 = min(max(y0, 0), height - 1), min(max(y1, 0), height - 1)
-    a, b = first + y0 * width + x0, first + y0 * width + x1
-    c, d = first + y1 * width + x0, first + y1 * width + x1
+    upper, lower = first + y0 * width, first + y1 * width
+    # Unsigned, or every index is asked whether it is negative.
+    a, b = np.uint64(upper + x0), np.uint64(upper + x1)
+    c, d = np.uint64(lower + x0), np.uint64(lower + x1)
     return (
         _between(BYTE_TO_LINEAR, texels, 0, a, b, c, d, wx, wy),
         _between(BYTE_TO_LINEAR, texels, 1, a, b, c, d, wx, wy),
