@@ -30,6 +30,7 @@ PAPER = LabelConfig(
     min_confidence=0.0,
     ignore_unconfirmed=1.0,
     complete_boxes=False,
+    clear_ground=False,
     thin_parts=False,
     votes=False,
     nested_masks=False,
