@@ -35,6 +35,7 @@ from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, t
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
+from labeling.generator.segment.level_surfaces import complete_level_surfaces
 from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
@@ -45,6 +46,9 @@ from labeling.runtime.threads import in_background
 
 BOX_MARGIN_VOXELS = 0.75
 """Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
+
+ADDED_PROBABILITY = np.float32(0.95)
+"""Of an object at the points that its level surfaces lacked."""
 
 MANY_PX = 4_000_000
 """With more pixels in all views memory is given back in between."""
@@ -124,16 +128,21 @@ def _label(
     claimed = point_owners(probability, config.exclusive)
     inside, owner = claimed >= 0, _without_outliers(cloud, claimed, candidates, config)
     ground = None
-    if config.thin_parts or config.clear_ground:
+    if config.clear_ground or config.level_surfaces or config.thin_parts:
         ground = find_ground(cloud, views, owner < 0, scale.object_m)
     if ground is not None and config.clear_ground:
         # Before outliers are told: ground holds together what lies apart, and may be more than all of an object.
         inside &= ~ground_of_objects(cloud, claimed, len(candidates), ground)
         owner = _without_outliers(cloud, np.where(inside, claimed, np.int32(-1)), candidates, config)
     removed = (claimed >= 0) & (owner < 0)
+    beside = {k: one.beside_outlines for k, one in enumerate(candidates) if one.outlined_in}
+    if ground is not None and config.level_surfaces:
+        free = np.where(removed, np.int32(-2), owner)
+        more = complete_level_surfaces(cloud, free, len(candidates), ground, beside)
+        probability = _with_added(probability, more)
+        owner, inside = np.where(more >= 0, more, owner), inside | (more >= 0)
     parts = None
     if ground is not None and config.thin_parts:
-        beside = {k: one.beside_outlines for k, one in enumerate(candidates) if one.outlined_in}
         parts = find_thin_parts(cloud, views, owner, len(candidates), ground, scale.object_m, beside)
         inside |= parts.owner >= 0
     report_progress(f"drawing masks into {views.num_views} views")
@@ -264,6 +273,17 @@ def _describe_objects(
         )
         kept.append(k)
     return objects, np.array(kept, np.int64)
+
+
+def _with_added(probability: Float32[np.ndarray, "n k"], added: Int32[np.ndarray, "n"]) -> Float32[np.ndarray, "n k"]:
+    """The probabilities after some points have been added to objects (-1 for none)."""
+    points = np.flatnonzero(added >= 0)
+    if len(points) == 0:
+        return probability
+    probability = probability.copy()
+    probability[points] *= 1 - ADDED_PROBABILITY
+    probability[points, added[points]] = ADDED_PROBABILITY
+    return probability
 
 
 def _without_outliers(

@@ -31,6 +31,7 @@ PAPER = LabelConfig(
     ignore_unconfirmed=1.0,
     complete_boxes=False,
     clear_ground=False,
+    level_surfaces=False,
     thin_parts=False,
     votes=False,
     nested_masks=False,
