@@ -20,6 +20,7 @@ from labeling.core.types import Detection
 from labeling.core.views import RgbdViews
 from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
 from labeling.generator.cloud.free_space import clear_free_space
+from labeling.generator.cloud.ground import find_ground, ground_of_objects
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
@@ -34,6 +35,7 @@ from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, t
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
+from labeling.generator.segment.level_surfaces import complete_level_surfaces
 from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import with_label_defects
@@ -44,6 +46,9 @@ from labeling.runtime.threads import in_background
 
 BOX_MARGIN_VOXELS = 0.75
 """Added to the sides of 3-D boxes: points are means over voxels, and the outermost ones are trimmed."""
+
+ADDED_PROBABILITY = np.float32(0.95)
+"""Of an object at the points that its level surfaces lacked."""
 
 MANY_PX = 4_000_000
 """With more pixels in all views memory is given back in between."""
@@ -120,20 +125,30 @@ def _label(
     candidates, probability = _segment(cloud, candidates, scale, config)
     if len(candidates) < known:
         candidates = with_posteriors(cloud, scene.eyes_m, candidates, calibration.objects)
-    owner = point_owners(probability, config.exclusive)
-    outliers = segment_outliers(
-        cloud.points, owner, len(candidates), cloud.voxel_m, config, _detection_votes(owner, candidates)
-    )
-    inside, owner = owner >= 0, np.where(outliers, np.int32(-1), owner)
+    claimed = point_owners(probability, config.exclusive)
+    inside, owner = claimed >= 0, _without_outliers(cloud, claimed, candidates, config)
+    ground = None
+    if config.clear_ground or config.level_surfaces or config.thin_parts:
+        ground = find_ground(cloud, views, owner < 0, scale.object_m)
+    if ground is not None and config.clear_ground:
+        # Before outliers are told: ground holds together what lies apart, and may be more than all of an object.
+        inside &= ~ground_of_objects(cloud, claimed, len(candidates), ground)
+        owner = _without_outliers(cloud, np.where(inside, claimed, np.int32(-1)), candidates, config)
+    removed = (claimed >= 0) & (owner < 0)
+    beside = {k: one.beside_outlines for k, one in enumerate(candidates) if one.outlined_in}
+    if ground is not None and config.level_surfaces:
+        free = np.where(removed, np.int32(-2), owner)
+        more = complete_level_surfaces(cloud, free, len(candidates), ground, beside)
+        probability = _with_added(probability, more)
+        owner, inside = np.where(more >= 0, more, owner), inside | (more >= 0)
     parts = None
-    if config.thin_parts:
-        beside = {k: one.beside_outlines for k, one in enumerate(candidates) if one.outlined_in}
-        parts = find_thin_parts(cloud, views, owner, len(candidates), scale.object_m, beside)
+    if ground is not None and config.thin_parts:
+        parts = find_thin_parts(cloud, views, owner, len(candidates), ground, scale.object_m, beside)
         inside |= parts.owner >= 0
     report_progress(f"drawing masks into {views.num_views} views")
     with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:
         objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
-        probability = np.where(outliers[:, None], np.float32(0), probability[:, columns])
+        probability = np.where(removed[:, None], np.float32(0), probability[:, columns])
         parts = parts and parts.of_objects(columns)
         drawn = draw_labels(fused(), objects, probability, parts, scale, config)
     if views.depth_m.size > MANY_PX:  # what is not needed any more makes room for regions to ignore, which need much
@@ -258,6 +273,26 @@ def _describe_objects(
         )
         kept.append(k)
     return objects, np.array(kept, np.int64)
+
+
+def _with_added(probability: Float32[np.ndarray, "n k"], added: Int32[np.ndarray, "n"]) -> Float32[np.ndarray, "n k"]:
+    """The probabilities after some points have been added to objects (-1 for none)."""
+    points = np.flatnonzero(added >= 0)
+    if len(points) == 0:
+        return probability
+    probability = probability.copy()
+    probability[points] *= 1 - ADDED_PROBABILITY
+    probability[points, added[points]] = ADDED_PROBABILITY
+    return probability
+
+
+def _without_outliers(
+    cloud: Cloud, owner: Int32[np.ndarray, "n"], candidates: Sequence[Candidate], config: LabelConfig
+) -> Int32[np.ndarray, "n"]:
+    """The owners of points without the outliers of their segments."""
+    votes = _detection_votes(owner, candidates)
+    outliers = segment_outliers(cloud.points, owner, len(candidates), cloud.voxel_m, config, votes)
+    return np.where(outliers, np.int32(-1), owner)
 
 
 def _detection_votes(owner: Int32[np.ndarray, "n"], candidates: Sequence[Candidate]) -> Float32[np.ndarray, "n"]:

@@ -1,4 +1,4 @@
-"""The ground that objects stand on (the floor and flat things on it, such as rugs), and which pixels are above it."""
+"""The ground that objects stand on (the floor and flat things on it, such as rugs), and what lies in it."""
 
 from dataclasses import dataclass
 
@@ -21,6 +21,11 @@ STEP = 0.01
 to count as above it, in object sizes."""
 DEVIATIONS = 3.0
 """The latter in standard deviations of pixels of the ground, if that is more."""
+MIN_PIXELS = 2
+"""Least number of pixels above the ground in a voxel; fewer are noise."""
+STANDS = 0.05
+"""Least share of an object's points that are higher than a voxel above the ground; what has less is flat on it, such as
+a rug."""
 SAMPLED = 4
 """The standard deviation is measured in every so-many-th row and column."""
 
@@ -78,10 +83,29 @@ def find_ground(cloud: Cloud, views: RgbdViews, free: Bool[np.ndarray, "n"], obj
     errors = _errors(views.depth_m, cloud.voxel_of_pixel, rows, height_m, flat, SAMPLED)
     spread_m = 1.4826 * float(np.median(np.abs(errors))) if len(errors) else 0.0
     rise_m = max(float(level_m), DEVIATIONS * spread_m)
-    mixed = free & (np.abs(above_m) < 2 * voxel_m + rise_m)
+    mixed = np.abs(above_m) < 2 * voxel_m + rise_m
     pixels = np.where(above_m > 0, cloud.counts, np.int32(0))
     _count_above(views.depth_m, cloud.voxel_of_pixel, rows, height_m + np.float32(rise_m), mixed, pixels)
     return Ground(height_m, rise_m, pixels)
+
+
+def ground_of_objects(
+    cloud: Cloud, owner: Int32[np.ndarray, "n"], num_objects: int, ground: Ground
+) -> Bool[np.ndarray, "n"]:
+    """Points that objects have of the ground they stand on; none of objects that are flat on it.
+
+    Args:
+        cloud: the points.
+        owner: the object that each point belongs to, -1 for none.
+        num_objects: how many objects there are.
+        ground: of the same points.
+    """
+    above_m, owned = cloud.points[:, 2] - ground.height_m, owner >= 0
+    high = np.bincount(owner[owned & (above_m > cloud.voxel_m)], minlength=num_objects)
+    stands = high >= STANDS * np.bincount(owner[owned], minlength=num_objects)
+    inside = owned & (np.abs(above_m) < 0.5 * cloud.voxel_m) & (ground.pixels_above < MIN_PIXELS)
+    inside[inside] = stands[owner[inside]]
+    return inside
 
 
 def height_coefficients(views: RgbdViews) -> Float64[np.ndarray, "views 4"]:

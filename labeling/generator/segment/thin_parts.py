@@ -16,7 +16,7 @@ from numba import njit
 from labeling.core.boxes3d import fit_box
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.connected_components import label_cells
-from labeling.generator.cloud.ground import Ground, find_ground, height_coefficients
+from labeling.generator.cloud.ground import MIN_PIXELS, Ground, height_coefficients
 from labeling.generator.cloud.voxel_cloud import Cloud
 
 MARGIN = 0.15
@@ -26,7 +26,8 @@ RING = 0.3
 INSIDE = 0.95
 """Least share of a part's points that lie within the margin and not above the object."""
 BELOW = 0.98
-"""Least share of a part's points that lie below the object, where no view shows that they touch."""
+"""Least share of the points of what carries an object that lie under it; where no view shows that they touch, of those
+in the upper half of the part."""
 TOUCH_VOXELS = 2.0
 """Largest distance of points that touch, in voxels."""
 BALL_VOXELS = 3.5
@@ -42,8 +43,6 @@ HOVERS = 0.3
 """An object needs support if its lowest points are above the ground by this share of its height."""
 RISES = 0.4
 """A support whose upper end is hidden must be seen up to this share of the way from the ground to the object."""
-MIN_PIXELS = 2
-"""Least number of pixels above the ground in a voxel; fewer are noise."""
 MIN_POINTS = 4
 """Least number of points of an object that can have parts."""
 
@@ -71,6 +70,7 @@ def find_thin_parts(
     views: RgbdViews,
     owner: Int32[np.ndarray, "n"],
     num_objects: int,
+    ground: Ground,
     object_m: float,
     beside: Mapping[int, Float32[np.ndarray, "n"]] | None = None,
 ) -> ThinParts:
@@ -81,13 +81,13 @@ def find_thin_parts(
         views: those that the cloud was made from.
         owner: the object that each point belongs to, -1 for none.
         num_objects: how many objects there are.
+        ground: of the same points.
         object_m: size of a typical object, metres.
         beside: of objects that a person has drawn, how many outlines more have each voxel beside than within them.
 
     Returns:
         The parts. A piece that could be of two objects goes to the one that it touches in more points.
     """
-    ground = find_ground(cloud, views, owner < 0, object_m)
     free = (owner < 0) & (ground.pixels_above >= MIN_PIXELS)
     found, contact = np.full(cloud.num_points, -1, np.int32), np.full(cloud.num_points, -1)
     for k in range(num_objects):
@@ -140,11 +140,16 @@ def _parts(cloud: Cloud, own: Int[np.ndarray, "m"], free: Bool[np.ndarray, "n"],
         hidden = (
             stands
             and hovers
-            and np.mean(zone[rows] > 1) >= BELOW
+            and _upper_half(zone[rows] > 1, heights_m) >= BELOW
             and heights_m.max() - ground_m > RISES * (bottom - ground_m)
         )
         if (touching and thin) or carries or (hidden and thin):
             yield members, touching
+
+
+def _upper_half(under: Bool[np.ndarray, "m"], heights_m: Float32[np.ndarray, "m"]) -> float:
+    """Which share of the upper half of a piece lies under an object: feet may spread, a stem may not lean."""
+    return float(np.mean(under[2 * heights_m >= heights_m.min() + heights_m.max()]))
 
 
 def _is_thin(cell: Int32[np.ndarray, "m 3"]) -> bool:

@@ -144,6 +144,12 @@ class LabelConfig(Settings):
     """False: a view knows only its own detections when it marks such regions."""
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
+    clear_ground: bool = True
+    """Take out of objects what they have of the ground, unless they are flat on it: masks reach over lower edges, and
+    what an object is made of may let the ground be seen."""
+    level_surfaces: bool = True
+    """Give objects the rest of level surfaces above the ground that they have the greater part of, such as table tops:
+    detectors leave out what lies far behind."""
     thin_parts: bool = True
     """Give objects their legs, stems and feet: thin pieces between them and the ground, which detectors leave out."""
     seed: NonNegative[int] = 0

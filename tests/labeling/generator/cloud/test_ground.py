@@ -3,7 +3,7 @@ import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
 from labeling.core.views import RgbdViews
-from labeling.generator.cloud.ground import find_ground, height_coefficients
+from labeling.generator.cloud.ground import find_ground, ground_of_objects, height_coefficients
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 
 from ...synthetic_room import Part, render
@@ -102,3 +102,26 @@ def test_a_cloud_without_a_level_surface_has_its_floor_for_ground() -> None:
     assert np.allclose(ground.height_m, ground.height_m[0])
     assert ground.height_m[0] == pytest.approx(0, abs=0.04)
     assert not np.any(ground.pixels_above[cloud.points[:, 2] < 0])
+
+
+def test_objects_have_none_of_the_ground_unless_they_are_flat_on_it() -> None:
+    """Oracle: the shapes. A block with the floor around it, a rug, and an object of no points."""
+    block = Part((-1.1, -0.9, 0.3), (0.2, 0.2, 0.3), (0.3, 0.4, 0.2))
+    views = views_of([RUG, block])
+    cloud = cloud_of(views)
+    free = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+    apart = np.abs(cloud.points - np.array(block.centre))[:, :2]
+    around = np.all(apart < 0.5, axis=1) & (cloud.points[:, 2] < 0.65)
+    on_rug = np.all(np.abs(cloud.points - np.array(RUG.centre))[:, :2] < np.array(RUG.half[:2]) - 0.05, axis=1)
+    on_rug &= free.pixels_above == 0
+    owner = np.where(around, 0, np.where(on_rug & (cloud.points[:, 2] < 0.05), 1, -1)).astype(np.int32)
+    taken = ground_of_objects(cloud, owner, 3, find_ground(cloud, views, owner < 0, OBJECT_M))
+    assert not np.any(taken & (owner == -1))
+    assert np.any(owner == 1)
+    assert not np.any(taken & (owner == 1))
+    beside = around & np.any(apart > 0.24, axis=1) & (cloud.points[:, 2] < 0.02)
+    assert np.count_nonzero(beside) > 100
+    assert np.mean(taken[beside]) > 0.95
+    assert not np.any(taken & (cloud.points[:, 2] > 0.03))
+    nothing = ground_of_objects(cloud, np.full_like(owner, -1), 0, free)
+    assert not nothing.any()

@@ -162,6 +162,55 @@ def test_an_outline_with_legs_keeps_those_that_it_does_not_show() -> None:
     assert found(labelled(propagate(views, outlined), "table"), truth == TABLE) > 0.95
 
 
+def swivel_chair() -> list[Part]:
+    """A seat with a back; 16 cm below it, as if the stem were hidden there, a stem and a foot wider than the seat."""
+    colour, dark = (0.2, 0.35, 0.7), (0.25, 0.25, 0.25)
+    seat = block((-0.2, -0.2, 0.36), (0.2, 0.2, 0.44), colour, CHAIR)
+    back = block((-0.2, 0.16, 0.44), (0.2, 0.2, 0.9), colour, CHAIR)
+    stem = block((-0.018, -0.018, 0.0), (0.018, 0.018, 0.2), dark, CHAIR)
+    bars = [
+        block((-0.24, -0.015, 0), (0.24, 0.015, 0.03), dark, CHAIR),
+        block((-0.015, -0.24, 0), (0.015, 0.24, 0.03), dark, CHAIR),
+    ]
+    return [seat, back, stem, *bars]
+
+
+def test_feet_that_spread_around_a_hidden_stem_are_parts() -> None:
+    views, truth, _ = scene(swivel_chair())
+    seat = np.stack(
+        [
+            render(swivel_chair()[:2], pose, k, *SIZE)[2]
+            for pose, k in zip(views.camera_to_world, views.intrinsics, strict=True)
+        ]
+    )
+    feet = (truth == CHAIR) & (seat != CHAIR)
+    masks = labelled(propagate(views, detections(np.where(feet, 0, truth), chair=CHAIR)), "chair")
+    assert found(masks, feet) > 0.9
+    assert np.count_nonzero(masks & (truth == 0)) < 0.03 * np.count_nonzero(masks)
+
+
+def test_ground_in_masks_is_not_labelled() -> None:
+    """Masks that show a table and the floor below it, as if its top were of glass."""
+    views, truth, _ = scene([*table(0, 0)])
+    reaching = detections(truth, table=TABLE)
+    for one in reaching:
+        rows, columns = np.nonzero(one.mask)
+        one.mask[rows.min() : rows.max(), columns.min() : columns.max()] = True
+    with_floor = labelled(propagate(views, reaching, LabelConfig(clear_ground=False)), "table")
+    masks = labelled(propagate(views, reaching), "table")
+    floor = np.count_nonzero(with_floor & (truth == 0))
+    assert floor > 0.3 * np.count_nonzero(truth == TABLE)
+    assert np.count_nonzero(masks & (truth == 0)) < 0.2 * floor
+    assert found(masks, truth == TABLE) > 0.95
+
+
+def test_a_rug_is_labelled_though_it_lies_in_the_ground() -> None:
+    rug = block((-0.6, -0.4, 0), (0.6, 0.4, 0.004), (0.7, 0.1, 0.1), 3)
+    views, truth, _ = scene([rug])
+    masks = labelled(propagate(views, detections(truth, rug=3)), "rug")
+    assert found(masks, truth == 3) > 0.9
+
+
 def test_noise_loses_feet_but_swallows_no_ground() -> None:
     views, truth, seen = scene([*table(0, 0)], noise_m=0.01)
     masks = labelled(propagate(views, detections(seen, table=TABLE)), "table")
