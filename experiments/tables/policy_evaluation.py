@@ -36,7 +36,7 @@ class Size:
 
 SIZES: dict[Scale, Size] = {
     "smoke": Size((1, 1), (1, 1), 64),
-    "quick": Size((40, 40), (10, 3)),
+    "quick": Size((40, 40), (10, 1)),
     "full": Size((140, 140), (140, 140)),
 }
 
