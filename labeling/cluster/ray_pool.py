@@ -213,7 +213,7 @@ class _Run:
         self._here = ray.get_runtime_context().get_node_id()
         self._common = None
         if pool.files and pool.where.shared is None and pool.files.common:
-            self._look()
+            self._see_nodes()
             size = num_bytes(pool.files.common)
             if problem := self._too_large(size, "what all jobs read"):
                 raise SbmError(problem)
@@ -410,12 +410,8 @@ class _Run:
         if now_s < self._next_look_s:
             return
         self._next_look_s = now_s + LOOK_S
-        alive = {node["NodeID"]: node for node in self._ray.nodes() if node["Alive"]}
-        for identity, node in alive.items():
-            if identity not in self._nodes:
-                self._nodes[identity] = self._node(node)
-        usable = {identity for identity in alive if self._nodes[identity].problem is None}
-        with_places = [identity for identity in usable if self._nodes[identity].places]
+        alive = self._see_nodes()
+        with_places = [one for one in alive if self._nodes[one].problem is None and self._nodes[one].places]
         problems = [f"{node.name}: {node.problem}" for node in self._nodes.values() if node.problem is not None]
         if problems and not with_places and not self.processes:
             raise SbmError(f"no node of the cluster can be used ({'; '.join(problems)})")
@@ -433,6 +429,14 @@ class _Run:
                     return
                 if turn < self._nodes[identity].places and len(self._on(identity)) <= turn:
                     self.processes.append(self._start(identity))
+
+    def _see_nodes(self) -> list[str]:
+        """The nodes that there are now."""
+        alive = {node["NodeID"]: node for node in self._ray.nodes() if node["Alive"]}
+        for identity, node in alive.items():
+            if identity not in self._nodes:
+                self._nodes[identity] = self._node(node)
+        return list(alive)
 
     def _node(self, node: dict[str, Any]) -> _Node:
         resources = node["Resources"]

@@ -8,9 +8,7 @@ from pathlib import Path
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_json
 
-
-def pid_of(job: int) -> tuple[int, int]:
-    return job, os.getpid()
+PATIENCE_S = 120.0
 
 
 def double(job: int) -> int:
@@ -26,28 +24,52 @@ def die_or_double(job: int) -> int:
     return 2 * job
 
 
+def meet(job: tuple[str, int, int]) -> tuple[int, int]:
+    """Waits for other processes; returns its number and process. The folder is the same for all, since it is a name."""
+    name, number, processes = job
+    folder = Path(name)
+    (folder / f"process-{os.getpid()}").touch()
+    _wait(lambda: len(list(folder.glob("process-*"))) >= processes)
+    return number, os.getpid()
+
+
+def stay(job: tuple[str, int]) -> int:
+    """Says that it has begun, and waits until it may end."""
+    folder, number = Path(job[0]), job[1]
+    (folder / f"begun-{number}-{os.getpid()}").touch()
+    _wait((folder / "may end").exists)
+    return number
+
+
 @dataclass(frozen=True)
 class Copier:
-    """Writes the content of each input, and where it was read from."""
+    """Writes what each input holds, and where it was read from."""
 
     out: Path
     word: Path
     """A file that all jobs read."""
 
     def copy(self, job: Path) -> str:
-        text = f"{job.read_text()} {self.word.read_text()}"
+        text = f"{job.resolve().name}: {job.read_text()} {self.word.read_text()}"
         write_json(self.out / f"{job.stem}.json", {"text": text, "from": str(job)})
+        if "bad" in job.name:
+            raise SbmError(f"{job}: is bad")
         return f"{job}: {text}"
 
 
-def meet(job: tuple[Path, int]) -> tuple[int, int]:
-    """Says who has begun, then takes a while."""
-    folder, number = job
-    (folder / f"{number}-{os.getpid()}-{os.environ.get('RAY_NODE_OF_TEST', '')}").touch()
-    time.sleep(1.0)
-    return number, os.getpid()
-
-
-def digest_of_node() -> dict[str, str]:
+def digest_of_process() -> dict[str, str]:
     """Differs between processes, as libraries of nodes might."""
     return {"chairs.sh3f": str(os.getpid())}
+
+
+def surroundings(job: int) -> tuple[int, int, int, str]:
+    import cv2
+    import numba
+
+    return numba.get_num_threads(), cv2.getNumThreads(), os.getpid(), str(Path.cwd())
+
+
+def _wait(condition) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition() and time.monotonic() < deadline_s:
+        time.sleep(0.02)
