@@ -5,6 +5,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_json
 
@@ -73,3 +75,8 @@ def _wait(condition) -> None:
     deadline_s = time.monotonic() + PATIENCE_S
     while not condition() and time.monotonic() < deadline_s:
         time.sleep(0.02)
+
+
+def find(picture: np.ndarray) -> list[tuple[str, float, np.ndarray]]:
+    """A detector: what is darker than the mean is a chair."""
+    return [("chair", 0.95, picture.mean(axis=2) < picture.mean())]

@@ -39,6 +39,7 @@ def test_results_come_in_order_from_processes_of_all_nodes(where: ClusterConfig,
     assert folder.endswith(str(Path.cwd()))
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_its_process_three_times_is_told_and_the_others_are_done(
     where: ClusterConfig, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,6 +99,7 @@ def test_a_whole_folder_appears_at_once(tmp_path: Path) -> None:
         bring_home(tmp_path, [("../evil", b"")], whole=False)
 
 
+@pytest.mark.slow
 def test_jobs_without_end_are_taken_as_processes_become_free(where: ClusterConfig) -> None:
     taken = itertools.count()
     with closing(map_jobs(cluster_work.double, taken, 1, where=where, ordered=True)) as results:
@@ -105,6 +107,7 @@ def test_jobs_without_end_are_taken_as_processes_become_free(where: ClusterConfi
     assert next(taken) < 30
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_costs_its_jobs_once(
     where: ClusterConfig, ray_cluster: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -132,6 +135,7 @@ def test_a_node_that_dies_costs_its_jobs_once(
     assert capfd.readouterr().err.count("its job is done again") == 1
 
 
+@pytest.mark.slow
 def test_an_input_larger_than_an_object_store_is_one_sentence(where: ClusterConfig, tmp_path: Path) -> None:
     large, small = tmp_path / "large.txt", tmp_path / "small.txt"
     small.write_text("small")
@@ -149,6 +153,7 @@ def test_an_input_larger_than_an_object_store_is_one_sentence(where: ClusterConf
         list(run_jobs(cluster_work.double, [1], 1, where=where, files=files))
 
 
+@pytest.mark.slow
 def test_inputs_on_the_way_never_fill_an_object_store(where: ClusterConfig, tmp_path: Path) -> None:
     inputs = [tmp_path / f"{number}.txt" for number in range(3)]
     for path in inputs:
@@ -192,6 +197,7 @@ def test_a_node_that_differs_is_named_with_what_differs(
         list(map_jobs(cluster_work.double, [1], 1, where=where))
 
 
+@pytest.mark.slow
 def test_a_shared_disk_is_used_where_it_is(
     where: ClusterConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
