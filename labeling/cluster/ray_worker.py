@@ -101,6 +101,8 @@ class Worker:
         """
         written = unpack(files, self._root) if files is not None else []
         out = Path(self._root + self._orders.out) if self._orders.out is not None else None
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
         before = state_of(out) if out is not None else {}
         try:
             value, error = self._do(loads(job, self._root)), None
