@@ -70,3 +70,35 @@ def cores_in_use(stage: Stage, giver: Giver) -> int:
 def seconds(stage: Stage, giver: Giver, cores: int, jobs: int) -> float:
     """For so many jobs from the start: the beginning, the steady rate, and at the end the last job of each core."""
     return stage.begin_s + jobs / jobs_per_s(stage, giver, cores) + (0.5 * stage.work_s if cores > 1 else 0.0)
+
+
+GIVER = Giver(job_s=0.004, byte_s=3e-9)
+"""Measured on one core, some of it in vain: a job .6 ms, 3 MB there and back 10 ms, their digests, 50 small files."""
+STAGES = (
+    Stage("collect", 2.3, 2e3, 3.2e6),
+    Stage("label", 0.45, 3.2e6, 1.1e6),
+    Stage("detect", 1.5, 3.2e6, 1e5),
+)
+"""Of an episode of 25 views 256x256 in rooms: CPU seconds on one core of the machine that the benchmarks ran on, once a
+process has begun; "collect" with the simulated detector, "detect" with compact."""
+CORES = (1, 10, 100, 300, 1000)
+
+
+def table() -> str:
+    """What to expect, in episodes an hour, as Markdown."""
+    lines = [
+        "| | " + " | ".join(f"{cores} core{'s' if cores > 1 else ''}" for cores in CORES) + " | linear up to |",
+        "|---|" + "---:|" * (len(CORES) + 1),
+    ]
+    for words, giver in (("", GIVER), (", shared disk", GIVER.shares_a_disk)):
+        for stage in STAGES:
+            rates = (_rounded(3600.0 * jobs_per_s(stage, giver, cores)) for cores in CORES)
+            knee = f"{_rounded(cores_in_use(stage, giver))} cores"
+            lines.append(f"| {stage.name}{words} | " + " | ".join([*rates, knee]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _rounded(value: float) -> str:
+    """To two digits, with commas."""
+    digits = len(str(round(value))) - 2
+    return f"{round(value, -max(digits, 0)):,.0f}"
