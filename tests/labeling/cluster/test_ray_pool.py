@@ -210,4 +210,4 @@ def test_a_shared_disk_is_used_where_it_is(
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["in.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.txt", "out"]
     with pytest.raises(UsageError, match=r"--shared .*: /elsewhere does not lie below it"):
-        list(map_jobs(copier.copy, [1], 1, where=shared, files=JobFiles(Path("/elsewhere"))))
+        list(map_jobs(copier.copy, [Path("in.txt")], 1, where=shared, files=JobFiles(Path("/elsewhere"))))
