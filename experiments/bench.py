@@ -13,7 +13,8 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
 BENCHES = {
-    name: f"experiments.benchmarks.{name}" for name in ("render", "labels", "detect", "env", "scenes", "atlas", "boxes")
+    name: f"experiments.benchmarks.{name}"
+    for name in ("render", "labels", "detect", "env", "scenes", "atlas", "boxes", "cluster")
 }
 """Modules with a function ``measure(quick)`` that yields rows as they are measured, by the name of the bench. One
 with a function ``draw(rows, folder)`` also makes pictures of them."""

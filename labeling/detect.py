@@ -4,6 +4,7 @@ import hashlib
 import json
 import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from labeling.core.detector import Detector
     from labeling.core.episode import Episode
     from labeling.core.types import Detection
@@ -42,18 +45,31 @@ def run(command: DetectCommand) -> None:
     Raises:
         SbmError: if there is no such detector or no episode; and, after all the others are done, if any episode failed.
     """
-    from labeling.detectors.registry import load_detector
+    from labeling.detectors.registry import NAMES, detector_digest
+    from labeling.runtime.process_pool import PerProcess
 
     command.recording.check()
-    detector = load_detector(command.detector, command.device, command.batch_size)
+    digest = detector_digest(command.detector)
 
     def summary(counts: list[tuple[int, int]]) -> str:
         views, detections = (sum(column) for column in zip((0, 0), *counts, strict=True))
         return f"{detections} detections in {views} views of {len(counts)} episodes"
 
     command.run_on_episodes(
-        lambda folder: detect_episode(folder, detector, command.recording, command.replace), summary
+        _detecting(command) if command.where.is_local else PerProcess(partial(_detecting, command)),
+        summary,
+        [] if command.detector in NAMES else [command.detector],
+        DETECTIONS_FILE,
+        lambda folder: _has_looked(folder, command.detector, _mark(digest, command.recording)),
     )
+
+
+def _detecting(command: DetectCommand) -> "Callable[[Path], tuple[int, int] | None]":
+    """What detects in one episode."""
+    from labeling.detectors.registry import load_detector
+
+    detector = load_detector(command.detector, command.device, command.batch_size)
+    return partial(detect_episode, detector=detector, recording=command.recording, replace=command.replace)
 
 
 def detect_episode(
@@ -81,16 +97,10 @@ def detect_episode(
     recording = recording or RecordingConfig()
     path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
     about: dict[str, Any] = dict(read_json(about_path).mapping()) if about_path.is_file() else {}
-    mark = _digest(f"{detector.digest}\0{sorted(asdict(recording).items())}")
-    kept = about.get("detector_run")
-    ours = (
-        isinstance(kept, dict)
-        and path.is_file()
-        and kept.get("detections_sha256") == _digest(regular(path).read_bytes())
-    )
-    if isinstance(kept, dict) and ours and (kept.get("detector"), kept.get("mark")) == (detector.name, mark):
+    mark = _mark(detector.digest, recording)
+    if _has_looked(folder, detector.name, mark):
         return None
-    if path.is_file() and not ours and not replace:
+    if path.is_file() and not _kept_run(folder) and not replace:
         raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
     episode = read_episode(folder, recording)
     with progress_bar(total=episode.num_views, unit="view", desc=episode.name) as views:
@@ -113,6 +123,27 @@ def detect_episode(
     write_json(about_path, about)
     write_json(path, records)
     return episode.num_views, len(records)
+
+
+def _mark(digest: str, recording: RecordingConfig) -> str:
+    """Changes with a detector, and with how it is shown the views."""
+    return _digest(f"{digest}\0{sorted(asdict(recording).items())}")
+
+
+def _has_looked(folder: Path, name: str, mark: str) -> bool:
+    """Whether an episode has the results of this detector."""
+    kept = _kept_run(folder)
+    return (kept.get("detector"), kept.get("mark")) == (name, mark)
+
+
+def _kept_run(folder: Path) -> dict[str, Any]:
+    """What the episode says of the run of this command that its detections come from; empty if they do not."""
+    from labeling.formats.checked_json import read_json
+
+    path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
+    kept = read_json(about_path).mapping().get("detector_run") if about_path.is_file() else None
+    ours = isinstance(kept, dict) and path.is_file() and kept.get("detections_sha256") == _digest(path.read_bytes())
+    return dict(kept) if isinstance(kept, dict) and ours else {}
 
 
 def _digest(content: str | bytes) -> str:

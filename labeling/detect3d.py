@@ -3,6 +3,7 @@
 import hashlib
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from labeling.core.detector import Detector
     from labeling.detectors3d.base import Detector3d
 
@@ -41,17 +44,30 @@ def run(command: Detect3dCommand) -> None:
     Raises:
         SbmError: if there is no such detector or no episode; and, after all the others are done, if any episode failed.
     """
+    from labeling.detectors.registry import NAMES
+    from labeling.runtime.process_pool import PerProcess
+
+    command.recording.check()
+    command.run_on_episodes(
+        _detecting(command) if command.where.is_local else PerProcess(partial(_detecting, command)),
+        lambda counts: f"{sum(counts)} boxes in {len(counts)} episodes",
+        [name for name in (command.detector, command.boxes) if name not in (*NAMES, RECORDED, "ldls")],
+        DETECTIONS_3D_FILE,
+    )
+    print(command.dataset / "*" / DETECTIONS_3D_FILE)
+
+
+def _detecting(command: Detect3dCommand) -> "Callable[[Path], int | None]":
+    """What detects in one episode."""
     from labeling.detectors.registry import load_detector
     from labeling.detectors3d.registry import load_detector_3d
 
-    command.recording.check()
-    detector_3d = load_detector_3d(command.detector, command.device)
-    detector_2d = None if command.boxes == RECORDED else load_detector(command.boxes, command.device)
-    command.run_on_episodes(
-        lambda folder: detect_episode(folder, detector_3d, detector_2d, command.recording),
-        lambda counts: f"{sum(counts)} boxes in {len(counts)} episodes",
+    return partial(
+        detect_episode,
+        detector_3d=load_detector_3d(command.detector, command.device),
+        detector_2d=None if command.boxes == RECORDED else load_detector(command.boxes, command.device),
+        recording=command.recording,
     )
-    print(command.dataset / "*" / DETECTIONS_3D_FILE)
 
 
 def detect_episode(

@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 import tyro
 
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import SbmError, UsageError
 from labeling.generator.label_jobs import EpisodeResult, Job, label_all
 from labeling.generator.settings.label_config import LabelConfig
@@ -34,6 +35,7 @@ class GenerateConfig:
     """Folder of the label set; made if it does not exist."""
     workers: int = 1
     """Episodes labelled side by side, in processes of their own; the threads are shared out among them."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
     share_scenes: bool = False
     """Label what one episode has found in the other episodes of its scene, too: those whose episode.json names the same
     ``scene`` and whose poses are given in one world frame. What is small and far in one view is near in another."""
@@ -85,7 +87,7 @@ def run(config: GenerateConfig) -> None:
     if together:
         from labeling.generator.sharing.label_together import label_scenes as label
     bar = progress_bar(total=len(folders), desc="labelling", unit="episode")
-    with bar, showing_stages(bar), closing(label(job, folders, config.workers)) as found:
+    with bar, showing_stages(bar), closing(label(job, folders, config.workers, config.where)) as found:
         for result in found:
             bar.update()
             results.append(result)

@@ -1,11 +1,14 @@
 """View atlases for learning on real detectors: ``python -m sbm_gym.build_atlas --detector compact --out DIR``."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import tyro
+
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.ranges import Count, NonNegative
@@ -45,6 +48,7 @@ class AtlasConfig:
     """Directions at each place; at least 12."""
     workers: Count = 1
     """Processes side by side."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
 
 
 def build(config: AtlasConfig) -> list[Path]:
@@ -56,21 +60,31 @@ def build(config: AtlasConfig) -> list[Path]:
     Raises:
         SbmError: if something about the settings is wrong, or a folder holds other views.
     """
+    from labeling.cluster.cluster_config import JobFiles
+    from labeling.cluster.jobs import map_jobs
     from labeling.runtime.cli import progress_bar
-    from labeling.runtime.process_pool import PerProcess, map_jobs
-    from sbm_gym.atlas.scene_atlas import scene_folder
+    from labeling.runtime.process_pool import PerProcess
+    from sbm_gym.assets.catalog.same_libraries import same_libraries
+    from sbm_gym.atlas.scene_atlas import KEY_FILE, scene_folder
 
     env = _make_env(config)
     names = env.get_wrapper_attr("scene_names")[config.skip :][: config.scenes]
     if not names:
         raise UsageError(f"--skip {config.skip} leaves no scene of split {config.split}")
     make_views = PerProcess(partial(_view_maker, config))
+    files = JobFiles(
+        config.out,
+        lambda job: [scene_folder(config.out, job[0]) / KEY_FILE],
+        config.where.files_named(config.detector),
+    )
+    same = same_libraries(env.spec.kwargs.get("worlds") if env.spec else None)
     for number, name in enumerate(names):
         builder = _builder(config, env, name)
         missing = builder.missing_places()
         jobs = [(name, place) for place in missing]
         title = f"{name} ({number + 1} of {len(names)})"
-        for _ in progress_bar(map_jobs(make_views, jobs, config.workers), unit="place", total=len(jobs), desc=title):
+        made = map_jobs(make_views, jobs, config.workers, where=config.where, files=files, same=same)
+        for _ in progress_bar(made, unit="place", total=len(jobs), desc=title):
             pass
         if not builder.is_finished:
             builder.finish()

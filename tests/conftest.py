@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -158,3 +159,22 @@ def apc_shelf() -> Path:
             pytest.fail(f"the real capture is not at {folder}")
         pytest.skip(f"needs the real capture at {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def ray_cluster() -> Iterator[Any]:
+    """Two nodes of one core each, on this machine; a ``ray.cluster_utils.Cluster``."""
+    pytest.importorskip("ray", reason="needs the extra 'cluster': pip install 'seeing-by-moving[cluster]'")
+    from ray.cluster_utils import Cluster
+
+    # Ray's processes are otherwise as polite as can be, which takes minutes beside others.
+    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+        cluster.add_node(num_cpus=1)
+    yield cluster
+    import ray
+
+    ray.shutdown()
+    cluster.shutdown()

@@ -1,9 +1,12 @@
 """Settings of an evaluation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import tyro
+
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
 
 VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
@@ -48,5 +51,6 @@ class EvaluateConfig:
     """Draw the ways of all policies from above in so many episodes, into OUT/pictures."""
     workers: Count = 1
     """Processes side by side; each computes in one thread, so that their number changes no result."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
     out: Path = Path("out/evaluation")
     """Folder for the results; made if it does not exist."""

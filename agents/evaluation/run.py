@@ -22,12 +22,14 @@ from agents.evaluation.summary import summary
 from agents.evaluation.table import print_tables
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
-from agents.rollouts.environments import capture_size, inner_env, make_env
+from agents.rollouts.environments import capture_size, inner_env, make_env, same_furniture
 from agents.rollouts.run_episode import EpisodeSpec, another_draw, episode_spec, run_episode
 from agents.rollouts.scene_shares import scenes_to_compare_in
+from labeling.cluster.cluster_config import JobFiles
+from labeling.cluster.jobs import map_jobs
 from labeling.core.errors import UsageError
 from labeling.formats.atomic import write_json
-from labeling.runtime.process_pool import PerProcess, map_jobs
+from labeling.runtime.process_pool import PerProcess
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from labeling.runtime.threads import one_network_thread
@@ -126,6 +128,14 @@ class Evaluator:
             return [spec]
         return [another_draw(spec, draw) for draw in range(self.config.draws)]
 
+    def files_of(self, jobs: Sequence[tuple[EpisodeSpec, str]]) -> list[Path]:
+        """Results that there may be of several starts, each with a policy."""
+        return [
+            self.path(another_draw(spec, draw) if draw else spec, policy)
+            for spec, policy in jobs
+            for draw in range(self.config.draws)
+        ]
+
     def run(self, spec: EpisodeSpec, policy: str) -> None:
         """Runs an episode and keeps its result."""
         size_px = capture_size(self.env, self.config.size) if self.config.labels else None
@@ -166,12 +176,15 @@ def _run_missing(evaluator: Evaluator, specs: Sequence[EpisodeSpec]) -> None:
     total, missing = len(specs) * len(config.policies), sum(map(len, waiting))
     if missing < total:
         print(f"{total - missing} of {total} results are there already", file=sys.stderr)
-    if config.workers == 1:
+    if config.workers == 1 and config.where.is_local:
         work, jobs = evaluator.run_all, [[job] for jobs in waiting for job in jobs]
     else:
         work, jobs = PerProcess(partial(_runner, config)), [jobs for jobs in waiting if jobs]
     with tqdm(total=missing, desc="evaluating", unit="episode", smoothing=0.05, file=sys.stderr) as bar:
-        for count in map_jobs(work, jobs, config.workers):
+        common = config.where.files_named(config.detector, *config.policies)
+        files = JobFiles(config.out, evaluator.files_of, common)
+        same = same_furniture(evaluator.env)
+        for count in map_jobs(work, jobs, config.workers, where=config.where, files=files, same=same):
             bar.update(count)
 
 

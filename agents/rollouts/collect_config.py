@@ -1,9 +1,12 @@
 """Settings of a recording."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import tyro
+
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
 from sbm_gym.sensors.noise_config import Sensor, SensorNoise
 
@@ -55,6 +58,7 @@ class CollectConfig:
     workers: Count = 1
     """Processes side by side, one thread each if there are several. What comes out is the same for any number, but for
     the last digits of a network's confidences, which depend on its threads."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
 
     @property
     def noise(self) -> SensorNoise:

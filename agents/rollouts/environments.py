@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 
 import sbm_gym  # noqa: F401, registers the environments
+from labeling.cluster.cluster_config import SameThere
 from labeling.core.errors import UsageError
+from sbm_gym.assets.catalog.same_libraries import same_libraries
 from sbm_gym.registration import ENV_IDS
 
 if TYPE_CHECKING:
@@ -46,6 +48,11 @@ def inner_env(env: gym.Env) -> "FixationEnv":
     inner = env.unwrapped
     assert isinstance(inner, FixationEnv)
     return inner
+
+
+def same_furniture(env: gym.Env) -> tuple[SameThere, ...]:
+    """What nodes of a cluster must have to make the same worlds."""
+    return same_libraries(env.spec.kwargs.get("worlds") if env.spec else None)
 
 
 def capture_size(env: gym.Env, height_px: int | None) -> tuple[int, int]:

@@ -13,13 +13,15 @@ import numpy as np
 
 from agents.policies.registry import make_policy
 from agents.rollouts.collect_config import CollectConfig
-from agents.rollouts.environments import capture_size, inner_env, make_env
+from agents.rollouts.environments import capture_size, inner_env, make_env, same_furniture
 from agents.rollouts.rollout import rollout
+from labeling.cluster.cluster_config import JobFiles
+from labeling.cluster.jobs import map_jobs
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.core.types import CONFIDENT
 from labeling.io.episodes import read_episode, write_episode
-from labeling.runtime.process_pool import PerProcess, map_jobs
+from labeling.runtime.process_pool import PerProcess
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
@@ -61,7 +63,7 @@ def collect_episodes(config: CollectConfig) -> list[Path]:
     make_policy(config.policy, config.env)
     with contextlib.closing(make_env(config.env, config.split, config.detector)) as env:
         settings = dataclasses.asdict(config)
-        for name in ("out", "episodes", "workers"):  # none changes what an episode holds
+        for name in ("out", "episodes", "workers", "where"):  # none changes what an episode holds
             del settings[name]
         defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}  # of before it was there
         claim_run_folder(
@@ -75,9 +77,12 @@ def collect_episodes(config: CollectConfig) -> list[Path]:
         missing = [number for number, folder in enumerate(folders) if not _is_complete(folder)]
         if len(missing) < len(folders):
             print(f"{len(folders) - len(missing)} of {len(folders)} episodes are there already", file=sys.stderr)
-        work = partial(_record, config, env) if config.workers == 1 else PerProcess(partial(_recorder, config))
+        alone = config.workers == 1 and config.where.is_local
+        work = partial(_record, config, env) if alone else PerProcess(partial(_recorder, config))
+        files = JobFiles(config.out, common=config.where.files_named(config.policy, config.detector), whole=True)
+        same = same_furniture(env)
         with tqdm(total=len(missing), desc="recording", unit="episode", file=sys.stderr) as bar:
-            for _ in map_jobs(work, missing, config.workers):
+            for _ in map_jobs(work, missing, config.workers, where=config.where, files=files, same=same):
                 bar.update()
     print(f"{len(folders)} episodes in {config.out}")
     return folders

@@ -20,6 +20,7 @@ TITLES = {
     "labels": "Labels",
     "boxes": "3-D boxes",
     "detect": "Detectors",
+    "cluster": "Clusters",
 }
 
 

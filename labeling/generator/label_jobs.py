@@ -2,12 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from labeling.cluster.cluster_config import HERE, ClusterConfig, JobFiles
+from labeling.cluster.jobs import run_jobs
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_records
 from labeling.generator.settings.label_config import LabelConfig
@@ -16,7 +18,7 @@ from labeling.io.file_names import DETECTIONS_3D_FILE, cloud_file
 from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json, episode_record, read_record
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.code_digest import code_digest
-from labeling.runtime.process_pool import WorkerDiedError, run_jobs
+from labeling.runtime.process_pool import Outcome, WorkerDiedError
 from labeling.runtime.provenance import package_versions
 from labeling.runtime.threads import in_background, num_threads, one_beside
 
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
     from labeling.core.episode import Episode
     from labeling.core.episode_labels import EpisodeLabels
     from labeling.generator.sources import Sources
+
+Item = TypeVar("Item")
+Found = TypeVar("Found")
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scipy", "hotcoco")
 """What the labels depend on."""
@@ -110,6 +115,34 @@ class Job:
             return self.failed(folder, error)
         return EpisodeResult(name, self.relative(folder), record)
 
+    def kept(self, folder: Path) -> EpisodeResult | None:
+        """What an earlier run has left of an episode, if that still fits."""
+        name = folder.resolve().name
+        try:
+            record = self.finished(name, fingerprint(folder, self.label, list(self.inputs)))
+        except OSError:  # whoever labels it tells
+            return None
+        return None if record is None else EpisodeResult(name, self.relative(folder), record)
+
+    def files_of(self, folders: Sequence[Path]) -> list[Path]:
+        """What is read to label episodes."""
+        from labeling.generator.sources import DETECTIONS_FOLDER
+
+        names = (folder.resolve().name for folder in folders)
+        return [*folders, *(self.out / DETECTIONS_FOLDER / f"{name}.json" for name in names)]
+
+    def common_files(self, where: ClusterConfig) -> list[Path]:
+        """What is read for all episodes.
+
+        Raises:
+            UsageError: if the detector's name means nothing on other machines.
+        """
+        from labeling.detectors.registry import NAMES
+
+        detector = self.sources.detector
+        named = [] if detector is None or detector in NAMES else where.files_named(detector)
+        return [*named, *(path for path in (self.sources.detections, self.sources.annotations) if path is not None)]
+
     def finished(self, name: str, mark: str) -> EpisodeRecord | None:
         """The record of an episode that an earlier run has labelled, if it has this fingerprint."""
         record = read_record(self.record_file(name), mark)
@@ -192,27 +225,72 @@ class Job:
         return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
 
 
-def label_all(job: Job, folders: Sequence[Path], workers: int) -> Generator[EpisodeResult, None, None]:
+def label_all(
+    job: Job, folders: Sequence[Path], workers: int, where: ClusterConfig = HERE
+) -> Generator[EpisodeResult, None, None]:
     """Labels episodes.
 
     Args:
         job: what to do.
         folders: the episodes.
         workers: processes side by side; with 1 the work is done in this one. What comes out is the same for any number.
+        where: this machine or a cluster. On a cluster, what an earlier run has left comes before what is labelled next.
 
     Yields:
         How it went with each episode, in their order. Closing the generator ends the workers.
     """
+    if not where.is_local:
+        files = JobFiles(job.out, lambda folder: job.files_of([folder]), job.common_files(where))
+        kept, missing = kept_apart(folders, job.kept)
+        with closing(run_jobs(job.label_episode, missing, workers, where=where, files=files, ordered=True)) as outcomes:
+            for outcome in outcomes:
+                yield from taken(kept)
+                yield _result_of(job, outcome)
+        yield from taken(kept)
+        return
     if min(workers, len(folders)) == 1 and num_threads() > 1:
         yield from _label_here(job, folders)
         return
     with closing(run_jobs(job.label_episode, folders, workers, threads=None, ordered=True)) as outcomes:
         for outcome in outcomes:
-            if isinstance(outcome.error, WorkerDiedError):
-                folder, problem = outcome.job, f"{outcome.job}: {outcome.error}"
-                yield EpisodeResult(folder.resolve().name, job.relative(folder), None, problem)
+            yield _result_of(job, outcome)
+
+
+def _result_of(job: Job, outcome: Outcome[Path, EpisodeResult]) -> EpisodeResult:
+    """How it went with an episode, also where its process was lost or its files did not travel."""
+    if isinstance(outcome.error, WorkerDiedError):
+        return job.failed(outcome.job, SbmError(f"{outcome.job}: {outcome.error}"))
+    if isinstance(outcome.error, SbmError | OSError):
+        return job.failed(outcome.job, outcome.error)
+    return outcome.result()
+
+
+def kept_apart(items: Iterable[Item], kept: Callable[[Item], Found | None]) -> tuple[list[Found], Iterator[Item]]:
+    """Divides what is to be done from what has been done, while it is asked for.
+
+    Args:
+        items: all of it.
+        kept: what has come of one, None if nothing has.
+
+    Returns:
+        What has come of those passed over so far, and an iterator over the others.
+    """
+    found: list[Found] = []
+
+    def missing() -> Iterator[Item]:
+        for item in items:
+            if (one := kept(item)) is None:
+                yield item
             else:
-                yield outcome.result()
+                found.append(one)
+
+    return found, missing()
+
+
+def taken(found: list[Item]) -> Iterator[Item]:
+    """Empties a list, first things first."""
+    while found:
+        yield found.pop(0)
 
 
 def _label_here(job: Job, folders: Sequence[Path]) -> Generator[EpisodeResult, None, None]:

@@ -109,17 +109,36 @@ def map_jobs(
 ) -> Generator[Result, None, None]:
     """Results of jobs that are all needed: the first error ends the work. Arguments are those of ``run_jobs``.
 
-    Yields:
-        What the jobs return.
+    Returns:
+        What the jobs return, as it comes.
 
     Raises:
         Exception: the first that a job raises, or ``WorkerDiedError``, once the jobs that were begun are finished.
     """
-    errors: list[Exception] = []
-    if isinstance(jobs, Sized):  # what ``begun`` is not
+    if isinstance(jobs, Sized):  # what ``needed_results`` passes on is not
         workers = min(workers, len(jobs))
+    run = functools.partial(run_jobs, work, workers=workers, threads=threads, ordered=ordered)
+    return needed_results(run, jobs)
+
+
+def needed_results(
+    run: Callable[[Iterable[Job]], Generator[Outcome[Job, Result], None, None]], jobs: Iterable[Job]
+) -> Generator[Result, None, None]:
+    """What ``map_jobs`` yields, of any way to do jobs.
+
+    Args:
+        run: does jobs, such as ``run_jobs``.
+        jobs: what to give it.
+
+    Yields:
+        What the jobs return.
+
+    Raises:
+        Exception: the first that a job raises, once the jobs that were begun are finished.
+    """
+    errors: list[Exception] = []
     begun = itertools.takewhile(lambda _: not errors, jobs)
-    with contextlib.closing(run_jobs(work, begun, workers, threads=threads, ordered=ordered)) as outcomes:
+    with contextlib.closing(run(begun)) as outcomes:
         for outcome in outcomes:
             if outcome.error is not None:
                 errors.append(outcome.error)
@@ -129,7 +148,7 @@ def map_jobs(
         raise errors[0]
 
 
-def _function(work: Work[Job, Result]) -> Callable[[Job], Result]:
+def function_of(work: Work[Job, Result]) -> Callable[[Job], Result]:
     """What does the jobs; what it needs is made for the first of them."""
     if not isinstance(work, PerProcess):
         return work
@@ -138,7 +157,7 @@ def _function(work: Work[Job, Result]) -> Callable[[Job], Result]:
 
 
 def _run_here(work: Work[Job, Result], jobs: Iterable[Job]) -> Generator[Outcome[Job, Result], None, None]:
-    do = _function(work)
+    do = function_of(work)
     for number, job in enumerate(jobs):
         try:
             value = do(job)
@@ -241,27 +260,26 @@ def _serve(work: Work[Any, Any], pipe: connection.Connection) -> None:
     import cv2
 
     cv2.setNumThreads(num_threads())
-    do = _function(work)
+    do = function_of(work)
     with contextlib.suppress(EOFError, ConnectionError):
         while True:
             job = pipe.recv()
             try:
                 answer = ForkingPickler.dumps((do(job), None))
             except Exception as error:  # judged by the process that gave the job
-                answer = _pickled(error)
+                answer = ForkingPickler.dumps((None, sendable(error)))
             pipe.send_bytes(answer)
 
 
-def _pickled(error: Exception) -> Any:
-    """An answer that says what a job raised, and where."""
+def sendable(error: Exception) -> Exception:
+    """What a job raised, with a note that says where; or a ``RuntimeError`` that says both, if it cannot be pickled."""
     text = "".join(traceback.format_exception(error))
     error.add_note(f"in a worker process:\n{text}")
     try:
-        answer = ForkingPickler.dumps((None, error))
-        pickle.loads(answer)
+        pickle.loads(ForkingPickler.dumps(error))
     except Exception:  # errors with arguments of their own do not always survive
-        return ForkingPickler.dumps((None, RuntimeError(text)))
-    return answer
+        return RuntimeError(text)
+    return error
 
 
 def _end_with_parent() -> None:

@@ -53,8 +53,15 @@ def experiment_provenance() -> dict[str, Any]:
     }
 
 
+COMMIT_VARIABLE = "SBM_GIT_COMMIT"
+"""Environment variable by which a process on another machine learns the commit of the same code; empty for none."""
+
+
 def git_commit() -> str | None:
     """Commit of the checkout this code runs from, None if it is none."""
+    told = os.environ.get(COMMIT_VARIABLE)
+    if told is not None:
+        return told or None
     return _git("rev-parse", "HEAD")
 
 

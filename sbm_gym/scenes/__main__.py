@@ -2,11 +2,12 @@
 
 import functools
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.cli import run_command
 from labeling.runtime.ranges import Count, check_ranges
 
@@ -38,6 +39,7 @@ class Build(Which):
 
     workers: Count = 1
     """Processes side by side."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
 
 
 @dataclass(frozen=True)
@@ -91,12 +93,16 @@ def _worlds(env_id: str) -> "str | WorldSource":
 def _build(source: "WorldSource", names: list[str], command: Build) -> None:
     from tqdm import tqdm
 
-    from labeling.runtime.process_pool import map_jobs
-    from sbm_gym.scenes.scene_cache import keep_scene
+    from labeling.cluster.jobs import map_jobs
+    from sbm_gym.assets.catalog.same_libraries import same_libraries
+    from sbm_gym.scenes.scene_cache import keep_scene, keep_scene_files, scene_files
 
-    work = functools.partial(keep_scene, source, command.renderer)
+    here, same = command.where.is_local, same_libraries(source)
+    # Nodes of a cluster keep the scene for themselves, too.
+    work = functools.partial(keep_scene if here else scene_files, source, command.renderer)
     with tqdm(total=len(names), desc="compiling", unit="scene", file=sys.stderr, disable=not names) as bar:
-        for name in map_jobs(work, names, command.workers):
+        for made in map_jobs(work, names, command.workers, where=command.where, same=same):
+            name = made if isinstance(made, str) else keep_scene_files(source, command.renderer, *made)
             bar.set_postfix_str(name, refresh=bool(bar.update()))
 
 

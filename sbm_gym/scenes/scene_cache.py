@@ -6,6 +6,8 @@ from collections import OrderedDict
 
 import mujoco
 
+from labeling.core.errors import SbmError
+from labeling.formats.atomic import atomic_file
 from labeling.runtime.memory import trim_memory
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.robot.body import BodyConfig
@@ -13,6 +15,7 @@ from sbm_gym.scenes.compiled import Scene, WorldSource, compile_scene, make_rend
 from sbm_gym.scenes.saved_scenes import load_scene, rebuild_whole_model, save_scene
 from sbm_gym.scenes.scene_keys import scene_key, sources_unchanged
 from sbm_gym.store.cache_folder import SceneFolder, max_bytes
+from sbm_gym.store.packed_file import read_content
 
 
 class SceneCache:
@@ -113,4 +116,35 @@ def is_kept(source: WorldSource, renderer: str, name: str) -> bool:
 def keep_scene(source: WorldSource, renderer: str, name: str) -> str:
     """Compiles a scene for whoever needs it later; arguments as of ``open_scene``. Returns its name."""
     open_scene(source, name, renderer, source.profile.body).renderer.close()
+    return name
+
+
+def scene_files(source: WorldSource, renderer: str, name: str) -> tuple[str, dict[str, bytes]]:
+    """Compiles a scene for another machine that has the same code and libraries; arguments as of ``open_scene``.
+
+    Returns:
+        Its name, and the files that the cache keeps of it: by its own name the scene, by theirs its textures.
+
+    Raises:
+        SbmError: if scenes of this source, or this scene on this machine, cannot be kept.
+    """
+    keep_scene(source, renderer, name)
+    key, folder = scene_key(source, name, renderer_kind(renderer), source.profile.body), SceneFolder()
+    path = folder.path(key or "")
+    if key is None or not path.is_file():
+        raise SbmError(f"{name}: was compiled, but the machine that did so cannot keep it")
+    textures = {file: (folder.textures / file).read_bytes() for file in read_content(path)["textures"]}
+    return name, {**textures, name: path.read_bytes()}
+
+
+def keep_scene_files(source: WorldSource, renderer: str, name: str, files: dict[str, bytes]) -> str:
+    """Keeps on this machine what ``scene_files`` has returned on another. Returns the scene's name."""
+    key, folder = scene_key(source, name, renderer_kind(renderer), source.profile.body), SceneFolder()
+    assert key is not None
+    for file, content in files.items():
+        path = folder.path(key) if file == name else folder.textures / file
+        if not path.is_file():
+            with atomic_file(path) as temporary:
+                temporary.write_bytes(content)
+    folder.shrink(max_bytes())
     return name

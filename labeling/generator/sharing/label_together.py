@@ -6,19 +6,21 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from labeling.cluster.cluster_config import HERE, ClusterConfig, JobFiles
+from labeling.cluster.jobs import run_jobs
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError
 from labeling.generator.calibration.detector_calibration import calibration_of
-from labeling.generator.label_jobs import EpisodeResult, Job, fingerprint
+from labeling.generator.label_jobs import EpisodeResult, Job, fingerprint, kept_apart, taken
 from labeling.generator.propagate import propagate
 from labeling.generator.sharing.joined_episodes import EpisodePart, join_episodes, split_labels
 from labeling.generator.sharing.scene_groups import scene_groups, scene_of
 from labeling.generator.sources import Sources
 from labeling.io.label_records import EpisodeRecord
 from labeling.runtime.code_digest import code_digest
-from labeling.runtime.process_pool import WorkerDiedError, run_jobs
+from labeling.runtime.process_pool import Outcome, WorkerDiedError
 
 Read = TypeVar("Read")
 
@@ -30,13 +32,16 @@ MAX_PIXELS = 64_000_000
 """Most pixels of all views of a group (200 views of 640x480), to bound memory; larger ones are labelled one by one."""
 
 
-def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[EpisodeResult, None, None]:
+def label_scenes(
+    job: Job, folders: Sequence[Path], workers: int, where: ClusterConfig = HERE
+) -> Generator[EpisodeResult, None, None]:
     """Labels the episodes of each scene together.
 
     Args:
         job: what to do.
         folders: the episodes.
         workers: processes side by side. What comes out is the same for any number.
+        where: this machine or a cluster, whose nodes get a scene each.
 
     Yields:
         How it went with each episode, scene by scene. Closing the generator ends the workers.
@@ -51,16 +56,33 @@ def label_scenes(job: Job, folders: Sequence[Path], workers: int) -> Generator[E
             known.append(folder)
     groups = groups_to_label(known)
     work = GroupJob(job).label_group
+    if not where.is_local:
+        files = JobFiles(job.out, job.files_of, job.common_files(where))
+        kept, missing = kept_apart(groups, GroupJob(job).kept)
+        with closing(run_jobs(work, missing, workers, where=where, files=files, ordered=True)) as outcomes:
+            for outcome in outcomes:
+                for results in taken(kept):
+                    yield from results
+                yield from _results_of(job, outcome)
+        for results in taken(kept):
+            yield from results
+        return
     if min(workers, len(groups)) == 1:
         for group in groups:
             yield from work(group)
         return
     with closing(run_jobs(work, groups, workers, threads=None, ordered=True)) as outcomes:
         for outcome in outcomes:
-            if isinstance(outcome.error, WorkerDiedError):
-                yield from (job.failed(folder, SbmError(f"{folder}: {outcome.error}")) for folder in outcome.job)
-            else:
-                yield from outcome.result()
+            yield from _results_of(job, outcome)
+
+
+def _results_of(job: Job, outcome: Outcome[Any, list[EpisodeResult]]) -> list[EpisodeResult]:
+    """How it went with the episodes of a group, also where its process was lost or its files did not travel."""
+    if isinstance(outcome.error, WorkerDiedError):
+        return [job.failed(folder, SbmError(f"{folder}: {outcome.error}")) for folder in outcome.job]
+    if isinstance(outcome.error, SbmError | OSError):
+        return [job.failed(folder, outcome.error) for folder in outcome.job]
+    return outcome.result()
 
 
 def groups_to_label(folders: Sequence[Path]) -> list[list[Path]]:
@@ -124,6 +146,24 @@ class GroupJob:
             for folder, record in records.items()
         }
         return [failed.get(folder) or labelled[folder] for folder in folders]
+
+    def kept(self, folders: Sequence[Path]) -> list[EpisodeResult] | None:
+        """What an earlier run has left of a group, if that still fits all of it."""
+        if len(folders) == 1:
+            found = self.job.kept(folders[0])
+            return None if found is None else [found]
+        try:
+            marks = {folder: fingerprint(folder, self.job.label, list(self.job.inputs)) for folder in folders}
+        except OSError:  # whoever labels it tells
+            return None
+        names = {folder: folder.resolve().name for folder in folders}
+        records = {folder: self.job.finished(names[folder], mark) for folder, mark in _joint_marks(marks).items()}
+        if any(record is None for record in records.values()):
+            return None
+        return [
+            EpisodeResult(names[folder], self.job.relative(folder), record, labelled_with=tuple(names.values()))
+            for folder, record in records.items()
+        ]
 
     def _label(
         self,

@@ -53,3 +53,23 @@ def test_bad_input_is_one_line(cache, monkeypatch, capsys):
     monkeypatch.setenv("SBM_SCENE_CACHE", "off")
     assert main(["list", *BUILTIN]) == 2
     assert "SBM_SCENE_CACHE says that no scenes are kept" in capsys.readouterr().err
+
+
+def test_a_scene_that_another_machine_has_compiled_is_kept_here(tmp_path, monkeypatch):
+    from sbm_gym.scenes.scene_cache import is_kept, keep_scene_files, scene_files
+    from sbm_gym.scenes.world_sources import world_source
+
+    source = world_source("indoor-builtin")
+    name = source.scenes("train")[0]
+    monkeypatch.setenv("SBM_CACHE", str(tmp_path / "there"))
+    made = scene_files(source, "rays", name)
+    monkeypatch.setenv("SBM_CACHE", str(tmp_path / "here"))
+    assert not is_kept(source, "rays", name)
+    assert keep_scene_files(source, "rays", *made) == name
+    assert is_kept(source, "rays", name)
+    kept = [
+        {path.name: path.read_bytes() for files in ("*.scene", "textures/*") for path in (at / "scenes").glob(files)}
+        for at in (tmp_path / "here", tmp_path / "there")
+    ]
+    assert kept[0] == kept[1]
+    assert len(kept[0]) > 1
