@@ -9,6 +9,7 @@ import contextlib
 import logging
 import secrets
 import signal
+import socket
 import sys
 import threading
 import time
@@ -29,6 +30,8 @@ from labeling.runtime.provenance import git_commit
 
 MAX_ATTEMPTS = 3
 """So often a job is given to a process that is then lost, before it is given up."""
+REACH_S = 10.0
+"""So long a cluster may take to answer."""
 LOOK_S = 1.0
 """Between looks at which nodes there are."""
 PATIENCE_S = 300.0
@@ -123,6 +126,7 @@ def connect(address: str) -> None:
     if ray.is_initialized():
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    _check_reachable(address)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -139,6 +143,23 @@ def connect(address: str) -> None:
     cores = sum(int(node["Resources"].get("CPU", 0)) for node in nodes)
     link = getattr(context, "dashboard_url", None)
     _tell(f"cluster: {len(nodes)} nodes, {cores} cores" + (f"; dashboard: http://{link}" if link else ""))
+
+
+def _check_reachable(address: str) -> None:
+    """Refuses an address where nobody listens: Ray itself tries for minutes.
+
+    Raises:
+        UsageError: saying what is wrong with it.
+    """
+    if address == "auto":
+        return
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit():
+        raise UsageError(f"--cluster must be local, auto, HOST:PORT or ray://HOST:PORT, not {address!r}")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), REACH_S).close()
+    except (OSError, OverflowError) as error:
+        raise UsageError(f"--cluster {address}: nobody answers there ({error})") from None
 
 
 @contextlib.contextmanager

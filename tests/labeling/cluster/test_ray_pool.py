@@ -211,3 +211,17 @@ def test_a_shared_disk_is_used_where_it_is(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.txt", "out"]
     with pytest.raises(UsageError, match=r"--shared .*: /elsewhere does not lie below it"):
         list(map_jobs(copier.copy, [Path("in.txt")], 1, where=shared, files=JobFiles(Path("/elsewhere"))))
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("127.0.0.1:1", "nobody answers there"),
+        ("ray://127.0.0.1:1", "nobody answers there"),
+        ("somewhere", "must be local, auto, HOST:PORT or ray://HOST:PORT, not 'somewhere'"),
+    ],
+)
+def test_a_cluster_that_is_not_there_is_one_sentence(address: str, told: str) -> None:
+    pytest.importorskip("ray", reason="needs the extra 'cluster'")
+    with pytest.raises(UsageError, match=told):
+        ray_pool._check_reachable(address)
