@@ -137,7 +137,7 @@ def _reachable(free: Bool[np.ndarray, "ny nx"], start: tuple[int, int]) -> Bool[
         return free
     mine = labels[start]
     if mine == 0:
-        flat = labels[free]
+        flat = np.asarray(labels[free], int)
         cells = np.bincount(flat)
         mine = flat[int(np.argmax(cells[flat]))]
     return labels == mine
