@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from experiments.campaign.campaign_config import CampaignConfig
 from experiments.campaign.corruptions import Job, make_corruption
 from experiments.campaign.disturbances import FAULTS, KILLS, WRITERS, Disturbance, Undisturbed, undisturbed
 from experiments.campaign.inputs import make_inputs
@@ -21,15 +22,12 @@ from labeling.formats.atomic import write_json
 from labeling.runtime.cli import progress_bar
 from labeling.runtime.process_pool import PerProcess, run_jobs
 
-if TYPE_CHECKING:
-    from experiments.campaign.__main__ import CampaignConfig
-
 KINDS = ("corruptions", "kills", "faults")
 """Campaigns of trials; a soak has none."""
 SURVIVED = (*FINE, "survived")
 
 
-def run_campaign(config: "CampaignConfig") -> dict[str, Any]:
+def run_campaign(config: CampaignConfig) -> dict[str, Any]:
     """Does what has not been done, writes OUT/campaign.json and returns it.
 
     Raises:
@@ -118,7 +116,7 @@ def table(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _numbers(config: "CampaignConfig", done: set[int]) -> Iterator[int]:
+def _numbers(config: CampaignConfig, done: set[int]) -> Iterator[int]:
     """Numbers of trials that have not been done, until time is over."""
     end = time.monotonic() + 60.0 * config.minutes
     for number in itertools.count():
@@ -128,7 +126,7 @@ def _numbers(config: "CampaignConfig", done: set[int]) -> Iterator[int]:
             yield number
 
 
-def _corruptions(kind: str, config: "CampaignConfig", inputs: Path, done: set[int]) -> Iterator[dict[str, Any]]:
+def _corruptions(kind: str, config: CampaignConfig, inputs: Path, done: set[int]) -> Iterator[dict[str, Any]]:
     failing = config.out / "failing"
     jobs = (Job(number, config.seed, inputs, failing) for number in _numbers(config, done))
     work = PerProcess(make_corruption)
@@ -143,7 +141,7 @@ def _corruptions(kind: str, config: "CampaignConfig", inputs: Path, done: set[in
             yield {"number": outcome.job.number, **line}
 
 
-def _disturbances(kind: str, config: "CampaignConfig", inputs: Path, done: set[int]) -> Iterator[dict[str, Any]]:
+def _disturbances(kind: str, config: CampaignConfig, inputs: Path, done: set[int]) -> Iterator[dict[str, Any]]:
     chosen: tuple[Disturbance, ...] = KILLS if kind == "kills" else FAULTS
     expected: dict[str, Undisturbed] = {}
     for number in _numbers(config, done):
@@ -155,7 +153,7 @@ def _disturbances(kind: str, config: "CampaignConfig", inputs: Path, done: set[i
         yield {"number": number, **asdict(disturb(subject, inputs, expected[subject.name], rng))}
 
 
-def _soak(config: "CampaignConfig") -> None:
+def _soak(config: CampaignConfig) -> None:
     with progress_bar(soak(config.minutes, config.seed), desc="soak", unit="sample") as samples:
         *found, closed = samples
     content = {

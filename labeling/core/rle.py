@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from hotcoco import mask as coco_mask
 from jaxtyping import Bool
-from numba import njit
 
 
 def encode_mask(mask: Bool[np.ndarray, "h w"]) -> dict[str, Any]:
@@ -91,35 +90,11 @@ def _total_run_length(counts: bytes) -> int:
     Raises:
         ValueError: if the counts are not what the code allows.
     """
-    total, stray = _sum_runs(np.frombuffer(counts, np.uint8))
+    from labeling.core.rle_kernels import sum_runs
+
+    total, stray = sum_runs(np.frombuffer(counts, np.uint8))
     if stray > 0:
         raise ValueError(f"RLE counts hold a character outside the code: {chr(stray)!r}")
     if stray < 0:
         raise ValueError("RLE counts end in the middle of a run")
     return int(total)
-
-
-@njit(cache=True, nogil=True)
-def _sum_runs(text):  # pragma: no cover - compiled
-    """Sum of the runs that ``text`` (t,) uint8 encodes; then 0, or the character that is not of the code, or -1 if the
-    last run does not end.
-
-    Source: the COCO API's maskApi, ``rleFrString``: a run is groups of 5 bits, the lowest first and the highest
-    sign-extended, each with a sixth bit that says whether more follow, written as characters from ``0`` on; every run
-    from the fourth on is its difference from the run two before.
-    """
-    total, last, before, runs, run, shift = 0, 0, 0, 0, 0, 0
-    for character in text:
-        group = np.int64(character) - 48
-        if group > 63:
-            return 0, np.int64(character)
-        # Higher bits than there are lie beyond any picture.
-        run |= (group & 31) << shift if shift < 60 else 0
-        shift += 5
-        if group & 32 == 0:
-            if group & 16 != 0 and shift < 60:
-                run |= -1 << shift
-            run += before if runs > 2 else 0
-            total += run
-            before, last, runs, run, shift = last, run, runs + 1, 0, 0
-    return total, -1 if shift > 0 else 0

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.campaign import campaign, corruptions, trial
-from experiments.campaign.__main__ import CampaignConfig
+from experiments.campaign.campaign_config import CampaignConfig
 from experiments.campaign.damage import damage, damage_json, forge_png_size
 from experiments.campaign.processes import leftovers, tree_digest
 from experiments.campaign.soak import Sample, growth_mb_per_1000
