@@ -36,6 +36,19 @@ class Json:
             raise self.error(f"must be a JSON object, not {_kind(self.value)}")
         return self.value
 
+    def finite_mapping(self) -> dict[str, Any]:
+        """The value as a mapping that can be written as JSON again.
+
+        Raises:
+            EpisodeFormatError: if it is no mapping, or holds NaN or infinity, which JSON does not have.
+        """
+        found = self.mapping()
+        try:
+            json.dumps(found, allow_nan=False)
+        except ValueError:
+            raise self.error("holds NaN or infinity") from None
+        return found
+
     def has(self, name: str) -> bool:
         """Whether the object has this field."""
         return name in self.mapping()

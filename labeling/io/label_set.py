@@ -79,6 +79,7 @@ def read_label_set(folder: Path) -> LabelSet:
                 raise LabelFormatError(f"{folder / AMODAL_FILE}: images are not those of {MODAL_FILE}")
         provenance = read_json(folder / SUMMARY_FILE) if (folder / SUMMARY_FILE).is_file() else None
         dataset = stated_dataset(folder, provenance) if provenance else None
+        stated = provenance.finite_mapping() if provenance else {}
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
     return LabelSet(
@@ -88,7 +89,7 @@ def read_label_set(folder: Path) -> LabelSet:
         modal=tuple(item for item in modal if not item.ignore),
         amodal=tuple(item for item in amodal if not item.ignore),
         ignored=tuple(item for item in modal if item.ignore),
-        provenance=provenance.mapping() if provenance else {},
+        provenance=stated,
     )
 
 

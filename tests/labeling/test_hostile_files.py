@@ -220,3 +220,11 @@ def test_what_is_no_file_is_refused_and_waited_for_by_nobody(dataset, tmp_path, 
     assert "error:" in told
     if kind == "pipe" and name == "transforms.json":
         assert "is a pipe or a device, not a file" in told
+
+
+def test_numbers_that_json_does_not_have_are_refused_in_label_sets(dataset, tmp_path, capsys) -> None:
+    labels = tmp_path / "labels"
+    assert generate([str(dataset), "--out", str(labels)]) == 0
+    change(labels / "label_set.json", lambda content: content["config"].update(doubt_across_views=float("nan")))
+    assert evaluate([str(labels)]) == 2
+    assert "label_set.json: holds NaN or infinity" in capsys.readouterr().err
