@@ -16,7 +16,7 @@ from agents.network.spaces import difference, space_of
 from labeling.core.errors import SbmError, UsageError
 from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
-from labeling.training.weights import read_tensors
+from labeling.training.weights import read_tensors, save_tensors
 
 FORMAT = 1
 
@@ -48,10 +48,8 @@ def write_policy(
         description: what they are of: ``observation_space``, ``action_space``, ``policy`` and whatever else is known.
         normalization: how rewards were scaled.
     """
-    from safetensors.torch import save_file
-
     tensors = {name: value.detach().cpu().contiguous() for name, value in _tensors(policy).items()}
-    save_file(tensors, folder / WEIGHTS_FILE)
+    save_tensors(tensors, folder / WEIGHTS_FILE)
     (folder / WEIGHTS_FILE).chmod(0o644)  # safetensors keeps its files to their owner
     write_json(folder / POLICY_FILE, {"format": FORMAT, **description})
     write_json(folder / NORMALIZE_FILE, normalization)

@@ -1,6 +1,8 @@
 """Weights on disk: safetensors with the network's spec in the header. Nothing is pickled."""
 
 import hashlib
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,6 +15,25 @@ from labeling.formats.atomic import atomic_file
 from labeling.formats.regular_file import regular
 
 
+def save_tensors(tensors: dict[str, torch.Tensor], path: Path, header: dict[str, str] | None = None) -> None:
+    """Writes a safetensors file, not atomically.
+
+    Raises:
+        OSError: with the system's number, where the system refuses; safetensors has an error of its own for that.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import save_file
+
+    try:
+        save_file(tensors, path, metadata=header)
+    except SafetensorError as error:
+        refused = re.search(r"os error (\d+)", str(error))
+        if refused is None:
+            raise
+        number = int(refused.group(1))
+        raise OSError(number, os.strerror(number), str(path)) from None
+
+
 def save_weights(path: Path, network: nn.Module, header: Mapping[str, str], half_precision: bool = False) -> None:
     """Writes the weights of a network atomically.
 
@@ -23,14 +44,12 @@ def save_weights(path: Path, network: nn.Module, header: Mapping[str, str], half
         half_precision: of matrices and kernels. Vectors (biases, statistics of normalisation) stay in single precision:
             they are small, and a variance below what half precision can hold would become 0.
     """
-    from safetensors.torch import save_file
-
     tensors = {}
     for name, value in network.state_dict().items():
         halve = half_precision and value.is_floating_point() and value.ndim > 1
         tensors[name] = value.detach().to("cpu", torch.float16 if halve else value.dtype).contiguous()
     with atomic_file(path) as temporary:
-        save_file(tensors, temporary, metadata=dict(header))
+        save_tensors(tensors, temporary, dict(header))
         temporary.chmod(0o644)  # safetensors keeps its files to their owner
 
 
