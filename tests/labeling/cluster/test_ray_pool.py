@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labeling.cluster import ray_pool
+from labeling.cluster import ray_connection, ray_pool, ray_schedule
 from labeling.cluster.cluster_config import ClusterConfig, JobFiles, SameThere
 from labeling.cluster.jobs import map_jobs, run_jobs
 from labeling.core.errors import SbmError, UsageError
@@ -159,15 +159,15 @@ def test_inputs_on_the_way_never_fill_an_object_store(where: ClusterConfig, tmp_
     for path in inputs:
         path.write_bytes(b"x" * 600_000)
     on_the_way = []
-    give = ray_pool._Run._give
+    give = ray_schedule.Schedule._give
 
     def watched(run: Any, process: Any, given: Any) -> None:
         give(run, process, given)
         on_the_way.append(sum(other.given.bytes for other in run.processes if other.given))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ray_pool._Run, "_give", watched)
-        patch.setattr(ray_pool, "STORE_SHARE", 0.005)
+        patch.setattr(ray_schedule.Schedule, "_give", watched)
+        patch.setattr(ray_schedule, "STORE_SHARE", 0.005)
         files = JobFiles(tmp_path / "out", lambda job: [job])
         assert list(map_jobs(len_of, inputs, 1, where=where, files=files, ordered=True)) == [600_000] * 3
     assert on_the_way == [600_000] * 3  # two would be more than this share of 157 MB
@@ -224,4 +224,4 @@ def test_a_shared_disk_is_used_where_it_is(
 def test_a_cluster_that_is_not_there_is_one_sentence(address: str, told: str) -> None:
     pytest.importorskip("ray", reason="needs the extra 'cluster'")
     with pytest.raises(UsageError, match=told):
-        ray_pool._check_reachable(address)
+        ray_connection.check_reachable(address)
