@@ -37,8 +37,11 @@ class ShipConfig:
     """Folder for the policies that come with the project; None ships nothing, and only keeps how it was trained."""
     results: Path = Path("experiments/results")
     """Folder for the record of the training."""
+    as_seed: bool = False
+    """Beside the policy of the env, not in its place: under the names ppo_seed_N or ppo_evidence_seed_N, where N is the
+    seed of the training."""
     record: str | None = None
-    """Name of the record; by default that of the env."""
+    """Name of the record; by default that of the folder of the weights."""
     remark: str = ""
     """What readers of the record should know of the run; the page of results prints it."""
 
@@ -61,6 +64,8 @@ def run(config: ShipConfig) -> None:
         raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
     if origin.get("reward") == "evidence":
         name += TRAINED["ppo_evidence"]
+    if config.as_seed:
+        name += f"-seed-{origin['seed']}"
     record = {
         **training_record(config.run, origin, files),
         "shipped": config.weights is not None,

@@ -1,6 +1,7 @@
 """Policies by name."""
 
 import importlib
+import re
 from pathlib import Path
 
 from agents.policies.base import Policy
@@ -18,7 +19,9 @@ WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 """Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""
 TRAINED = {"ppo": "", "ppo_evidence": "-evidence"}
 """Names of these: the one trained for the reward of the thesis, and the one trained for ``reward="evidence"``; and how
-their folders' names end."""
+their folders' names end. Each also goes by NAME_seed_N, in folders that end in ``-seed-N``: the same training from
+another seed, to show how much trainings differ."""
+SEED = re.compile(r"(.*)_seed_(\d+)")
 
 
 def make_policy(name: str, env_id: str | None = None) -> Policy:
@@ -77,7 +80,9 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
         UsageError: if it is one, and there is nothing there.
     """
     kind, colon, path = name.partition(":")
-    if kind not in TRAINED or (colon and kind != "ppo"):
+    seed = SEED.fullmatch(kind)
+    trained = seed.group(1) if seed else kind
+    if trained not in TRAINED or (colon and kind != "ppo"):
         return None
     if colon:
         if not path or not Path(path).exists():
@@ -86,7 +91,7 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
     if env_id is None:
         raise UsageError(f"policy {kind!r} is a trained one for each env, and no env is given; give ppo:CHECKPOINT")
     env_name = env_id.rpartition("/")[2]
-    suffix = TRAINED[kind]
+    suffix = TRAINED[trained] + (f"-seed-{seed.group(2)}" if seed else "")
     # Builtin furniture makes no difference to a robot's observations and actions.
     folders = [WEIGHTS / (name + suffix) for name in (env_name, env_name.replace("Builtin", ""))]
     folder = next((folder for folder in folders if folder.is_dir()), None)

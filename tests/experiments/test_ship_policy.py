@@ -14,6 +14,7 @@ from agents.ppo.config import PpoConfig
 from agents.ppo.training import train_ppo
 from experiments import ship_policy
 from experiments.ship_policy import main, thinned
+from labeling.core.errors import UsageError
 
 from .box_env import SHORT_ENV_ID, write_hyperparams
 
@@ -72,6 +73,21 @@ def test_the_best_policy_is_shipped_and_acts_like_it(
         actions.append(policy.act(observation, info))
     env.close()
     assert np.array_equal(*actions)
+
+
+def test_a_training_from_another_seed_is_shipped_beside_it(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ship(trained, tmp_path) == 0
+    assert ship(trained, tmp_path, "--as-seed") == 0
+    shipped = tmp_path / "weights"
+    assert {folder.name for folder in shipped.iterdir()} == {NAME, f"{NAME}-seed-3"}
+    assert (tmp_path / "results" / f"policy_training_{NAME}-seed-3.json").is_file()
+    monkeypatch.setattr(registry, "WEIGHTS", shipped)
+    assert registry.checkpoint_of("ppo_seed_3", SHORT_ENV_ID) == shipped / f"{NAME}-seed-3"
+    assert registry.checkpoint_of("ring_seed_3", SHORT_ENV_ID) is None
+    with pytest.raises(UsageError, match="policy 'ppo_seed_4': no trained policy"):
+        registry.checkpoint_of("ppo_seed_4", SHORT_ENV_ID)
 
 
 def test_the_record_tells_how_the_run_went(trained: Path, tmp_path: Path) -> None:
