@@ -190,6 +190,18 @@ def twice_areas(triangles):
 
 
 @njit(cache=True, nogil=True)
+def twice_areas_of_faces(vertices, faces):
+    """Twice the area of each of (n, 3) faces of a mesh."""
+    areas = np.empty(len(faces))
+    triangle = np.empty((3, 3), vertices.dtype)
+    for n in range(len(faces)):
+        for corner in range(3):
+            triangle[corner] = vertices[faces[n, corner]]
+        areas[n] = twice_area(triangle)
+    return areas
+
+
+@njit(cache=True, nogil=True)
 def twice_area(triangle):
     """Twice the area of a triangle of (3, 3) corners."""
     # Numba's float() would leave single precision as it is.
