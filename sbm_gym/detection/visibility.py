@@ -13,7 +13,7 @@ from jaxtyping import Float, Float32, Int
 
 from labeling.core.views import Camera
 from sbm_gym.rendering.tables.looks import Looks
-from sbm_gym.rendering.tables.tessellate import twice_areas
+from sbm_gym.rendering.tables.tessellate import twice_areas_of_faces
 from sbm_gym.robot.view_kernels import count_shown
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, ObjectInstance
 
@@ -191,22 +191,23 @@ def surface_points(
     if len(geom_ids) == 0:
         raise ValueError("surface_points needs at least one geom; the object's body has no visual geoms")
     looks = looks or Looks.of_model(model)
-    triangles = [_triangles(model, geom, looks) for geom in geom_ids]
+    meshes = [_mesh(model, geom, looks) for geom in geom_ids]
     rng = np.random.default_rng(0)
     # Systematic sampling: evenly spaced quantiles of area, so that even few points cover everything.
-    cumulative = np.cumsum(np.concatenate([twice_areas(local) for local in triangles]))
+    cumulative = np.cumsum(np.concatenate([twice_areas_of_faces(*mesh) for mesh in meshes]))
     quantiles = (np.arange(count) + rng.random(count)) / count * cumulative[-1]
     chosen = np.minimum(np.searchsorted(cumulative, quantiles), len(cumulative) - 1)
     u, v = rng.random(count), rng.random(count)
     flip = u + v > 1.0
     u[flip], v[flip] = 1.0 - u[flip], 1.0 - v[flip]
     shares = np.stack([1.0 - u - v, u, v], axis=1)
-    firsts = np.cumsum([0] + [len(local) for local in triangles])
+    firsts = np.cumsum([0] + [len(faces) for _, faces in meshes])
     of_geom = np.searchsorted(firsts, chosen, side="right") - 1
     points = np.empty((count, 3))
     for number in np.unique(of_geom).tolist():
         here, geom = of_geom == number, geom_ids[number]
-        corners = triangles[number][chosen[here] - firsts[number]].astype(float)
+        vertices, faces = meshes[number]
+        corners = vertices[faces[chosen[here] - firsts[number]]].astype(float)
         local = np.einsum("nk,nkj->nj", shares[here], corners)
         points[here] = local @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
     return points
@@ -217,14 +218,14 @@ _BOX_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 _BOX_TRIANGLES = np.array([triangle for a, b, c, d in _BOX_SIDES for triangle in ((a, b, c), (a, c, d))])
 
 
-def _triangles(
+def _mesh(
     model: mujoco.MjModel, geom: int, looks: Looks
-) -> Float[np.ndarray, "n 3 3"] | Float32[np.ndarray, "n 3 3"]:
-    """Triangles of one geom, in its own frame."""
+) -> tuple[Float[np.ndarray, "v 3"] | Float32[np.ndarray, "v 3"], Int[np.ndarray, "n 3"]]:
+    """Vertices and faces of one geom, in its own frame."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
     if looks.mesh_of_geom[geom] >= 0:
         mesh = looks.meshes[looks.mesh_of_geom[geom]]
-        return mesh.vertices_m[mesh.faces]
+        return mesh.vertices_m, mesh.faces
     size = model.geom_size[geom].astype(float)
     shapes = mujoco.mjtGeom
     # Corners of a box around something round would stick out of it; those of an inscribed box do not.
@@ -236,4 +237,4 @@ def _triangles(
         half = np.array([size[0] / np.sqrt(2.0), size[0] / np.sqrt(2.0), size[1]])
     else:
         half = size
-    return (_BOX_CORNERS * half)[_BOX_TRIANGLES]
+    return _BOX_CORNERS * half, _BOX_TRIANGLES

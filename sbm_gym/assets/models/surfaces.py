@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from numba import njit
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,19 @@ def periodic_noise(
     """
     import cv2
 
-    noise = rng.standard_normal(shape)
+    noise = _white_noise(rng, shape)
     # In one array: fresh ones would cost as much as what is worked out in them.
     cv2.dft(noise, dst=noise)
     noise *= _blur(shape, scale)
     cv2.idft(noise, dst=noise, flags=cv2.DFT_SCALE)
     noise /= max(cv2.norm(noise) / np.sqrt(noise.size), 1e-12)
     return noise
+
+
+@njit(cache=True, nogil=True)
+def _white_noise(rng, shape):
+    """The numbers that ``rng.standard_normal(shape)`` gives; compiled they take a third of the time."""
+    return rng.standard_normal(shape)
 
 
 @functools.lru_cache(maxsize=64)
@@ -176,12 +183,11 @@ def tiles(rng: np.random.Generator) -> Material:
     base = _pick(rng, "floor_tile")
     shade = np.repeat(np.repeat(1 + rng.normal(0, 0.035, (count, count)), tile_px, axis=0), tile_px, axis=1)
     shade = shade + layered_noise(rng, (side, side), (10, 10, 0.02), (2, 2, 0.012))
-    colour = base * shade[..., None]
     inside = np.minimum(np.arange(side) % tile_px, (tile_px - 1) - np.arange(side) % tile_px)
-    grout = (inside[:, None] < 2) | (inside[None] < 2)
-    colour[grout] = base * 0.62 + 10
+    picture, grout = as_picture(base, shade), as_picture(base * 0.62 + 10, np.ones((1, 1)))
+    picture[(inside[:, None] < 2) | (inside[None] < 2)] = grout[0, 0]
     size = count * float(rng.choice([0.3, 0.33, 0.45]))
-    return Material(as_picture(colour), (size, size), specular=0.3, shininess=0.6)
+    return Material(picture, (size, size), specular=0.3, shininess=0.6)
 
 
 def plaster(rng: np.random.Generator) -> Material:
@@ -220,12 +226,12 @@ def wall_tiles(rng: np.random.Generator) -> Material:
     side = count * tile_px
     base = _pick(rng, "wall_tile")
     shade = np.repeat(np.repeat(1 + rng.normal(0, 0.012, (count, count)), tile_px, axis=0), tile_px, axis=1)
-    colour = base * (shade + periodic_noise(rng, (side, side), (8, 8)) * 0.006)[..., None]
+    shade += periodic_noise(rng, (side, side), (8, 8)) * 0.006
     inside = np.minimum(np.arange(side) % tile_px, (tile_px - 1) - np.arange(side) % tile_px)
-    colour[(inside[:, None] < 1) | (inside[None] < 1)] = base * 0.78
+    shade[(inside[:, None] < 1) | (inside[None] < 1)] = 0.78
     size = count * float(rng.choice([0.15, 0.2, 0.3]))
     wide = 2.0 if rng.random() < 0.4 else 1.0
-    return Material(as_picture(colour), (wide * size, size), specular=0.3, shininess=0.7)
+    return Material(as_picture(base, shade), (wide * size, size), specular=0.3, shininess=0.7)
 
 
 def curtain(rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:

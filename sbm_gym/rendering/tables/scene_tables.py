@@ -1,6 +1,7 @@
 """Flat per-triangle and per-geom tables of everything in a model that is drawn."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,7 +16,8 @@ from sbm_gym.rendering.tables.tessellate import (
     TextureMapping,
     plane_texture_coordinates,
     tessellate_geom,
-    twice_areas,
+    twice_area,
+    write_mesh,
 )
 from sbm_gym.rendering.tables.textures import TextureStore, has_holes_in, srgb_decode
 
@@ -79,7 +81,8 @@ class GeomSpan:
 class SceneTables:
     """Every drawn triangle of a model; world-frame columns follow the bodies through ``place``.
 
-    Rows are those of things that stand still, of things that move, and one for each plane.
+    Rows are those of things that stand still, of things that move, and one for each plane. Rows of things that stand
+    still are in the geoms' own frames until they are placed for the first time.
     """
 
     geoms: GeomTable
@@ -106,7 +109,7 @@ class SceneTables:
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel, looks: Looks, textures: TextureStore) -> "SceneTables":
-        """Tessellates a model's visible geoms; they stand nowhere until they are placed.
+        """Tessellates a model's visible geoms; they stand nowhere until all of them are placed.
 
         Args:
             model: the compiled model.
@@ -120,54 +123,29 @@ class SceneTables:
             for geom in np.flatnonzero(visible).tolist()
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE and geoms.kind[geom] == SOLID
         ]
-        moving = _moves(model)
-        surfaces: dict[int, Surface] = {}
-        for geom in np.flatnonzero(visible).tolist():
-            if geom not in plane_geoms:
-                surface = _surface(model, looks, geom, _mapping(model, looks, geom))
-                if surface is not None and len(surface.corners):
-                    surfaces[geom] = surface
-        runs: list[GeomSpan] = []
-        rows = np.zeros((model.ngeom, 2), np.int64)
-        row = 0
-        for is_moving in (False, True):
-            for is_special in (False, True):
-                members = [g for g in surfaces if moving[g] == is_moving and (geoms.kind[g] != SOLID) == is_special]
-                start = row
-                for geom in members:
-                    rows[geom] = row, row + len(surfaces[geom].corners)
-                    row += len(surfaces[geom].corners)
-                runs.append(GeomSpan(members, start, row))
-        ordered = [surfaces[geom] for run in runs for geom in run.geoms]
-        ordered += [_plane_triangle(model, geom, _mapping(model, looks, geom)) for geom in plane_geoms]
-        for index, geom in enumerate(plane_geoms):
-            rows[geom] = row + index, row + index + 1
-        if not ordered:
-            ordered = [_surface_of(*(np.zeros((0, 3, 3)) for _ in range(3)))]
-        local_corners = np.concatenate([s.corners for s in ordered])
-        coordinates = np.concatenate([s.texture_coordinates for s in ordered])
-        count = len(coordinates)
+        local, runs, rows = _tessellate(model, looks, geoms.kind != SOLID, visible, plane_geoms)
+        count = len(local.corners)
         geom_column = np.zeros(count, np.int32)
         for geom, (start, stop) in enumerate(rows.tolist()):
             geom_column[start:stop] = geom
         half_size = np.asarray(model.geom_size[plane_geoms, :2], float).reshape(-1, 2)
-        planes = len(plane_geoms)
+        planes, first_moving = len(plane_geoms), runs[2].start
         return cls(
             geoms,
             plane_geoms,
             runs,
             rows,
             TriangleTable(
-                normals=np.zeros((count, 3, 3), np.float32),
+                normals=local.normals,
                 face_normals=np.zeros((count, 3), np.float32),
-                texture_coordinates=coordinates,
-                log2_texels_per_m=_log2_density(local_corners, coordinates, geoms.texture[geom_column], textures),
+                texture_coordinates=local.texture_coordinates,
+                log2_texels_per_m=_log2_density(local, geoms.texture[geom_column], textures),
                 geom=geom_column,
             ),
-            np.zeros((count, 3, 3), np.float32),
+            local.corners,
             PlaneTable(np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.where(half_size > 0, half_size, np.inf)),
-            local_corners,
-            np.concatenate([s.normals for s in ordered]),
+            local.corners[first_moving:].copy(),
+            local.normals[first_moving:].copy(),
         )
 
     def place(self, data: mujoco.MjData, geoms: list[int]) -> None:
@@ -177,10 +155,15 @@ class SceneTables:
             start, stop = self.geom_span[geom]
             rotation = np.asarray(data.geom_xmat[geom], float).reshape(3, 3)
             position = np.asarray(data.geom_xpos[geom], float)
-            corners = _turned(self.local_corners[start - kept : stop - kept], rotation) + position
-            self.corners[start:stop] = corners
-            self.triangles.normals[start:stop] = _turned(self.local_normals[start - kept : stop - kept], rotation)
-            _face_normals(corners, self.triangles.face_normals[start:stop])
+            for rows in _chunks(start, stop):
+                local_corners, local_normals = self.corners[rows], self.triangles.normals[rows]
+                if start >= kept:
+                    local = slice(rows.start - kept, rows.stop - kept)
+                    local_corners, local_normals = self.local_corners[local], self.local_normals[local]
+                corners = _turned(local_corners, rotation) + position
+                self.corners[rows] = corners
+                self.triangles.normals[rows] = _turned(local_normals, rotation)
+                _face_normals(corners, self.triangles.face_normals[rows])
             if start >= self.first_plane:
                 self.planes.origin[start - self.first_plane] = position
                 self.planes.axes[start - self.first_plane] = rotation.T
@@ -192,7 +175,7 @@ class SceneTables:
         return replace(self, local_corners=self.local_corners[moving], local_normals=self.local_normals[moving])
 
     def take_down(self, poses: Float[np.ndarray, "k 12"], geoms: list[int]) -> None:
-        """Finds out, to within rounding, what ``at_rest`` has left out.
+        """Finds out, to within rounding, what is not kept of things that stand still.
 
         Args:
             poses: where the geoms stand: position, and rotation row by row.
@@ -202,9 +185,10 @@ class SceneTables:
             return
         kept = [np.zeros((len(self.corners) - len(self.local_corners), 3, 3), np.float32) for _ in range(2)]
         for geom, pose in zip(geoms, poses, strict=True):
-            rows, back = slice(*self.geom_span[geom]), pose[3:].reshape(3, 3).T
-            kept[0][rows] = _turned(self.corners[rows] - pose[:3], back)
-            kept[1][rows] = _turned(self.triangles.normals[rows], back)
+            back = pose[3:].reshape(3, 3).T
+            for rows in _chunks(*self.geom_span[geom]):
+                kept[0][rows] = _turned(self.corners[rows] - pose[:3], back)
+                kept[1][rows] = _turned(self.triangles.normals[rows], back)
         self.local_corners = np.concatenate([kept[0], self.local_corners])
         self.local_normals = np.concatenate([kept[1], self.local_normals])
 
@@ -213,14 +197,15 @@ CHUNK = 2048
 """Triangles that are turned at a time: products of larger matrices start threads, which cost more than they gain."""
 
 
+def _chunks(start: int, stop: int) -> Iterator[slice]:
+    """Rows of a geom, a chunk at a time."""
+    for first in range(start, stop, CHUNK):
+        yield slice(first, min(first + CHUNK, stop))
+
+
 def _turned(triangles: Float32[np.ndarray, "n 3 3"], rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """The vectors of triangles, turned."""
-    turned = np.empty(triangles.shape)
-    flat = triangles.reshape(-1, 3)
-    for start in range(0, len(flat), 3 * CHUNK):
-        rows = slice(start, start + 3 * CHUNK)
-        turned.reshape(-1, 3)[rows] = flat[rows].astype(float) @ rotation.T
-    return turned
+    """The vectors of a chunk of triangles, turned."""
+    return (triangles.reshape(-1, 3).astype(float) @ rotation.T).reshape(-1, 3, 3)
 
 
 @njit(cache=True, nogil=True)
@@ -318,9 +303,51 @@ def _moves(model: mujoco.MjModel) -> Bool[np.ndarray, "ngeom"]:
 INFINITE_GLASS_HALF_SIZE_M = 1000.0
 
 
-def _surface(model: mujoco.MjModel, looks: Looks, geom: int, mapping: TextureMapping) -> Surface | None:
+def _tessellate(
+    model: mujoco.MjModel,
+    looks: Looks,
+    special: Bool[np.ndarray, "ngeom"],
+    visible: Bool[np.ndarray, "ngeom"],
+    plane_geoms: list[int],
+) -> tuple[Surface, list[GeomSpan], Int[np.ndarray, "ngeom 2"]]:
+    """The triangles of all visible geoms in the order of ``SceneTables``; its ``runs`` and ``rows``."""
+    moving = _moves(model)
+    drawn = [geom for geom in np.flatnonzero(visible).tolist() if geom not in plane_geoms]
+    meshes = {geom: looks.meshes[looks.mesh_of_geom[geom]] for geom in drawn if looks.mesh_of_geom[geom] >= 0}
+    others = {geom: _surface(model, geom, _mapping(model, looks, geom)) for geom in drawn if geom not in meshes}
+    most = sum(len(mesh.faces) for mesh in meshes.values()) + sum(len(one.corners) for one in others.values() if one)
+    # Room for all at once: to gather them afterwards would take as much memory, and time, again.
+    table = Surface(*(np.empty((most + len(plane_geoms), 3, 3), np.float32) for _ in range(3)))
+    runs: list[GeomSpan] = []
+    rows = np.zeros((model.ngeom, 2), np.int64)
+    row = 0
+    for is_moving in (False, True):
+        for is_special in (False, True):
+            run = GeomSpan([], row, row)
+            for geom in drawn:
+                if moving[geom] != is_moving or special[geom] != is_special:
+                    continue
+                if geom in meshes:
+                    mesh, size = meshes[geom], np.asarray(model.geom_size[geom], float)
+                    room = table.rows(row, row + len(mesh.faces))
+                    count = write_mesh(mesh, size, _mapping(model, looks, geom), room)
+                else:
+                    count = table.put(row, others[geom])
+                if count:
+                    rows[geom] = row, row + count
+                    run.geoms.append(geom)
+                    row += count
+            run.stop = row
+            runs.append(run)
+    for geom in plane_geoms:
+        rows[geom] = row, row + table.put(row, _plane_triangle(model, geom, _mapping(model, looks, geom)))
+        row += 1
+    return table.rows(0, row), runs, rows
+
+
+def _surface(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -> Surface | None:
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE:
-        return tessellate_geom(model, looks, geom, mapping)
+        return tessellate_geom(model, geom, mapping)
     # Planes that rays may pass through become two triangles, since only triangles take part in that loop.
     size = np.asarray(model.geom_size[geom], float)
     half = np.where(size[:2] > 0, size[:2], INFINITE_GLASS_HALF_SIZE_M)
@@ -340,25 +367,33 @@ def _plane_triangle(model: mujoco.MjModel, geom: int, mapping: TextureMapping) -
     return _surface_of(corners[None], np.broadcast_to([0.0, 0.0, 1.0], (1, 3, 3)), coordinates[None])
 
 
-def _log2_density(
-    corners: Float32[np.ndarray, "n 3 3"],
-    coordinates: Float32[np.ndarray, "n 3 3"],
-    texture: Int[np.ndarray, "n"],
-    textures: TextureStore,
-) -> Float32[np.ndarray, "n"]:
+def _log2_density(surface: Surface, texture: Int[np.ndarray, "n"], textures: TextureStore) -> Float32[np.ndarray, "n"]:
     """log2 of texels per metre: the square root of the ratio of a triangle's areas on the texture and in space."""
     log2_density = np.zeros(len(texture), np.float32)
     textured = np.flatnonzero(texture >= 0)
-    texture = texture[textured]
-    scaled = coordinates[textured].astype(float)
-    size = textures.level_size[texture, 0].astype(float)
-    cube = textures.is_cube[texture] > 0
-    if cube.any():
-        # A direction's place on a cube of half size one: a face of w texels is two units wide.
-        on_cube = scaled[cube] / np.maximum(np.abs(scaled[cube]).max(axis=-1, keepdims=True), 1e-12)
-        scaled[cube] = 0.5 * on_cube * size[cube, :1, None]
-    scaled[~cube, :, 0] *= size[~cube, :1]
-    scaled[~cube, :, 1] *= size[~cube, 1:]
-    density = np.sqrt(twice_areas(scaled) / np.maximum(twice_areas(corners[textured]), 1e-18))
-    log2_density[textured] = np.log2(np.maximum(density, 1e-6))
+    size = textures.level_size[:, 0].astype(float)
+    columns = (surface.corners, surface.texture_coordinates, textured, texture, size, textures.is_cube)
+    log2_density[textured] = np.log2(np.maximum(_density(*columns), 1e-6))
     return log2_density
+
+
+@njit(cache=True, nogil=True)
+def _density(corners, coordinates, chosen, texture, size, is_cube):
+    """Texels per metre of some triangles."""
+    density = np.empty(len(chosen))
+    on_texture = np.empty((3, 3))
+    for k in range(len(chosen)):
+        row = chosen[k]
+        width, height = size[texture[row]]
+        for corner in range(3):
+            x, y, z = coordinates[row, corner]
+            u, v, w = np.float64(x), np.float64(y), np.float64(z)
+            if is_cube[texture[row]]:
+                # A direction's place on a cube of half size one: a face of w texels is two units wide.
+                longest = max(abs(u), abs(v), abs(w), 1e-12)
+                u, v, w = 0.5 * (u / longest) * width, 0.5 * (v / longest) * width, 0.5 * (w / longest) * width
+            else:
+                u, v = u * width, v * height
+            on_texture[corner, 0], on_texture[corner, 1], on_texture[corner, 2] = u, v, w
+        density[k] = math.sqrt(twice_area(on_texture) / max(twice_area(corners[row]), 1e-18))
+    return density

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numba import njit
 
-from sbm_gym.rendering.tables.looks import DrawnMesh, Looks
+from sbm_gym.rendering.tables.looks import DrawnMesh
 
 MAX_SAGITTA_M = 1e-4
 """How far a flat facet may lie inside the circle it stands for: a tenth of the depth agreement asked for."""
@@ -35,7 +35,7 @@ class TextureMapping:
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles of one geom, geom frame, metres."""
+    """Triangles in the frames of their geoms, metres."""
 
     corners: Float32[np.ndarray, "n 3 3"]
     normals: Float32[np.ndarray, "n 3 3"]
@@ -43,13 +43,24 @@ class Surface:
     texture_coordinates: Float32[np.ndarray, "n 3 3"]
     """(u, v, 0) with row 0 of the picture at v = 0, or a direction for cube textures."""
 
+    def rows(self, start: int, stop: int) -> "Surface":
+        """Some of the triangles; shares their arrays."""
+        return Surface(self.corners[start:stop], self.normals[start:stop], self.texture_coordinates[start:stop])
 
-def tessellate_geom(model: mujoco.MjModel, looks: Looks, geom_id: int, mapping: TextureMapping) -> Surface | None:
-    """Triangles of a geom of any type that has a finite surface.
+    def put(self, start: int, other: "Surface | None") -> int:
+        """Copies triangles over those from ``start`` on, and returns how many."""
+        if other is None:
+            return 0
+        rows = self.rows(start, start + len(other.corners))
+        rows.corners[:], rows.normals[:], rows.texture_coordinates[:] = vars(other).values()
+        return len(other.corners)
+
+
+def tessellate_geom(model: mujoco.MjModel, geom_id: int, mapping: TextureMapping) -> Surface | None:
+    """Triangles of a geom of any type but a mesh that has a finite surface.
 
     Args:
         model: the compiled model.
-        looks: its meshes.
         geom_id: which geom.
         mapping: the texture mapping of its material.
 
@@ -58,8 +69,6 @@ def tessellate_geom(model: mujoco.MjModel, looks: Looks, geom_id: int, mapping: 
     """
     kind = int(model.geom_type[geom_id])
     size = np.asarray(model.geom_size[geom_id], float)
-    if looks.mesh_of_geom[geom_id] >= 0:
-        return _mesh(looks.meshes[looks.mesh_of_geom[geom_id]], size, mapping)
     types = mujoco.mjtGeom
     if kind == types.mjGEOM_BOX:
         return _box(size, mapping)
@@ -74,6 +83,66 @@ def tessellate_geom(model: mujoco.MjModel, looks: Looks, geom_id: int, mapping: 
     if kind == types.mjGEOM_HFIELD and model.geom_dataid[geom_id] >= 0:
         return _height_field(model, int(model.geom_dataid[geom_id]), size, mapping)
     return None
+
+
+def write_mesh(mesh: DrawnMesh, size: Float[np.ndarray, "3"], mapping: TextureMapping, rows: Surface) -> int:
+    """Writes the triangles of a mesh that have an area, in its order.
+
+    Args:
+        mesh: the mesh.
+        size: of the geom that shows it.
+        mapping: the texture mapping of its material.
+        rows: as many as the mesh has faces; gets the triangles in its first rows.
+
+    Returns:
+        How many there are.
+    """
+    # Texture coordinates are a multiple of what they come from, less a shift: -0.0 stays what it is.
+    source, indices, axes, shift = mesh.vertices_m, mesh.faces, 2, 0.0
+    if mapping.is_cube:
+        factor, axes = size if mapping.uniform else np.ones(3), 3
+    elif mesh.texcoords is None:
+        factor, shift = 0.5 * _generated_scale(size, mapping), 0.5
+    else:
+        source, indices, factor = mesh.texcoords, mesh.texcoords_of_faces, np.array(_explicit_scale(size, mapping))
+    _gather_corners(mesh.vertices_m, mesh.faces, rows.corners)
+    _gather_normals(mesh.normals, mesh.normals_of_faces, rows.normals)
+    _gather_coordinates(source, indices, factor, axes, shift, rows.texture_coordinates)
+    solid = twice_areas(rows.corners) > 0
+    if solid.all():
+        return len(solid)
+    count = int(np.count_nonzero(solid))
+    for column in (rows.corners, rows.normals, rows.texture_coordinates):
+        column[:count] = column[solid]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _gather_corners(vertices_m, faces, corners):
+    for n in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                corners[n, corner, axis] = vertices_m[faces[n, corner], axis]
+
+
+@njit(cache=True, nogil=True)
+def _gather_normals(of_mesh, indices, normals):
+    for n in range(len(indices)):
+        for corner in range(3):
+            x, y, z = of_mesh[indices[n, corner]]
+            # A zero normal (from a degenerate face) would shade black.
+            if x * x + y * y + z * z < 0.25:
+                x, y, z = np.float32(0.0), np.float32(0.0), np.float32(1.0)
+            normals[n, corner, 0], normals[n, corner, 1], normals[n, corner, 2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def _gather_coordinates(source, indices, factor, axes, shift, coordinates):
+    for n in range(len(indices)):
+        for corner in range(3):
+            coordinates[n, corner, 2] = 0.0
+            for axis in range(axes):
+                coordinates[n, corner, axis] = source[indices[n, corner], axis] * factor[axis] - shift
 
 
 def plane_texture_coordinates(
@@ -116,13 +185,31 @@ def twice_areas(triangles):
     """Twice the area of each triangle of (n, 3, 3) corners."""
     areas = np.empty(len(triangles))
     for n in range(len(triangles)):
-        # Numba's float() would leave single precision as it is.
-        ax, ay, az = np.float64(triangles[n, 0, 0]), np.float64(triangles[n, 0, 1]), np.float64(triangles[n, 0, 2])
-        ux, uy, uz = triangles[n, 1, 0] - ax, triangles[n, 1, 1] - ay, triangles[n, 1, 2] - az
-        vx, vy, vz = triangles[n, 2, 0] - ax, triangles[n, 2, 1] - ay, triangles[n, 2, 2] - az
-        cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        areas[n] = math.sqrt(cx * cx + cy * cy + cz * cz)
+        areas[n] = twice_area(triangles[n])
     return areas
+
+
+@njit(cache=True, nogil=True)
+def twice_areas_of_faces(vertices, faces):
+    """Twice the area of each of (n, 3) faces of a mesh."""
+    areas = np.empty(len(faces))
+    triangle = np.empty((3, 3), vertices.dtype)
+    for n in range(len(faces)):
+        for corner in range(3):
+            triangle[corner] = vertices[faces[n, corner]]
+        areas[n] = twice_area(triangle)
+    return areas
+
+
+@njit(cache=True, nogil=True)
+def twice_area(triangle):
+    """Twice the area of a triangle of (3, 3) corners."""
+    # Numba's float() would leave single precision as it is.
+    ax, ay, az = np.float64(triangle[0, 0]), np.float64(triangle[0, 1]), np.float64(triangle[0, 2])
+    ux, uy, uz = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
+    vx, vy, vz = triangle[2, 0] - ax, triangle[2, 1] - ay, triangle[2, 2] - az
+    cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return math.sqrt(cx * cx + cy * cy + cz * cz)
 
 
 def _grid_triangles(*grids) -> list[np.ndarray]:
@@ -226,24 +313,19 @@ def _capsule(radius_m: float, half_length_m: float, mapping: TextureMapping) -> 
     return _joined(parts, size, mapping)
 
 
-def _mesh(mesh: DrawnMesh, size, mapping: TextureMapping) -> Surface:
-    corners = mesh.vertices_m[mesh.faces]
-    normals = mesh.normals[mesh.normals_of_faces]
-    # A zero normal (from a degenerate face) would shade black.
-    normals[(normals * normals).sum(axis=-1) < 0.25] = [0.0, 0.0, 1.0]
-    if mesh.texcoords is not None and not mapping.is_cube:
-        return _finish(corners, normals, mesh.texcoords[mesh.texcoords_of_faces], corners, size, mapping)
-    return _finish_generated(corners, normals, size, mapping)
-
-
-def _finish_generated(corners, normals, size, mapping: TextureMapping) -> Surface:
-    """Texture coordinates of shapes that bring none of their own: linear in the local position."""
-    if mapping.is_cube:
-        return _finish(corners, normals, None, corners, size, mapping)
+def _generated_scale(size, mapping: TextureMapping) -> Float[np.ndarray, "2"]:
+    """Texture coordinates of shapes that bring none of their own: this times half the local position, less a half."""
     scale = np.asarray(mapping.repeat, float)
     if not mapping.uniform:
         scale = np.where(size[:2] > 0, scale / np.maximum(size[:2], mujoco.mjMINVAL), scale)
-    uv = 0.5 * corners[..., :2] * scale * [1.0, -1.0] - 0.5
+    return scale * [1.0, -1.0]
+
+
+def _finish_generated(corners, normals, size, mapping: TextureMapping) -> Surface:
+    """Finishes a shape that brings no texture coordinates of its own."""
+    if mapping.is_cube:
+        return _finish(corners, normals, None, corners, size, mapping)
+    uv = 0.5 * corners[..., :2] * _generated_scale(size, mapping) - 0.5
     return _finish(corners, normals, uv, corners, size, TextureMapping())
 
 

@@ -323,11 +323,10 @@ class Layout:
             yaws: which ways it may be turned; any way if None.
             tries: how many places to try.
         """
-        low, high = np.array(self.room.low_m), np.array(self.room.high_m)
+        (x0, y0), (x1, y1) = self.room.low_m, self.room.high_m
         for _ in range(tries):
             yaw = self.rng.uniform(-np.pi, np.pi) if yaws is None else yaws[self.rng.integers(len(yaws))]
-            x, y = self.rng.uniform(low, high)
-            piece = Placement(card, float(x), float(y), float(yaw))
+            piece = Placement(card, self.rng.uniform(x0, x1), self.rng.uniform(y0, y1), float(yaw))
             half_x, half_y = card.size_m[0] / 2 + around_m, card.size_m[1] / 2 + around_m
             apron = Box(piece.x_m, piece.y_m, half_x, half_y, piece.yaw_rad, 0.0, 2.0)
             if self.fits(piece) and self.is_clear(apron):

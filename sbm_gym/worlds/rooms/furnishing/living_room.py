@@ -101,15 +101,13 @@ def lounging(a: Arranger, use: str = "lounge_chair") -> None:
     card = None if a.full() else a.pick(use)
     if card is None:
         return
-    low, high = np.array(a.layout.room.low_m), np.array(a.layout.room.high_m)
+    (x0, y0), (x1, y1) = a.layout.room.low_m, a.layout.room.high_m
     for _ in range(100):
-        x, y = a.rng.uniform(low + 0.5, high - 0.5)
-        edge = min(x - low[0], high[0] - x, y - low[1], high[1] - y)
-        if edge >= 1.1:
+        x, y = a.rng.uniform(x0 + 0.5, x1 - 0.5), a.rng.uniform(y0 + 0.5, y1 - 0.5)
+        if min(x - x0, x1 - x, y - y0, y1 - y) >= 1.1:
             continue
-        centre = 0.5 * (low + high) - [x, y]
-        yaw = np.arctan2(centre[0], -centre[1]) + a.rng.normal(0, 0.35)
-        piece = Placement(card, float(x), float(y), float(yaw))
+        yaw = np.arctan2(0.5 * (x0 + x1) - x, y - 0.5 * (y0 + y1)) + a.rng.normal(0, 0.35)
+        piece = Placement(card, x, y, float(yaw))
         zone = piece.front_zone(0.6)
         if a.layout.fits(piece, margin_m=0.1) and a.layout.is_clear(zone):
             a.layout.add(piece, zone)
