@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labeling.cluster import ray_connection, ray_pool, ray_schedule
+from labeling.cluster import ray_connection, ray_orders, ray_schedule
 from labeling.cluster.cluster_config import ClusterConfig, JobFiles, SameThere
 from labeling.cluster.jobs import map_jobs, run_jobs
 from labeling.core.errors import SbmError, UsageError
@@ -186,13 +186,13 @@ def test_a_node_that_differs_is_named_with_what_differs(
     assert "furniture libraries: chairs.sh3f is " in str(refused.value)
     assert f"there and {os.getpid()} here" in str(refused.value)
     assert "is not used" in capfd.readouterr().err
-    contents_here = ray_pool.contents_here
+    contents_here = ray_orders.contents_here
 
     def of_other_code(*arguments: Any) -> dict[str, dict[str, str]]:
         found = contents_here(*arguments)
         return {**found, "code": {**found["code"], "labeling/generate.py": "0123456789abcdef"}}
 
-    monkeypatch.setattr(ray_pool, "contents_here", of_other_code)
+    monkeypatch.setattr(ray_orders, "contents_here", of_other_code)
     with pytest.raises(SbmError, match=r"code: labeling/generate.py is [0-9a-f]{12} there and 0123456789ab here"):
         list(map_jobs(cluster_work.double, [1], 1, where=where))
 
