@@ -1,6 +1,7 @@
 """Environments on a cluster: what is lost with a node is played again, to the same bytes."""
 
 import json
+import time
 from collections.abc import Hashable
 from dataclasses import replace
 from functools import partial
@@ -188,6 +189,11 @@ def assert_same_run(one: Path, other: Path) -> None:
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
 
 
+def is_running(pid: int) -> bool:
+    status = Path(f"/proc/{pid}/status")
+    return status.exists() and "State:\tZ" not in status.read_text()
+
+
 @pytest.mark.slow
 def test_training_on_a_cluster_ends_with_the_same_weights(
     ray_cluster: Any,
@@ -201,7 +207,15 @@ def test_training_on_a_cluster_ends_with_the_same_weights(
     here, there = tmp_path / "here", tmp_path / "there"
     train(replace(config, out=here, processes=2))
     third = ray_cluster.add_node(num_cpus=1)
-    lose_a_node = partial(ray_cluster.remove_node, third, allow_graceful=False)
+
+    def lose_a_node() -> None:
+        parent = third.all_processes["raylet"][0].process.pid
+        children = [int(one) for one in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+        ray_cluster.remove_node(third, allow_graceful=False)
+        deadline_s = time.monotonic() + 60
+        while any(map(is_running, children)) and time.monotonic() < deadline_s:
+            time.sleep(0.05)  # a process outlives its node by a moment
+
     # A node dies in the middle of an episode of the second rollout.
     train(replace(config, out=there, where=where), at=3 * (25 + 7), do=lose_a_node)
     assert capsys.readouterr().err.count("note: a process is lost; what it held is made anew elsewhere") == 1

@@ -1,5 +1,6 @@
 """Stages of experiments on a real Ray cluster: kept here, with the same bytes as on one machine."""
 
+import io
 import json
 import threading
 import time
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from experiments.cache.stages import RunContext, cached
 from experiments.run import main
@@ -14,6 +16,7 @@ from experiments.tables import never_ending
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import SbmError
 from labeling.training import loop as training_loop
+from labeling.training.config import CHECKPOINT_FILE
 
 from ...labeling.cluster import cluster_work
 
@@ -29,7 +32,16 @@ def context(ray_cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def contents(folder: Path) -> dict[str, bytes]:
     """All files by name, but for curves: their names say when and where they were drawn."""
     paths = (path for path in folder.rglob("*") if path.is_file() and "tensorboard" not in path.parts)
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+    return {path.relative_to(folder).as_posix(): content(path) for path in paths}
+
+
+def content(path: Path) -> bytes:
+    """The bytes of a file; of a checkpoint those of what is in it, since the file names the process that wrote it."""
+    if path.name != CHECKPOINT_FILE:
+        return path.read_bytes()
+    file = io.BytesIO()
+    torch.save(torch.load(path, weights_only=True), file)
+    return file.getvalue()
 
 
 @pytest.mark.slow

@@ -89,6 +89,17 @@ def test_files_travel_and_what_comes_home_is_what_would_be_written_here(
     assert "No such file" in results[5][1]
 
 
+def test_paths_through_folders_that_do_not_travel_lead_on(tmp_path: Path) -> None:
+    from labeling.cluster.travel import pack, unpack
+
+    (tmp_path / "here" / "labels" / "one").mkdir(parents=True)
+    (tmp_path / "here" / "picture").write_text("picture")
+    given = tmp_path / "here" / "labels" / "one" / ".." / ".." / "picture"
+    written = unpack(pack([given, given]), str(tmp_path / "there"))
+    assert {path.name for path in written} == {"picture"}
+    assert Path(f"{tmp_path / 'there'}{given}").read_text() == "picture"
+
+
 def test_a_whole_folder_appears_at_once(tmp_path: Path) -> None:
     from labeling.cluster.travel import bring_home
 
