@@ -2,7 +2,7 @@
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import tyro
 
 from experiments.cache.registry import experiments
 from experiments.cache.stages import RunContext, Scale
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 
@@ -32,6 +33,7 @@ class RunConfig:
     """Only write the page about it anew, from the figures that are there."""
     workers: int = 0
     """Processes at a time, of one thread each; 0 takes one per core."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
     cache: Path = Path("out/experiments")
     """Folder for recorded episodes and intermediate results; experiments share it."""
     results: Path = Path("experiments/results")
@@ -59,13 +61,16 @@ def run(config: RunConfig) -> None:
         raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(known)}")
     if config.seeds < 1 or config.workers < 0:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
+    _check_place(config)
     chosen = known[config.name]
     if not config.report:
+        cores = len(os.sched_getaffinity(0)) if config.where.is_local else 1  # of a cluster: all that there are
         context = RunContext(
             scale=config.scale,
             seeds=tuple(range(config.seeds)),
-            workers=config.workers or len(os.sched_getaffinity(0)),
+            workers=config.workers or cores,
             cache=config.cache,
+            where=config.where,
         )
         results, path = chosen.run(context), config.results / f"{config.name}.json"
         about = {"experiment": config.name, "description": chosen.description, "scale": config.scale}
@@ -73,6 +78,24 @@ def run(config: RunConfig) -> None:
         print(path)
     for page in chosen.pages:
         print(*write_page(page, config.results, config.docs), sep="\n")
+
+
+def _check_place(config: RunConfig) -> None:
+    """Refuses a cluster that is not there, or a cache that is called otherwise on its nodes, before any work is done.
+
+    Raises:
+        UsageError: saying which.
+    """
+    from labeling.cluster.ray_connection import check_reachable
+
+    if config.where.is_local:
+        return
+    if config.where.shared is None and config.cache.is_absolute():
+        raise UsageError(
+            f"--cache {config.cache}: with --cluster give it as seen from the folder that the command is started in "
+            "(names of detectors in it are part of what is written), or --shared"
+        )
+    check_reachable(config.where.cluster)
 
 
 main = make_main("experiments.run", RunConfig, run)

@@ -1,9 +1,12 @@
 """Options of ``agents.train``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import tyro
+
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.ranges import Count, NonNegative, Seed
 
 PaidReward = Literal["both", "discovery", "diversity", "neither", "evidence"]
@@ -33,7 +36,9 @@ class PpoConfig:
     envs: Count | None = None
     """Environments that are stepped together; by default as the hyperparameters say."""
     processes: Count | None = None
-    """Processes that the environments are spread over; by default one for each core. Changes nothing but the time."""
+    """Processes that the environments are spread over; by default one for each core, with --cluster of all nodes.
+    Changes nothing but the time."""
+    where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
     reward: PaidReward = "both"
     """Which terms of the reward are paid in training; collisions cost always. Validation has the full reward. With
     "evidence" both have another reward, for labels that may be expected to be right (see the environment)."""
@@ -57,8 +62,8 @@ class PpoConfig:
     device: str = "auto"
     """Where the network computes: cpu, cuda, ...; auto takes a GPU if there is one."""
     resume: Path | None = None
-    """Go on with this run, with its settings; only --steps, --envs, --processes, --compare-episodes,
-    --allow-code and --device may be given with it."""
+    """Go on with this run, with its settings; only --steps, --envs, --processes, --cluster, --shared,
+    --compare-episodes, --allow-code and --device may be given with it."""
     allow_code: bool = False
     """With --resume: Python code that RUN's settings name, as env or detector, may be run. Only for runs that you
     trust; naming it again with --env or --detector allows it, too."""

@@ -1,9 +1,9 @@
 """The environments of training: what is paid, what is seen, which scenes each has, many of them side by side."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.ppo.config import PaidReward
 from agents.ppo.hyperparameters import ENV_WRAPPERS
-from agents.ppo.vec_env import ProcessVecEnv
+from agents.ppo.vec_env import GroupedVecEnv, ProcessGroup
 from agents.rollouts import environments
 from agents.rollouts.episode_statistics import EpisodeStatistics
 from labeling.core.errors import UsageError
@@ -20,6 +20,7 @@ from labeling.runtime.interrupts import hold_back_interrupts
 from labeling.runtime.threads import threads_of_children
 from sbm_gym.env.rewards import RewardWeights
 
+Item = TypeVar("Item")
 WITHOUT_DISCOVERY = {"new_object": 0.0, "better_view": 0.0}
 WITHOUT_DIVERSITY = {"new_azimuth": 0.0, "new_range_or_elevation": 0.0}
 REWARDS: dict[str, RewardWeights] = {
@@ -191,8 +192,20 @@ def make_vec_env(config: EnvConfig, count: int, processes: int) -> VecEnv:
         count: how many of it.
         processes: over how many they are spread; 1 steps them here.
     """
-    factories = [functools.partial(make_training_env, config, index, count) for index in range(count)]
+    factories = env_factories(config, count)
     if processes == 1:
         return DummyVecEnv(factories)  # type: ignore[arg-type]
+    parts = spread(factories, processes)
     with threads_of_children(1), hold_back_interrupts():
-        return ProcessVecEnv(factories, min(processes, count))
+        return GroupedVecEnv([ProcessGroup(part) for part in parts], [len(part) for part in parts])
+
+
+def env_factories(config: EnvConfig, count: int) -> list[Callable[[], gym.Env]]:
+    """What makes each of several training environments; picklable."""
+    return [functools.partial(make_training_env, config, index, count) for index in range(count)]
+
+
+def spread(items: Sequence[Item], groups: int) -> list[Sequence[Item]]:
+    """Neighbouring items in groups of much the same size, none of which is empty."""
+    parts = np.array_split(np.arange(len(items)), min(groups, len(items)))
+    return [items[int(part[0]) : int(part[-1]) + 1] for part in parts]

@@ -21,15 +21,19 @@ from agents.network.spaces import describe
 from agents.ppo.baselines import kept_baselines, play_baselines
 from agents.ppo.callback import TrainingCallback
 from agents.ppo.config import PpoConfig
-from agents.ppo.envs import make_env, make_vec_env, validation_scenes
+from agents.ppo.envs import EnvConfig, make_env, make_vec_env, validation_scenes
+from agents.ppo.ray_vec_env import ray_vec_env
 from agents.ppo.report import Pace, commands, comparison, plan, table
 from agents.ppo.run_settings import RunSettings, claim_run, resolve_settings
 from agents.ppo.training_state import Progress, normalization_of, restore_training, write_training_state
 from agents.ppo.validation import MostLikelyAction, validate
+from agents.rollouts.environments import same_furniture
+from labeling.cluster.ray_connection import check_reachable
 from labeling.core.errors import SbmError, UsageError
 from labeling.detectors.registry import choose_device
 from labeling.formats.atomic import atomic_folder, finish_replacing, write_json
 from labeling.runtime.interrupts import graceful_interrupt
+from labeling.runtime.process_pool import WorkerDiedError
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.threads import num_threads, one_network_thread
 from labeling.training.curves import open_tensorboard
@@ -56,7 +60,8 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
         >>> progress = train_ppo(PpoConfig(out=Path("run"), steps=8000), print, tqdm)  # doctest: +SKIP, takes minutes
     """
     settings = resolve_settings(config)
-    processes = min(config.processes or num_threads(), settings.hyperparameters.n_envs)
+    most = num_threads() if config.processes is None or not config.where.is_local else config.processes
+    processes = min(most, settings.hyperparameters.n_envs)
     progress, scenes = _train(settings, config, processes, say, progress_bar)
     say(
         f"policy: {settings.folder / BEST} (return {progress.best:.2f} on validation scenes, at step "
@@ -90,12 +95,22 @@ def _train(
         stack.callback(validation_env.close)
         scenes = validation_scenes(validation_env, settings.env_config)
         _check_network(settings, validation_env)
+        common = config.where.files_named(*_files_of(settings.env_config))
+        if not config.where.is_local:
+            check_reachable(config.where.cluster)
         claim_run(settings)
 
         request = stack.enter_context(graceful_interrupt())
         stack.enter_context(_dead_workers_explained(folder))
-        workers = make_vec_env(settings.env_config, hyperparameters.n_envs, processes)
-        stack.callback(_close, workers)
+        if config.where.is_local:
+            workers = make_vec_env(settings.env_config, hyperparameters.n_envs, processes)
+            stack.callback(_close, workers)
+        else:
+            same = same_furniture(validation_env)
+            rollouts = ray_vec_env(
+                settings.env_config, hyperparameters.n_envs, config.processes, config.where, common, same
+            )
+            workers = stack.enter_context(rollouts)
         env = VecNormalize(workers, gamma=hyperparameters.gamma, **hyperparameters.normalize)
         model = PPO(
             policy_class(hyperparameters.policy),
@@ -164,6 +179,11 @@ def _train(
     return progress, scenes
 
 
+def _files_of(config: EnvConfig) -> list[str]:
+    """Names that may lead to files that environments read."""
+    return [config.detector, *([] if config.atlas is None else [config.atlas])]
+
+
 class _Curves(TensorBoardOutputFormat):
     """Draws from a step on; the constructor of Stable-Baselines3 would keep what lies after it."""
 
@@ -204,9 +224,11 @@ def _description(settings: RunSettings, env: gym.Env, progress: Progress) -> dic
 
 @contextlib.contextmanager
 def _dead_workers_explained(folder: Path) -> Iterator[None]:
-    """Says what to do where a worker's pipe has closed."""
+    """Says what to do where a worker's pipe has closed, or a cluster has lost its process again and again."""
     try:
         yield
+    except WorkerDiedError as error:
+        raise SbmError(f"{error}; --resume {folder} goes on from the last checkpoint") from None
     except (EOFError, ConnectionError) as error:
         raise SbmError(
             f"a worker has died ({type(error).__name__}), see above why; "

@@ -1,6 +1,7 @@
-"""Many environments in a few processes: those of a process step in turn, the processes side by side."""
+"""Many environments in a few groups: those of a group step in turn, the groups side by side."""
 
 import multiprocessing
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
@@ -10,35 +11,41 @@ import numpy as np
 from stable_baselines3.common.vec_env import CloudpickleWrapper, DummyVecEnv, VecEnv
 
 
-class ProcessVecEnv(VecEnv):
-    """What ``DummyVecEnv`` does with the same environments, in several processes.
+class EnvGroup(ABC):
+    """A ``DummyVecEnv`` somewhere else, which does one thing at a time."""
 
-    An environment behaves the same whichever process it is in, so results do not depend on their number.
+    @abstractmethod
+    def send(self, name: str, *arguments: Any) -> None:
+        """Has it begin with a method."""
+
+    @abstractmethod
+    def receive(self) -> Any:
+        """Waits for what the method returns."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends it."""
+
+
+class GroupedVecEnv(VecEnv):
+    """What ``DummyVecEnv`` does with the same environments, in several groups.
+
+    An environment behaves the same whichever group it is in, so results do not depend on their number.
     """
 
-    def __init__(self, factories: Sequence[Callable[[], gym.Env]], processes: int) -> None:
-        """Starts the processes.
+    def __init__(self, groups: Sequence[EnvGroup], sizes: Sequence[int]) -> None:
+        """Takes over groups; closing this closes them.
 
         Args:
-            factories: make the environments, in the processes that step them.
-            processes: how many, at most as many as environments.
+            groups: of environments, in order.
+            sizes: how many environments each has.
         """
-        parts = np.array_split(np.arange(len(factories)), processes)
-        self._parts = [slice(int(part[0]), int(part[-1]) + 1) for part in parts]
-        context = multiprocessing.get_context("spawn")
-        self._remotes: list[Connection] = []
-        self._processes = []
-        self._waiting = self._closed = False
-        for part in self._parts:
-            here, there = context.Pipe()
-            arguments = (there, here, CloudpickleWrapper(list(factories[part])))
-            process = context.Process(target=_serve, args=arguments, daemon=True)
-            process.start()
-            there.close()
-            self._remotes.append(here)
-            self._processes.append(process)
+        self._groups = groups
+        ends = np.cumsum(sizes)
+        self._parts = [slice(int(end) - size, int(end)) for end, size in zip(ends, sizes, strict=True)]
+        self._closed = False
         spaces = (self._call("get_attr", name)[0][0] for name in ("observation_space", "action_space"))
-        super().__init__(len(factories), *spaces)
+        super().__init__(sum(sizes), *spaces)
 
     def reset(self) -> Any:
         """Starts an episode in every environment."""
@@ -53,29 +60,22 @@ class ProcessVecEnv(VecEnv):
 
     def step_async(self, actions: np.ndarray) -> None:
         """Has every environment begin a step."""
-        for remote, part in zip(self._remotes, self._parts, strict=True):
-            remote.send(("step", (actions[part],)))
-        self._waiting = True
+        for group, part in zip(self._groups, self._parts, strict=True):
+            group.send("step", actions[part])
 
     def step_wait(self) -> Any:
         """Observations, rewards, whether episodes ended, and infos of the step that was begun."""
-        found = [remote.recv() for remote in self._remotes]
-        self._waiting = False
+        found = [group.receive() for group in self._groups]
         observations, rewards, ends, infos = zip(*found, strict=True)
         return _joined(observations), np.concatenate(rewards), np.concatenate(ends), [i for part in infos for i in part]
 
     def close(self) -> None:
-        """Ends the processes."""
+        """Ends the groups."""
         if self._closed:
             return
         self._closed = True
-        if self._waiting:
-            for remote in self._remotes:
-                remote.recv()
-        for remote in self._remotes:
-            remote.send(None)
-        for process in self._processes:
-            process.join()
+        for group in self._groups:
+            group.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """An attribute of the environments asked for."""
@@ -103,13 +103,53 @@ class ProcessVecEnv(VecEnv):
             raise NotImplementedError("environments are addressed all together")
 
     def _call(self, name: str, *arguments: Any) -> list[Any]:
-        return self._exchange(name, [arguments] * len(self._remotes))
+        return self._exchange(name, [arguments] * len(self._groups))
 
     def _exchange(self, name: str, arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
-        """Calls a method in every process, with arguments of its own; returns what each says."""
-        for remote, given in zip(self._remotes, arguments, strict=True):
-            remote.send((name, given))
-        return [remote.recv() for remote in self._remotes]
+        """Calls a method of every group, with arguments of its own; returns what each says."""
+        for group, given in zip(self._groups, arguments, strict=True):
+            group.send(name, *given)
+        return [group.receive() for group in self._groups]
+
+
+class ProcessGroup(EnvGroup):
+    """A group of environments in a process of this machine."""
+
+    def __init__(self, factories: Sequence[Callable[[], gym.Env]]) -> None:
+        """Starts the process.
+
+        Args:
+            factories: make the environments, in that process.
+        """
+        context = multiprocessing.get_context("spawn")
+        self._remote, there = context.Pipe()
+        arguments = (there, self._remote, CloudpickleWrapper(list(factories)))
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        self._process.start()
+        there.close()
+        self._is_busy = False
+
+    def send(self, name: str, *arguments: Any) -> None:
+        """Has it begin with a method."""
+        self._remote.send((name, arguments))
+        self._is_busy = True
+
+    def receive(self) -> Any:
+        """Waits for what the method returns.
+
+        Raises:
+            EOFError: if the process has died.
+        """
+        found = self._remote.recv()
+        self._is_busy = False
+        return found
+
+    def close(self) -> None:
+        """Ends the process, once it has done what it was told."""
+        if self._is_busy:
+            self._remote.recv()
+        self._remote.send(None)
+        self._process.join()
 
 
 def _joined(parts: Iterable[Any]) -> Any:

@@ -69,7 +69,8 @@ def score_all(
         for content in [folder_digest(folder)]
         for setting in settings
     ]
-    found = iter(cached("labels", _score, jobs, context, title, always_spawn=True))
+    scores = cached("labels", _score, jobs, context, title, always_spawn=True, reads=lambda job: [job[0]])
+    found = iter(scores)
     by_folder = [[_scored(next(found), folder) for _ in settings] for folder in folders]
     return [list(of_setting) for of_setting in zip(*by_folder, strict=True)]
 

@@ -58,13 +58,29 @@ def train_detectors_3d(jobs: Sequence[TrainJob3d], context: RunContext) -> list[
             [asdict(replace(job.train, seed=job.seed)), asdict(job.augment), code],
         )
         keyed.append((key, (job, context.cache / "detectors3d" / key)))
-    cached("detectors_3d", _train, keyed, context, "training 3-D detectors")
+
+    def reads(task: tuple[TrainJob3d, Path]) -> list[Path]:
+        job, out = task  # in which an earlier run may have left a checkpoint to go on from
+        return [*_with_dataset(job.learn), *_with_dataset(job.choose), out]
+
+    cached("detectors_3d", _train, keyed, context, "training 3-D detectors", reads=reads, gpus=True)
     return [str(out) for _, (_, out) in keyed]
 
 
 def _content(folder: Path) -> list[str]:
     """Names of label sets and of datasets change with what they hold, but for how many episodes there are."""
     return [folder.name, *sorted(path.name for path in folder.iterdir() if path.is_dir())]
+
+
+def _with_dataset(folder: Path) -> list[Path]:
+    """Episodes, or a label set and the episodes that it was made from."""
+    from labeling.formats.checked_json import read_json
+    from labeling.io.file_names import SUMMARY_FILE
+    from labeling.io.label_set import stated_dataset
+
+    summary = folder / SUMMARY_FILE
+    dataset = stated_dataset(folder, read_json(summary)) if summary.is_file() else None
+    return [folder] if dataset is None else [folder, dataset]
 
 
 def _train(task: tuple[TrainJob3d, Path]) -> dict[str, Any]:
@@ -89,7 +105,11 @@ def score_box_targets(labels: Sequence[Path], episodes: Sequence[Path], context:
     """How good the boxes of label sets are, by category: ``experiments.cache.box_targets`` of each."""
     names, code = [folder.name for folder in episodes], code_digest(_score_targets)
     jobs = [(digest(_content(one), names, code), (one, tuple(episodes))) for one in labels]
-    return cached("box_targets", _score_targets, jobs, context, "scoring box targets")
+
+    def reads(task: tuple[Path, tuple[Path, ...]]) -> list[Path]:
+        return [*_with_dataset(task[0]), *task[1]]
+
+    return cached("box_targets", _score_targets, jobs, context, "scoring box targets", reads=reads)
 
 
 def _score_targets(task: tuple[Path, tuple[Path, ...]]) -> dict[str, Any]:
@@ -117,7 +137,11 @@ def score_boxes(evaluations: Sequence[BoxEvaluation], context: RunContext) -> li
         names = [folder.parent.name + "/" + folder.name for folder in one.episodes]
         weights = load_detector_3d(one.detector).digest
         jobs.append((digest(one.world, names, weights, one.masks, list(one.categories), code), one))
-    return cached("box_scores", _score, jobs, context, "scoring 3-D detectors")
+
+    def reads(one: BoxEvaluation) -> list[Path]:
+        return [*context.where.files_named(one.detector), *one.episodes]
+
+    return cached("box_scores", _score, jobs, context, "scoring 3-D detectors", reads=reads, gpus=True)
 
 
 def load_detector_3d(name: str) -> "Detector3d":

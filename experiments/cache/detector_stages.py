@@ -47,7 +47,17 @@ def make_labels(
     chosen = "growing" if growing else len(episodes)
     inputs = [dataset.name, chosen, asdict(config), source_fingerprint(sources), share_scenes]
     out = context.cache / "labels" / digest(*inputs, code_digest(run))
-    run(GenerateConfig(dataset=dataset, out=out, label=config, sources=sources, share_scenes=share_scenes))
+    run(
+        GenerateConfig(
+            dataset=dataset,
+            out=out,
+            workers=1 if context.where.is_local else context.workers,  # here, threads share an episode
+            where=context.where,
+            label=config,
+            sources=sources,
+            share_scenes=share_scenes,
+        )
+    )
     return out
 
 
@@ -101,7 +111,13 @@ def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
         inputs += [asdict(replace(job.train, seed=job.seed)), asdict(job.augment)]
         key = digest(*inputs, list(job.new_categories), code)
         keyed.append((key, (job, context.cache / "detectors" / key)))
-    cached("detectors", _train, keyed, context, "training detectors")
+
+    def reads(task: tuple[TrainJob, Path]) -> list[Path]:
+        job, out = task  # in which an earlier run may have left a checkpoint to go on from
+        pictures = [one.file for part in (job.learn, job.choose, job.replay) for one in part]
+        return [*context.where.files_named(job.detector), *pictures, out]
+
+    cached("detectors", _train, keyed, context, "training detectors", reads=reads, gpus=True)
     return [str(out) for _, (_, out) in keyed]
 
 
@@ -156,7 +172,11 @@ def score_detectors(
         for detector in detectors
         for name, content in contents.items()
     ]
-    scores = iter(cached("detector_scores", _score, jobs, context, "scoring detectors"))
+
+    def reads(task: tuple[str, Sequence[AnnotatedPicture]]) -> list[Path]:
+        return [*context.where.files_named(task[0]), *(one.file for one in task[1])]
+
+    scores = iter(cached("detector_scores", _score, jobs, context, "scoring detectors", reads=reads, gpus=True))
     return [{name: next(scores) for name in sets} for _ in detectors]
 
 

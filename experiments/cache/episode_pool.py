@@ -67,7 +67,8 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
         detector_digest(pool.detector),
     ]
     out = context.cache / "episodes" / f"{name}-{digest(*depends_on)}"
-    return collect_episodes(CollectConfig(out=out, episodes=episodes, workers=context.workers, **settings))
+    more = {"workers": context.workers, "where": context.where}
+    return collect_episodes(CollectConfig(out=out, episodes=episodes, **more, **settings))
 
 
 def link_dataset(name: str, episodes: Mapping[str, Path], context: RunContext) -> list[Path]:

@@ -99,6 +99,6 @@ def source_photographs(
     found = []
     for split, count in zip(("train", "val"), counts, strict=True):
         folder = context.cache / "photographs" / f"{split}_{count}"
-        make_album(folder, AlbumSettings(split, 0, 192, False), count, context.workers)
+        make_album(folder, AlbumSettings(split, 0, 192, False), count, context.workers, context.where)
         found.append(read_pictures(folder))
     return found[0], found[1]

@@ -145,6 +145,7 @@ def evaluate_config(
         label_views=LABEL_VIEWS,
         size=picture_px,
         workers=context.workers,
+        where=context.where,
         out=context.cache / experiment / f"{env_id.rpartition('/')[2]}-{name}",
     )
 

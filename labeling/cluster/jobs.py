@@ -24,6 +24,7 @@ def run_jobs(
     gpus: bool = False,
     threads: int | None = 1,
     ordered: bool = False,
+    always_spawn: bool = False,
 ) -> Generator[Outcome[Job, Result], None, None]:
     """Does jobs in processes of this machine or of a cluster; one that fails does not keep others from theirs.
 
@@ -37,6 +38,7 @@ def run_jobs(
         gpus: whether jobs use a GPU, where a node has some.
         threads: of each process of this machine; those of a cluster have one.
         ordered: yield outcomes in the order of the jobs, not as they come.
+        always_spawn: use a process of its own for a single worker of this machine, too.
 
     Returns:
         How it went with each job; closing it ends all processes.
@@ -45,7 +47,7 @@ def run_jobs(
         SbmError: if there is no such cluster, or none of its nodes is as this machine.
     """
     if where.is_local:
-        return process_pool.run_jobs(work, jobs, workers, threads=threads, ordered=ordered)
+        return process_pool.run_jobs(work, jobs, workers, threads=threads, ordered=ordered, always_spawn=always_spawn)
     from labeling.cluster.ray_pool import RayPool
 
     return RayPool(where, 0 if workers == 1 else workers, files, tuple(same), gpus).run(work, jobs, ordered)

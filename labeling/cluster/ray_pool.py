@@ -6,22 +6,16 @@ processes. Nodes may come and go meanwhile.
 """
 
 import contextlib
-import secrets
 import sys
 from collections.abc import Generator, Iterable, Iterator, Sized
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from labeling.cluster.cluster_config import ClusterConfig, JobFiles, SameThere
 from labeling.cluster.ray_connection import connect
+from labeling.cluster.ray_orders import module_of, orders_for
 from labeling.cluster.ray_schedule import Schedule
-from labeling.cluster.ray_worker import Orders
-from labeling.cluster.same_code import contents_here, packages_up_to
-from labeling.cluster.travel import absolute, dumps
-from labeling.core.errors import UsageError
-from labeling.runtime.process_pool import Outcome, PerProcess, Work
-from labeling.runtime.provenance import git_commit
+from labeling.runtime.process_pool import Outcome, Work
 
 
 @dataclass(frozen=True)
@@ -51,56 +45,10 @@ class RayPool:
             return
         connect(self.where.cluster)
         with contextlib.ExitStack() as stack:
-            orders = stack.enter_context(_orders(self, work))
+            orders = stack.enter_context(orders_for(work, module_of(work), self.where, self.more, self.files))
             run = Schedule(self.files, self.where.shared is not None, self.gpus, orders, workers)
             stack.callback(run.stop)
             yield from _in_order(run, jobs) if ordered else run.outcomes(jobs, lambda: True)
-
-
-@contextlib.contextmanager
-def _orders(pool: RayPool, work: Work[Any, Any]) -> Iterator[Orders]:
-    """What processes are told first.
-
-    Raises:
-        UsageError: if something cannot be sent, or does not lie on the shared disk.
-    """
-    shared, files, folder = pool.where.shared, pool.files, str(Path.cwd())
-    packages = packages_up_to(_module_of(work))
-    with contextlib.ExitStack() as stack:
-        marker = None
-        if shared is not None:
-            for path in (Path(folder), *((files.out, *files.common) if files else ())):
-                if not Path(absolute(path)).is_relative_to(absolute(shared)):
-                    raise UsageError(f"--shared {shared}: {path} does not lie below it, so that nodes cannot see it")
-            marker = Path(absolute(shared)) / f".sbm-shared-{secrets.token_hex(8)}"
-            marker.touch()
-            stack.callback(marker.unlink, missing_ok=True)
-        yield Orders(
-            dumps(work),
-            folder,
-            packages,
-            pool.more,
-            contents_here(packages, pool.more),
-            absolute(files.out) if files and shared is None else None,
-            files.last if files else (),
-            git_commit() or "",
-            None if marker is None else str(marker),
-        )
-
-
-def _module_of(work: Any) -> str:
-    """The module of the function that does the work, or of the object that it is a method of."""
-    while True:
-        if isinstance(work, PerProcess):
-            work = work.make
-        elif hasattr(work, "func"):  # of functools.partial
-            work = work.func
-        else:
-            break
-    owner = getattr(work, "__self__", None)
-    module = type(owner).__module__ if owner is not None else getattr(work, "__module__", type(work).__module__)
-    spec = getattr(sys.modules["__main__"], "__spec__", None)
-    return spec.name if module == "__main__" and spec is not None else module or ""
 
 
 def _in_order(run: Schedule, jobs: Iterable[Any]) -> Iterator[Outcome]:

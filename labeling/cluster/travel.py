@@ -100,9 +100,16 @@ def pack(paths: Sequence[Path]) -> bytes:
 
 
 def _entries(paths: Iterable[Path]) -> Iterator[tuple[str, str]]:
-    """Absolute paths of all files and folders, each with its kind; of a link first that, then what it leads to."""
+    """Absolute paths of all files and folders, each with its kind; of a link first that, then what it leads to.
+
+    Of ``labels/../episodes/000.png`` the folder ``labels``, too: without it the path leads nowhere.
+    """
+    passed: set[str] = set()
     for given in paths:
         path = Path(absolute(given))
+        on_the_way = {absolute(Path(*given.parts[:place])) for place, part in enumerate(given.parts) if part == ".."}
+        yield from ((folder, "folder") for folder in sorted(on_the_way - passed))
+        passed |= on_the_way
         if path.is_symlink():
             yield str(path), "link"
             path = path.resolve()

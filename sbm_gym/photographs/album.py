@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from labeling.cluster.cluster_config import HERE, ClusterConfig, JobFiles
+from labeling.cluster.jobs import map_jobs
 from labeling.core.errors import UsageError
 from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import ANNOTATIONS_FILE, PICTURES_FOLDER
 from labeling.formats.atomic import atomic_folder, write_json, write_png
 from labeling.formats.checked_json import read_json
-from labeling.runtime.process_pool import map_jobs
 from labeling.runtime.run_folder import claim_run_folder
+from sbm_gym.assets.catalog.same_libraries import same_libraries
 from sbm_gym.photographs.models import CATEGORIES, SPLITS
 from sbm_gym.photographs.take import Photograph
 
@@ -51,7 +53,9 @@ class AlbumSettings:
             raise UsageError(f"--size must lie in 64 .. 1024 pixels, not {self.size_px}")
 
 
-def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int = 1) -> None:
+def make_album(
+    folder: Path, settings: AlbumSettings, count: int, workers: int = 1, where: ClusterConfig = HERE
+) -> None:
     """Takes the photographs that a folder lacks, and writes its ``annotations.json``.
 
     Args:
@@ -59,6 +63,7 @@ def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int =
         settings: what they depend on. A photograph is the same whatever the count and the number of workers.
         count: how many the annotations list at the end.
         workers: processes.
+        where: this machine or a cluster.
 
     Raises:
         SbmError: if the settings make no sense, the folder holds something else, or no furniture is installed.
@@ -73,10 +78,21 @@ def make_album(folder: Path, settings: AlbumSettings, count: int, workers: int =
         default_library()  # says what to install if there is none
     claim_run_folder(folder, SETTINGS_FILE, asdict(settings), results="photographs")
     found: list[dict[str, Any]] = []
-    bar = tqdm(total=count, unit="photograph", file=sys.stderr, mininterval=1.0)
+    work, pictures = partial(make_set, folder, settings), folder / PICTURES_FOLDER
+    done = next(number for number in itertools.count() if not _is_made(folder, number))
     # Sets that others make while the last one that counts is waited for stay, for a larger count.
-    with bar, closing(map_jobs(partial(make_set, folder, settings), itertools.count(), workers, ordered=True)) as sets:
-        for number, photographs in enumerate(sets):
+    new = map_jobs(
+        work,
+        itertools.count(done),
+        workers,
+        where=where,
+        files=JobFiles(pictures, lambda number: [_set_folder(folder, number)], whole=True),
+        same=() if settings.builtin else same_libraries(None),
+        ordered=True,
+    )
+    bar = tqdm(total=count, unit="photograph", file=sys.stderr, mininterval=1.0)
+    with bar, closing(new):
+        for number, photographs in enumerate(itertools.chain(map(work, range(done)), new)):
             found += [{**one, "file_name": f"{number:05d}/{one['file_name']}"} for one in photographs]
             bar.update(min(len(found), count) - bar.n)
             if len(found) >= count:
@@ -124,8 +140,8 @@ def make_set(folder: Path, settings: AlbumSettings, number: int) -> list[dict[st
     Returns:
         A record of every photograph: file name within the set's folder, size, annotations.
     """
-    place = folder / PICTURES_FOLDER / f"{number:05d}"
-    if not (place / SET_FILE).is_file():
+    place = _set_folder(folder, number)
+    if not _is_made(folder, number):
         records = []
         with atomic_folder(place) as temporary:
             for index, one in enumerate(photographs_of_set(settings, number)):
@@ -134,6 +150,14 @@ def make_set(folder: Path, settings: AlbumSettings, number: int) -> list[dict[st
             write_json(temporary / SET_FILE, {"photographs": records})
     # Read back in any case, so that records are the same whether just made or found.
     return read_json(place / SET_FILE).get("photographs").value
+
+
+def _set_folder(folder: Path, number: int) -> Path:
+    return folder / PICTURES_FOLDER / f"{number:05d}"
+
+
+def _is_made(folder: Path, number: int) -> bool:
+    return (_set_folder(folder, number) / SET_FILE).is_file()
 
 
 def _record(file_name: str, one: Photograph) -> dict[str, Any]:

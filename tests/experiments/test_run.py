@@ -61,7 +61,12 @@ def test_list_names_every_experiment(capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
-    [(["table_0_0"], "label_ablation"), (["label_modes", "--seeds", "0"], "--seeds")],
+    [
+        (["table_0_0"], "label_ablation"),
+        (["label_modes", "--seeds", "0"], "--seeds"),
+        (["label_modes", "--cluster", "auto", "--cache", "/cache"], "--cache /cache: with --cluster give it as seen"),
+        (["label_modes", "--cluster", "somewhere"], "--cluster must be local, auto, HOST:PORT or ray://HOST:PORT"),
+    ],
 )
 def test_bad_requests_are_one_line(arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2

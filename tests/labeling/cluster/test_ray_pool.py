@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labeling.cluster import ray_connection, ray_pool, ray_schedule
+from labeling.cluster import ray_connection, ray_orders, ray_schedule
 from labeling.cluster.cluster_config import ClusterConfig, JobFiles, SameThere
 from labeling.cluster.jobs import map_jobs, run_jobs
 from labeling.core.errors import SbmError, UsageError
@@ -87,6 +87,17 @@ def test_files_travel_and_what_comes_home_is_what_would_be_written_here(
     assert len(written) == 4
     assert "bad.txt: is bad" in results[4][1]
     assert "No such file" in results[5][1]
+
+
+def test_paths_through_folders_that_do_not_travel_lead_on(tmp_path: Path) -> None:
+    from labeling.cluster.travel import pack, unpack
+
+    (tmp_path / "here" / "labels" / "one").mkdir(parents=True)
+    (tmp_path / "here" / "picture").write_text("picture")
+    given = tmp_path / "here" / "labels" / "one" / ".." / ".." / "picture"
+    written = unpack(pack([given, given]), str(tmp_path / "there"))
+    assert {path.name for path in written} == {"picture"}
+    assert Path(f"{tmp_path / 'there'}{given}").read_text() == "picture"
 
 
 def test_a_whole_folder_appears_at_once(tmp_path: Path) -> None:
@@ -186,13 +197,13 @@ def test_a_node_that_differs_is_named_with_what_differs(
     assert "furniture libraries: chairs.sh3f is " in str(refused.value)
     assert f"there and {os.getpid()} here" in str(refused.value)
     assert "is not used" in capfd.readouterr().err
-    contents_here = ray_pool.contents_here
+    contents_here = ray_orders.contents_here
 
     def of_other_code(*arguments: Any) -> dict[str, dict[str, str]]:
         found = contents_here(*arguments)
         return {**found, "code": {**found["code"], "labeling/generate.py": "0123456789abcdef"}}
 
-    monkeypatch.setattr(ray_pool, "contents_here", of_other_code)
+    monkeypatch.setattr(ray_orders, "contents_here", of_other_code)
     with pytest.raises(SbmError, match=r"code: labeling/generate.py is [0-9a-f]{12} there and 0123456789ab here"):
         list(map_jobs(cluster_work.double, [1], 1, where=where))
 
