@@ -1,4 +1,4 @@
-"""One door to all commands: ``sbm VERB ...`` is ``python -m PACKAGE.COMMAND ...``.
+"""All commands by short names: ``sbm VERB ...`` is ``python -m PACKAGE.COMMAND ...``.
 
 ``sbm`` alone lists what there is, ``sbm VERB --help`` tells of one, ``sbm completion bash`` completes them in a shell.
 """

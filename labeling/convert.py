@@ -10,6 +10,7 @@ import tyro
 from labeling.core.errors import UsageError
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar, showing_stages
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,13 @@ def run(config: ConvertConfig) -> None:
     print(f"{episode.num_views} views of {width_px}x{height_px} pixels: {config.out}")
 
 
-main = make_main("labeling.convert", ConvertConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(
+        ("RECORDING --undistort --out EPISODE", "a recording with lens distortion"),
+        ("RECORDING --every 10 --out EPISODE", "every tenth frame of a long one"),
+    ),
+)
+main = make_main("labeling.convert", ConvertConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -8,6 +8,7 @@ from typing import Literal
 import tyro
 
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 Page = Literal["results", "policies", "benchmarks", "robustness"]
 
@@ -31,7 +32,13 @@ def _run(config: PagesConfig) -> None:
         print(*write_page(name, config.results, config.docs), sep="\n")
 
 
-main = make_main("experiments.pages", PagesConfig, _run, resumes=False)
+HELP = CommandHelp(
+    examples=(
+        ("", "write all pages"),
+        ("results", "write one of them"),
+    ),
+)
+main = make_main("experiments.pages", PagesConfig, _run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())
