@@ -40,7 +40,8 @@ class EvaluateConfig:
     max_strips: int = 40
     """Views shown in the report at most. 40 keep it below a few megabytes."""
     max_worst: int = 12
-    """Of those, how many show the worst pseudo-labels; the others are spread over the episodes."""
+    """Of those, how many show the worst pseudo-labels; as many again show the most improved, and things that are not
+    there; the others are spread over the episodes."""
     recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
 
 
