@@ -18,7 +18,7 @@ VERBS: dict[str, dict[str, tuple[str, str]]] = {
         "label": ("labeling.generate", "make pseudo-labels for recordings"),
         "inspect": ("labeling.inspect", "check a label set, or look at it in 3-D"),
         "evaluate": ("labeling.evaluate", "compare labels and detector with ground truth; writes report.html"),
-        "convert": ("labeling.convert", "write any recording as an episode"),
+        "convert": ("labeling.convert", "write a recording as an episode, or labels for other tools"),
     },
     "detectors": {
         "detect": ("labeling.detect", "run a detector on episodes"),

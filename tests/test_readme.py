@@ -65,6 +65,7 @@ def test_there_are_three_tours_of_five_lines() -> None:
     assert all(len(block.splitlines()) == 5 for block in BLOCKS.values())
 
 
+@pytest.mark.slow
 def test_a_recording_is_labelled_as_readme_says(tmp_path: Path, monkeypatch) -> None:
     from agents.collect import main as collect
 
