@@ -5,6 +5,7 @@ import sys
 
 from agents.ppo.config import PpoConfig
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 def run(config: PpoConfig) -> None:
@@ -21,7 +22,21 @@ def run(config: PpoConfig) -> None:
     train_ppo(config, tqdm.write, functools.partial(tqdm, unit="step", file=sys.stderr, dynamic_ncols=True))
 
 
-main = make_main("agents.train", PpoConfig, run)
+HELP = CommandHelp(
+    groups={
+        "common options": ("out", "env", "steps", "seed", "reward", "detector", "hyperparams", "resume"),
+        "scenes": ("scenes", "validation-scenes", "atlas"),
+        "validation": ("eval-every", "eval-episodes", "compare-episodes"),
+        "where the work is done": ("envs", "processes", "device"),
+        "code of others": ("allow-code",),
+    },
+    examples=(
+        ("--out RUN", "with the hyperparameters that come with the project"),
+        ("--env sbm_gym/Outdoor-v0 --steps 1000000 --out RUN", "longer, in towns"),
+        ("--resume RUN --steps 2000000", "go on with a run"),
+    ),
+)
+main = make_main("agents.train", PpoConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -16,6 +16,7 @@ from experiments.cache.stages import Scale
 from experiments.figures.before_after import CONFIDENT, NAME, ViewChange, draw, most_changed, net_true_positives
 from labeling.core.errors import SbmError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
@@ -96,7 +97,10 @@ def compare_views(episodes: Sequence[Path], before: "Detector", after: "Detector
     return found
 
 
-main = make_main("experiments.before_after", PictureConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(("", "draw the picture anew"),),
+)
+main = make_main("experiments.before_after", PictureConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,6 +11,7 @@ import tyro
 from experiments.benchmarks.rows import as_json, machine, table
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 BENCHES = {
     name: f"experiments.benchmarks.{name}"
@@ -57,7 +58,13 @@ def run(config: BenchConfig) -> None:
         print(table(name, rows))
 
 
-main = make_main("experiments.bench", BenchConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(
+        ("labels", "measure one"),
+        ("", "measure all"),
+    ),
+)
+main = make_main("experiments.bench", BenchConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -8,6 +8,7 @@ from typing import Literal
 from experiments.cache.stages import Scale
 from experiments.figures.boxes_on_views import MIN_CONFIDENCE, RECORD, busiest_view, draw, true_boxes
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,10 @@ def run(config: PictureConfig) -> None:
     print(f"{picture}\n{record}")
 
 
-main = make_main("experiments.box_pictures", PictureConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(("", "draw docs/pictures anew"),),
+)
+main = make_main("experiments.box_pictures", PictureConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

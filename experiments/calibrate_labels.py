@@ -10,6 +10,7 @@ import tyro
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
     import numpy as np
@@ -235,7 +236,10 @@ def _draw(figures: dict[str, Any], path: Path) -> None:
     plt.close(figure)
 
 
-main = make_main("experiments.calibrate_labels", CalibrateConfig, run)
+HELP = CommandHelp(
+    examples=(("EPISODES", "fit to recorded episodes with ground truth"),),
+)
+main = make_main("experiments.calibrate_labels", CalibrateConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

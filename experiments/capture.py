@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 FIGURES = ("mask_ap50", "mask_ap30", "mean_iou")
 
@@ -88,7 +89,10 @@ def summary(rows: list[dict[str, float]]) -> dict[str, Any]:
     }
 
 
-main = make_main("experiments.capture", CaptureConfig, run)
+HELP = CommandHelp(
+    examples=(("EPISODE", "label it over seeds, and score it"),),
+)
+main = make_main("experiments.capture", CaptureConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,13 @@ def _say(heading: str) -> None:
     print(f"\n== {heading}", flush=True)
 
 
-main = make_main("experiments.demo", DemoConfig, run)
+HELP = CommandHelp(
+    examples=(
+        ("", "four episodes, labelled and evaluated: about two minutes"),
+        ("--episodes 20 --policy ring --out out/ring", "more of them, by the thesis' policy"),
+    ),
+)
+main = make_main("experiments.demo", DemoConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

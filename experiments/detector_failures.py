@@ -6,6 +6,7 @@ from pathlib import Path
 
 from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,10 @@ def run(config: FailuresConfig) -> None:
     print(config.results)
 
 
-main = make_main("experiments.detector_failures", FailuresConfig, run)
+HELP = CommandHelp(
+    examples=(("", "measure, and draw the picture"),),
+)
+main = make_main("experiments.detector_failures", FailuresConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,10 @@ def run(config: PicturesConfig) -> None:
     preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
 
 
-main = make_main("experiments.pictures", PicturesConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(("", "draw docs/pictures anew from out/pictures"),),
+)
+main = make_main("experiments.pictures", PicturesConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

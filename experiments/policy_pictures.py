@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labeling.core.errors import SbmError, UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -175,7 +176,10 @@ def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> No
         raise SbmError(f"{path}: would have {megabytes:.1f} MB, more than {MAX_FILM_MB}; film a shorter episode")
 
 
-main = make_main("experiments.policy_pictures", PolicyPicturesConfig, run)
+HELP = CommandHelp(
+    examples=(("--policies ring planner", "episodes of two policies from above"),),
+)
+main = make_main("experiments.policy_pictures", PolicyPicturesConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

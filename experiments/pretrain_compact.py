@@ -8,6 +8,7 @@ from typing import Any, Literal
 from experiments.pretraining.world_views import WORLDS, WorldViewsConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Positive, check_ranges
 from labeling.training.command import say
 
@@ -153,7 +154,13 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     print(config.results)
 
 
-main = make_main("experiments.pretrain_compact", CompactConfig, run)
+HELP = CommandHelp(
+    examples=(
+        ("", "all of it; a rerun goes on where it stopped"),
+        ("--minutes 10", "as far as ten minutes go"),
+    ),
+)
+main = make_main("experiments.pretrain_compact", CompactConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""Experiments: ``python -m experiments.run NAME`` runs one, ``python -m experiments.run list`` names them all."""
+"""Runs experiments, such as the thesis' tables: ``python -m experiments.run NAME``; ``list`` names them."""
 
 import os
 import sys
@@ -13,6 +13,7 @@ from experiments.cache.stages import RunContext, Scale
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,14 @@ def _check_place(config: RunConfig) -> None:
     check_reachable(config.where.cluster)
 
 
-main = make_main("experiments.run", RunConfig, run)
+HELP = CommandHelp(
+    examples=(
+        ("list", "name all experiments"),
+        ("table_5_3 --scale quick --seeds 3", "detectors before and after, in unseen homes"),
+        ("table_5_3 --report", "only its page anew"),
+    ),
+)
+main = make_main("experiments.run", RunConfig, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

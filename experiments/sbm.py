@@ -1,4 +1,4 @@
-"""One door to all commands: ``sbm VERB ...`` is ``python -m PACKAGE.COMMAND ...``.
+"""All commands by short names: ``sbm VERB ...`` is ``python -m PACKAGE.COMMAND ...``.
 
 ``sbm`` alone lists what there is, ``sbm VERB --help`` tells of one, ``sbm completion bash`` completes them in a shell.
 """
@@ -18,7 +18,7 @@ VERBS: dict[str, dict[str, tuple[str, str]]] = {
         "label": ("labeling.generate", "make pseudo-labels for recordings"),
         "inspect": ("labeling.inspect", "check a label set, or look at it in 3-D"),
         "evaluate": ("labeling.evaluate", "compare labels and detector with ground truth; writes report.html"),
-        "convert": ("labeling.convert", "write any recording as an episode"),
+        "convert": ("labeling.convert", "write a recording as an episode, or labels for other tools"),
     },
     "detectors": {
         "detect": ("labeling.detect", "run a detector on episodes"),

@@ -14,6 +14,7 @@ import tyro
 from agents.network.files import POLICY_FILE, STATE_FILE
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 MAX_MB = 20
 MAX_POINTS = 400
@@ -156,7 +157,10 @@ def _short(figures: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in figures.items()}
 
 
-main = make_main("experiments.ship_policy", ShipConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(("RUN", "make a run of agents.train the policy ppo"),),
+)
+main = make_main("experiments.ship_policy", ShipConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

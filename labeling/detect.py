@@ -14,6 +14,7 @@ from labeling.detectors.registry import DEFAULT
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -183,7 +184,13 @@ def _category_ids(
     return ids, [*listed, *({"id": number, "name": name} for name, number in ids.items() if number not in there)]
 
 
-main = make_main("labeling.detect", DetectCommand, run)
+HELP = CommandHelp(
+    examples=(
+        ("EPISODES", "what compact finds, beside the frames"),
+        ("EPISODES --detector RUN --replace", "a fine-tuned detector instead"),
+    ),
+)
+main = make_main("labeling.detect", DetectCommand, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

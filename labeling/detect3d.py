@@ -14,6 +14,7 @@ from labeling.formats.checked_json import read_json
 from labeling.io.file_names import DETECTIONS_3D_FILE, DETECTIONS_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -134,7 +135,13 @@ def _mark_of_file(path: Path) -> object:
         return None
 
 
-main = make_main("labeling.detect3d", Detect3dCommand, run)
+HELP = CommandHelp(
+    examples=(
+        ("EPISODES --detector RUN --boxes compact", "3-D boxes by a trained network, from 2-D boxes of compact"),
+        ("EPISODES --detector ldls", "without training"),
+    ),
+)
+main = make_main("labeling.detect3d", Detect3dCommand, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

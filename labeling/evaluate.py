@@ -11,6 +11,7 @@ import tyro
 from labeling.core.errors import UsageError
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
     from labeling.evaluation.compare import Evaluation
@@ -39,7 +40,8 @@ class EvaluateConfig:
     max_strips: int = 40
     """Views shown in the report at most. 40 keep it below a few megabytes."""
     max_worst: int = 12
-    """Of those, how many show the worst pseudo-labels; the others are spread over the episodes."""
+    """Of those, how many show the worst pseudo-labels; as many again show the most improved, and things that are not
+    there; the others are spread over the episodes."""
     recording: tyro.conf.OmitArgPrefixes[RecordingConfig] = field(default_factory=RecordingConfig)
 
 
@@ -160,7 +162,13 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-main = make_main("labeling.evaluate", EvaluateConfig, run_either, resumes=False)
+HELP = CommandHelp(
+    examples=(
+        ("LABELS", "a label set beside its detector: table, metrics.json, report.html"),
+        ("EPISODES --detector compact", "a detector alone"),
+    ),
+)
+main = make_main("labeling.evaluate", EvaluateConfig, run_either, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

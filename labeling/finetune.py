@@ -13,6 +13,7 @@ from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.registry import DEFAULT, check_name
 from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Share, check_ranges
 from labeling.training.command import Labels, TrainingCommand, say
 
@@ -37,8 +38,8 @@ class FinetuneCommand(TrainingCommand):
     val: Path | None = None
     """What to choose the best by: label set, episodes with ground truth, or COCO folder. Without it the last counts."""
     replay: Path | None = None
-    """Source pictures (a COCO folder) to mix in, against forgetting. If it has parts ``train`` and ``val``, forgetting
-    is measured on ``val``, else on every tenth picture, which is then not replayed."""
+    """Source pictures (a COCO folder) to mix in, against forgetting. If it has parts "train" and "val", forgetting
+    is measured on "val", else on every tenth picture, which is then not replayed."""
     least_confidence: Share[float] = 0.0
     """Labels less confident than this become regions to ignore."""
     new_categories: bool = False
@@ -200,7 +201,16 @@ def _change(*values: float | None) -> str:
     return " -> ".join("-" if value is None else f"{100 * value:.1f}" for value in values)
 
 
-main = make_main("labeling.finetune", FinetuneCommand, run)
+HELP = CommandHelp(
+    examples=(
+        ("LABELS --out RUN", "compact, taught by a label set"),
+        (
+            "LABELS --val EPISODES --replay PHOTOGRAPHS --out RUN",
+            "validate on episodes, replay source pictures",
+        ),
+    ),
+)
+main = make_main("labeling.finetune", FinetuneCommand, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -15,10 +15,12 @@ from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import SbmError, UsageError
 from labeling.generator.label_jobs import EpisodeResult, Job, label_all
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.generator.settings.option_groups import GROUPS
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import FLOOR, RecordingConfig
 from labeling.runtime.cli import printable, progress_bar, run_command, showing_stages
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -148,11 +150,21 @@ def _report(config: GenerateConfig, results: list[EpisodeResult]) -> None:
     print(f"labels: {config.out}")
 
 
+HELP = CommandHelp(
+    GROUPS,
+    examples=(
+        ("MY_CAPTURE --detector compact --out LABELS", "a recording without detections: find them, then label"),
+        ("EPISODES --workers 4 --share-scenes --out LABELS", "many episodes; those of a scene label each other"),
+        ("EPISODES --preset paper --out LABELS", "as the thesis does"),
+    ),
+)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
     preset = _named_preset(sys.argv[1:] if arguments is None else arguments)
     start = GenerateCommand(dataset=tyro.MISSING, out=tyro.MISSING, label=PRESETS[preset], preset=preset)
-    return run_command(GenerateCommand, run, "python -m labeling.generate", arguments, start=start)
+    return run_command(GenerateCommand, run, "python -m labeling.generate", arguments, start=start, about=HELP)
 
 
 def _named_preset(arguments: list[str]) -> PresetName:

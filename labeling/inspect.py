@@ -9,6 +9,7 @@ import tyro
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import printable, run_command
+from labeling.runtime.help import CommandHelp
 
 PROBLEMS = 1
 """Exit code if anything is wrong with the label set."""
@@ -75,6 +76,15 @@ def _show(config: InspectConfig) -> None:
         wait()
 
 
+HELP = CommandHelp(
+    examples=(
+        ("LABELS", "is the label set whole?"),
+        ("LABELS --view", "look at it in 3-D, in a browser"),
+        ("LABELS --pictures PICTURES", "pictures of its clouds and boxes"),
+    ),
+)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
     problems: list[str] = []
@@ -84,6 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
         "python -m labeling.inspect",
         arguments,
         resumes=False,
+        about=HELP,
     )
     return code or (PROBLEMS if problems else 0)
 

@@ -9,6 +9,7 @@ import tyro
 
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.help import CommandHelp
 from labeling.training.command import Labels, TrainingCommand, say
 
 if TYPE_CHECKING:
@@ -103,7 +104,13 @@ def train_val_split_by_object(samples: "list[FrustumSample]") -> "tuple[list[Fru
     return sides
 
 
-main = make_main("labeling.train3d", Train3dCommand, run)
+HELP = CommandHelp(
+    examples=(
+        ("LABELS --out RUN", "the best network of a training without validation is the last"),
+        ("LABELS --val EPISODES --out RUN", "choose the best by episodes with ground truth"),
+    ),
+)
+main = make_main("labeling.train3d", Train3dCommand, run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,6 +11,7 @@ import tyro
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Count, NonNegative
 
 if TYPE_CHECKING:
@@ -145,7 +146,10 @@ def _build_and_list(config: AtlasConfig) -> None:
         print(folder)
 
 
-main = make_main("sbm_gym.build_atlas", AtlasConfig, _build_and_list)
+HELP = CommandHelp(
+    examples=(("--split train --detector compact --out ATLAS", "the training scenes, as compact sees them"),),
+)
+main = make_main("sbm_gym.build_atlas", AtlasConfig, _build_and_list, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,6 +7,7 @@ from typing import Any
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Count
 
 THRESHOLDS = (0.05, 0.5, 0.9)
@@ -100,7 +101,10 @@ def run(config: FitConfig) -> None:
     print(f"settings: {file}")
 
 
-main = make_main("sbm_gym.fit_simulated", FitConfig, run, resumes=False)
+HELP = CommandHelp(
+    examples=(("--detector compact", "fit it to the detector that comes with the project"),),
+)
+main = make_main("sbm_gym.fit_simulated", FitConfig, run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Count, PictureHeight, Settings
 
 if TYPE_CHECKING:
@@ -204,7 +205,10 @@ def _run_and_list(config: PreviewConfig) -> None:
         print(path)
 
 
-main = make_main("sbm_gym.preview", PreviewConfig, _run_and_list, resumes=False)
+HELP = CommandHelp(
+    examples=(("", "contact sheets of everything"),),
+)
+main = make_main("sbm_gym.preview", PreviewConfig, _run_and_list, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

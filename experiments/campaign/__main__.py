@@ -7,6 +7,7 @@ import sys
 
 from experiments.campaign.campaign_config import CampaignConfig
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 def _run(config: CampaignConfig) -> None:
@@ -17,7 +18,13 @@ def _run(config: CampaignConfig) -> None:
     print(f"results: {config.out / 'campaign.json'}; spoilt inputs that were not survived: {config.out / 'failing'}")
 
 
-main = make_main("experiments.campaign", CampaignConfig, _run)
+HELP = CommandHelp(
+    examples=(
+        ("corruptions kills", "two parts of it"),
+        ("corruptions kills faults soak --minutes 60", "all of it"),
+    ),
+)
+main = make_main("experiments.campaign", CampaignConfig, _run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,35 +3,48 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import tyro
 
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
-Page = Literal["results", "policies", "benchmarks", "robustness"]
+Page = Literal["results", "policies", "benchmarks", "robustness", "readme"]
+PAGES: tuple[Page, ...] = get_args(Page)
 
 
 @dataclass(frozen=True)
 class PagesConfig:
-    """Writes results.md, policies-results.md, benchmarks.md and robustness.md in docs, and their pictures."""
+    """Writes results.md, policies-results.md, benchmarks.md and robustness.md in docs, and the table of README."""
 
-    names: tyro.conf.Positional[tuple[Page, ...]] = ("results", "policies", "benchmarks", "robustness")
+    names: tyro.conf.Positional[tuple[Page, ...]] = PAGES
     """Which pages to write."""
     results: Path = Path("experiments/results")
     """Folder with the results of experiments."""
     docs: Path = Path("docs")
-    """Folder for the pages; their pictures go to DOCS/pictures."""
+    """Folder for the pages; their pictures go to DOCS/pictures, and README lies beside DOCS."""
 
 
 def _run(config: PagesConfig) -> None:
     from experiments.pages.markdown import write_page
+    from experiments.pages.readme import write_readme
 
     for name in config.names:
+        if name == "readme":
+            write_readme(readme := config.docs.parent / "README.md", config.results)
+            print(readme)
+            continue
         print(*write_page(name, config.results, config.docs), sep="\n")
 
 
-main = make_main("experiments.pages", PagesConfig, _run, resumes=False)
+HELP = CommandHelp(
+    examples=(
+        ("", "write all pages"),
+        ("results", "write one of them"),
+    ),
+)
+main = make_main("experiments.pages", PagesConfig, _run, resumes=False, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -73,6 +73,28 @@ def average_precision(
     return summarise(per_class, thresholds)
 
 
+def precision_curves(
+    predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance], iou_threshold: float = 0.5
+) -> dict[str, Float[np.ndarray, "101"]]:
+    """Monotone precision at the recalls 0, .01, ..., 1 of every category that has ground truth; its mean is the AP.
+
+    Args:
+        predictions: as ``average_precision`` takes them.
+        ground_truth: likewise.
+        iou_threshold: overlap of masks from which on a prediction counts as right.
+
+    Raises:
+        ValueError: if the threshold lies outside (0, 1] or a confidence is not finite.
+    """
+    thresholds = check_ranking([iou_threshold], [item.confidence for item in predictions])
+    categories = sorted({item.category for item in [*predictions, *ground_truth]})
+    if not categories:
+        return {}
+    evaluation = _coco_evaluate(predictions, ground_truth, categories, thresholds, "mask")
+    table = np.asarray(evaluation.eval["precision"], float)[0, :, :, 0, 0]
+    return {name: table[:, column] for column, name in enumerate(categories) if table[0, column] >= 0}
+
+
 def _coco_evaluate(
     predictions: Sequence[MaskInstance],
     ground_truth: Sequence[MaskInstance],

@@ -15,6 +15,7 @@ import tyro
 
 from labeling.core.errors import SbmError
 from labeling.runtime.extras import missing_extra
+from labeling.runtime.help import NOTHING, CommandHelp, asks_for_help, help_text
 from labeling.runtime.interrupts import STOPPING, exit_when_told
 
 Config = TypeVar("Config")
@@ -65,7 +66,11 @@ def called_as(name: str) -> Iterator[None]:
 
 
 def make_main(
-    name: str, config_type: type[Config], run: Callable[[Config], object], resumes: bool = True
+    name: str,
+    config_type: type[Config],
+    run: Callable[[Config], object],
+    resumes: bool = True,
+    about: CommandHelp = NOTHING,
 ) -> Callable[..., int]:
     """The ``main`` of ``python -m name``; takes a command line, by default ``sys.argv``, and returns the exit code.
 
@@ -74,8 +79,9 @@ def make_main(
         config_type: see ``run_command``, as for the others.
         run: does the work.
         resumes: whether the same command, given again, goes on with what is missing.
+        about: groups of options, and examples.
     """
-    return functools.partial(run_command, config_type, run, f"python -m {name}", resumes=resumes)
+    return functools.partial(run_command, config_type, run, f"python -m {name}", resumes=resumes, about=about)
 
 
 def run_command(
@@ -86,6 +92,7 @@ def run_command(
     description: str | None = None,
     start: Config | None = None,
     resumes: bool = True,
+    about: CommandHelp = NOTHING,
 ) -> int:
     """Parses the command line into a config and runs it.
 
@@ -98,6 +105,7 @@ def run_command(
         description: of a command with subcommands, for the help text.
         start: defaults that differ from those of ``config_type``; ``tyro.MISSING`` stands for what must be given.
         resumes: whether the same command, given again, goes on with what is missing; else it begins anew.
+        about: groups of options, and examples, for the help text.
 
     Returns:
         The exit code: 0; 2 if something about the input is wrong or an extra is not installed, after one line on
@@ -107,8 +115,12 @@ def run_command(
     """
     prog = _NAME.get() or prog
     given: dict[str, Any] = {} if start is None else {"default": start}
+    words = sys.argv[1:] if arguments is None else arguments
     again = "the same command " + ("goes on with what is missing" if resumes else "begins anew")
     try:
+        if asks_for_help(words):
+            print(help_text(config_type, prog, about, words, description, given), flush=True)
+            sys.exit(0)
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
         with exit_when_told():
             run(config)

@@ -1,4 +1,4 @@
-"""``python -m sbm_gym.assets``: list, install and credit the furniture of worlds; list and clear compiled scenes."""
+"""Lists, installs and credits furniture; lists and clears compiled scenes: ``python -m sbm_gym.assets``."""
 
 import sys
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from labeling.runtime.cli import run_command
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import NonNegative, check_ranges
 
 if TYPE_CHECKING:
@@ -55,9 +56,19 @@ Command = (
 )
 
 
+DOES = "Lists, installs and credits furniture; lists and clears compiled scenes."
+HELP = CommandHelp(
+    examples=(
+        ("list --category chair", "the chairs there are"),
+        ("install", "convert all models ahead of time"),
+        ("cache --max-gb 2", "keep the cache small"),
+    ),
+)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns the exit code."""
-    return run_command(Command, _run, "python -m sbm_gym.assets", arguments, description=__doc__)
+    return run_command(Command, _run, "python -m sbm_gym.assets", arguments, description=DOES, about=HELP)
 
 
 def _run(command: ListModels | Install | Credits | Cache) -> None:

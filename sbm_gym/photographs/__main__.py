@@ -1,4 +1,4 @@
-"""``python -m sbm_gym.photographs``: photographs of furniture and vehicles with masks, to pre-train detectors on."""
+"""Photographs of furniture and vehicles with masks, to pre-train detectors on: ``python -m sbm_gym.photographs``."""
 
 import sys
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from labeling.runtime.cli import make_main
+from labeling.runtime.help import CommandHelp
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,16 @@ def _run(config: PhotographsConfig) -> None:
         print(config.sheet)
 
 
-main = make_main("sbm_gym.photographs", PhotographsConfig, _run)
+HELP = CommandHelp(
+    examples=(
+        ("--out PHOTOGRAPHS/train --split train --count 6000 --workers 2", "pictures to train on"),
+        (
+            "--out PHOTOGRAPHS/val --split val --count 600 --sheet sheet.png",
+            "others to validate on",
+        ),
+    ),
+)
+main = make_main("sbm_gym.photographs", PhotographsConfig, _run, about=HELP)
 
 if __name__ == "__main__":
     sys.exit(main())

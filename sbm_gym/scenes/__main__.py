@@ -1,4 +1,4 @@
-"""``python -m sbm_gym.scenes``: compile scenes ahead of time, and see which are there."""
+"""Compiles scenes ahead of time, and lists those there are: ``python -m sbm_gym.scenes``."""
 
 import functools
 import sys
@@ -9,6 +9,7 @@ import tyro
 
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.cli import run_command
+from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Count, check_ranges
 
 if TYPE_CHECKING:
@@ -50,9 +51,18 @@ class ListScenes(Which):
 Command = Annotated[Build, tyro.conf.subcommand("build")] | Annotated[ListScenes, tyro.conf.subcommand("list")]
 
 
+DOES = "Compiles scenes ahead of time, and lists those there are."
+HELP = CommandHelp(
+    examples=(
+        ("build --split train --workers 4", "the scenes of the training split"),
+        ("list --split train", "which of them are there"),
+    ),
+)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns the exit code."""
-    return run_command(Command, _run, "python -m sbm_gym.scenes", arguments, description=__doc__)
+    return run_command(Command, _run, "python -m sbm_gym.scenes", arguments, description=DOES, about=HELP)
 
 
 def _run(command: Build | ListScenes) -> None:

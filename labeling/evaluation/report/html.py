@@ -1,17 +1,27 @@
 """The report of an evaluation: one HTML file that needs nothing but a browser."""
 
+import base64
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from labeling.evaluation.compare import FIGURES, Evaluation, categories_by_presence
+from labeling.evaluation.report.charts import histogram, line_chart, reliability_chart
+from labeling.evaluation.report.errors import KINDS, RIGHT_IOU
 from labeling.evaluation.report.pictures import template
+from labeling.evaluation.report.statistics import BACKGROUND, SURE, Statistics, statistics_of
 from labeling.evaluation.report.view_panels import draw_views
 from labeling.formats.atomic import atomic_file
 
 MAX_EPISODE_ROWS = 300
 MAX_PROVENANCE_LETTERS = 20_000
+MAX_PHANTOM_ROWS = 10
+DEFAULT_CONFIDENCE = 0.2
+"""Where the slider stands when the page is opened; without scripts all predictions are shown."""
+METHODS = {"detector": "Detector", "labels": "Pseudo-labels"}
+"""Style of a method on the page -> its name."""
 
 
 def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_worst: int = 12) -> None:
@@ -21,15 +31,30 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
         path: the HTML file.
         evaluation: what to report.
         max_views: views shown at most.
-        max_worst: of those, how many for the worst cases.
+        max_worst: of those, how many for the worst cases, for the most improved, and for phantoms, each.
     """
     metrics = evaluation.metrics
+    found = {name: one for name, one in statistics_of(evaluation).items() if one is not None}
+    script = template("report.js").render()
     page = template("report.html.jinja").render(
         name=Path(metrics["dataset"]).resolve().name,
         metrics=metrics,
         figures=FIGURES,
         categories=categories_by_presence(metrics)[0],
-        **draw_views(evaluation, max_views, max_worst),
+        all_categories=sorted({*metrics["detector"]["per_class"], *metrics["pseudo_labels"]["per_class"]}),
+        script=script,
+        script_digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        default_confidence=DEFAULT_CONFIDENCE,
+        methods=METHODS,
+        statistics=found,
+        charts=_charts(found),
+        kinds=KINDS,
+        background=BACKGROUND,
+        sure=SURE,
+        right_iou=RIGHT_IOU,
+        confusions=_confusions(found),
+        max_phantom_rows=MAX_PHANTOM_ROWS,
+        **draw_views(evaluation, max_views, max_worst, found["labels"].phantoms),
         episodes=_episode_rows(metrics["views"], [episode.name for episode in evaluation.episodes]),
         max_episode_rows=MAX_EPISODE_ROWS,
         provenance=_provenance(metrics),
@@ -43,6 +68,32 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
 def plural(count: int, noun: str) -> str:
     """A count and its noun, such as "1 view" and "2 views"."""
     return f"{count:,} {noun}" + ("" if count == 1 else "s")
+
+
+def _charts(found: Mapping[str, Statistics]) -> dict[str, Any]:
+    """By title the charts of the page."""
+    curves = [
+        (method, category, values) for method, one in found.items() for category, values in one.curves.items() if values
+    ]
+    return {
+        f"Precision and recall, IoU {RIGHT_IOU:g}": line_chart(curves, "recall", "precision"),
+        "How well instances are found": histogram(
+            {method: one.iou_counts for method, one in found.items()}, "IoU with ground truth", "instances"
+        ),
+        "What a confidence is worth": reliability_chart(
+            {method: one.reliability for method, one in found.items()}, "confidence", "mean IoU"
+        ),
+    }
+
+
+def _confusions(found: Mapping[str, Statistics]) -> dict[str, dict[str, Any]]:
+    """By method the confusion matrix as rows and columns: categories by name, background last."""
+    tables = {}
+    for method, one in found.items():
+        rows = sorted(one.confusion.keys() - {BACKGROUND})
+        columns = sorted({name for row in one.confusion.values() for name in row} - {BACKGROUND})
+        tables[method] = {"rows": [*rows, BACKGROUND], "columns": [*columns, BACKGROUND], "counts": one.confusion}
+    return tables
 
 
 def _episode_rows(view_figures: Sequence[dict[str, Any]], names: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -43,6 +43,11 @@ class Overlay:
     tooltip: str
     dashed: bool = False
     """For what does not count: predictions without a partner, ignored ground truth."""
+    category: str = ""
+    """The reader can ask for one alone, as for what follows."""
+    kind: str = "truth"
+    """Of predictions their kind (``labeling.evaluation.report.errors.KINDS``), of ground truth "truth" or "missed"."""
+    confidence: float = 1.0
 
 
 @functools.cache
@@ -124,6 +129,7 @@ class _Tag:
     width: float
     colour: str
     text: str
+    overlay: Overlay
     height: str = f"{TAG_HEIGHT_PX:g}"
     font_px: str = f"{TAG_FONT_PX:g}"
 
@@ -137,7 +143,7 @@ def _tags(overlays: Sequence[Overlay], scale: float, height_px: int, width_px: i
         x = min(max(1.0, float(np.argmax(overlay.mask.any(axis=0))) * scale), width_px - width - 1.0)
         above = float(np.argmax(overlay.mask.any(axis=1))) * scale - TAG_HEIGHT_PX - 1.0
         y = min(max(1.0, above), height_px - TAG_HEIGHT_PX - 1.0)
-        tags.append(_Tag(x, _free_height(x, y, width, tags, height_px), width, overlay.colour, text))
+        tags.append(_Tag(x, _free_height(x, y, width, tags, height_px), width, overlay.colour, text, overlay))
     return tags
 
 

@@ -10,6 +10,7 @@ from labeling.core.episode import Episode
 from labeling.core.rle import decode_mask
 from labeling.evaluation.compare import Case, Evaluation
 from labeling.evaluation.records import EpisodeRecords
+from labeling.evaluation.report.errors import RIGHT_IOU, kinds_of
 from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
@@ -35,6 +36,18 @@ def choose_worst(cases: Sequence[Case], most: int) -> tuple[Case, ...]:
     return tuple(first_of_view.values())[:most]
 
 
+def choose_improved(cases: Sequence[Case], most: int) -> tuple[Case, ...]:
+    """The cases in which pseudo-labels are furthest above the detector, at most one a view, the furthest first.
+
+    Args:
+        cases: any.
+        most: how many to return at most; fewer where fewer have improved.
+    """
+    better = [case for case in cases if case.pseudo_label_iou > case.detector_iou]
+    better.sort(key=lambda case: (case.detector_iou - case.pseudo_label_iou, -case.area_px, case.view))
+    return choose_worst(better, most)
+
+
 def choose_views(episodes: Sequence[EpisodeRecords], most: int) -> dict[str, tuple[View, ...]]:
     """Views to show of each episode, evenly spread over its views; over the episodes too, where there are too many."""
     shown = [episodes[i] for i in _spread(len(episodes), most)]
@@ -49,21 +62,30 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
 
 
-def draw_views(evaluation: Evaluation, max_views: int, max_worst: int) -> dict[str, Any]:
+def draw_views(
+    evaluation: Evaluation, max_views: int, max_worst: int, phantoms: Sequence[MaskInstance] = ()
+) -> dict[str, Any]:
     """Reads the pictures of the views to be shown and draws them.
 
     Args:
         evaluation: what to show.
         max_views: views drawn at most, in all.
-        max_worst: of those, how many for the worst cases.
+        max_worst: of those, how many for the worst cases, for the most improved, and for phantoms, each.
+        phantoms: pseudo-labels where nothing is, the most confident first.
 
     Returns:
         What the template shows: by view the ``panels`` of detector, pseudo-labels and ground truth, and the IoU of its
-        ``objects``; thumbnails; one case a view, the worst first; and by episode the views shown in its section.
+        ``objects``; thumbnails; one case a view, the worst first, and the most improved first; phantoms, one a view;
+        and by episode the views shown in its section.
     """
     worst = choose_worst(evaluation.cases, min(max_worst, max_views))
-    of_episode = choose_views(evaluation.episodes, max_views - len(worst))
-    wanted = {case.view for case in worst} | {view for views in of_episode.values() for view in views}
+    improved = choose_improved(evaluation.cases, min(max_worst, max_views - len(worst)))
+    first_of_view = {item.image: item for item in reversed(phantoms)}
+    most = min(max_worst, max_views - len(worst) - len(improved))
+    shown = sorted(first_of_view.values(), key=lambda item: -item.confidence)[:most]
+    of_episode = choose_views(evaluation.episodes, max_views - len(worst) - len(improved) - len(shown))
+    wanted = {case.view for case in [*worst, *improved]} | {item.image for item in shown}
+    wanted |= {view for views in of_episode.values() for view in views}
     compared: dict[View, dict[str, Any]] = {}
     thumbnails = []
     for number, records in enumerate(progress_bar(evaluation.episodes, "episode", desc="drawing")):
@@ -76,7 +98,14 @@ def draw_views(evaluation: Evaluation, max_views: int, max_worst: int) -> dict[s
             image_id = f"e{number}v{view[1]}"
             thumbnails.append(thumbnail(image_id, episode.rgb[view[1]]))
             compared[view] = _compare(episode, records, view, [item for item in labels if item.image == view], image_id)
-    return {"views": compared, "thumbnails": thumbnails, "worst": worst, "views_of_episode": of_episode}
+    return {
+        "views": compared,
+        "thumbnails": thumbnails,
+        "worst": worst,
+        "improved": improved,
+        "phantoms": shown,
+        "views_of_episode": of_episode,
+    }
 
 
 def _compare(
@@ -96,10 +125,17 @@ def _compare(
     detected, detector_ious = _predictions(detections, truths, colours)
     labelled, label_ious = _predictions(labels, truths, colours)
     true = [
-        Overlay(t.modal, UNMATCHED, f"{t.category} (ignored)", f"{t.category}, ignored in evaluation", dashed=True)
+        Overlay(t.modal, UNMATCHED, f"{t.category} (ignored)", f"{t.category}, ignored in evaluation", True, t.category)
         if t.ignore
-        else Overlay(t.modal, colour, t.category, f"{t.category}, object {t.instance_id}")
-        for t, colour in zip(truth, colours, strict=True)
+        else Overlay(
+            t.modal,
+            colour,
+            t.category,
+            f"{t.category}, object {t.instance_id}",
+            category=t.category,
+            kind="missed" if iou < RIGHT_IOU else "truth",
+        )
+        for t, colour, iou in zip(truth, colours, label_ious, strict=True)
     ]
     panels = [
         {
@@ -127,6 +163,7 @@ def _predictions(
 ) -> tuple[list[Overlay], list[float]]:
     """Overlays of predictions in the colours of the objects they stand for, and the IoU each object reached."""
     matches = match(items, truths)
+    kinds = kinds_of(items, truths, matches)
     partner = {m.prediction: m for m in matches if m.prediction is not None}
     # Those that stand for an object are drawn first of all; the rest by confidence, as far as there is room.
     ranked = sorted(range(len(items)), key=lambda i: (i not in partner, -items[i].confidence))[:MAX_DRAWN]
@@ -137,9 +174,10 @@ def _predictions(
         mask = decode_mask(item.rle)
         found = partner.get(index)
         if found is None:
-            overlays.append(Overlay(mask, UNMATCHED, tag, f"{tag}, stands for no object of this category", dashed=True))
+            shown = Overlay(mask, UNMATCHED, tag, f"{tag}, stands for no object of this category", dashed=True)
         elif truths[found.truth].ignore:
-            overlays.append(Overlay(mask, UNMATCHED, tag, f"{tag}, falls on an ignored object", dashed=True))
+            shown = Overlay(mask, UNMATCHED, tag, f"{tag}, falls on an ignored object", dashed=True)
         else:
-            overlays.append(Overlay(mask, colours[found.truth], tag, f"{tag}, IoU {found.iou:.2f} with ground truth"))
+            shown = Overlay(mask, colours[found.truth], tag, f"{tag}, IoU {found.iou:.2f} with ground truth")
+        overlays.append(replace(shown, category=item.category, kind=kinds[index], confidence=item.confidence))
     return overlays, [m.iou for m in matches]

@@ -13,8 +13,8 @@ class SourceConfig:
     """Where the masks come from that labels are made of; by default each episode's ``detections.json``."""
 
     detections: Path | None = None
-    """One COCO JSON with the detections of all episodes: ``images`` (by file_name), ``categories``,
-    ``annotations`` with a score; or, for a single episode, a bare list of COCO results."""
+    """One COCO JSON with the detections of all episodes: "images" (by file_name), "categories",
+    "annotations" with a score; or, for a single episode, a bare list of COCO results."""
     detector: str | None = None
     """Run this detector: ``compact``, ``maskrcnn_resnet50_fpn``, the folder of a labeling.finetune run, ``onnx:FILE``,
     or a Python callable ``package.module:function`` that takes a picture (h, w, 3; uint8; RGB) and returns a list of

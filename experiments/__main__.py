@@ -1,0 +1,10 @@
+"""Says which commands this package has: ``python -m experiments``."""
+
+import sys
+
+from labeling.runtime.package_commands import make_main
+
+main = make_main("experiments")
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""Label sets as Ultralytics' YOLO reads them: pictures, a text file of labels for each, and data.yaml."""
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from labeling.core.masks import box_xywh
+from labeling.exports.labelled_views import LabelledView
+from labeling.exports.pictures import write_png
+
+DIGITS = 6
+"""After the point, of coordinates as shares of the picture."""
+
+
+def write_yolo(out: Path, views: Iterable[LabelledView], categories: Sequence[str], segment: bool) -> int:
+    """Writes ``data.yaml``, ``images/train`` and ``labels/train``; returns the number of labels.
+
+    A line of a label file is a class (its index in data.yaml) and, as shares of width and height, centre and size of a
+    box or the corners of a polygon. YOLO has no confidence, no holes and nothing to ignore: pieces of a mask are joined
+    by a thin bridge, and holes are filled.
+
+    Args:
+        out: an empty folder.
+        views: to write.
+        categories: class names, in the order of their indices.
+        segment: polygons instead of boxes.
+    """
+    for kind in ("images", "labels"):
+        (out / kind / "train").mkdir(parents=True)
+    count = 0
+    for view in views:
+        lines = []
+        for label in view.labels:
+            values = polygon_of(label.mask).ravel() if segment else box_of(label.mask)
+            numbers = " ".join(f"{value:.{DIGITS}f}" for value in values)
+            lines.append(f"{categories.index(label.category)} {numbers}\n")
+        write_png(out / "images" / "train" / f"{view.name}.png", view.rgb)
+        (out / "labels" / "train" / f"{view.name}.txt").write_text("".join(lines), encoding="utf-8")
+        count += len(lines)
+    # JSON strings are YAML strings, whatever a category is called.
+    names = "".join(f"  {index}: {json.dumps(name)}\n" for index, name in enumerate(categories))
+    content = f"path: .\ntrain: images/train\nval: images/train\nnames:\n{names}"
+    (out / "data.yaml").write_text(content, encoding="utf-8")
+    return count
+
+
+def box_of(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "4"]:
+    """Centre x and y, width and height of the tightest box, as shares of the picture."""
+    left, top, width, height = box_xywh(mask)
+    rows, columns = mask.shape
+    return np.array([(left + width / 2) / columns, (top + height / 2) / rows, width / columns, height / rows])
+
+
+def polygon_of(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "n 2"]:
+    """One outline of all pieces of a mask, x and y as shares of the picture, at least three points.
+
+    Pieces are joined where they are nearest to each other, by a bridge there and back.
+    """
+    # Twice as large, so that the outline runs along the edges of pixels and not through their centres.
+    large = np.kron(mask.astype(np.uint8), np.ones((2, 2), np.uint8))
+    contours, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    pieces = [contour.reshape(-1, 2) for contour in sorted(contours, key=len, reverse=True)]
+    joined = pieces[0]
+    for piece in pieces[1:]:
+        apart = np.linalg.norm(joined[:, None].astype(float) - piece[None], axis=-1)
+        here, there = np.unravel_index(int(apart.argmin()), apart.shape)
+        around = np.roll(piece, -int(there), axis=0)
+        joined = np.concatenate([joined[: here + 1], around, around[:1], joined[here:]])
+    # What is left out lies on a straight line between its neighbours.
+    step = np.roll(joined, -1, axis=0) - joined
+    turns = np.any(step != np.roll(step, 1, axis=0), axis=1)
+    corners = joined[turns]
+    corners = corners if len(corners) >= 3 else joined
+    return (corners / 2 + 0.25) / np.array(mask.shape[::-1])
