@@ -1,6 +1,6 @@
 """The pictures of the page about policies."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,26 +26,28 @@ ABLATION_PANELS = ("return", "discovery", "diversity")
 ABLATION_COLOURS = {"both": "#c2410c", "discovery": "#e39a6f", "diversity": GREEN, "neither": GREY}
 
 
-def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Draws validation return and that of rollouts against steps, a panel for each record; references are dashed.
+def draw_learning(groups: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
+    """Draws validation return and that of rollouts against steps, a panel for each training; references are dashed.
 
     Args:
-        contents: of ``policy_training_*.json``, by record.
+        groups: of each training its runs from several seeds, contents of ``policy_training_*.json``.
         path: PNG to write.
     """
-    rows, columns = -(-len(contents) // LEARNING_COLUMNS), min(len(contents), LEARNING_COLUMNS)
-    figure, panels = plt.subplots(rows, columns, figsize=(5.2 * columns, 3.4 * rows), dpi=100, squeeze=False)
-    for axes in panels.flat[len(contents) :]:
+    rows, columns = -(-len(groups) // LEARNING_COLUMNS), min(len(groups), LEARNING_COLUMNS)
+    figure, panels = plt.subplots(rows, columns, figsize=(5.2 * columns, 3.0 * rows), dpi=100, squeeze=False)
+    for axes in panels.flat[len(groups) :]:
         axes.set_visible(False)
-    for axes, (env, content) in zip(panels.flat, contents.items(), strict=False):
-        rollouts, validations = content["rollouts"], content["validations"]
-        axes.plot(*_curve(rollouts), color="#e8b394", lw=1, label="rollouts (training scenes, draws actions)")
-        axes.plot(*_curve(validations), "o-", color=COLOURS["ppo"], lw=1.6, ms=4, label="validation")
-        if content.get("shipped", True):
-            axes.axvline(content["checkpoint"]["steps"], color=INK, ls=":", lw=1.1, label="shipped")
-        for name, figures in content["references"].items():
-            axes.axhline(figures["return"], color=COLOURS.get(name, INK), ls="--", lw=1.3, label=f"{name} (validation)")
-        axes.set_title(env, fontsize=10)
+    for axes, (name, runs) in zip(panels.flat, groups.items(), strict=False):
+        for content in runs:
+            rollouts, validations = content["rollouts"], content["validations"]
+            axes.plot(*_curve(rollouts), color="#e8b394", lw=0.7, label="rollouts (training scenes, draws actions)")
+            axes.plot(*_curve(validations), "o-", color=COLOURS["ppo"], lw=1.6, ms=4, zorder=3, label="validation")
+            if content.get("shipped", True):
+                axes.axvline(content["checkpoint"]["steps"], color=INK, ls=":", lw=1.1, label="shipped")
+        for reference, figures in runs[0]["references"].items():
+            colour, label = COLOURS.get(reference, INK), f"{reference} (validation)"
+            axes.axhline(figures["return"], color=colour, ls="--", lw=1.3, label=label)
+        axes.set_title(f"{name}, {len(runs)} seeds" if len(runs) > 1 else name, fontsize=10)
         axes.set_xlabel("steps", fontsize=9)
         axes.set_xlim(left=0)
         _small(axes)
@@ -54,7 +56,7 @@ def draw_learning(contents: Mapping[str, Mapping[str, Any]], path: Path) -> None
     found = [axes.get_legend_handles_labels() for axes in panels.flat]
     handles = {label: handle for some, labels in found for handle, label in zip(some, labels, strict=True)}
     figure.legend(handles.values(), handles.keys(), frameon=False, fontsize=8, ncols=4, loc="upper center")
-    figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.3 / (3.4 * rows) - 0.05 / rows))
+    figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.3 / (3.0 * rows) - 0.05 / rows))
     save(figure, path)
 
 

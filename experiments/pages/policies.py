@@ -1,5 +1,6 @@
 """The page about policies: what they earn, what their labels teach, and how they were trained."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,8 @@ TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
 SPLITS = {"train": "training", "val": "validation", "test": "test", "endless": "unseen endless"}
 PERCENT = 100
+SEED = re.compile(r"[-_]seed[-_]\d+$")
+"""How names of records end that differ in the seed of training."""
 EARNED = {
     **{name: (name, 1) for name in ("return", "discovery", "diversity", "objects")},
     "sectors": ("sectors seen", 1),
@@ -40,7 +43,7 @@ def compose(results: Path) -> tuple[str, Pictures]:
     found = read_results(results)
     pictures: Pictures = {}
     if found["training"]:
-        pictures[PICTURES["learning"]] = partial(draw_learning, found["training"])
+        pictures[PICTURES["learning"]] = partial(draw_learning, seeds_of(found["training"]))
     if found["evaluation"]:
         pictures[PICTURES["labels"]] = partial(draw_labels_by_views, found["evaluation"]["worlds"])
     if found["ablation"]:
@@ -224,4 +227,40 @@ def _training(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     headings = ["", "steps", "validation return before", "best, at step", "shipped, at step"]
     headings += [*(f"`{name}`" for name in references), "episodes", "detector"]
     commands = {env: (content["command"], content.get("remark", "")) for env, content in contents.items()}
-    return {"table": table(headings, rows), "commands": commands}
+    return {"table": table(headings, rows), "commands": commands, "seeds": _seeds(seeds_of(contents))}
+
+
+def seeds_of(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
+    """Runs that differ in nothing but the seed, under one name; those that were shipped come first.
+
+    Args:
+        contents: of ``policy_training_*.json``, by record.
+    """
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for name, content in sorted(contents.items(), key=lambda item: not item[1].get("shipped", True)):
+        groups.setdefault(SEED.sub("", name), []).append(content)
+    return groups
+
+
+def _seeds(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> str | None:
+    """How far validation return rises above ``random`` in several trainings, and how much they differ."""
+    rows = []
+    for name, runs in groups.items():
+        if len(runs) < 2 or "random" not in runs[0]["references"]:
+            continue
+        before = [run["validations"][0]["return"] for run in runs]
+        best, last = ([run["best"]["return"] for run in runs], [run["validations"][-1]["return"] for run in runs])
+        random = runs[0]["references"]["random"]["return"]
+        rise = (np.mean(last) - random) / np.std(last, ddof=1)
+        cells = [" ".join(f"{value:.2f}" for value in values) for values in (before, best, last)]
+        rows.append([name, f"{random:.2f}", *cells, f"{np.mean(last) - random:.2f}", f"{rise:.0f}"])
+    headings = [
+        "",
+        "`random`",
+        "untrained",
+        "best",
+        "at the end",
+        "rise above `random`",
+        "in standard deviations of seeds",
+    ]
+    return table(headings, rows) if rows else None
