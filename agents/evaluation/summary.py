@@ -10,6 +10,7 @@ import numpy as np
 from agents.evaluation.evaluate_config import EvaluateConfig
 from agents.evaluation.label_quality import AP_THRESHOLDS, EARLY_VIEWS, episode_figures, pooled_ap
 from agents.evaluation.statistics import MIN_SCENES, MIN_STARTS, interval_record, over_seeds, paired_record, rounded
+from agents.policies.registry import SEED
 from labeling.metrics.average_precision import mean_of
 from labeling.runtime.provenance import SIMULATION_PACKAGES, package_versions
 
@@ -33,9 +34,11 @@ def summary(config: EvaluateConfig, records: dict[str, list[Plays]]) -> dict[str
         records: by policy the results of its starts, seed by seed.
 
     Returns:
-        Content of ``evaluation.json``.
+        Content of ``evaluation.json``. Trainings that differ in their seed are there one by one, and as one policy
+        whose every start all of them have played.
     """
     base = config.policies[0]
+    records = {**records, **over_trainings(records)}
     per_episode = {policy: [_flat(plays) for plays in found] for policy, found in records.items()}
     scenes = [plays[0]["scene"] for plays in records[base]]
     names = list(dict.fromkeys(name for found in per_episode.values() for figures in found for name in figures))
@@ -75,6 +78,18 @@ def summary(config: EvaluateConfig, records: dict[str, list[Plays]]) -> dict[str
         "protocol": PROTOCOL,
         "versions": package_versions(SIMULATION_PACKAGES),
     }
+
+
+def over_trainings(records: dict[str, list[Plays]]) -> dict[str, list[Plays]]:
+    """Policies NAME, NAME_seed_1, NAME_seed_2, ... as one, "NAME of N trainings": each start with the plays of all."""
+    found = {}
+    for name in records:
+        seeds = [other for other in records if (match := SEED.fullmatch(other)) and match.group(1) == name]
+        if seeds:
+            trainings = [records[one] for one in (name, *seeds)]
+            together = [[play for plays in starts for play in plays] for starts in zip(*trainings, strict=True)]
+            found[f"{name} of {len(trainings)} trainings"] = together
+    return found
 
 
 def _pairs(

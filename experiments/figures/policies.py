@@ -77,7 +77,7 @@ def draw_labels_by_views(worlds: Mapping[str, Mapping[str, Any]], path: Path) ->
     )
     for row, (world, content) in zip(panels, worlds.items(), strict=True):
         for axes, (name, (title, factor)) in zip(row, LABEL_PANELS.items(), strict=True):
-            for policy, found in content["policies"].items():
+            for policy, found in _trainings_together(content["policies"]).items():
                 if found["labels"] is not None:
                     _band(axes, found["labels"], name, factor, policy)
             axes.set_title(f"{world}: {title}", fontsize=9.5)
@@ -94,12 +94,18 @@ def draw_labels_by_views(worlds: Mapping[str, Mapping[str, Any]], path: Path) ->
     save(figure, path)
 
 
+def _trainings_together(policies: Mapping[str, Any]) -> dict[str, Any]:
+    """Without the single trainings of policies that have several."""
+    several = {name.partition(" of ")[0] for name in policies if " of " in name}
+    return {name: one for name, one in policies.items() if name.partition("_seed_")[0] not in several}
+
+
 def _band(axes: Axes, labels: Mapping[str, Any], name: str, factor: float, policy: str) -> None:
     counts = sorted(labels, key=int)
     views = [int(count) for count in counts]
     cells = [labels[count][name] for count in counts]
     means = np.array([np.nan if cell["mean"] is None else factor * cell["mean"] for cell in cells])
-    colour = COLOURS.get(policy, INK)
+    colour = COLOURS.get(policy.partition(" of ")[0], INK)
     axes.plot(views, means, "o-", color=colour, lw=1.6, ms=4, label=policy)
     if all(cell["std"] is not None for cell in cells):
         spread = factor * np.array([cell["std"] for cell in cells])

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
 
 SPLIT, SCENES = "endless", 40
 """Scenes that no policy was trained in or chosen by, as many homes and as many towns."""
-POLICIES = ("ring", "next_best_view", "ppo", "ppo_evidence")
-"""Differences are to the first. ``ppo`` is the one that comes with the project, where there is one."""
-LABELLED = ("ring", "next_best_view", "ppo", "ppo_evidence")
+TRAINED = ("ppo", "ppo_evidence")
+"""Those that come with the project, where there are any."""
+POLICIES = ("ring", "next_best_view", *(f"{name}{seed}" for name in TRAINED for seed in ("", "_seed_1", "_seed_2")))
+"""Differences are to the first. Each training has three seeds."""
+LABELLED = POLICIES
 """Whose views labels are made of, which takes several times as long as the views do."""
 LABEL_VIEWS = (12, 25)
 """Of so many of the first views."""

@@ -18,7 +18,7 @@ from agents.evaluation.label_quality import episode_figures, pooled_ap
 from agents.evaluation.results import policy_key
 from agents.evaluation.run import Evaluator, evaluate_policies
 from agents.evaluation.statistics import difference_record, over_seeds, paired_record
-from agents.evaluation.summary import summary
+from agents.evaluation.summary import over_trainings, summary
 from agents.evaluation.table import COLUMNS, _differences_table, print_tables, resolution
 from agents.rollouts.run_episode import episode_spec
 from labeling.core.errors import UsageError
@@ -444,3 +444,19 @@ def test_help_names_the_options():
         "--pictures",
     )
     assert all(option in result.stdout for option in options)
+
+
+def test_trainings_that_differ_in_their_seed_count_as_one_policy_too() -> None:
+    records = {
+        "ring": [[{"seed": "ring", "start": 0}], [{"seed": "ring", "start": 1}]],
+        "ppo": [[{"seed": 0, "start": 0}], [{"seed": 0, "start": 1}]],
+        "ppo_evidence": [[{"seed": 0, "start": 0}], [{"seed": 0, "start": 1}]],
+        "ppo_seed_1": [[{"seed": 1, "start": 0}], [{"seed": 1, "start": 1}]],
+        "other_seed_1": [[{"seed": 1, "start": 0}], [{"seed": 1, "start": 1}]],
+    }
+    together = over_trainings(records)
+    assert list(together) == ["ppo of 2 trainings"]
+    assert together["ppo of 2 trainings"] == [
+        [{"seed": 0, "start": 0}, {"seed": 1, "start": 0}],
+        [{"seed": 0, "start": 1}, {"seed": 1, "start": 1}],
+    ]
