@@ -30,8 +30,8 @@ SURE = 0.5
 @dataclass(frozen=True)
 class CalibrateConfig:
     """Fits what the detections of a detector are worth to recorded episodes with ground truth: what all looks at an
-    object say of it (labeling.generator.objects.object_posterior), and how good labels are
-    (labeling.generator.quality.label_quality).
+    object say of it (labeling.generator.objects.object_posterior), what its size does
+    (labeling.generator.objects.object_sizes), and how good labels are (labeling.generator.quality.label_quality).
 
     It goes to labeling/generator/calibration/, from where the label generator reads it. Use training scenes only.
     """
@@ -49,7 +49,7 @@ class CalibrateConfig:
     """The reliability diagram, of what is to be checked or of the training scenes, each judged by a fit to others;
     by default docs/pictures/label_trust_DETECTOR.png."""
     keep_objects: bool = False
-    """Fit the quality of labels alone, and keep what the detector's file says of objects."""
+    """Fit sizes and the quality of labels alone, and keep what the detector's file says of objects."""
     seed: int = 0
     """Of label generation."""
 
@@ -65,16 +65,17 @@ def run(config: CalibrateConfig) -> None:
     from experiments.calibration.episodes import detector_of
     from experiments.calibration.label_samples import joined_samples, label_samples
     from experiments.calibration.object_samples import object_samples
+    from experiments.calibration.size_samples import size_samples
     from labeling.formats.atomic import atomic_file, write_json
     from labeling.formats.checked_json import read_json
     from labeling.generator.calibration.detector_calibration import (
         FOLDER,
-        DetectorCalibration,
         calibration_of,
         file_name,
         is_calibrated,
     )
     from labeling.generator.objects.object_posterior import fit_object_model
+    from labeling.generator.objects.object_sizes import fit_size_model
     from labeling.generator.quality.label_quality import fit_model
 
     if not config.train:
@@ -91,8 +92,10 @@ def run(config: CalibrateConfig) -> None:
         looks = object_samples(config.train)
         if not looks:
             raise UsageError("there is no detection on known depth in these episodes")
-        calibration = DetectorCalibration(fit_object_model(looks), calibration_of().labels)
+        calibration = replace(calibration_of(), objects=fit_object_model(looks))
         objects = {"objects": len(looks)}
+    sized = size_samples(config.train, config.seed, calibration)
+    calibration = replace(calibration, sizes=fit_size_model(sized))
     kinds = {"alone": False, "together": True}
     parts = {name: label_samples(config.train, config.seed, calibration, kind) for name, kind in kinds.items()}
     fitted = joined_samples(list(parts.values()))
@@ -104,6 +107,7 @@ def run(config: CalibrateConfig) -> None:
         "command": "python -m experiments.calibrate_labels",
         "episodes": fitted.origins,
         **objects,
+        "sizes": len(sized),
         "labels": int(np.count_nonzero(counted)),
         "mean_iou": round(float(fitted.iou[counted].mean()), 4),
     }

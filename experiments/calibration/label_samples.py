@@ -1,7 +1,7 @@
 """Labels of recorded episodes with the IoU each turned out to have, to fit and check label quality."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,9 +12,10 @@ from tqdm import tqdm
 from experiments.ablations.label_scores import known_truths
 from experiments.calibration.episodes import read_training_episode
 from labeling.core.episode import Episode
+from labeling.core.episode_labels import EpisodeLabels
 from labeling.core.errors import UsageError
 from labeling.core.masks import mask_iou
-from labeling.core.types import PseudoLabel
+from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.calibration.detector_calibration import DetectorCalibration
 from labeling.generator.propagate import propagate
 from labeling.generator.quality.label_quality import FEATURES, features_of
@@ -23,6 +24,9 @@ from labeling.generator.sharing.joined_episodes import join_episodes
 from labeling.generator.sharing.label_together import FINER, groups_to_label
 from labeling.io.episodes import find_episodes
 from labeling.metrics.matching import MaskInstance, instances_of
+
+UNCALIBRATED = LabelConfig(calibrate=False, min_confidence=0, ignore_unconfirmed=1, complete_boxes=False)
+"""Labels as they are before their confidence is calibrated, all of them."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,51 @@ class Samples:
         ]
 
 
+@dataclass(frozen=True)
+class LabelledGroup:
+    """Episodes that were labelled together, or one alone, and what was found."""
+
+    episodes: list[Episode]
+    detections: list[Detection]
+    """Of all episodes, with view indices of the joined recording."""
+    found: EpisodeLabels
+
+    def own_labels(self) -> Iterator[tuple[int, PseudoLabel]]:
+        """Labels with a visible pixel: the index of the episode, and the label with the index of its own view."""
+        starts = np.cumsum([0, *(one.num_views for one in self.episodes)])
+        for label in self.found.labels:
+            if label.modal.any():
+                k = int(np.searchsorted(starts, label.view_index, side="right")) - 1
+                yield k, replace(label, view_index=label.view_index - int(starts[k]))
+
+
+def labelled_groups(
+    datasets: Sequence[Path],
+    calibration: DetectorCalibration,
+    config: LabelConfig,
+    together: bool = False,
+) -> Iterator[LabelledGroup]:
+    """Labels all episodes of some datasets.
+
+    Args:
+        datasets: folders of episodes.
+        calibration: of their detector.
+        config: of label generation.
+        together: label the episodes of each scene as one recording, as ``--share-scenes`` does, and not each alone.
+
+    Raises:
+        SbmError: if a dataset cannot be read or has no ground truth.
+    """
+    groups = [group for dataset in datasets for group in groups_to_label(find_episodes(dataset))]
+    if not together:
+        groups = [[folder] for group in groups for folder in group]
+    for group in tqdm(groups, desc="labels", unit="scene" if together else "episode", file=sys.stderr):
+        episodes = [read_training_episode(folder) for folder in group]
+        views, detections = join_episodes(episodes, [one.detections or () for one in episodes])
+        finer = replace(config, max_voxels=min(len(group), FINER) * config.max_voxels)
+        yield LabelledGroup(episodes, list(detections), propagate(views, detections, finer, calibration))
+
+
 def label_samples(
     datasets: Sequence[Path], seed: int, calibration: DetectorCalibration, together: bool = False
 ) -> Samples:
@@ -59,38 +108,33 @@ def label_samples(
     Args:
         datasets: folders of episodes.
         seed: of label generation.
-        calibration: of their detector; only what it says of objects counts.
+        calibration: of their detector; only what it says of objects and sizes counts.
         together: label the episodes of each scene as one recording, as ``--share-scenes`` does, and not each alone.
 
     Raises:
         SbmError: if a dataset cannot be read or has no ground truth, or if there is no label at all.
     """
-    config = LabelConfig(calibrate=False, min_confidence=0, ignore_unconfirmed=1, complete_boxes=False, seed=seed)
-    groups = [group for dataset in datasets for group in groups_to_label(find_episodes(dataset))]
-    if not together:
-        groups = [[folder] for group in groups for folder in group]
+    config = replace(UNCALIBRATED, seed=seed)
     features, rest, scenes, masks, truths, origins = [np.zeros((0, len(FEATURES)))], [], [], [], [], []
-    for group in tqdm(groups, desc="labels", unit="scene" if together else "episode", file=sys.stderr):
-        episodes = [read_training_episode(folder) for folder in group]
-        views, detections = join_episodes(episodes, [one.detections or () for one in episodes])
-        finer = replace(config, max_voxels=min(len(group), FINER) * config.max_voxels)
-        found = propagate(views, detections, finer, calibration)
-        shown = np.array([one.modal.any() for one in found.labels], bool)
-        features.append(features_of(found, detections)[shown])
-        starts = np.cumsum([0, *(one.num_views for one in episodes)])
-        for label in (one for one, visible in zip(found.labels, shown, strict=True) if visible):
-            k = int(np.searchsorted(starts, label.view_index, side="right")) - 1
-            own = replace(label, view_index=label.view_index - int(starts[k]))
-            rest.append((own.confidence, *_compared(own, episodes[k])))
+    for group in labelled_groups(datasets, calibration, config, together):
+        shown = np.array([one.modal.any() for one in group.found.labels], bool)
+        features.append(features_of(group.found, group.detections)[shown])
+        for k, own in group.own_labels():
+            rest.append((own.confidence, *_compared(own, group.episodes[k])))
             masks += instances_of(len(origins) + k, [own])
-            scenes.append(str(episodes[k].metadata.get("scene", group[0])))
-        for episode in episodes:
+            scenes.append(_scene(group))
+        for episode in group.episodes:
             truths += known_truths(episode, len(origins))
             origins.append(_origin(episode))
     if not rest:
         raise UsageError("the label generator finds nothing in these episodes")
     confidence, iou, ignored = (np.array(column) for column in zip(*rest, strict=True))
     return Samples(np.concatenate(features), confidence, iou, ignored, scenes, tuple(masks), tuple(truths), origins)
+
+
+def _scene(group: LabelledGroup) -> str:
+    first = group.episodes[0]
+    return str(first.metadata.get("scene", first.name))
 
 
 def joined_samples(parts: Sequence[Samples]) -> Samples:

@@ -10,13 +10,13 @@ import tyro
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 
-Page = Literal["results", "policies", "benchmarks", "robustness", "readme"]
+Page = Literal["results", "policies", "benchmarks", "robustness", "detector_labels", "readme"]
 PAGES: tuple[Page, ...] = get_args(Page)
 
 
 @dataclass(frozen=True)
 class PagesConfig:
-    """Writes results.md, policies-results.md, benchmarks.md and robustness.md in docs, and the table of README."""
+    """Writes results.md, policies-results.md, benchmarks.md, robustness.md, detector-labels.md, and README's table."""
 
     names: tyro.conf.Positional[tuple[Page, ...]] = PAGES
     """Which pages to write."""

@@ -1,5 +1,6 @@
 """What the label generator finds in one episode: objects, masks, and the segmented cloud."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,9 @@ class LabelledObject:
     """None if no point was left for it."""
     sources: tuple[Source, ...]
     """The most confident first."""
+    posterior: Mapping[str, float] | None = None
+    """Probability of each category; the rest to 1 is that of background. None where a person said what it is, or nobody
+    asked."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,7 @@ from labeling.generator.near_origin import moved_labels, moved_views, offset_of
 from labeling.generator.objects.association import Candidate, group_segments, is_consistent
 from labeling.generator.objects.find_objects import find_objects, with_posteriors
 from labeling.generator.objects.nested_masks import without_nested
+from labeling.generator.objects.object_sizes import with_sizes
 from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, trimap_seeds
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
@@ -145,6 +146,9 @@ def _label(
     if ground is not None and config.thin_parts:
         parts = find_thin_parts(cloud, views, owner, len(candidates), ground, scale.object_m, beside)
         inside |= parts.owner >= 0
+    if config.class_sizes:
+        whole = owner if parts is None else np.where(parts.owner >= 0, parts.owner, owner)
+        candidates = with_sizes(cloud, candidates, whole, calibration.sizes)
     report_progress(f"drawing masks into {views.num_views} views")
     with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:
         objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
@@ -269,6 +273,7 @@ def _describe_objects(
                 confidence=_object_confidence(candidate, category),
                 box_3d=fit_box(cloud.points[members], margin_m=BOX_MARGIN_VOXELS * cloud.voxel_m),
                 sources=tuple(Source(one.view_index, float(one.confidence), one.category) for one in sources),
+                posterior=candidate.posterior,
             )
         )
         kept.append(k)

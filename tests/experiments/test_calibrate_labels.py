@@ -54,7 +54,7 @@ def test_the_model_of_objects_can_be_kept(dataset: Path, tmp_path: Path) -> None
     assert main([str(dataset), "--keep-objects", *places, *checked]) == 0
     made, shipped = (json.loads((folder / "compact.json").read_text()) for folder in (tmp_path, FOLDER))
     assert made["objects"] == shipped["objects"]
-    assert len(made["labels"]["weight"]) == len(FEATURES)
+    assert len(made["labels"]["gain"]) == len(FEATURES)
     assert made["fitted_to"]["objects"] == shipped["fitted_to"]["objects"]
     assert len(made["fitted_to"]["episodes"]) == 3
     figures = json.loads((tmp_path / "figures.json").read_text())

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOR_DEVELOPERS = {
     *("experiments.before_after", "experiments.box_pictures", "experiments.calibrate_labels", "experiments.pictures"),
     *("experiments.detector_failures", "experiments.policy_pictures", "experiments.pretrain_compact"),
+    "experiments.detector_labels",
     *("experiments.ship_policy", "experiments.sbm"),
 }
 """They make what is committed; ``python -m`` runs them."""

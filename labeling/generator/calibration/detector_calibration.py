@@ -12,7 +12,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from labeling.core.errors import UsageError
 from labeling.generator.objects.object_posterior import ObjectModel
+from labeling.generator.objects.object_sizes import SizeModel
 from labeling.generator.quality.label_quality import LabelQualityModel
 
 FOLDER = Path(__file__).parent
@@ -26,6 +28,7 @@ class DetectorCalibration:
 
     objects: ObjectModel
     labels: LabelQualityModel
+    sizes: SizeModel
 
     def as_json(self) -> dict[str, Any]:
         """The content of the file."""
@@ -44,13 +47,29 @@ def is_calibrated(detector: str | None) -> bool:
 
 @cache
 def calibration_of(detector: str | None = None) -> DetectorCalibration:
-    """The calibration of a detector by its name; that of ``DEFAULT``, without biases, for others."""
+    """The calibration of a detector by its name; that of ``DEFAULT``, without biases, for others.
+
+    Raises:
+        UsageError: if its file was written by a version with other models.
+    """
     known = is_calibrated(detector)
-    content = msgspec.json.decode((FOLDER / file_name(detector if detector and known else DEFAULT)).read_bytes())
-    objects, labels = _with_arrays(content["objects"]), _with_arrays(content["labels"])
-    found = DetectorCalibration(ObjectModel(**objects), LabelQualityModel(**labels))
+    file = FOLDER / file_name(detector if detector and known else DEFAULT)
+    try:
+        content = msgspec.json.decode(file.read_bytes())
+        parts = {name: _with_arrays(content[name]) for name in ("objects", "labels", "sizes")}
+        found = DetectorCalibration(
+            ObjectModel(**parts["objects"]), LabelQualityModel(**parts["labels"]), SizeModel(**parts["sizes"])
+        )
+    except (msgspec.DecodeError, KeyError, TypeError):
+        raise UsageError(
+            f"{file}: holds no calibration of this version; make it anew: python -m experiments.calibrate_labels"
+        ) from None
     return found if known else replace(found, objects=replace(found.objects, category_bias={}))
 
 
 def _with_arrays(content: dict[str, Any]) -> dict[str, Any]:
-    return {name: np.array(value) if isinstance(value, list) else value for name, value in content.items()}
+    """The content with arrays in place of lists, at any depth."""
+    return {
+        name: _with_arrays(value) if isinstance(value, dict) else np.array(value) if isinstance(value, list) else value
+        for name, value in content.items()
+    }

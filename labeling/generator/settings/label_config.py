@@ -152,6 +152,8 @@ class LabelConfig(Settings):
     detectors leave out what lies far behind."""
     thin_parts: bool = True
     """Give objects their legs, stems and feet: thin pieces between them and the ground, which detectors leave out."""
+    class_sizes: bool = True
+    """Let an object's size in metres have a say in what it is (labeling.generator.objects.object_sizes)."""
     seed: NonNegative[int] = 0
     """Seed of the sampling of training points."""
     published: PublishedDefects = field(default_factory=PublishedDefects)

@@ -11,7 +11,15 @@ GROUPS: dict[str, tuple[str, ...]] = {
         *("refine-poses", "free-space", "max-range-m", "voxel-share", "voxel-m", "max-voxels"),
     ),
     "algorithm: which objects there are": (
-        *("min-posterior", "weak-evidence", "min-mask-px", "max-sources", "merge-overlap", "nested-masks"),
+        *(
+            "min-posterior",
+            "class-sizes",
+            "weak-evidence",
+            "min-mask-px",
+            "max-sources",
+            "merge-overlap",
+            "nested-masks",
+        ),
     ),
     "algorithm: seeds of an object": (
         *("erode", "dilate", "erode-doubt", "dilate-doubt", "seed-outliers", "outlier-spread", "crop", "crop-cut"),

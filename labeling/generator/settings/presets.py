@@ -33,6 +33,7 @@ PAPER = LabelConfig(
     clear_ground=False,
     level_surfaces=False,
     thin_parts=False,
+    class_sizes=False,
     votes=False,
     nested_masks=False,
     clamp_seeds=True,

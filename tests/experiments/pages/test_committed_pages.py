@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.pages import benchmarks, fine_tuning, label_generator, policies, results, robustness, sensor_noise
+from experiments.pages import (
+    benchmarks,
+    detector_labels,
+    fine_tuning,
+    label_generator,
+    policies,
+    results,
+    robustness,
+    sensor_noise,
+)
 from experiments.pages.markdown import write_page
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -15,7 +24,8 @@ DOCS = ROOT / "docs"
 
 
 @pytest.mark.parametrize(
-    "module", [results, policies, fine_tuning, label_generator, benchmarks, sensor_noise, robustness]
+    "module",
+    [results, policies, fine_tuning, label_generator, benchmarks, sensor_noise, robustness, detector_labels],
 )
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
     page, *pictures = write_page(module.__name__.rpartition(".")[2], ROOT / "experiments" / "results", tmp_path)

@@ -1,7 +1,6 @@
 """The page of results says what the figures say, each in its place, and is the one that is committed."""
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from experiments.figures.result_values import (
     gap_shares,
     of_category,
     thesis_gap_share,
-    values,
 )
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
@@ -221,14 +219,3 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
     assert "Scale `full`" in text
     assert "Fine-tuned on at most 90 batches of 8 at a learning rate of 0.0003." in text
     assert cells(text, "SbM fine-tuned")[0][:2] == ["unseen test scenes", "30.1 ± 0.1"]
-
-
-def test_the_gains_in_the_readme_are_those_of_the_presets() -> None:
-    told = re.search(
-        r"gains ([\d.]+) points of AP in unseen homes, by those\s+of `paper` ([\d.]+) ",
-        (ROOT / "README.md").read_text(),
-    )
-    assert told is not None
-    rows = {row["name"]: np.mean(values(row, "ap50")) for row in read_results(RESULTS)["label_modes"]["rows"]}
-    gains = [rows[f"fine-tuned on {preset}"] - rows["pre-trained"] for preset in ("default", "paper")]
-    assert list(told.groups()) == [f"{gain:.1f}" for gain in gains]

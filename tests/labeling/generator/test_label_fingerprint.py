@@ -29,6 +29,8 @@ NOT_LABELLING = (
     "labeling/generate.py",
     "labeling/runtime/cli.py",
     "labeling/runtime/extras.py",
+    "labeling/runtime/help.py",
+    "labeling/generator/settings/option_groups.py",
     "labeling/generator/settings/presets.py",
     "labeling/generator/label_writer.py",
     "labeling/io/label_set.py",

@@ -8,11 +8,8 @@ from hypothesis import strategies as st
 
 from labeling.core.types import Detection, PseudoLabel
 from labeling.generator.calibration.detector_calibration import FOLDER, calibration_of
-from labeling.generator.quality.label_quality import (
-    FEATURES,
-    fit_model,
-    label_features,
-)
+from labeling.generator.quality.label_quality import FEATURES, LabelQualityModel, fit_model, label_features
+from labeling.metrics.calibration_error import calibration_curve
 
 NAMES = list(FEATURES)
 
@@ -72,11 +69,26 @@ def test_the_order_of_the_detections_does_not_matter(seed: int) -> None:
 
 def test_a_fit_recovers_the_model_that_made_the_data() -> None:
     rng = np.random.default_rng(0)
-    features = rng.normal(2, 3, (4000, len(NAMES)))
-    true = np.array([*FEATURES.values()]) * np.linspace(0.1, 0.8, len(NAMES))
-    chance = 1 / (1 + np.exp(-((features - 2) @ true / 3 + 0.4)))
+    features = rng.uniform(-3, 5, (6000, len(NAMES)))
+    knots = np.tile([-3.0, -1 / 3, 7 / 3, 5.0], (len(NAMES), 1))  # quantiles of what is drawn
+    true = LabelQualityModel(knots, rng.uniform(0, 0.6, (len(NAMES), 3)), -4.0)
+    chance = true.expected_iou(features)
+    assert chance.min() < 0.1 < 0.7 < chance.max()
     fitted = fit_model(features, chance, ridge=0.0)
-    assert np.allclose(fitted.expected_iou(features), chance, atol=1e-3)
+    assert np.allclose(fitted.knots, knots, atol=0.15)
+    assert np.abs(fitted.expected_iou(features) - chance).max() < 0.02
+
+
+def test_an_effect_that_bends_is_followed() -> None:
+    """Labels are worth something only where the posterior is high: a line would be wrong by .036 on average."""
+    features = np.random.default_rng(2).normal(0, 1, (4000, len(NAMES)))
+    gain = np.zeros((len(NAMES), 3))
+    gain[NAMES.index("posterior"), 2] = 8.0
+    knots = np.quantile(features, [0, 1 / 3, 2 / 3, 1], axis=0).T
+    outcome = LabelQualityModel(knots, gain, -3.0).expected_iou(features)
+    curve = calibration_curve(fit_model(features, outcome).expected_iou(features), outcome)
+    assert curve is not None
+    assert curve.expected_calibration_error < 0.01
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -86,15 +98,37 @@ def test_no_feature_can_count_the_wrong_way(name: str) -> None:
     features = rng.normal(0, 1, (300, len(NAMES)))
     column = NAMES.index(name)
     fitted = fit_model(features, (features[:, column] * FEATURES[name] < 0).astype(float))
-    assert fitted.weight[column] == 0
-    assert np.all(fitted.weight * [*FEATURES.values()] >= 0)
+    assert np.all(fitted.gain[column] == 0)
+    assert np.all(fitted.gain >= 0)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, len(NAMES) - 1), st.floats(0, 30))
+def test_more_of_what_speaks_for_a_label_never_lowers_it(seed: int, column: int, more: float) -> None:
+    rng = np.random.default_rng(seed)
+    knots = np.cumsum(rng.uniform(0.1, 2, (len(NAMES), 4)), axis=1)
+    model = LabelQualityModel(knots, rng.uniform(0, 3, (len(NAMES), 3)), float(rng.normal()))
+    features = rng.normal(2, 4, (20, len(NAMES)))
+    moved = features.copy()
+    moved[:, column] += more * FEATURES[NAMES[column]]
+    assert np.all(model.expected_iou(moved) >= model.expected_iou(features) - 1e-12)
+
+
+def test_a_feature_that_is_the_same_in_all_labels_has_no_effect() -> None:
+    rng = np.random.default_rng(3)
+    features = rng.normal(0, 1, (200, len(NAMES)))
+    features[:, 4] = 0.0
+    model = fit_model(features, rng.uniform(0, 1, 200))
+    assert np.all(np.diff(model.knots, axis=1) > 0)
+    assert np.all(model.gain[4] == 0)
 
 
 @pytest.mark.parametrize("detector", ["compact", "simulated"])
 def test_the_models_that_are_shipped_are_monotone_and_say_where_they_come_from(detector: str) -> None:
     model = calibration_of(detector).labels
-    assert np.all(model.weight * [*FEATURES.values()] >= 0)
-    assert model.weight[NAMES.index("posterior")] > 0
+    assert np.all(np.diff(model.knots, axis=1) > 0)
+    assert np.all(model.gain >= 0)
+    assert model.gain[NAMES.index("posterior")].sum() > 0
     about = json.loads((FOLDER / f"{detector}.json").read_text())["fitted_to"]
     assert about["labels"] > 500
     assert all(("endless" in origin or "seed/" in origin) and detector in origin for origin in about["episodes"])
