@@ -49,6 +49,7 @@ def read_records(
     for folder in progress([folder for name, folder in folders.items() if name in labelled]):
         try:
             episode = with_source_detections(read_episode(folder, config), labels.folder, labels.provenance)
+            categories = _detector_categories(folder, episode)
         except EpisodeFormatError as error:
             notes.append(f"left out, malformed: {error}")
             continue
@@ -56,7 +57,7 @@ def read_records(
             without_truth.append(episode.name)
             continue
         found = True
-        yield _records(folder, episode, labels)
+        yield _records(folder, episode, categories, labels)
     if without_truth:
         notes.append(f"left out, no ground_truth.json: {_listing(without_truth)}")
     if found:
@@ -78,7 +79,7 @@ def read_records(
     )
 
 
-def _records(folder: Path, episode: Episode, labels: LabelSet) -> EpisodeRecords:
+def _records(folder: Path, episode: Episode, categories: frozenset[str] | None, labels: LabelSet) -> EpisodeRecords:
     views = tuple((episode.name, view) for view in range(episode.num_views) if (episode.name, view) in labels.sizes)
     for name, view in (key for key in labels.sizes if key[0] == episode.name):
         if not 0 <= view < episode.num_views:
@@ -103,7 +104,7 @@ def _records(folder: Path, episode: Episode, labels: LabelSet) -> EpisodeRecords
         instance_ids=tuple(t.instance_id for t in truths if t.modal.any()),
         amodal_truths=tuple(instances_of(episode.name, truths, "amodal")),
         amodal_views=frozenset(view for view in views if view[1] not in unknown),
-        detector_categories=_detector_categories(folder, episode),
+        detector_categories=categories,
     )
 
 

@@ -148,10 +148,11 @@ def test_a_missing_detector_is_undefined_and_a_blind_one_scores_zero(scene):
 
 
 def test_what_is_left_out_is_said(scene):
-    for name in ("blind", "broken", "fine", "gone", "untrue"):
+    for name in ("blind", "broken", "fine", "gone", "unclear", "untrue"):
         scene.add_episode(name, **({"detections": None} if name == "blind" else {}))
     scene.write_labels()
     scene.add_episode("untrue", ground_truth=None)
+    scene.add_episode("unclear", metadata={"detector_categories": "chair"})
     (scene.dataset / "broken" / "rgb" / "000.png").write_text("")
     (scene.dataset / "gone").rename(scene.root / "elsewhere")
     metrics = metrics_of(scene)
@@ -160,6 +161,7 @@ def test_what_is_left_out_is_said(scene):
     for expected in (
         "left out, malformed: ",
         "broken/rgb/000.png",
+        "unclear/episode.json: detector_categories: must be a list of names",
         "no ground_truth.json: untrue",
         "not in the dataset, left out: gone",
         "no detections.json, counted as nothing found: blind",
