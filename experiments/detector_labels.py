@@ -12,8 +12,6 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 
-FIGURES = ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30", "mean_iou")
-
 
 @dataclass(frozen=True)
 class DetectorLabelsConfig:
@@ -99,6 +97,8 @@ def _about(folders: Mapping[str, Path]) -> dict[str, Any]:
 
 
 def _figures(metrics: Mapping[str, Any]) -> dict[str, float]:
+    from labeling.evaluation.compare import FIGURES
+
     return {name: round(float(metrics[name]), 4) for name in FIGURES}
 
 

@@ -4,15 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.detector_labels import FIGURES
 from experiments.pages.markdown import Pictures, points, read_result, render, table
 from labeling.core.errors import SbmError
+from labeling.evaluation.compare import FIGURES
 
 PAGE = "detector-labels.md"
 WHAT = {"detections": "what it finds", "alone": "labels, each episode alone", "shared": "labels, shared by a scene"}
-TITLES = {
-    name: name.replace("mask_ap", "mask AP").replace("box_ap", "box AP").replace("_iou", " IoU") for name in FIGURES
-}
 
 
 def compose(results: Path) -> tuple[str, Pictures]:
@@ -45,4 +42,4 @@ def _table(records: Sequence[Mapping[str, Any]]) -> str:
         for record in records
         for what, title in WHAT.items()
     ]
-    return table(["", "", *TITLES.values()], rows, "---:")
+    return table(["", "", *FIGURES.values()], rows, "---:")

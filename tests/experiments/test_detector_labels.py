@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments.detector_labels import FIGURES, main
+from experiments.detector_labels import main
 from experiments.pages.detector_labels import page
+from labeling.evaluation.compare import FIGURES
 from labeling.evaluation.detector_scores import score_episodes
 from labeling.io.episodes import write_episode
 

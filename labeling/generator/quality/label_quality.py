@@ -115,7 +115,7 @@ def _ramps(features: Float[np.ndarray, "n f"], knots: Float[np.ndarray, "f k"]) 
     ends = np.diff(knots, axis=1)
     along = np.clip((features[:, :, None] - knots[None, :, :-1]) / ends, 0.0, 1.0)
     sign = np.array([*FEATURES.values()])
-    return (along * sign[:, None]).reshape(len(features), -1)
+    return (along * sign[:, None]).reshape(len(features), ends.size)
 
 
 def features_of(labels: "EpisodeLabels", detections: Sequence[Detection]) -> Float[np.ndarray, "n f"]:

@@ -95,7 +95,7 @@ def test_a_confusion_is_outvoted(room: Episode) -> None:
     views = [t for t in truths if t.instance_id == target][:3]
     names = ["submarine", views[0].category, views[0].category]
     sources = tuple(Detection(t.view_index, n, 0.95, t.modal) for t, n in zip(views, names, strict=True))
-    objects = label(room, LabelConfig(calibrate=False), detections=sources).objects
+    objects = label(room, LabelConfig(calibrate=False, class_sizes=False), detections=sources).objects
     assert [one.category for one in objects] == [views[0].category]
     assert len(objects[0].sources) == 3
     assert objects[0].confidence < 0.7

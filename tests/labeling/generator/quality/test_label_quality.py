@@ -135,7 +135,9 @@ def test_the_models_that_are_shipped_are_monotone_and_say_where_they_come_from(d
 
 
 def test_no_labels_have_no_features() -> None:
-    assert label_features([], [], [], []).shape == (0, len(NAMES))
+    none = label_features([], [], [], [])
+    assert none.shape == (0, len(NAMES))
+    assert calibration_of("compact").labels.expected_iou(none).shape == (0,)
 
 
 def test_a_hidden_object_has_finite_features() -> None:

@@ -114,7 +114,7 @@ def unsure(visit: Episode, confidence: float) -> Episode:
 def test_what_no_episode_is_sure_of_all_may_be_together(visits: list[Episode]) -> None:
     """The chance of an object grows with looks that agree: three visits are worth more than one."""
     doubtful = [unsure(one, 0.5) for one in visits]
-    lenient = LabelConfig(min_posterior=0.01, calibrate=False)
+    lenient = LabelConfig(min_posterior=0.01, calibrate=False, class_sizes=False)
     alone = [one.confidence for visit in doubtful for one in propagate(visit, visit.detections, lenient).objects]
     config = replace(lenient, min_posterior=max(alone) + 1e-6)
     assert not any(propagate(one, one.detections, config).objects for one in doubtful)
