@@ -13,4 +13,8 @@ What users import comes from here; paths inside the package may change.
 
 import lazy_loader
 
+from labeling.runtime.start_up import expect_interrupts
+
+expect_interrupts()
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # what __init__.pyi lists

@@ -20,6 +20,8 @@ import os
 
 import lazy_loader
 
+from labeling.runtime.start_up import expect_interrupts
+
 __version__ = "0.1.0"
 
 # numba tries TBB first and warns about each one it finds too old. OpenMP is always there (see apt-packages.txt) and,
@@ -28,5 +30,7 @@ os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
 # Threads that wait for others spin for a moment only: on a machine that others use too, they would spin on the very
 # core that the others need (measured on two cores under load: half the time of an episode).
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+
+expect_interrupts()
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # what __init__.pyi lists

@@ -17,10 +17,11 @@ from labeling.core.errors import SbmError
 from labeling.runtime.extras import missing_extra
 from labeling.runtime.help import NOTHING, CommandHelp, asks_for_help, help_text
 from labeling.runtime.interrupts import STOPPING, exit_when_told
+from labeling.runtime.start_up import INTERRUPTED
 
 Config = TypeVar("Config")
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT = 2
 _NAME: ContextVar[str | None] = ContextVar("_NAME", default=None)
 """What the user typed to call the command, where that is not ``python -m``."""
 
