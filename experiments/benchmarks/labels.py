@@ -145,7 +145,7 @@ def _fresh_processes(dataset: Path, counts: Sequence[int]) -> Iterator[Row]:
         limit = MEMORY_MB.get(count)
         target, holds = ("", None) if limit is None else (f"< {limit:g} MB", peak < limit)
         what = f"fresh process, {count} views: peak memory"
-        yield Row(what, "limit", best, None, target, holds, f"{peak:.0f} MB")
+        yield Row(what, "limit", best, None, target, holds, megabytes=peak)
 
 
 def _view_counts(dataset: Path, counts: Sequence[int], repeats: int) -> Iterator[Row]:

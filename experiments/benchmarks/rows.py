@@ -31,6 +31,8 @@ class Row:
     holds: bool | None = None
     """Whether it keeps the promise; None where there is none."""
     note: str = ""
+    megabytes: float | None = None
+    """Of a row that tells memory: that; its seconds are those of what was done meanwhile."""
 
     @property
     def ratio(self) -> float | None:
@@ -47,7 +49,12 @@ class Row:
         theirs = "" if self.baseline_seconds is None else time_text(self.baseline_seconds)
         ratio = "" if self.ratio is None else f"{self.ratio:.1f}x" if self.ratio >= 0.95 else f"{self.ratio:.2g}x"
         note = "; ".join(part for part in (verdict, self.note) if part)
-        return [self.what, time_text(self.seconds), self.baseline, theirs, ratio, self.target, note]
+        return [self.what, self.ours, self.baseline, theirs, ratio, self.target, note]
+
+    @property
+    def ours(self) -> str:
+        """What was measured, for people."""
+        return time_text(self.seconds) if self.megabytes is None else f"{self.megabytes:.0f} MB"
 
 
 def as_json(row: Row) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.benchmarks.rows import Row, row_of, seconds_per_view, time_text
+from experiments.benchmarks.rows import Row, row_of, seconds_per_view
 from experiments.pages.markdown import Pictures, read_result, render
 from labeling.core.errors import SbmError
 
@@ -65,4 +65,4 @@ def _rows(content: Mapping[str, Any]) -> Sequence[Row]:
 
 def _cells(row: Row, before: Row | None) -> list[str]:
     what, ours, *others = row.cells("**missed**")
-    return [what, ours, "" if before is None else time_text(before.seconds), *others]
+    return [what, ours, "" if before is None else before.ours, *others]

@@ -1,7 +1,7 @@
 """The page about policies: what they earn, what their labels teach, and how they were trained."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,7 @@ def _compared(world: Mapping[str, Any], base: str) -> dict[str, Any]:
 
 def _pairs(world: Mapping[str, Any]) -> str | None:
     """What the trained policy has above each other one: paired differences with intervals."""
-    pairs = {name: found for name, found in world.get("pairs", {}).items() if name.startswith("ppo")}
+    pairs = {name: found for name, found in world.get("pairs", {}).items() if _is_told(name, world["policies"])}
     if not pairs:
         return None
     names = list(dict.fromkeys(name for found in pairs.values() for name in found))
@@ -126,6 +126,14 @@ def _pairs(world: Mapping[str, Any]) -> str | None:
         for pair, found in pairs.items()
     ]
     return table(["", *headings], rows)
+
+
+def _is_told(pair: str, policies: Iterable[str]) -> bool:
+    """Whether a pair is of a learnt policy and another; trainings from several seeds count as one."""
+    ours, _, theirs = pair.partition(" minus ")
+    several = {name.partition(" of ")[0] for name in policies if " of " in name}
+    single = any(name.partition("_seed_")[0] in several for name in (ours, theirs))
+    return ours.startswith("ppo") and not single
 
 
 def _earned(world: Mapping[str, Any]) -> str:

@@ -18,7 +18,7 @@ def fake_rows(quick):
     rows.log("measuring")
     yield Row("ours: a thing", "theirs", 0.5 if quick else 0.25, 1.0, "3x", True)
     yield Row("ours: another", "limit", 2.0, None, "< 1 s", False)
-    yield Row("ours: third", "limit", 0.001, None, note="+1 MB")
+    yield Row("ours: third", "limit", 0.001, None, megabytes=12.4)
 
 
 @pytest.fixture
@@ -39,6 +39,7 @@ def test_rows_are_printed_and_written(fake_bench, tmp_path, capsys):
     out = capsys.readouterr()
     assert "4.0x" in out.out
     assert "MISSED" in out.out
+    assert "12 MB" in out.out
     assert out.err == "measuring\n"
 
 

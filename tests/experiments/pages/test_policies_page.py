@@ -9,7 +9,7 @@ import pytest
 
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
-from experiments.pages.policies import PAGE, cell, interval, page, read_results
+from experiments.pages.policies import PAGE, _is_told, cell, interval, page, read_results
 from labeling.core.errors import SbmError
 
 from . import made_up_policies as made_up
@@ -165,3 +165,19 @@ def test_spread_and_bold_follow_the_figure() -> None:
     assert interval({"mean": -1.0, "low": -2.0, "high": -0.5, **enough}) == "**-1.00** [-2.00, -0.50]"
     assert interval({"mean": -1.0, "low": -2.0, "high": -0.5, "episodes": 400}) == "-1.00 [-2.00, -0.50]"
     assert interval({"mean": -1.0, "low": None, "high": None, "episodes": 2}) == "-1.00"
+
+
+@pytest.mark.parametrize(
+    ("pair", "told"),
+    [
+        ("ppo of 3 trainings minus ring", True),
+        ("ppo_evidence minus next_best_view", True),
+        ("ppo minus ring", False),
+        ("ppo_seed_1 minus ring", False),
+        ("ppo of 3 trainings minus ppo_seed_1", False),
+        ("next_best_view minus ring", False),
+    ],
+)
+def test_trainings_of_several_seeds_are_one_policy_in_the_table_of_pairs(pair: str, told: bool) -> None:
+    names = ("ring", "next_best_view", "ppo", "ppo_seed_1", "ppo_evidence", "ppo of 3 trainings")
+    assert _is_told(pair, names) == told
