@@ -64,7 +64,10 @@ def run(context: RunContext) -> dict[str, Any]:
     right = {
         policy: {
             views: [
-                [episode_figures(play["label_quality"])[str(views)]["right"] for play in evaluator.results(spec, policy)]
+                [
+                    episode_figures(play["label_quality"])[str(views)]["right"]
+                    for play in evaluator.results(spec, policy)
+                ]
                 for spec in specs
             ]
             for views in LABEL_VIEWS
