@@ -32,7 +32,7 @@ class SampledEvidence(Ppo):
 
 
 POLICIES = ("ring", "next_best_view", f"{__name__}:{SampledEvidence.__name__}")
-"""The first draws nothing and is what the others are compared with."""
+"""The first is what the others are compared with."""
 SIZES: dict[Scale, tuple[int, int]] = {"smoke": (1, 2), "quick": (12, 48), "full": (40, 200)}
 """Starts, in as many homes, and draws from each."""
 
@@ -61,17 +61,8 @@ def run(context: RunContext) -> dict[str, Any]:
     evaluate_policies(config)
     evaluator = Evaluator(config)
     specs = [episode_spec(evaluator.scenes, 0, episode) for episode in range(starts)]
-    right = {
-        policy: {
-            views: [
-                [
-                    episode_figures(play["label_quality"])[str(views)]["right"]
-                    for play in evaluator.results(spec, policy)
-                ]
-                for spec in specs
-            ]
-            for views in LABEL_VIEWS
-        }
+    plays = {
+        policy: [[episode_figures(play["label_quality"]) for play in evaluator.results(spec, policy)] for spec in specs]
         for policy in POLICIES
     }
     return {
@@ -80,21 +71,20 @@ def run(context: RunContext) -> dict[str, Any]:
         "split": SPLIT,
         "starts": [spec.scene for spec in specs],
         "draws": draws,
-        "policies": {policy.rpartition(":")[2]: _figures(found) for policy, found in right.items()},
+        "policies": {policy.rpartition(":")[2]: _figures(found) for policy, found in plays.items()},
     }
 
 
-def _figures(right: dict[int, list[list[float]]]) -> dict[str, dict[str, Any]]:
+def _figures(plays: list[list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
     """Right labels by number of views: of the mean way and of the best one, over starts.
 
     Args:
-        right: by number of views, for every start of every draw.
+        plays: ``episode_figures`` of every draw from every start.
     """
-    return {
-        str(views): {
-            "mean": float(np.mean([np.mean(draws) for draws in starts])),
-            "best": float(np.mean([np.max(draws) for draws in starts])),
-            "per_start": [{"mean": float(np.mean(draws)), "best": float(np.max(draws))} for draws in starts],
-        }
-        for views, starts in right.items()
-    }
+    found = {}
+    for views in map(str, LABEL_VIEWS):
+        right = [[play[views]["right"] for play in draws] for draws in plays]
+        starts = [{"mean": float(np.mean(draws)), "best": float(np.max(draws))} for draws in right]
+        means = {name: float(np.mean([start[name] for start in starts])) for name in ("mean", "best")}
+        found[views] = {**means, "per_start": starts}
+    return found
