@@ -28,9 +28,9 @@ class Ppo:
         self._folder, self._sampled = checkpoint_folder(checkpoint), sampled
         self._network, self.description = read_policy(self._folder)
         wrapper = self.description.get("hyperparameters", {}).get("env_wrapper")
-        if wrapper not in (None, "moves_and_looks"):
+        if wrapper not in (None, *moves_and_looks.WITHOUT):
             raise SbmError(f"{self._folder}: its actions are those of {wrapper!r}, which this version does not know")
-        self._chooses = wrapper is not None
+        self._wrapper = wrapper
 
     def reset(
         self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
@@ -43,16 +43,16 @@ class Ppo:
         from agents.network.checkpoint import check_spaces
 
         observations, actions = env.observation_space, env.action_space
-        if self._chooses:
+        if self._wrapper:
             observations, actions = moves_and_looks.observation_space(observations), moves_and_looks.ACTION_SPACE
         check_spaces(self._folder, self.description, observations, actions)
-        self._robot = env.get_wrapper_attr("knowledge") if self._chooses else None
+        self._robot = env.get_wrapper_attr("knowledge") if self._wrapper else None
         self._rng = rng
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
         if self._robot is not None:
-            observation = moves_and_looks.with_promises(observation, info, self._robot)
+            observation = moves_and_looks.with_promises(observation, info, self._robot, self._wrapper)
         seen = {name: observation[name] for name in self.description["observation_space"]["spaces"]}
         action = self._draw(seen) if self._sampled else self._network.predict(seen, deterministic=True)[0]
         if self._robot is not None:
