@@ -72,6 +72,16 @@ SUMMARY = (
     *("target_best_confidence", "other_0_known", "candidate_0_confidence", "objects_confirmed", "time_left"),
 )
 """Entries of ``state`` that bear on all choices alike."""
+WITHOUT: dict[str, tuple[str, ...]] = {
+    "moves_and_looks": (),
+    "moves_and_looks_without_map": ("unseen_near", "unseen_far", "unseen_by_way"),
+    "moves_and_looks_without_history": (
+        *(name for name in MOVE_ENTRIES if name.startswith(("labels", "candidates_new"))),
+        *("confidence", "looks", "new", "candidates_new", "labels", "chance"),
+    ),
+}
+"""Entries of rows that are zero, by the name of the wrapper: none, or for ablations what the map of seen floor tells,
+or what earlier looks at things do. The value network, which no policy needs, is told of the floor all the same."""
 MANY_LABELS = 3.0
 MUCH_FLOOR_STRIDES2 = 40.0
 PATH_COST = 0.2
@@ -83,22 +93,29 @@ _MANY_LOOKS = 5.0
 class MovesAndLooks(gym.Wrapper):
     """An environment whose actions are a move and a look of ``ACTION_SPACE``."""
 
-    def __init__(self, env: gym.Env) -> None:
-        """Wraps an environment with a ``FixationEnv`` inside."""
+    def __init__(self, env: gym.Env, name: str = "moves_and_looks") -> None:
+        """Wraps an environment with a ``FixationEnv`` inside.
+
+        Args:
+            env: the environment.
+            name: one of ``WITHOUT``.
+        """
         super().__init__(env)
+        self._name = name
         self.action_space, self.observation_space = ACTION_SPACE, observation_space(env.observation_space)
         self._info: dict[str, Any] = {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode."""
         observation, self._info = self.env.reset(seed=seed, options=options)
-        return with_promises(observation, self._info, self.env.get_wrapper_attr("knowledge")), self._info
+        return with_promises(observation, self._info, self.env.get_wrapper_attr("knowledge"), self._name), self._info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Moves and looks."""
         robot = self.env.get_wrapper_attr("knowledge")
         observation, reward, terminated, truncated, self._info = self.env.step(chosen_action(action, self._info, robot))
-        return with_promises(observation, self._info, robot), reward, terminated, truncated, self._info
+        promised = with_promises(observation, self._info, robot, self._name)
+        return promised, reward, terminated, truncated, self._info
 
 
 def chosen_action(choice: Any, info: dict[str, Any], robot: RobotKnowledge) -> Float[np.ndarray, "4"]:
@@ -174,13 +191,16 @@ def observation_space(space: spaces.Space) -> spaces.Dict:
     return spaces.Dict({**space.spaces, "summary": summary, "moves": moves, "looks": looks})
 
 
-def with_promises(observation: dict[str, Any], info: dict[str, Any], robot: RobotKnowledge) -> dict[str, Any]:
+def with_promises(
+    observation: dict[str, Any], info: dict[str, Any], robot: RobotKnowledge, wrapper: str = "moves_and_looks"
+) -> dict[str, Any]:
     """An observation with what each move and each look promises.
 
     Args:
         observation: of the environment.
         info: that came with it.
         robot: what it knows.
+        wrapper: one of ``WITHOUT``, which may leave some of it out.
     """
     agent = info["agent"]
     position_m, heading_rad = agent["position_m"], agent["yaw_rad"]
@@ -220,6 +240,8 @@ def with_promises(observation: dict[str, Any], info: dict[str, Any], robot: Robo
 
     summary = observation["state"][_summary_indices(robot.view_bins)]
     looks = _looks_from(things, ends_m, heading_rad, robot.stride_m, new[:, : DIRECTIONS + 1], unseen, labels)
+    for entries, values in ((MOVE_ENTRIES, moves), (LOOK_ENTRIES, looks)):
+        values[..., [entries.index(name) for name in WITHOUT[wrapper] if name in entries]] = 0.0
     rows = {"moves": moves.astype(np.float32), "looks": looks.astype(np.float32)}
     return {**observation, "summary": summary, **rows}
 

@@ -11,25 +11,26 @@ from labeling.core.errors import SbmError
 
 
 class Ppo:
-    """Takes the most likely action of a trained network."""
+    """Takes the most likely action of a trained network, or draws one as in training."""
 
-    def __init__(self, checkpoint: Path) -> None:
+    def __init__(self, checkpoint: Path, sampled: bool = False) -> None:
         """Reads a checkpoint.
 
         Args:
             checkpoint: its folder, or that of the run whose best policy is meant.
+            sampled: draw actions by their probabilities.
 
         Raises:
             SbmError: if there is none, it is damaged, or of a version with other actions.
         """
         from agents.network.checkpoint import checkpoint_folder, read_policy
 
-        self._folder = checkpoint_folder(checkpoint)
+        self._folder, self._sampled = checkpoint_folder(checkpoint), sampled
         self._network, self.description = read_policy(self._folder)
         wrapper = self.description.get("hyperparameters", {}).get("env_wrapper")
-        if wrapper not in (None, "moves_and_looks"):
+        if wrapper not in (None, *moves_and_looks.WITHOUT):
             raise SbmError(f"{self._folder}: its actions are those of {wrapper!r}, which this version does not know")
-        self._chooses = wrapper is not None
+        self._wrapper = wrapper
 
     def reset(
         self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
@@ -42,17 +43,25 @@ class Ppo:
         from agents.network.checkpoint import check_spaces
 
         observations, actions = env.observation_space, env.action_space
-        if self._chooses:
+        if self._wrapper:
             observations, actions = moves_and_looks.observation_space(observations), moves_and_looks.ACTION_SPACE
         check_spaces(self._folder, self.description, observations, actions)
-        self._robot = env.get_wrapper_attr("knowledge") if self._chooses else None
+        self._robot = env.get_wrapper_attr("knowledge") if self._wrapper else None
+        self._rng = rng
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
-        """The most likely action."""
+        """The most likely action, or one that is drawn."""
         if self._robot is not None:
-            observation = moves_and_looks.with_promises(observation, info, self._robot)
+            observation = moves_and_looks.with_promises(observation, info, self._robot, self._wrapper)
         seen = {name: observation[name] for name in self.description["observation_space"]["spaces"]}
-        action, _ = self._network.predict(seen, deterministic=True)
+        action = self._draw(seen) if self._sampled else self._network.predict(seen, deterministic=True)[0]
         if self._robot is not None:
             return moves_and_looks.chosen_action(action, info, self._robot)
         return action
+
+    def _draw(self, seen: dict[str, np.ndarray]) -> np.ndarray:
+        import torch
+
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(int(self._rng.integers(2**63)))
+            return self._network.predict(seen, deterministic=False)[0]

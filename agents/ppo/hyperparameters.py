@@ -6,14 +6,14 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from agents.planning.moves_and_looks import MovesAndLooks
+from agents.planning.moves_and_looks import WITHOUT, MovesAndLooks
 from labeling.core.errors import UsageError
 from labeling.formats.regular_file import regular
 
 SHIPPED_FILE = Path(__file__).resolve().parents[1] / "hyperparams" / "ppo.yaml"
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
-ENV_WRAPPERS = {"moves_and_looks": MovesAndLooks}
+ENV_WRAPPERS = {name: functools.partial(MovesAndLooks, name=name) for name in WITHOUT}
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 

@@ -103,13 +103,16 @@ def _link(source: str, target: str) -> None:
 
 
 def detector_digest(name: str) -> str:
-    """Changes with the weights of a real detector.
+    """Changes with the weights of a real detector, or with the settings that make the simulated one like it.
 
     Raises:
         SbmError: if there is no such detector.
     """
-    if name == "simulated":
-        return ""
+    kind, _, fitted_to = name.partition(":")
+    if kind == "simulated":
+        from sbm_gym.detection.fitted_settings import fitted_digest
+
+        return fitted_digest(fitted_to) if fitted_to else ""
     from labeling.detectors.registry import load_detector
 
     return load_detector(name).digest

@@ -29,6 +29,8 @@ class Size:
     """By world."""
     wide: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WORLDS, 1))
     """By world: episodes of many scenes beyond the thesis' to report on."""
+    dev: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WORLDS, 1))
+    """By world: episodes of as many endless scenes, which nothing is trained in, to decide by."""
     new: dict[str, Any] = field(default_factory=dict)
     """Settings of training that differ where categories are learnt that no photograph has shown: that takes more than
     getting better at those that one knows."""
@@ -72,6 +74,7 @@ SIZES: dict[Scale, Size] = {
             "streets": AugmentConfig(window_px=256, scale=(0.7, 1.1)),
         },
         {"rooms": 40, "streets": 16},
+        {"rooms": 20, "streets": 8},
         {"learning_rate": 6e-4, "replay_share": 0.3},
     ),
     "full": Size(
@@ -79,6 +82,7 @@ SIZES: dict[Scale, Size] = {
         (6000, 600),
         FinetuneConfig(),
         wide={"rooms": 80, "streets": 36},
+        dev={"rooms": 40, "streets": 24},
     ),
 }
 

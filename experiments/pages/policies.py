@@ -14,6 +14,7 @@ from labeling.core.errors import SbmError
 
 PAGE = "policies-results.md"
 EVALUATION, TEACHING, ABLATION = "policy_evaluation.json", "policies.json", "reward_ablation.json"
+BOUND = "policy_bound.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
 SPLITS = {"train": "training", "val": "validation", "test": "test", "endless": "unseen endless"}
@@ -57,7 +58,7 @@ def read_results(results: Path) -> dict[str, Any]:
     Raises:
         SbmError: if there is none, or a file is damaged.
     """
-    files = {"evaluation": EVALUATION, "teaching": TEACHING, "ablation": ABLATION}
+    files = {"evaluation": EVALUATION, "teaching": TEACHING, "ablation": ABLATION, "bound": BOUND}
     found: dict[str, Any] = {name: read_result(results / file) for name, file in files.items()}
     for name, pattern in {"training": TRAINING, "ways": WAYS}.items():
         paths = sorted(results.glob(pattern))
@@ -79,6 +80,7 @@ def page(results: Mapping[str, Any]) -> str:
         ways=results["ways"],
         training=results["training"] and _training(results["training"]),
         ablation=_with_worlds(results["ablation"], lambda world, base: {"earned": _earned(world)}),
+        bound=results["bound"] and {**results["bound"], "rows": _ways_from_one_start(results["bound"])},
         splits=SPLITS,
         files=PICTURES,
     )
@@ -183,12 +185,23 @@ def interval(difference: Mapping[str, Any] | None, factor: float = 1) -> str:
     return f"{f'**{mean}**' if shown_sign(difference) else mean} [{low}, {high}]"
 
 
+# What is left to gain ------------------------------------------------------------------------------------------------
+
+
+def _ways_from_one_start(content: Mapping[str, Any]) -> list[list[str]]:
+    """Rows: right labels of the mean way and of the best one, by policy and number of views."""
+    return [
+        [f"`{policy}`", *(f"{figures[which]:.1f}" for figures in found.values() for which in ("mean", "best"))]
+        for policy, found in content["policies"].items()
+    ]
+
+
 # What detectors learn ------------------------------------------------------------------------------------------------
 
 
 def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
     """Rows: the detector before, and after the labels of each policy."""
-    parts = (("validation", "mask_ap50"), ("validation", "mask_ap30"), ("photographs", "mask_ap50"))
+    parts = (("dev", "mask_ap50"), ("dev", "box_ap50"), ("dev", "mask_ap30"), ("photographs", "mask_ap50"))
     columns = {}
     for policy in dict.fromkeys(one["policy"] for one in world["runs"]):
         runs = [one for one in world["runs"] if one["policy"] == policy]
@@ -198,7 +211,12 @@ def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
     for policy, found in columns.items():
         cells = [_beside(ours, theirs) for ours, theirs in zip(found, columns[base], strict=True)]
         rows.append([f"after labels of `{policy}`", *cells])
-    return {"rows": rows, "episodes": world["pools"][f"{next(iter(columns))}_learn"]["episodes"]}
+    pools = world["pools"]
+    return {
+        "rows": rows,
+        "episodes": pools[f"{next(iter(columns))}_learn"]["episodes"],
+        "scenes": len(set(pools["dev"]["scenes"])),
+    }
 
 
 def _beside(ours: Sequence[float], base: Sequence[float]) -> str:

@@ -23,11 +23,20 @@ if TYPE_CHECKING:
     from experiments.cache.episode_pool import EpisodePool
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
-Subset = Literal["learn", "choose", "val", "test", "wide"]
-Split = Literal["train", "val", "test", "wide"]
-SPLITS: dict[Subset, Split] = {"learn": "train", "choose": "train", "val": "val", "test": "test", "wide": "wide"}
-"""To learn from, to choose the best network by, to report on: validation scenes, the thesis' few test scenes, and many
-more. Nothing learns from the last three."""
+Subset = Literal["learn", "choose", "val", "dev", "test", "wide"]
+Split = Literal["train", "val", "endless", "test", "wide"]
+SPLITS: dict[Subset, Split] = {
+    "learn": "train",
+    "choose": "train",
+    "val": "val",
+    "dev": "endless",
+    "test": "test",
+    "wide": "wide",
+}
+"""To learn from, to choose the best network by; to report on: validation scenes, some of the endless ones to decide by,
+the thesis' few test scenes, and many more. Nothing learns from the last four."""
+SEEDS: dict[Subset, int] = {"choose": 1, "dev": 20}
+"""Of the order of scenes, where it is not 0; that of ``dev`` differs from those of what learns in endless scenes."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
 """The thesis' own label settings for streets. Source: field notes."""
 PER_CLASS = {"mask_ap50": "ap50", "mask_ap30": "ap30", "box_ap50": "box_ap50", "box_ap30": "box_ap30"}
@@ -158,11 +167,14 @@ class TrainingSets:
             new_categories,
         )
 
-    def train_and_score(self, runs: "Sequence[tuple[dict[str, Any], TrainJob]]") -> dict[str, Any]:
-        """Fine-tunes detectors and scores them on validation scenes and photographs, beside the pre-trained one.
+    def train_and_score(
+        self, runs: "Sequence[tuple[dict[str, Any], TrainJob]]", on: Literal["val", "dev"] = "val"
+    ) -> dict[str, Any]:
+        """Fine-tunes detectors and scores them on unseen scenes and photographs, beside the pre-trained one.
 
         Args:
             runs: what the record says about each, and the training.
+            on: which scenes.
 
         Returns:
             Scores ``before``, and for each of ``runs`` what the record says with its scores.
@@ -170,7 +182,8 @@ class TrainingSets:
         from experiments.cache.detector_stages import score_detectors, train_detectors
 
         trained = train_detectors([job for _, job in runs], self._context)
-        pictures = {"validation": self.pictures("val"), "photographs": self.photographs()[1]}
+        scenes = {"val": "validation", "dev": "dev"}[on]
+        pictures = {scenes: self.pictures(on), "photographs": self.photographs()[1]}
         before, *after = score_detectors([DETECTOR, *trained], pictures, self._context)
         records = [{**about, **scores} for (about, _), scores in zip(runs, after, strict=True)]
         return {"before": before, "runs": records}
@@ -251,9 +264,10 @@ class TrainingSets:
         from experiments.cache.episode_pool import EpisodePool
 
         learn, choose, report = self._size.episodes[self.world]
-        counts = {"learn": learn, "choose": choose, "val": report, "test": report, "wide": self._size.wide[self.world]}
-        name, seed = f"{self.world}_{subset}", int(subset == "choose")
-        return EpisodePool(name, WORLDS[self.world], SPLITS[subset], counts[subset], seed, DETECTOR, self._policy)
+        wide, dev = self._size.wide[self.world], self._size.dev[self.world]
+        counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report, "wide": wide}
+        name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
+        return EpisodePool(name, WORLDS[self.world], split, counts[subset], seed, DETECTOR, self._policy)
 
 
 def ignore_unsure(pictures: "Sequence[AnnotatedPicture]", min_confidence: float) -> "list[AnnotatedPicture]":

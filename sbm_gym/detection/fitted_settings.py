@@ -3,6 +3,7 @@
 One JSON file for each detector and kind of world. What is not in a file is as in the kind's own settings.
 """
 
+import hashlib
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,12 @@ def fitted_detectors(kind: str) -> tuple[str, ...]:
 def settings_file(folder: Path, detector: str, kind: str) -> Path:
     """The file of a detector, whose own name may be a path, and a kind of world."""
     return folder / f"{Path(file_name(detector)).stem}_{kind}.json"
+
+
+def fitted_digest(detector: str) -> str:
+    """Changes with the settings that are fitted to a detector, in any kind of world."""
+    files = (settings_file(FOLDER, detector, kind) for kind in ("indoor", "outdoor"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
 
 
 @cache

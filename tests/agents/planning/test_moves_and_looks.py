@@ -18,6 +18,7 @@ from agents.planning.moves_and_looks import (
     LOOKS,
     MOVE_ENTRIES,
     STAY,
+    WITHOUT,
     MovesAndLooks,
     free_step,
     with_promises,
@@ -205,8 +206,32 @@ def test_the_way_to_floor_behind_a_wall_begins_at_its_gap():
     assert not unseen_by_way(floor, unseen, 10, 10, 0.3, sides, 0.2).any()
 
 
-def test_a_checkpoint_acts_as_in_training(tmp_path):
-    wrapped, env = MovesAndLooks(make_env()), make_env()
+@pytest.mark.parametrize("name", sorted(set(WITHOUT) - {"moves_and_looks"}))
+def test_an_ablation_hides_its_entries_and_nothing_else(name):
+    whole, part = MovesAndLooks(make_env()), MovesAndLooks(make_env(), name)
+    told = set()
+    for seen, partly in zip(play(whole), play(part), strict=True):
+        for rows, entries in (("moves", MOVE_ENTRIES), ("looks", LOOK_ENTRIES)):
+            for column, entry in enumerate(entries):
+                expected = 0.0 if entry in WITHOUT[name] else seen[rows][..., column]
+                assert np.array_equal(partly[rows][..., column], np.broadcast_to(expected, partly[rows].shape[:-1]))
+                told |= {entry} if seen[rows][..., column].any() else set()
+    assert set(WITHOUT[name]) <= told
+
+
+def play(env):
+    """What is seen in the first steps of an episode, with actions that do not depend on it."""
+    rng = np.random.default_rng(5)
+    seen, _ = env.reset(seed=3)
+    yield seen
+    for _ in range(20):
+        seen, *_ = env.step(rng.integers(ACTION_SPACE.nvec))
+        yield seen
+
+
+@pytest.mark.parametrize("name", sorted(WITHOUT))
+def test_a_checkpoint_acts_as_in_training(tmp_path, name):
+    wrapped, env = MovesAndLooks(make_env(), name), make_env()
     space = gym.spaces.Dict({name: wrapped.observation_space[name] for name in PARTS})  # type: ignore[index]
     network = build_policy(space, ACTION_SPACE, "ChoicePolicy", KWARGS)
     description = {
@@ -214,7 +239,7 @@ def test_a_checkpoint_acts_as_in_training(tmp_path):
         "observation_space": describe(space),
         "action_space": describe(ACTION_SPACE),
         "policy": {"class": "ChoicePolicy", "kwargs": KWARGS},
-        "hyperparameters": {"env_wrapper": "moves_and_looks"},
+        "hyperparameters": {"env_wrapper": name},
     }
     write_policy(tmp_path, network, description, {})
     policy = Ppo(tmp_path)

@@ -83,7 +83,7 @@ def test_mappings_and_truth_values_of_yaml_are_read_too(tmp_path):
         ("n_timesteps: 10\nlearning_rate: .nan", "learning_rate must be a number"),
         ("n_timesteps: 10\nuse_sde: 1", "use_sde must be true or false, not 1"),
         ("n_timesteps: 10\nsde_sample_freq: -2", "sde_sample_freq must be a whole number above 0, not -2"),
-        ("n_timesteps: 10\nenv_wrapper: os.system", "env_wrapper must be one of moves_and_looks, not 'os.system'"),
+        ("n_timesteps: 10\nenv_wrapper: os.system", "moves_and_looks_without_history, not 'os.system'"),
         ("n_timesteps: 10\nnormalize: true\npolicy_kwargs: 3", "policy_kwargs must be a mapping"),
         (
             "n_timesteps: 10\npolicy_kwargs: dict(net_arch=[8])",

@@ -98,13 +98,14 @@ def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> 
     content, text = made_up.teaching(), page(read_results(write(tmp_path)))
     for name, world in content["worlds"].items():
         (table,) = tables(text, f"{name.capitalize()}: detectors")
-        assert table["before"]["AP50"] == f"{100 * world['before']['validation']['mask_ap50']:.1f}"
+        assert table["before"]["mask AP50"] == f"{100 * world['before']['dev']['mask_ap50']:.1f}"
+        assert table["before"]["box AP50"] == f"{100 * world['before']['dev']['box_ap50']:.1f}"
         for policy in ("ring", "ppo"):
             runs = [one for one in world["runs"] if one["policy"] == policy]
-            values = [100 * one["validation"]["mask_ap50"] for one in runs]
+            values = [100 * one["dev"]["mask_ap50"] for one in runs]
             bold = "**" if policy == "ppo" and name == "rooms" else ""
             mean, std = np.mean(values), np.std(values, ddof=1)
-            assert table[f"after labels of `{policy}`"]["AP50"] == f"{bold}{mean:.1f}{bold} ± {std:.1f}"
+            assert table[f"after labels of `{policy}`"]["mask AP50"] == f"{bold}{mean:.1f}{bold} ± {std:.1f}"
 
 
 def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     ]
     asked = {(pool.policy, pool.name): pool for pool in small_rooms if pool.name != "photographs"}
     assert set(asked) == {
-        ("ring", "rooms_val"),
+        ("ring", "rooms_dev"),
         *((policy, f"rooms_{part}") for policy in ("ring", "random") for part in ("learn", "choose")),
     }
     assert asked["ring", "rooms_learn"] == replace(asked["random", "rooms_learn"], policy="ring")

@@ -1,16 +1,20 @@
 """The experiments about policies run, resume, never look at test scenes, and sum up what the episodes say."""
 
 import json
+from itertools import islice
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents import rollout
+from agents.evaluation.label_quality import episode_figures
 from agents.evaluation.results import read_result
 from agents.evaluation.run import Evaluator
 from experiments.ablations import reward_ablation
 from experiments.run import main
-from experiments.tables import policy_evaluation
+from experiments.tables import policy_bound, policy_evaluation
 from experiments.tables.trained_policies import training_command
 from labeling.metrics.bootstrap import paired_difference
 
@@ -113,3 +117,34 @@ def test_bootstrap_interval_by_brute_force() -> None:
     means = [np.mean(rng.choice(ours - theirs, 12)) for _ in range(20_000)]
     assert found.low == pytest.approx(np.quantile(means, 0.025), abs=0.05)
     assert found.high == pytest.approx(np.quantile(means, 0.975), abs=0.05)
+
+
+def test_the_best_of_many_ways_is_that_of_the_episodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(policy_bound, "WORLDS", {policy_bound.WORLD: ENV_ID})
+    monkeypatch.setattr(policy_bound, "DETECTOR", "simulated")
+    monkeypatch.setattr(policy_bound, "POLICIES", ("ring", "random"))
+    assert run("policy_bound", tmp_path) == 0
+    content = json.loads((tmp_path / "results" / "policy_bound.json").read_text())
+    assert content["starts"] == ["box_3"]
+    plays = sorted((tmp_path / "cache" / "policy_bound").rglob("random/*.json"))
+    assert len(plays) == content["draws"] == 2
+    for views in ("12", "25"):
+        right = [episode_figures(read_result(file)["label_quality"])[views]["right"] for file in plays]
+        found = content["policies"]["random"][views]
+        assert (found["mean"], found["best"]) == (pytest.approx(np.mean(right)), max(right))
+    assert "| `random` |" in (tmp_path / "docs" / "policies-results.md").read_text()
+    capsys.readouterr()
+
+
+def test_ways_are_drawn_by_the_generator_they_are_given() -> None:
+    policy = policy_bound.SampledEvidence()
+    env = gym.make(f"sbm_gym:{policy_bound.WORLDS[policy_bound.WORLD]}", colours=False)
+    ways = []
+    for seed in (1, 1, 2):
+        observation, info = env.reset(seed=3)
+        steps = islice(rollout(env, policy, observation, info, np.random.default_rng(seed)), 6)
+        ways.append([step.info["agent"]["position_m"].tolist() for step in steps])
+    env.close()
+    assert ways[0] == ways[1] != ways[2]
