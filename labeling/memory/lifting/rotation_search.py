@@ -1,7 +1,9 @@
 """GRNN's egomotion: a view's volume is turned to every azimuth and elevation and compared with the memory.
 
 Source: Tung et al. 2019, "Egomotion estimation and stabilization"; thesis 2.1.1. The camera is taken to look at the
-middle of the grid from a known distance, so that two angles are all that is unknown.
+middle of the grid from a known distance, so that two angles are all that is unknown. One liberty: the paper's plain
+inner product is greatest where two views see the same part of the grid, whatever is there; here volumes are compared,
+and normalised, over what both have seen.
 """
 
 from dataclasses import dataclass
@@ -15,6 +17,9 @@ from labeling.memory.lifting.voxel_grid import GridSpec
 
 TEMPERATURE = 0.02
 """Of the softmax over correlations, which lie in [-1, 1]."""
+LEAST_ENERGY = 5.0
+"""Sum of squares over what both have seen, below which a correlation does not count in full: a few voxels agree by
+chance."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,9 @@ def camera_in_gaze_grid(distance_m: float) -> Float[Tensor, "4 4"]:
 
 def search_rotation(
     memory: Float[Tensor, "b c z y x"],
+    memory_seen: Float[Tensor, "b 1 z y x"],
     view: Float[Tensor, "b c z y x"],
+    view_seen: Float[Tensor, "b 1 z y x"],
     azimuths_rad: Float[Tensor, "a"],
     elevations_rad: Float[Tensor, "e"],
     spec: GridSpec,
@@ -64,22 +71,24 @@ def search_rotation(
 
     Args:
         memory: what is known.
+        memory_seen: 1 where it is: occupied or free; ones for the paper's inner product.
         view: volume of one view, in the grid that is aligned with its gaze (``camera_in_gaze_grid``).
+        view_seen: likewise.
         azimuths_rad: headings to try, relative to the memory's +X, counter-clockwise from above.
         elevations_rad: to try: how far the camera looks down.
         spec: of both grids.
 
     Returns:
-        Correlation of every bin, taken where the turned volume has something, and the stabilised volume.
+        Correlation of every bin, and the stabilised volume.
     """
     turned, scores = [], []
     for azimuth in azimuths_rad.tolist():
         for elevation in elevations_rad.tolist():
             new_to_old = torch.eye(4)
             new_to_old[:3, :3] = gaze_rotation(azimuth, elevation).T
-            one = warp(view, new_to_old.to(view).expand(len(view), 4, 4), spec)
-            turned.append(one)
-            scores.append(correlation(memory, one))
+            both = warp(torch.cat([view, view_seen], dim=1), new_to_old.to(view).expand(len(view), 4, 4), spec)
+            turned.append(both[:, :-1])
+            scores.append(correlation(memory, memory_seen, both[:, :-1], both[:, -1:]))
     shape = (len(view), len(azimuths_rad), len(elevations_rad))
     score = torch.stack(scores, dim=1)
     probability = (score / TEMPERATURE).softmax(dim=1)
@@ -88,8 +97,13 @@ def search_rotation(
     return RotationSearch(score.reshape(shape), probability.reshape(shape), aligned)
 
 
-def correlation(memory: Float[Tensor, "b c z y x"], other: Float[Tensor, "b c z y x"]) -> Float[Tensor, "b"]:
-    """Normalised inner product of two volumes; 0 if one is empty. In [-1, 1]."""
-    product = (memory * other).flatten(1).sum(dim=1)
-    norms = memory.flatten(1).norm(dim=1) * other.flatten(1).norm(dim=1)
-    return product / norms.clamp(min=1e-6)
+def correlation(
+    one: Float[Tensor, "b c z y x"],
+    one_seen: Float[Tensor, "b 1 z y x"],
+    other: Float[Tensor, "b c z y x"],
+    other_seen: Float[Tensor, "b 1 z y x"],
+) -> Float[Tensor, "b"]:
+    """Inner product of two volumes, normalised over what both have seen; in [-1, 1], near 0 if that is little."""
+    product = (one * other).flatten(1).sum(dim=1)
+    energies = [(a.square() * seen).flatten(1).sum(dim=1) for a, seen in ((one, other_seen), (other, one_seen))]
+    return product / (energies[0] * energies[1]).sqrt().clamp(min=LEAST_ENERGY)
