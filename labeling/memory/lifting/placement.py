@@ -1,15 +1,12 @@
 """Where the grid of a memory stands in a recording: upright, around what the cameras look at or what they have seen."""
 
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Float
 
 from labeling.core.geometry import unproject_depth
 from labeling.core.views import RgbdViews
-from labeling.memory.lifting.voxel_grid import GridSpec
+from labeling.memory.settings.grid_spec import Around, GridSpec
 
-Around = Literal["fixated", "scene"]
 FLOOR_QUANTILE, FLOOR_VOXELS = 0.02, 1.0
 """Which of all heights is taken for the floor's, and how many voxels of the grid lie below it."""
 POINTS_PER_VIEW = 500

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from labeling.memory.lifting.unprojection import pixel_rays
-from labeling.memory.lifting.voxel_grid import GridSpec, sample_grid, transform
+from labeling.memory.lifting.voxel_grid import sample_grid, transform
+from labeling.memory.settings.grid_spec import GridSpec
 
 NEAREST_PLANE_M = 0.25
 

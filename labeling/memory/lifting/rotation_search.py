@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from labeling.memory.lifting.stabilisation import warp
-from labeling.memory.lifting.voxel_grid import GridSpec
+from labeling.memory.settings.grid_spec import GridSpec
 
 TEMPERATURE = 0.02
 """Of the softmax over correlations, which lie in [-1, 1]."""

@@ -6,7 +6,8 @@ Source: thesis 2.1.1, "Egomotion and Stabilisation"; Harley et al. 2020, section
 from jaxtyping import Float
 from torch import Tensor
 
-from labeling.memory.lifting.voxel_grid import GridSpec, sample_grid, transform, voxel_centres
+from labeling.memory.lifting.voxel_grid import sample_grid, transform, voxel_centres
+from labeling.memory.settings.grid_spec import GridSpec
 
 
 def warp(

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from labeling.memory.lifting.voxel_grid import GridSpec, invert, transform, voxel_centres, voxel_of
+from labeling.memory.lifting.voxel_grid import invert, transform, voxel_centres, voxel_of
+from labeling.memory.settings.grid_spec import GridSpec
 
 NEAR_M = 0.05
 """Nearer to the camera nothing is projected."""

@@ -15,8 +15,8 @@ from labeling.memory.networks.feature_queue import FeatureQueue
 from labeling.memory.networks.mapper import MappedViews, ViewMapper
 from labeling.memory.networks.plane_decoder import PlaneDecoder
 from labeling.memory.networks.scene_memory import SceneMemory
-from labeling.memory.networks.spec import MemorySpec
 from labeling.memory.networks.view_batch import Cameras, Views
+from labeling.memory.settings.memory_spec import MemorySpec
 
 UNSEEN_WEIGHT = 0.05
 """Weight in the mean of what a view has not seen but its 3-D network imagines: it counts where no view has seen."""

@@ -11,8 +11,8 @@ from labeling.memory.networks.conv_gru import ConvGru
 from labeling.memory.networks.mapper import ViewMapper
 from labeling.memory.networks.plane_decoder import PlaneDecoder, RgbHead
 from labeling.memory.networks.scene_memory import SceneMemory
-from labeling.memory.networks.spec import MemorySpec
 from labeling.memory.networks.view_batch import Cameras, Views
+from labeling.memory.settings.memory_spec import MemorySpec
 
 
 class Grnn(nn.Module):

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from labeling.memory.lifting.unprojection import free_space, occupancy, scaled_intrinsics, unproject_features
-from labeling.memory.lifting.voxel_grid import GridSpec
 from labeling.memory.networks.blocks import UNet2d, UNet3d
 from labeling.memory.networks.view_batch import Views
+from labeling.memory.settings.grid_spec import GridSpec
 
 GEOMETRY = 2
 """Channels beside features: occupied, free."""

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from labeling.memory.lifting.projection import composite, plane_depths, project_planes
-from labeling.memory.lifting.voxel_grid import GridSpec
 from labeling.memory.networks.blocks import ConvBlock2d
 from labeling.memory.networks.view_batch import Cameras
+from labeling.memory.settings.grid_spec import GridSpec
 
 FIRST_OPACITY = -3.0
 """Bias of opacities before any training: nearly all is transparent."""

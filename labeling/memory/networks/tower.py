@@ -12,8 +12,8 @@ from torch import Tensor, nn
 from labeling.memory.networks.blocks import ConvBlock2d
 from labeling.memory.networks.conv_gru import ConvGru
 from labeling.memory.networks.plane_decoder import RgbHead
-from labeling.memory.networks.spec import MemorySpec
 from labeling.memory.networks.view_batch import Cameras, Views
+from labeling.memory.settings.memory_spec import MemorySpec
 
 POSE = 9
 """Numbers of a pose: position in units of the grid's radius, forward and right axes."""

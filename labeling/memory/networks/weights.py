@@ -12,8 +12,8 @@ from labeling.core.detector import DetectorError
 from labeling.core.errors import UsageError
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.grnn import Grnn
-from labeling.memory.networks.spec import MemorySpec
 from labeling.memory.networks.tower import Tower
+from labeling.memory.settings.memory_spec import MemorySpec
 from labeling.training.weights import load_weights, read_header, save_weights
 
 MEMORY_FILE = "memory.safetensors"

@@ -1,13 +1,11 @@
 """Losses of predicted pictures, and of features that top-down and bottom-up ways should agree on."""
 
-from typing import Literal
-
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-PixelLoss = Literal["l1", "cross_entropy"]
+from labeling.memory.settings.train_config import PixelLoss
 
 
 def pixel_loss(

@@ -13,9 +13,10 @@ from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import invert_rigid, project
 from labeling.core.views import RgbdViews
 from labeling.io.episodes import find_episodes, read_episode
-from labeling.memory.lifting.placement import Around, grid_centre, place_grid
-from labeling.memory.networks.spec import MemorySpec
+from labeling.memory.lifting.placement import grid_centre, place_grid
 from labeling.memory.networks.view_batch import Views
+from labeling.memory.settings.grid_spec import Around
+from labeling.memory.settings.memory_spec import MemorySpec
 
 DEPTH_FACTOR = 2
 """Depth is kept at this multiple of the pictures' size, so that voxels nearby are filled without holes."""

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from labeling.memory.networks.cn3d import Cn3d
-from labeling.memory.networks.spec import MemorySpec
 from labeling.memory.networks.weights import MEMORY_FILE, Memory, build_memory, save_memory
-from labeling.memory.view_prediction.config import TrainMemoryConfig
+from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.settings.train_config import TrainMemoryConfig
 from labeling.memory.view_prediction.evaluation import evaluate
 from labeling.memory.view_prediction.losses import info_nce, margin_loss, pick_places, pixel_loss
 from labeling.memory.view_prediction.samples import Sample, ViewSamples, collate

@@ -5,7 +5,7 @@ import torch
 
 from labeling.core.episode import Episode
 from labeling.core.geometry import intrinsics_from_fov, look_at
-from labeling.memory.lifting.voxel_grid import GridSpec
+from labeling.memory.settings.grid_spec import GridSpec
 
 from ..synthetic_room import Part, render
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from labeling.core.detector import DetectorError
 from labeling.core.errors import EpisodeFormatError, UsageError
-from labeling.memory.lifting.voxel_grid import GridSpec
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.conv_gru import ConvGru
 from labeling.memory.networks.feature_queue import FeatureQueue
 from labeling.memory.networks.grnn import Grnn
-from labeling.memory.networks.spec import MODELS, MemorySpec
 from labeling.memory.networks.view_batch import Views
 from labeling.memory.networks.weights import MEMORY_FILE, build_memory, load_memory, save_memory
+from labeling.memory.settings.grid_spec import GridSpec
+from labeling.memory.settings.memory_spec import MODELS, MemorySpec
 from labeling.memory.view_prediction.scenes import SmallScene, concatenated, small_scene
 from labeling.training.weights import save_weights
 

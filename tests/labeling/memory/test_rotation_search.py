@@ -5,7 +5,7 @@ import torch
 
 from labeling.memory.lifting.rotation_search import camera_in_gaze_grid, gaze_rotation, search_rotation
 from labeling.memory.lifting.unprojection import free_space, occupancy, unproject_features
-from labeling.memory.lifting.voxel_grid import GridSpec
+from labeling.memory.settings.grid_spec import GridSpec
 
 from .orbits import orbit_episode, orbit_pose, tensor
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from labeling.core.errors import UsageError
-from labeling.memory.view_prediction.config import TrainMemoryConfig
+from labeling.memory.settings.train_config import TrainMemoryConfig
 from labeling.memory.view_prediction.evaluation import drawn_views, evaluate, predictor, score_pictures
 from labeling.memory.view_prediction.losses import info_nce, margin_loss, pick_places, pixel_loss
 from labeling.memory.view_prediction.reprojection import reproject_views

@@ -21,7 +21,8 @@ from labeling.memory.lifting.unprojection import (
     scaled_intrinsics,
     unproject_features,
 )
-from labeling.memory.lifting.voxel_grid import GridSpec, invert, sample_grid, transform, voxel_centres, voxel_of
+from labeling.memory.lifting.voxel_grid import invert, sample_grid, transform, voxel_centres, voxel_of
+from labeling.memory.settings.grid_spec import GridSpec
 
 from .orbits import SPEC, orbit_episode, ring, tensor
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from labeling.memory.lifting.placement import Around
-from labeling.memory.view_prediction.losses import PixelLoss
+from labeling.memory.settings.grid_spec import Around
 from labeling.runtime.ranges import Positive
 from labeling.training.config import TrainingConfig
 
+PixelLoss = Literal["l1", "cross_entropy"]
 Contrast = Literal["margin", "info_nce"]
 
 

@@ -1,10 +1,10 @@
-"""What network a file of weights holds."""
+"""Kind and size of a memory: as a network, and as commands take it."""
 
 from dataclasses import dataclass, field
 from typing import Literal
 
 from labeling.core.errors import UsageError
-from labeling.memory.lifting.voxel_grid import GridSpec
+from labeling.memory.settings.grid_spec import GridSpec
 
 Model = Literal["grnn", "cn3d", "tower"]
 MODELS: tuple[Model, ...] = ("grnn", "cn3d", "tower")
@@ -44,3 +44,32 @@ class MemorySpec:
             raise UsageError(f"a queue holds 1 to 1000000 features, not {self.queue}")
         if not all(16 <= one <= 1024 and one % 8 == 0 for one in self.size):
             raise UsageError(f"pictures must have sides of 16 to 1024 pixels that 8 divides, not {self.size}")
+
+
+@dataclass(frozen=True)
+class MemorySize:
+    """Size of a memory and of what it is shown."""
+
+    voxels: tuple[int, int, int] = (32, 32, 16)
+    """Of the grid, along x, y, z. 64 64 32 wants a GPU."""
+    voxel_m: float = 0.16
+    """Edge of a voxel; the grid is voxels times as long."""
+    channels: int = 16
+    """Numbers that a voxel holds."""
+    planes: int = 24
+    """Of depth, along which views are read from the memory."""
+    width: int = 48
+    """Channels of the decoder."""
+    picture: tuple[int, int] = (64, 64)
+    """Height and width that pictures are made."""
+
+    def spec(self, model: Model) -> MemorySpec:
+        """Of a network of this size.
+
+        Raises:
+            UsageError: if it makes no sense.
+        """
+        x, y, z = self.voxels
+        return MemorySpec(
+            model, GridSpec((z, y, x), self.voxel_m), self.channels, self.planes, self.width, size=self.picture
+        )
