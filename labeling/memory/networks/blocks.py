@@ -70,6 +70,7 @@ class UNet3d(nn.Module):
         self.up_2 = nn.Conv3d(3 * outputs, 2 * outputs, 1)
         self.up_1 = nn.Conv3d(2 * outputs, outputs, 1)
         self.last = nn.Conv3d(outputs, outputs, 3, padding=1)
+        self.around = nn.Conv3d(inputs, outputs, 1)
 
     def forward(self, volumes: Float[Tensor, "b c z y x"]) -> Float[Tensor, "b d z y x"]:
         """Features of all voxels."""
@@ -78,7 +79,7 @@ class UNet3d(nn.Module):
         quarter = self.down_4(half)
         half = half + _up(self.up_2(quarter), half)
         whole = whole + _up(self.up_1(half), whole)
-        return self.last(whole)
+        return self.last(whole) + self.around(volumes)
 
 
 def _up(small: Tensor, like: Tensor) -> Tensor:

@@ -48,6 +48,8 @@ def test_a_gru_of_kernels_of_one_pixel_is_the_formula_at_every_pixel(dimensions)
     cell, grid = ConvGru(3, 2, dimensions, kernel=1), (4, 5, 6)[:dimensions]
     new, state = torch.randn(2, 3, *grid), torch.randn(2, 2, *grid)
     found = cell(new, state).detach().flatten(2)
+    assert cell.gates.bias is not None
+    assert cell.candidate.bias is not None
     gates, candidate = cell.gates.weight.detach().flatten(1), cell.candidate.weight.detach().flatten(1)
     for b in range(2):
         for place in range(found.shape[2]):

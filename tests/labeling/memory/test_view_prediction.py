@@ -105,7 +105,7 @@ def test_a_picture_is_retrieved_if_no_other_is_nearer():
 
 def test_more_inputs_come_in_addition_and_targets_stay():
     one = scene(1, 9)
-    few, many = drawn_views(one, 3, 1, 4), drawn_views(one, 3, 4, 4)
+    few, many = drawn_views(one, 1, 4), drawn_views(one, 4, 4)
     assert few[1] == many[1]
     assert many[0][:1] == few[0]
     assert not set(many[0]) & set(many[1])
