@@ -20,7 +20,6 @@ from labeling.memory.lifting.stabilisation import warp
 from labeling.memory.lifting.voxel_grid import invert
 from labeling.memory.settings.grid_spec import GridSpec
 
-
 LEAST_SHARED = 0.5
 """Of what both volumes hold, what must lie where both have seen for a correlation to count in full; without such a
 bound, floors and walls that overlap a little win."""
