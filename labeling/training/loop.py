@@ -171,7 +171,7 @@ def train(
         within = progress.iteration % task.config.validate_every and not task.is_finished(progress)
         if stop is not None and stop.is_set() and within:
             save_checkpoint(out, identity, progress, _state(task))
-            stop.leave()
+            _leave(stop, writer)
         figures = task.validate(progress)
         draw("val", figures, progress.iteration)
         record = {**task.position(progress), **losses, **figures}
@@ -185,10 +185,17 @@ def train(
         save_checkpoint(out, identity, progress, _state(task))
         say(task.summary(record, progress))
         if stop is not None and stop.is_set():
-            stop.leave()
+            _leave(stop, writer)
     if writer is not None:
         writer.close()
     return progress
+
+
+def _leave(stop: StopRequest, writer: Any) -> None:
+    """Ends the program as it was told to, with all curves written."""
+    if writer is not None:
+        writer.close()
+    stop.leave()
 
 
 def _until(stop: StopRequest | None, batches: Iterable[Batch]) -> Iterator[Batch]:
