@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from labeling.core.errors import SbmError, UsageError
+from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
 
 RECORD = "policy_pictures_{}.json"
 FIGURES = ("return", "objects", "sectors", "collisions")
-MAX_FILM_MB = 3
-FRAME_MS, LAST_FRAME_MS = 350, 1500
-FILM_COLOURS = (256, 128, 64)
-"""Tried one after the other until the film is small enough."""
 FILM_PX = {"wide": (192, 576), "square": (288, 288)}
 """Height and width of the two pictures of a film, by the shape of the world's pictures."""
 GAP_PX = 6
@@ -66,6 +62,7 @@ def run(config: PolicyPicturesConfig) -> None:
     from agents.rollouts.environments import inner_env, make_env
     from agents.rollouts.run_episode import episode_spec, run_episode
     from labeling.formats.atomic import write_json
+    from labeling.formats.film import write_film
     from labeling.runtime.provenance import experiment_provenance
 
     names = [label(policy) for policy in config.policies]
@@ -151,29 +148,6 @@ def filmed(
     wide = width_px > height_px
     gap = np.full((GAP_PX, width_px, 3) if wide else (height_px, GAP_PX, 3), 255, np.uint8)
     return [np.concatenate([above, gap, ahead], axis=0 if wide else 1) for above, ahead in zip(*seen, strict=True)]
-
-
-def write_film(frames: "Sequence[UInt8[np.ndarray, 'h w 3']]", path: Path) -> None:
-    """Writes pictures as an animated GIF that repeats.
-
-    Raises:
-        SbmError: if it would be larger than ``MAX_FILM_MB``.
-    """
-    from PIL import Image
-
-    from labeling.formats.atomic import atomic_file
-
-    times = [FRAME_MS] * (len(frames) - 1) + [LAST_FRAME_MS]
-    with atomic_file(path) as temporary:
-        for colours in FILM_COLOURS:
-            # Octrees keep the colours of thin lines; dithering would flicker and not compress.
-            how = {"method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
-            pictures = [Image.fromarray(frame).quantize(colours, **how) for frame in frames]
-            pictures[0].save(temporary, format="GIF", save_all=True, append_images=pictures[1:], duration=times, loop=0)
-            if temporary.stat().st_size <= 1e6 * MAX_FILM_MB:
-                return
-        megabytes = temporary.stat().st_size / 1e6
-        raise SbmError(f"{path}: would have {megabytes:.1f} MB, more than {MAX_FILM_MB}; film a shorter episode")
 
 
 HELP = CommandHelp(

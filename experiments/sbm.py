@@ -26,6 +26,10 @@ VERBS: dict[str, dict[str, tuple[str, str]]] = {
         "train3d": ("labeling.train3d", "train a frustum PointNet on labels"),
         "detect3d": ("labeling.detect3d", "find 3-D boxes in episodes"),
     },
+    "memories": {
+        "train-memory": ("labeling.train_memory", "teach a 3-D memory to predict views"),
+        "imagine": ("labeling.imagine", "draw what a memory predicts"),
+    },
     "agents": {
         "collect": ("agents.collect", "let a policy move through a world, and record"),
         "train": ("agents.train", "train a policy with PPO"),

@@ -8,7 +8,7 @@ is the stretch between two validations, as in torchvision's references/detection
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
@@ -19,6 +19,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_json
+from labeling.runtime.interrupts import StopRequest
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import CONFIG_FILE, WEIGHTS_FILE, TrainingConfig
 from labeling.training.curves import open_tensorboard
@@ -65,8 +66,8 @@ class TrainingTask(ABC, Generic[Batch, Net]):
         """The batches of the next epoch. Batch and losses must be functions of the batch's number (and of torch's
         generator, whose state checkpoints keep), so that a run that goes on ends like one that never stopped.
         """
-        first, size = progress.iteration, self.config.batch_size
-        last = min(first + self.config.validate_every, self.config.iterations)
+        first, size, every = progress.iteration, self.config.batch_size, self.config.validate_every
+        last = min((first // every + 1) * every, self.config.iterations)
         return DataLoader(
             self.dataset,
             batch_sampler=[list(range(size * batch, size * (batch + 1))) for batch in range(first, last)],
@@ -123,7 +124,11 @@ class TrainingTask(ABC, Generic[Batch, Net]):
 
 
 def train(
-    task: TrainingTask, out: Path, say: Callable[[str], None] = print, bar: Callable[..., Iterable[Any]] | None = None
+    task: TrainingTask,
+    out: Path,
+    say: Callable[[str], None] = print,
+    bar: Callable[..., Iterable[Any]] | None = None,
+    stop: StopRequest | None = None,
 ) -> Progress:
     """Trains, and keeps the best network in the run's folder; goes on where a killed run stopped.
 
@@ -132,6 +137,9 @@ def train(
         out: folder of the run.
         say: told a line after each validation.
         bar: makes a progress bar around the batches of an epoch (``tqdm``), if there is to be one.
+        stop: once it is set, a checkpoint is written after the batch at hand, and the program left. The network of a
+            run that goes on from there is that of one that never stopped; the losses of that epoch in the history are
+            means over what came after.
 
     Returns:
         How far training has come, with its history.
@@ -157,7 +165,13 @@ def train(
         batches = task.batches(progress)
         if bar is not None:
             batches = bar(batches, desc=f"training from step {progress.iteration}")
-        losses = train_one_epoch(task, batches, progress, scaler, lambda step, losses: draw("train", losses, step))
+        losses = train_one_epoch(
+            task, _until(stop, batches), progress, scaler, lambda step, losses: draw("train", losses, step)
+        )
+        within = progress.iteration % task.config.validate_every and not task.is_finished(progress)
+        if stop is not None and stop.is_set() and within:
+            save_checkpoint(out, identity, progress, _state(task))
+            _leave(stop, writer)
         figures = task.validate(progress)
         draw("val", figures, progress.iteration)
         record = {**task.position(progress), **losses, **figures}
@@ -170,9 +184,26 @@ def train(
             task.save(out / task.weights_file, progress)
         save_checkpoint(out, identity, progress, _state(task))
         say(task.summary(record, progress))
+        if stop is not None and stop.is_set():
+            _leave(stop, writer)
     if writer is not None:
         writer.close()
     return progress
+
+
+def _leave(stop: StopRequest, writer: Any) -> None:
+    """Ends the program as it was told to, with all curves written."""
+    if writer is not None:
+        writer.close()
+    stop.leave()
+
+
+def _until(stop: StopRequest | None, batches: Iterable[Batch]) -> Iterator[Batch]:
+    """Batches, none after a request to stop."""
+    for batch in batches:
+        yield batch
+        if stop is not None and stop.is_set():
+            return
 
 
 def train_one_epoch(

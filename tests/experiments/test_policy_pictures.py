@@ -3,23 +3,16 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from agents.rollouts.run_episode import episode_spec
 from experiments import policy_pictures
-from experiments.policy_pictures import main, write_film
-from labeling.core.errors import SbmError
+from experiments.policy_pictures import main
 
 from ..sbm_gym.box_rooms import BoxRooms
 from .box_env import SHORT_ENV_ID, SHORT_STEPS
 
 NAME = SHORT_ENV_ID.rpartition("/")[2]
-
-
-def frames(count: int, size_px: tuple[int, int] = (60, 80)) -> list[np.ndarray]:
-    rng = np.random.default_rng(0)
-    return [rng.integers(0, 256, (*size_px, 3), np.uint8) for _ in range(count)]
 
 
 def test_episodes_are_drawn_and_the_last_policy_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,29 +32,6 @@ def test_episodes_are_drawn_and_the_last_policy_filmed(tmp_path: Path, monkeypat
     with Image.open(tmp_path / "pictures" / content["film"]["file"]) as film:
         assert film.n_frames == content["film"]["frames"] == SHORT_STEPS + 1  # type: ignore[attr-defined]
         assert film.size == (2 * 48 + policy_pictures.GAP_PX, 48)
-
-
-def test_a_film_shows_its_pictures_in_order(tmp_path: Path) -> None:
-    from PIL import Image
-
-    shown = [np.full((8, 10, 3), value, np.uint8) for value in (10, 90, 200)]
-    write_film(shown, tmp_path / "film.gif")
-    with Image.open(tmp_path / "film.gif") as film:
-        for number, picture in enumerate(shown):
-            film.seek(number)
-            assert np.abs(np.asarray(film.convert("RGB"), int) - picture).max() <= 8
-
-
-def test_films_are_made_small_enough_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_film(frames(4), tmp_path / "film.gif")
-    whole = (tmp_path / "film.gif").stat().st_size
-    monkeypatch.setattr(policy_pictures, "MAX_FILM_MB", 0.9 * whole / 1e6)
-    write_film(frames(4), tmp_path / "smaller.gif")
-    assert (tmp_path / "smaller.gif").stat().st_size <= 0.9 * whole
-    monkeypatch.setattr(policy_pictures, "MAX_FILM_MB", 1e-3)
-    with pytest.raises(SbmError, match=r"none\.gif"):
-        write_film(frames(4), tmp_path / "none.gif")
-    assert not list(tmp_path.glob("*none*"))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from labeling.core.errors import SbmError, UsageError
+from labeling.runtime.interrupts import StopRequest
 from labeling.training import loop
 from labeling.training.checkpoint import Progress, load_checkpoint
 from labeling.training.config import CHECKPOINT_FILE, HISTORY_FILE, TrainingConfig
@@ -144,3 +145,33 @@ def test_checkpoints_written_before_are_gone_on_from(tmp_path, saved):
     assert progress.iteration == 5
     assert len(progress.history) == 1
     assert progress.minutes in (0.0, 2.5)
+
+
+@pytest.mark.parametrize("stop_at", [1, 2, 3, 4, 5])
+def test_a_run_that_is_told_to_stop_keeps_every_batch_and_ends_like_one_that_was_not(tmp_path, stop_at):
+    class Told(Line):
+        def batches(self, progress):
+            every = self.config.validate_every
+            last = min((progress.iteration // every + 1) * every, self.config.iterations)
+            return [torch.full((4, 1), float(1 + step % 3)) for step in range(progress.iteration, last)]
+
+        def losses(self, batch, step):
+            if step + 1 == stop_at:
+                stop.set()
+            return super().losses(batch, step)
+
+    stop = StopRequest()
+    whole = Line(CONFIG)
+    expected = loop.train(whole, tmp_path / "whole", say=silent)
+    with pytest.raises(KeyboardInterrupt):
+        loop.train(Told(CONFIG), tmp_path / "told", say=silent, stop=stop)
+    assert (
+        load_checkpoint(tmp_path / "told", json.dumps({"learning_rate": 0.02}), "cpu", lambda state: None).iteration
+        == stop_at
+    )
+    stop.clear()
+    stop_at = 0
+    resumed = Told(CONFIG)
+    progress = loop.train(resumed, tmp_path / "told", say=silent, stop=stop)
+    assert torch.equal(resumed.line.weight, whole.line.weight)
+    assert [one["iteration"] for one in progress.history] == [one["iteration"] for one in expected.history] == [2, 4, 6]

@@ -1,0 +1,122 @@
+"""Stages of experiments with 3-D memories: train them, score what they predict. Outcomes are kept."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.cache.stages import RunContext, cached, digest
+from labeling.memory.settings.memory_spec import MemorySize, Model
+from labeling.memory.settings.train_config import TrainMemoryConfig
+from labeling.runtime.code_digest import code_digest
+
+REPROJECTION = "reprojection"
+"""Name of the method that learns nothing."""
+
+
+@dataclass(frozen=True)
+class MemoryJob:
+    """A training of a memory."""
+
+    model: Model
+    learn: tuple[Path, ...]
+    """Episodes."""
+    choose: tuple[Path, ...]
+    """The network that does best on these is kept."""
+    size: MemorySize
+    train: TrainMemoryConfig
+    """Its seed is replaced."""
+    seed: int
+
+
+def train_memories(jobs: Sequence[MemoryJob], context: RunContext) -> list[str]:
+    """Trains memories in parallel.
+
+    Returns:
+        Folders of their runs, in order.
+    """
+    code, keyed = code_digest(_train), []
+    for job in jobs:
+        episodes = [[f"{path.parent.name}/{path.name}" for path in paths] for paths in (job.learn, job.choose)]
+        settings = [job.model, asdict(job.size), asdict(replace(job.train, seed=job.seed))]
+        key = digest(episodes, settings, code)
+        keyed.append((key, (job, context.cache / "memories" / key)))
+
+    def reads(task: tuple[MemoryJob, Path]) -> list[Path]:
+        return [*task[0].learn, *task[0].choose, task[1]]
+
+    cached("memories", _train, keyed, context, "training memories", reads=reads, gpus=True)
+    return [str(out) for _, (_, out) in keyed]
+
+
+def _train(task: tuple[MemoryJob, Path]) -> dict[str, Any]:
+    from labeling.detectors.registry import choose_device
+    from labeling.memory.view_prediction.scenes import read_scenes
+    from labeling.memory.view_prediction.training import MemoryTask
+    from labeling.training.loop import train
+
+    job, out = task
+    title, spec = f"{job.model}, seed {job.seed}", job.size.spec(job.model)
+    learn, choose = (read_scenes(paths, spec, job.train.around)[0] for paths in (job.learn, job.choose))
+    memory = MemoryTask(spec, learn, choose, replace(job.train, seed=job.seed), choose_device(), {"episodes": title})
+    progress = train(memory, out, lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True))
+    return {"title": title, "scenes": [len(learn), len(choose)], "history": progress.history}
+
+
+@dataclass(frozen=True)
+class ViewScores:
+    """What is to be scored: one method on one set of scenes."""
+
+    method: str
+    """Folder of a run, or ``REPROJECTION``."""
+    episodes: tuple[Path, ...]
+    size: MemorySize
+    inputs: tuple[int, ...]
+    """Numbers of views that are given."""
+    targets: int
+    """Views of each scene that are predicted."""
+
+
+def score_views(jobs: Sequence[ViewScores], context: RunContext) -> list[dict[str, Any]]:
+    """Scores predicted views.
+
+    Returns:
+        For each job, by the number of inputs, the means of all figures over scenes (``mean``), and a mean for every
+        scene (``scenes``).
+    """
+    code, keyed = code_digest(_score), []
+    for job in jobs:
+        episodes = [f"{path.parent.name}/{path.name}" for path in job.episodes]
+        method = Path(job.method).name  # which is a digest of all that a network was made from
+        keyed.append((digest(method, episodes, asdict(job.size), job.inputs, job.targets, code), job))
+
+    def reads(job: ViewScores) -> list[Path]:
+        return [*job.episodes, *([] if job.method == REPROJECTION else [Path(job.method)])]
+
+    return cached("view_scores", _score, keyed, context, "scoring predicted views", reads=reads)
+
+
+def _score(job: ViewScores) -> dict[str, Any]:
+    from labeling.detectors.registry import choose_device
+    from labeling.memory.networks.weights import load_memory
+    from labeling.memory.view_prediction.evaluation import evaluate, score_pictures
+    from labeling.memory.view_prediction.reprojection import reproject_views
+    from labeling.memory.view_prediction.scenes import read_scenes
+
+    scenes, _ = read_scenes(job.episodes, job.size.spec("grnn"))
+    device, found = choose_device(), {}
+    network = None if job.method == REPROJECTION else load_memory(Path(job.method)).to(device)
+    for inputs in job.inputs:
+        of_scenes = []
+        for scene in scenes:
+            if network is None:
+                scores = score_pictures(reproject_views, [scene], inputs, job.targets)
+            else:
+                scores = evaluate(network, [scene], inputs, job.targets, device)
+            of_scenes.append({name: float(np.mean(values)) for name, values in scores.items()})
+        mean = {name: float(np.mean([one[name] for one in of_scenes])) for name in of_scenes[0]}
+        found[str(inputs)] = {"mean": mean, "scenes": of_scenes}
+    return found

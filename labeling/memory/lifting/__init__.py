@@ -1,0 +1,1 @@
+"""From views to voxels and back, without anything learnt: unprojection, stabilisation, alignment, projection."""

@@ -1,0 +1,57 @@
+"""Memories on disk: weights with the network's spec in the header."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from labeling.core.detector import DetectorError
+from labeling.core.errors import UsageError
+from labeling.memory.networks.cn3d import Cn3d
+from labeling.memory.networks.grnn import Grnn
+from labeling.memory.networks.tower import Tower
+from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.training.weights import load_weights, read_header, save_weights
+
+MEMORY_FILE = "memory.safetensors"
+SPEC_KEY, ABOUT_KEY = "memory", "about"
+Memory = Grnn | Cn3d | Tower
+
+
+def build_memory(spec: MemorySpec) -> Memory:
+    """A network of random weights."""
+    return {"grnn": Grnn, "cn3d": Cn3d, "tower": Tower}[spec.model](spec)
+
+
+def save_memory(path: Path, network: Memory, about: Mapping[str, Any]) -> None:
+    """Writes a network atomically.
+
+    Args:
+        path: of the file.
+        network: what to write.
+        about: where it comes from, as JSON.
+    """
+    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
+
+
+def load_memory(path: Path) -> Memory:
+    """Reads a network, on the CPU, in evaluation mode.
+
+    Args:
+        path: the file, or the folder of a run.
+
+    Raises:
+        DetectorError: if the file is missing, damaged, or holds something else.
+    """
+    file = path / MEMORY_FILE if path.is_dir() else path
+    text = read_header(file, SPEC_KEY, "labeling.train_memory")
+    try:
+        spec = msgspec.json.decode(text, type=MemorySpec)
+    except (msgspec.MsgspecError, UsageError) as error:
+        raise DetectorError(f"{file}: the description of its network is damaged ({error})") from None
+    network = build_memory(spec)
+    load_weights(file, network, f"a memory of kind {spec.model}")
+    return network.eval()

@@ -1,0 +1,1 @@
+"""Settings of memories and of their training. Loads no torch, so that commands answer at once."""
