@@ -24,6 +24,7 @@ from tools import environments
 from tools.website import commands as command_pages
 from tools.website import links, reference
 from tools.website.doctests import fenced
+from tools.website.lists import lists_apart
 
 GENERATED = {*links.PAGES.values()}
 TUTORIALS = {
@@ -79,6 +80,13 @@ def test_doctests_are_fenced_with_their_indentation() -> None:
     assert [line for line in lines if "```" not in line] == text.splitlines()
     assert len(lines) == len(text.splitlines()) + 2
     assert fenced("No example.") == "No example."
+
+
+def test_lists_are_set_apart_but_in_code() -> None:
+    assert lists_apart("Has\n- a;\n- b.\n\nNext:\n\n- c\n") == "Has\n\n- a;\n- b.\n\nNext:\n\n- c\n"
+    assert lists_apart("- a\n  goes on\n- b\n") == "- a\n  goes on\n- b\n"
+    for same in ("```\na\n- b\n```", "| a |\n|---|\n| b |\n", "a - b\n"):
+        assert lists_apart(same) == same
 
 
 @pytest.mark.parametrize("package", reference.PACKAGES)

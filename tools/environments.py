@@ -23,7 +23,7 @@ KINDS: dict[str, tuple[str, WorldProfile, str]] = {
     "outdoor": ("Towns", OUTDOOR, "Streets with parked vehicles, trees, houses and weather"),
 }
 """Kinds of worlds: title of the page, settings, and what the worlds are."""
-NOTE = "Written by `python tools/environments.py` from the code; do not edit by hand."
+NOTE = "<!-- Written by `python tools/environments.py` from the code; do not edit by hand. -->"
 
 
 def env_ids(kind: str) -> list[str]:
@@ -96,7 +96,7 @@ A round robot with an RGB-D camera {height_m:g} m above the floor looks for obje
 ## Observation space
 {of_kind(said["Observation Space"], kind)}
 
-<details markdown><summary>All {len(env.state_names)} entries of `state`</summary>
+<details markdown><summary>All {len(env.state_names)} entries of <code>state</code></summary>
 
 | | entry |
 |---|---|

@@ -113,6 +113,9 @@ def _sections(text: str, level: int) -> list[str]:
     lines: list[str] = []
     examples = _parts(text).get("examples", "")
     for title, part in _parts(text).items():
+        if examples and not title.isdigit():
+            lines += [*_shown(examples, level)]
+            examples = ""
         if title == "examples" or "COMMAND --help tells of one" in part:
             continue
         if title.isdigit():
@@ -122,10 +125,12 @@ def _sections(text: str, level: int) -> list[str]:
         else:
             lines += [f"{'#' * level} {_escaped(title[:1].upper() + title[1:])}", ""]
             lines += [line for option, what in _rows(part).items() for line in _defined(option, what)]
-    if examples:
-        block = "\n".join(line.removeprefix("  ") for line in examples.splitlines())
-        lines += [f"{'#' * level} Examples", "", "```sh", block, "```", ""]
     return lines
+
+
+def _shown(examples: str, level: int) -> list[str]:
+    block = "\n".join(line.removeprefix("  ") for line in examples.splitlines())
+    return [f"{'#' * level} Examples", "", "```sh", block, "```", ""]
 
 
 def _defined(option: str, what: str) -> list[str]:

@@ -1,9 +1,11 @@
-"""Examples in docstrings as blocks of code."""
+"""Docstrings as Markdown: examples are blocks of code, and lists are lists."""
 
 import re
 from typing import Any
 
 import griffe
+
+from tools.website.lists import lists_apart
 
 _DOCTEST = re.compile(r"^( *)>>> .*(?:\n\1(?! *$).+)*", re.MULTILINE)
 
@@ -17,6 +19,6 @@ class Doctests(griffe.Extension):
     """Called by mkdocstrings for everything that it reads."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
-        """Fences the doctests of an object's docstring."""
+        """Fences the doctests of an object's docstring, and sets its lists apart."""
         if obj.docstring is not None:
-            obj.docstring.value = fenced(obj.docstring.value)
+            obj.docstring.value = lists_apart(fenced(obj.docstring.value))

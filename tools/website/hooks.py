@@ -9,7 +9,7 @@ from mkdocs.structure.files import File
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from tools.website import commands, links, reference  # noqa: E402
+from tools.website import commands, links, lists, reference  # noqa: E402
 
 ASSETS = ("iframe-worker.js", "site.css")
 SOURCES = {page: source for source, page in links.PAGES.items()}
@@ -35,7 +35,9 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Links as they are on GitHub become those of the site."""
+    """Links and lists as they are on GitHub become those of the site."""
     path = page.file.src_uri
     source = SOURCES.get(path, f"docs/{path}")
-    return links.links_of_site(markdown, source, path)
+    if path == "index.md":
+        page.meta["hide"] = ["navigation"]  # of one page, which leaves its width to pictures
+    return lists.lists_apart(links.links_of_site(markdown, source, path))
