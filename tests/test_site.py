@@ -5,8 +5,10 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium
 import pytest
@@ -164,13 +166,32 @@ def test_pages_of_environments_have_every_argument() -> None:
     assert sorted(rows) == sorted(set(FixationEnv.__init__.__annotations__) - {"return"})
 
 
-@pytest.mark.slow
-def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(tmp_path) -> None:
-    site = tmp_path / "site"
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(site)]
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SEARCH = """<script>addEventListener("load", () => {
+  const [toggle, query] = [document.querySelector("#__search"), document.querySelector(".md-search__input")];
+  toggle.checked = true;
+  toggle.dispatchEvent(new Event("change"));
+  query.focus();
+  query.value = "depth unit";
+  query.dispatchEvent(new Event("input", { bubbles: true }));
+  query.dispatchEvent(new Event("keyup", { bubbles: true }));
+})</script></body>"""
+"""A user who types into the search."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The site, built with warnings as errors."""
+    folder = tmp_path_factory.mktemp("site") / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     calm = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=calm)
     assert done.returncode == 0, done.stderr + done.stdout
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site: Path) -> None:
     for path in site.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
         loaded = re.findall(r"<(?:script|img|iframe|link)[^>]*?(?:src|href)=\"?(https?:[^\" >]+)", text)
@@ -181,3 +202,18 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(tm
     for package in reference.PACKAGES:
         page = (site / "reference" / f"{package}.html").read_text(encoding="utf-8")
         assert all(f'id="{package}.{name}"' in page for name in reference.exported(ROOT, package))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="needs chromium or chrome")
+def test_search_works_on_a_site_that_is_opened_from_disk(site: Path) -> None:
+    assert BROWSER is not None
+    path = site / "tried.html"
+    path.write_text((site / "index.html").read_text(encoding="utf-8").replace("</body>", SEARCH), encoding="utf-8")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
+    command += [f"--user-data-dir={site.parent / 'browser'}", path.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"\d+ matching documents", done.stdout)
+    results = done.stdout.partition("matching documents")[2].partition("</ol>")[0]
+    assert re.search(r'href="file:[^"]*/your-own-recordings\.html', results)
