@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types tests slow pictures clean
+.PHONY: demo test lint types tests slow docs pictures clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m experiments.demo --out out/demo
@@ -25,6 +25,10 @@ tests: $(INSTALLED)
 slow: $(INSTALLED)
 	$(BIN)/pytest -m slow
 
+# The site, at http://127.0.0.1:8000/, written anew as pages change. `mkdocs build --strict` makes it in site/.
+docs: $(INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve --strict
+
 # The pictures of README and docs.
 pictures: $(INSTALLED)
 	$(BIN)/python -m experiments.demo --policy ring --out out/pictures
@@ -37,4 +41,4 @@ $(INSTALLED): pyproject.toml constraints.txt apt-packages.txt tools/setup.sh
 	touch $@
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf $(VENV) out build dist site *.egg-info

@@ -13,7 +13,7 @@ import tyro
 
 from .imports import ROOT, commands
 
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 COMMAND = re.compile(r"python -m ((?:labeling|sbm_gym|agents|experiments)[\w.]*)([^`\n#|]*)")
 TEMPLATE = re.compile(r"\.\.\.|…|<|\[")
 """A line that leaves something out, which is not to be typed as it stands."""

@@ -126,8 +126,8 @@ class FixationEnv(gym.Env, EzPickle):
     - `scene_cache`: how many scenes are kept in memory. Those that come with sbm_gym are kept on disk, too, once any
       process has compiled them (`SBM_SCENE_CACHE`: how many GB of them, or "off").
     - `render_mode`: "rgb_array" (what the robot sees), "depth_array" (metres, float32), "third_person" (the robot from
-      above, with its path, its camera's frustum and what it has found), each at `render_size` pixels; or "human"
-      (MuJoCo's viewer).
+      above, with its path, its camera's frustum and what it has found); or "human" (MuJoCo's viewer).
+    - `render_size`: height and width of what `render` returns, pixels.
 
     ## Version History
     - v0: initial version.
