@@ -21,7 +21,7 @@ from labeling.core.views import RgbdViews
 from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
 from labeling.generator.cloud.free_space import clear_free_space
 from labeling.generator.cloud.ground import find_ground, ground_of_objects
-from labeling.generator.cloud.moved import find_moved, moved_voxels
+from labeling.generator.cloud.moved import moved_detections, moved_voxels
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
@@ -35,7 +35,7 @@ from labeling.generator.objects.find_objects import find_objects, with_posterior
 from labeling.generator.objects.nested_masks import without_nested
 from labeling.generator.objects.object_sizes import with_sizes
 from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, trimap_seeds
-from labeling.generator.objects.tracks import with_shared_posteriors
+from labeling.generator.objects.tracks import with_shared_posteriors, without_settled
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
@@ -129,6 +129,8 @@ def _label(
     candidates, probability = _segment(cloud, candidates, scale, config)
     if len(candidates) < known:
         candidates = with_posteriors(cloud, scene.eyes_m, candidates, calibration.objects, scene.moved)
+    if scene.moved is not None:
+        probability = without_settled(cloud, candidates, probability, scene.moved)
     claimed = point_owners(probability, config.exclusive)
     inside, owner = claimed >= 0, _without_outliers(cloud, claimed, candidates, config)
     ground = None
@@ -209,21 +211,20 @@ def fuse_scene(views: RgbdViews, detections: Sequence[Detection], config: LabelC
     used = detections if config.weak_evidence or unsure_too else confident
     with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
         cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
-        moved = find_moved(cloud, views, used) if config.moving and config.fuse_views else None
-        voxels = None if moved is None else moved.voxels
+        passing = moved_detections(cloud, views, used) if config.moving and config.fuse_views else {}
         if config.free_space:
-            cleared = clear_free_space(cloud, views, None if moved is None else moved.kept)
+            cleared = clear_free_space(cloud, views, passing)
             if cleared is not views:
                 views = cleared
                 cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
-                voxels = None if moved is None else moved_voxels(cloud, views, used)
+        moved = moved_voxels(cloud, views) if passing else None
         # One after the other: many short jobs on several threads cost more than they save. Without ``fuse_views``
         # there are no trimaps, so no seeds either.
         pairs = zip(used, trimaps(), strict=False)
         seeds = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index)) for one, trimap in pairs]
     if config.nested_masks:
         seeds = without_nested(seeds, cloud.num_points, config.confident, config.merge_overlap)
-    return FusedScene(views, cloud, scale, poses, seeds, voxels)
+    return FusedScene(views, cloud, scale, poses, seeds, moved)
 
 
 def _check_detections(detections: Sequence[Detection], views: RgbdViews) -> None:

@@ -5,10 +5,9 @@ Depth alone tells. Nothing is known of when views were taken but their order, an
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from labeling.core.types import Detection
 from labeling.core.views import RgbdViews
@@ -23,22 +22,16 @@ motion, recorded without noise, the highest share of any visible object was .05;
 1 degree and 2 cm off 1 % of them had more than .5."""
 MIN_PX = 64
 """Detections with fewer pixels with depth tell nothing."""
+SETTLED_HITS = 2
+"""Views that must have measured what is taken to stand still behind what passes."""
 RIM_SHARE = 0.15
 """Depth that other views look through is also kept this far around such a detection, as a share of the square root of
 its pixels: masks leave out rims."""
 
 
-@dataclass(frozen=True)
-class Moved:
-    """What has moved in an episode."""
-
-    voxels: Bool[np.ndarray, "n"]
-    """Voxels of the cloud that have, as far as detections show them."""
-    kept: dict[int, Bool[np.ndarray, "h w"]]
-    """By view: pixels of detections of what has moved, and their rims."""
-
-
-def find_moved(cloud: Cloud, views: RgbdViews, detections: Sequence[Detection]) -> Moved | None:
+def moved_detections(
+    cloud: Cloud, views: RgbdViews, detections: Sequence[Detection]
+) -> dict[int, Bool[np.ndarray, "h w"]]:
     """Finds what has moved among what detections show.
 
     Args:
@@ -47,30 +40,51 @@ def find_moved(cloud: Cloud, views: RgbdViews, detections: Sequence[Detection]) 
         detections: of these views.
 
     Returns:
-        None if no detection is of something that has moved.
+        By view the pixels of detections of what has moved, and their rims; nothing where nothing has.
     """
-    voxels = moved_voxels(cloud, views, detections)
-    kept: dict[int, Bool[np.ndarray, "h w"]] = {}
-    for one in detections:
-        shown = cloud.voxel_of_pixel[one.view_index][one.mask]
-        shown = shown[shown >= 0]
-        if len(shown) >= MIN_PX and np.count_nonzero(voxels[shown]) >= MOVED_SHARE * len(shown):
-            rim = _with_rim(one.mask)
-            kept[one.view_index] = kept[one.view_index] | rim if one.view_index in kept else rim
-    return Moved(voxels, kept) if kept else None
-
-
-def moved_voxels(cloud: Cloud, views: RgbdViews, detections: Sequence[Detection]) -> Bool[np.ndarray, "n"]:
-    """Voxels that enough views look through, among those that detections show; arguments as of ``find_moved``."""
     shown = np.zeros(cloud.num_points + 1, bool)  # the last one is for pixels without depth
     for one in detections:
         shown[cloud.voxel_of_pixel[one.view_index][one.mask]] = True
-    chosen = np.flatnonzero(shown[:-1])
+    moved = moved_voxels(cloud, views, np.flatnonzero(shown[:-1]))
+    found: dict[int, Bool[np.ndarray, "h w"]] = {}
+    for one in detections:
+        voxels = cloud.voxel_of_pixel[one.view_index][one.mask]
+        voxels = voxels[voxels >= 0]
+        if len(voxels) >= MIN_PX and np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels):
+            rim = _with_rim(one.mask)
+            found[one.view_index] = found[one.view_index] | rim if one.view_index in found else rim
+    return found
+
+
+def moved_voxels(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"] | None = None) -> Bool[np.ndarray, "n"]:
+    """Voxels that enough views look through.
+
+    Args:
+        cloud: of the views.
+        views: those that the cloud was made from.
+        chosen: indices of those that are looked at; all if None.
+    """
+    chosen = np.arange(cloud.num_points) if chosen is None else chosen
     hits = count_hits(cloud.voxel_of_pixel, cloud.num_points)[chosen]
     misses = count_misses(cloud, views, chosen)
     moved = np.zeros(cloud.num_points, bool)
     moved[chosen] = (misses > 0) & (misses >= MISSES_PER_HIT * hits)
     return moved
+
+
+def settled_voxels(cloud: Cloud, moved: Bool[np.ndarray, "n"], first: int, last: int) -> Bool[np.ndarray, "n"]:
+    """Voxels that are no part of a thing that views ``first`` to ``last`` show in passing: what has not moved, and what
+    views well before or after have measured as well.
+
+    Args:
+        cloud: of all views.
+        moved: voxels that have moved.
+        first: first view that shows the thing.
+        last: the last one.
+    """
+    number = np.arange(len(cloud.voxel_of_pixel))
+    others = cloud.voxel_of_pixel[(number < first - 1) | (number > last + 1)]
+    return ~moved & (count_hits(others, cloud.num_points) >= SETTLED_HITS)
 
 
 def _with_rim(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

@@ -33,6 +33,8 @@ def join_tracks(labels: EpisodeLabels, tracks: Sequence[int | None]) -> EpisodeL
         if track is not None:
             first[track] = len(places)
         places.append([k])
+    # What stands still comes first: its numbers are those of the boxes and of the cloud.
+    places.sort(key=lambda own: tracks[own[0]] is not None)
     number = {labels.objects[k].instance_id: place for place, own in enumerate(places, start=1) for k in own}
     moves = [tracks[own[0]] is not None for own in places]
     objects = tuple(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from labeling.generator.cloud.moved import settled_voxels
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
 from labeling.generator.objects.object_posterior import PlaceObservations
@@ -85,6 +86,29 @@ def with_shared_posteriors(candidates: Sequence[Candidate]) -> list[Candidate]:
             if len(one.foreground_voxels) > len(known.foreground_voxels):
                 best[one.track] = one
     return [replace(one, posterior=best[one.track].posterior) if one.track in best else one for one in candidates]
+
+
+def without_settled(
+    cloud: Cloud,
+    candidates: Sequence[Candidate],
+    probability: Float32[np.ndarray, "n k"],
+    moved: Bool[np.ndarray, "n"],
+) -> Float32[np.ndarray, "n k"]:
+    """The probabilities of points, 0 of what passes where the point stands still.
+
+    Args:
+        cloud: the points of all views.
+        candidates: objects.
+        probability: of each of them at each point.
+        moved: voxels that have moved.
+    """
+    if any(one.track is not None for one in candidates):
+        probability = probability.copy()
+    for k, one in enumerate(candidates):
+        if one.track is not None:
+            views = [detection.view_index for detection in one.detections]
+            probability[settled_voxels(cloud, moved, min(views), max(views)), k] = 0
+    return probability
 
 
 def _has_moved(one: Candidate, moved: Bool[np.ndarray, "n"]) -> bool:

@@ -1,5 +1,6 @@
 """Labels where things move: in every view where they are, one object each, and no ghosts; else as ever."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +8,18 @@ import pytest
 
 from labeling.core.episode_labels import EpisodeLabels
 from labeling.core.types import Detection, GroundTruth
-from labeling.generator.cloud.moved import find_moved, moved_voxels
+from labeling.evaluate import main as evaluate
+from labeling.generate import main as generate
+from labeling.generator.cloud.moved import moved_detections, moved_voxels
 from labeling.generator.cloud.voxel_cloud import build_cloud
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.inspection.checks import inspect_label_set
+from labeling.io.episodes import write_episode
 
 from ..synthetic_room import make_episode
 
-ROOM = {"num_views": 12, "size": (90, 120), "num_objects": 5, "confident_share": 0.9, "wrong_class": 0.0}
+ROOM = {"num_views": 10, "size": (72, 96), "num_objects": 5, "confident_share": 0.9, "wrong_class": 0.0}
 VOXEL_M = 0.05
 SPEED_M = (0.14, -0.1)
 
@@ -26,11 +31,11 @@ def truths(episode) -> tuple[GroundTruth, ...]:
 
 def runner(episode) -> int:
     """The instance of which still rooms have most views."""
-    ids = [one.instance_id for one in truths(episode) if one.modal.sum() > 300]
+    ids = [one.instance_id for one in truths(episode) if one.modal.sum() > 200]
     return max(set(ids), key=ids.count)
 
 
-@pytest.fixture(scope="module", params=[4, 6])
+@pytest.fixture(scope="module", params=[4, pytest.param(6, marks=pytest.mark.slow)])
 def rooms(request):
     """The same room twice: with everything still, and with one thing in motion."""
     still = make_episode(request.param, **ROOM)
@@ -42,7 +47,7 @@ def found(labels: EpisodeLabels, episode, number) -> tuple[dict[int, float], set
     """IoU of the best label of an instance in each view that shows it well, and the objects these labels are of."""
     iou, objects = {}, set()
     for truth in truths(episode):
-        if truth.instance_id != number or truth.modal.sum() < 300:
+        if truth.instance_id != number or truth.modal.sum() < 200:
             continue
         here = [one for one in labels.labels if one.view_index == truth.view_index and one.category == truth.category]
         both = [np.sum(one.modal & truth.modal) / np.sum(one.modal | truth.modal) for one in here]
@@ -55,7 +60,7 @@ def found(labels: EpisodeLabels, episode, number) -> tuple[dict[int, float], set
 def test_nothing_has_moved_in_a_still_room(rooms):
     still, *_ = rooms
     cloud = build_cloud(still, VOXEL_M)
-    assert find_moved(cloud, still, still.detections) is None
+    assert moved_detections(cloud, still, still.detections or ()) == {}
     labels, held = propagate(still, still.detections), propagate(still, still.detections, LabelConfig(moving=False))
     told = [[(one.instance_id, one.category, one.confidence, one.sources) for one in x.objects] for x in (labels, held)]
     assert told[0] == told[1]
@@ -75,7 +80,7 @@ def test_nothing_has_moved_in_a_still_room(rooms):
 def test_voxels_that_have_moved_are_those_of_what_moves(rooms):
     _, moving, number = rooms
     cloud = build_cloud(moving, VOXEL_M)
-    moved = moved_voxels(cloud, moving, moving.detections)
+    moved = moved_voxels(cloud, moving)
     own = np.zeros(cloud.num_points, bool)
     others = np.zeros(cloud.num_points, bool)
     for truth in truths(moving):
@@ -89,7 +94,7 @@ def test_what_moves_is_one_object_labelled_where_it_is(rooms):
     still, moving, number = rooms
     labels = propagate(moving, moving.detections)
     iou, objects = found(labels, moving, number)
-    assert len(iou) >= 4
+    assert len(iou) >= 3
     assert np.mean([value > 0.5 for value in iou.values()]) > 0.7
     assert len(objects) == 1
     mover = next(one for one in labels.objects if one.instance_id in objects)
@@ -131,3 +136,23 @@ def test_something_that_runs_through_one_view_is_labelled_there_only(rooms):
     labels = [one for one in propagate(replace(still, depth_m=depth_m), (person,), config).labels if one.modal.any()]
     assert {one.view_index for one in labels} == {0}
     assert np.sum(labels[0].modal & mask) > 0.8 * np.sum(labels[0].modal | mask)
+
+
+def test_a_label_set_tells_what_moves_and_is_in_order(rooms, tmp_path, capsys):
+    _, moving, number = rooms
+    write_episode(tmp_path / "episodes" / "one", moving)
+    assert generate([str(tmp_path / "episodes"), "--out", str(tmp_path / "labels")]) == 0
+    boxes = json.loads((tmp_path / "labels" / "boxes_3d.json").read_text())
+    (mover,) = boxes["moving"]
+    assert not {"centre", "extent", "rotation"} & set(mover)
+    assert mover["instance_id"] not in [one["instance_id"] for one in boxes["boxes"]]
+    modal = json.loads((tmp_path / "labels" / "instances_modal.json").read_text())
+    names = {one["id"]: one["name"] for one in modal["categories"]}
+    name = next(one.category for one in truths(moving) if one.instance_id == number)
+    assert names[mover["category_id"]] == name
+    assert sum(one.get("instance_id") == mover["instance_id"] for one in modal["annotations"]) >= 3
+    assert inspect_label_set(tmp_path / "labels") == []
+    assert evaluate([str(tmp_path / "labels")]) == 0
+    assert "AP50" in capsys.readouterr().out
+    assert generate([str(tmp_path / "episodes"), "--out", str(tmp_path / "held"), "--no-moving"]) == 0
+    assert "moving" not in json.loads((tmp_path / "held" / "boxes_3d.json").read_text())
