@@ -46,7 +46,7 @@ def run(config: PicturesConfig) -> None:
     # Of the scenes only those of the test split: enough to see what worlds look like.
     preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
     two = ("indoor", "outdoor")
-    preview.run(preview.PreviewConfig(out=config.out, what=("moving",), worlds=two, split="test", scenes=1, size=160))
+    preview.run(preview.PreviewConfig(out=config.out, what=("moving",), worlds=two, split="train", scenes=1, size=160))
 
 
 HELP = CommandHelp(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SHEETS = ("scenes", "renderers", "assets")
 MOVING = "moving"
 """A further sheet, of scenes in which things move."""
-MOMENTS, MOVING_THINGS, STEPS_BETWEEN = 5, 4, 4
+MOMENTS, MOVING_THINGS, STEPS_BETWEEN = 5, 6, 2
 """Pictures in a row of that sheet, what moves in them, and the robot's steps from one to the next."""
 EYE_VIEWS = 4
 SCENES_PER_SHEET = 6

@@ -11,8 +11,8 @@ from sbm_gym.worlds.moving.movers import Traffic
 
 TRIAL_PX = (24, 48)
 """Size of the pictures that places are judged by."""
-PLACES = 40
-ENOUGH_SHARE = 0.15
+PLACES = 120
+ENOUGH_SHARE = 0.06
 """Things that fill more of a picture than this are worth no more."""
 NOBODY_M = np.array([1e6, 1e6])
 """Where a robot stands that is in nobody's way."""
@@ -48,7 +48,8 @@ def moments(
             )
             shown = np.isin(scene.instance_of_geom[frame.geom_id], ids)
             blocked = np.mean((frame.depth_m > 0) & (frame.depth_m < 0.8))
-            worth[k] += min(float(np.mean(shown)), ENOUGH_SHARE) - 0.5 * float(blocked)
+            # Roots, so that to be seen at every moment is worth more than to fill one picture.
+            worth[k] += min(float(np.mean(shown)), ENOUGH_SHARE) ** 0.5 - 0.5 * float(blocked)
     chosen = Camera.from_fov(cameras[int(np.argmax(worth))], size, 0.5 * np.pi)
     pictures = []
     for state in poses:

@@ -43,16 +43,15 @@ def with_tracks(cloud: Cloud, candidates: Sequence[Candidate], moved: Bool[np.nd
         candidates: the objects, each in one place.
         moved: voxels that have moved.
     """
-    places = [_place(cloud, one) if _has_moved(one, moved) else None for one in candidates]
-    numbers = [k for k, place in enumerate(places) if place is not None]
-    pairs = []
+    places = {k: _place(cloud, one) for k, one in enumerate(candidates) if _has_moved(one, moved)}
+    numbers, pairs = list(places), []
     for k, first in enumerate(numbers):
         for second in numbers[k + 1 :]:
             apart = _apart(places[first], places[second])
             if apart <= 1.0:
                 pairs.append((apart, first, second))
     track = {k: k for k in numbers}
-    views = {k: set(places[k].centres_m) for k in numbers}
+    views = {k: set(place.centres_m) for k, place in places.items()}
     for _, first, second in sorted(pairs):
         one, other = sorted((track[first], track[second]))
         if one == other or views[one] & views[other]:

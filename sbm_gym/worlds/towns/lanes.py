@@ -94,22 +94,30 @@ def drive(
     Returns:
         None if no way was found that is free.
     """
-    best, best_near, found = None, -1.0, 0
+    best, best_worth, found = None, -1.0, 0
     needed_m = vehicle.speed_m_s * seconds + vehicle.size_m[1]
-    for _ in range(ROUTE_TRIALS):
-        route, passed = _draw_route(lanes, needed_m, rng)
+    passable = [lane for lane in lanes if _is_passable(lane, vehicle, free)]
+    for _ in range(ROUTE_TRIALS if passable else 0):
+        route, passed = _draw_route(passable, needed_m, rng)
         sent = replace(vehicle, route=route)
         if any(overlap(sent.box(0.0), box, AHEAD_M) for box in taken) or not _has_room(sent, free):
             continue
         along = np.linspace(0.0, min(needed_m, sent.end_m), 40)
         near = float(np.mean(np.linalg.norm(route.at(along) - centre_m, axis=1) < NEAR_M))
+        # Ways that end early, where all lanes onward are taken, are worth less.
+        worth = (0.1 + near) * min(1.0, sent.end_m / needed_m)
         found += 1
-        if near > best_near:
+        if worth > best_worth:
             overhang_m = 0.5 * (sent.size_m[1] - sent.wheelbase_m)
-            best, best_near = replace(sent, crossings=_crossings(sent, passed, overhang_m)), near
+            best, best_worth = replace(sent, crossings=_crossings(sent, passed, overhang_m)), worth
         if found == ROUTES_COMPARED:
             break
     return best
+
+
+def _is_passable(lane: Lane, vehicle: Mover, free: NavigableMap) -> bool:
+    """Whether a vehicle can drive through a lane from end to end."""
+    return _has_room(replace(vehicle, route=Route(np.stack([lane.start_m, lane.end_m]))), free)
 
 
 def _draw_route(

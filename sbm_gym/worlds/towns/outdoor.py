@@ -51,7 +51,9 @@ MAX_PARKED = 16
 MOVED_VEHICLES = {"car": 4, "van": 1, "truck": 1, "bus": 1, "motorcycle": 2, "bicycle": 1}
 """Of which an episode shows two; roads have about these shares."""
 DRIVEN = ("car", "van", "truck", "motorcycle", "bicycle")
-"""Uses of vehicles that drive where streets are in motion; buses are longer than junctions are wide."""
+"""Uses of vehicles that drive where streets are in motion."""
+MAX_DRIVEN_M = 10.0
+"""Longer vehicles stay where they are: they are longer than junctions are wide."""
 HEAVY_TRIANGLES = 16_000
 """Of models with more triangles a town has one at most."""
 MOVED_TRIANGLES = 6_000
@@ -251,7 +253,11 @@ class TownStage:
             self.navigable.free, self.navigable.origin_m, [self._standing(one) for one in (first, second)]
         )
         gone = {first.instance_id, second.instance_id}
-        waiting = [one for one in self.moved if one.card.use in DRIVEN and one.instance_id not in gone]
+        waiting = [
+            one
+            for one in self.moved
+            if one.card.use in DRIVEN and one.card.size_m[1] <= MAX_DRIVEN_M and one.instance_id not in gone
+        ]
         movers: list[Mover] = []
         objects, starts = [], arrangement.starts
         for k in rng.permutation(len(waiting)):
