@@ -17,6 +17,7 @@ HELP = CommandHelp(
     groups={
         "common options": ("out", "env", "policy", "detector", "episodes", "seed"),
         "scenes and pictures": ("split", "episodes-per-scene", "size"),
+        "what moves": ("moving", "shifted", "moving-speed"),
         "noise of the sensors": ("sensor-noise", "pose-noise-deg", "pose-noise-m", "pose-drift-deg", "pose-drift-m"),
         "where the work is done": ("workers", "cluster", "shared"),
     },

@@ -45,6 +45,8 @@ def run(config: PicturesConfig) -> None:
         print(path)
     # Of the scenes only those of the test split: enough to see what worlds look like.
     preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
+    two = ("indoor", "outdoor")
+    preview.run(preview.PreviewConfig(out=config.out, what=("moving",), worlds=two, split="train", scenes=1, size=160))
 
 
 HELP = CommandHelp(

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from sbm_gym.scenes.compiled import WorldSource
 
 SHEETS = ("scenes", "renderers", "assets")
+MOVING = "moving"
+"""A further sheet, of scenes in which things move."""
+MOMENTS, MOVING_THINGS, STEPS_BETWEEN = 5, 6, 2
+"""Pictures in a row of that sheet, what moves in them, and the robot's steps from one to the next."""
 EYE_VIEWS = 4
 SCENES_PER_SHEET = 6
 """Sheets stay below 2000 pixels in height at the default size."""
@@ -37,7 +41,7 @@ class PreviewConfig(Settings):
     out: Path = Path("out/preview")
     """Folder for the sheets."""
     what: tuple[str, ...] = SHEETS
-    """Which sheets: scenes, renderers, assets."""
+    """Which sheets: scenes, renderers, assets; or moving, each scene at five moments while things move in it."""
     worlds: tuple[str, ...] = ()
     """Kinds of worlds, such as indoor; all of them if not given."""
     split: str | None = None
@@ -61,7 +65,7 @@ def run(config: PreviewConfig) -> list[Path]:
 
     from sbm_gym.scenes.world_sources import WORLDS, world_source
 
-    for given, known, name in ((config.what, SHEETS, "sheet"), (config.worlds, WORLDS, "kind of world")):
+    for given, known, name in ((config.what, (*SHEETS, MOVING), "sheet"), (config.worlds, WORLDS, "kind of world")):
         unknown = [entry for entry in given if entry not in known]
         if unknown:
             raise UsageError(f"there is no {name} {unknown[0]!r}; known: {', '.join(known)}")
@@ -71,6 +75,8 @@ def run(config: PreviewConfig) -> list[Path]:
     with tqdm(unit="picture", mininterval=0.5) as bar:
         for kind, source in sources.items() if {"scenes", "renderers"} & set(config.what) else ():
             written += _scene_sheets(config, kind, source, bar)
+        for kind in sources if MOVING in config.what else ():
+            written += _moving_sheets(config, kind, world_source(kind, movable=True), bar)
         if "assets" in config.what:
             written += _asset_sheets(config, bar)
     return written
@@ -98,6 +104,31 @@ def _scene_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: 
         for what, tiles, columns in (("scenes", scene_tiles, 1 + EYE_VIEWS), ("renderers", renderer_tiles, 4)):
             if what in config.what:
                 yield write_sheet(config.out / f"{what}_{suffix}", tiles, columns)
+
+
+def _moving_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: Any) -> Iterator[Path]:
+    import numpy as np
+
+    from sbm_gym.rendering.contact_sheet import write_sheet
+    from sbm_gym.scenes.moving_views import moments
+    from sbm_gym.scenes.scene_cache import open_scene
+    from sbm_gym.worlds.moving.motion_config import MotionConfig
+
+    shape, tiles = source.profile.capture_size, []
+    size = config.size, round(config.size * min(shape[1] / shape[0], 2.0))
+    for name in source.scenes(config.split)[: config.scenes]:
+        bar.set_description(f"{kind} {name}", refresh=False)
+        rng = np.random.default_rng(zlib.crc32(name.encode()))
+        step_s = source.profile.step_s
+        scene = open_scene(source, name, "rays", source.profile.body)
+        scene = scene.for_episode(rng, MotionConfig(MOVING_THINGS), MOMENTS * STEPS_BETWEEN * step_s)
+        pictures = moments(scene, MOMENTS, STEPS_BETWEEN * step_s, size, rng)
+        captions = [f"{name} {number * STEPS_BETWEEN * step_s:.1f} s" for number in range(MOMENTS)]
+        tiles += list(zip(pictures, captions, strict=True))
+        bar.update(len(pictures))
+        scene.renderer.close()
+    if tiles:
+        yield write_sheet(config.out / f"moving_{kind}.png", tiles, MOMENTS)
 
 
 def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height: int, width: int, bar: Any):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import tyro
 
@@ -43,6 +43,13 @@ class CollectConfig:
     size: PictureHeight | None = None
     """Height of the recorded pictures, pixels; their shape is the world's. By default 256, as the thesis (256x256 in
     rooms, 768x256 in streets)."""
+    moving: NonNegative[int] = 0
+    """Things that move while the robot does, at most: vehicles that drive, furniture that is carried. Where they are
+    is recorded, too (motion.json)."""
+    shifted: NonNegative[int] = 0
+    """Pieces of furniture, at most, that stand elsewhere than in the last episode in the same scene; in rooms only."""
+    moving_speed: NonNegative[float] = 1.0
+    """Factor of the speed of what moves; with 0 the same things stand still where they would have set out."""
     sensor_noise: Sensor = "ideal"
     """Whose depth is recorded: the simulator's own ("ideal"), or as a "kinect" (structured light), a "stereo" camera or
     a "lidar" would have measured it. The policy sees without noise, here and below: recordings of one seed show the
@@ -59,6 +66,13 @@ class CollectConfig:
     """Processes side by side, one thread each if there are several. What comes out is the same for any number, but for
     the last digits of a network's confidences, which depend on its threads."""
     where: tyro.conf.OmitArgPrefixes[ClusterConfig] = field(default_factory=ClusterConfig)
+
+    @property
+    def motion(self) -> dict[str, Any]:
+        """What moves, as arguments of the environment: none where nothing does, since others may not know them."""
+        if not (self.moving or self.shifted):
+            return {}
+        return {"moving": self.moving, "shifted": self.shifted, "moving_speed": self.moving_speed}
 
     @property
     def noise(self) -> SensorNoise:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from labeling.core.types import Detection, GroundTruth
+from labeling.core.types import Detection, GroundTruth, ObjectMotion
 from labeling.core.views import RgbdViews
 
 
@@ -40,3 +40,5 @@ class Episode(RgbdViews):
     """Colour files of all frames of the recording, if some of them were left out; they count in image ids."""
     notes: tuple[str, ...] = ()
     """What its reader left out or had to change, one sentence each."""
+    motion: tuple[ObjectMotion, ...] | None = None
+    """Where the objects are that may move; None if unknown, or nothing moves."""

@@ -1,4 +1,4 @@
-"""What is known about objects in views: detections, ground truth, pseudo-labels, 3-D boxes, and masks as COCO RLE."""
+"""What is known about objects in views: detections, ground truth, pseudo-labels, 3-D boxes, motion."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,9 @@ from jaxtyping import Bool, Float
 CONFIDENT = 0.9
 """Detections at least this confident are trusted as sources of labels, unless configured. Source: thesis A.2.2."""
 
+
+SAME_POSE = 1e-6
+"""Poses that differ by less, metres and entries of rotations, are one."""
 
 BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b).bit_count() == 1)
 """The edges of a box: pairs of indices into ``Box3d.corners()``."""
@@ -86,6 +89,29 @@ class GroundTruth:
     box_3d: Box3d | None = None
     ignore: bool = False
     """Neither rewarded nor punished in evaluation (COCO's iscrowd), such as a sliver nobody would annotate."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMotion:
+    """Where one object is in every view of an episode. What has none stands still.
+
+    Example:
+        >>> poses = np.stack([np.eye(4), np.eye(4)])
+        >>> poses[1, 0, 3] = 0.5
+        >>> ObjectMotion(7, "car", poses).moves
+        True
+    """
+
+    instance_id: int
+    """As in the ground truth of the episode."""
+    category: str
+    object_to_world: Float[np.ndarray, "v 4 4"]
+    """Pose of the object's own frame in each view, rigid; views in which the object is not seen have one as well."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is anywhere else in any view than in the first."""
+        return bool(np.abs(self.object_to_world - self.object_to_world[:1]).max() > SAME_POSE)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def write_label_set(
     first_images = dict(
         zip((one.name for one, _ in done), accumulate((len(r.file_names) for _, r in done), initial=1), strict=False)
     )
-    images, boxes = [], []
+    images, boxes, moving = [], [], []
     annotations: dict[str, list[dict[str, Any]]] = {"modal": [], "amodal": []}
     first_instance, label_id = 0, 0
     for result, record in done:
@@ -78,7 +78,8 @@ def write_label_set(
             )
         for one in record.objects:
             numbered = as_json(replace(one, instance_id=first_instance + one.instance_id))
-            boxes.append({"episode": result.name, **numbered, "category_id": category_id[one.category]})
+            entry = {"episode": result.name, **numbered, "category_id": category_id[one.category]}
+            (moving if one.box_3d is None else boxes).append(entry)
         first_instance += max((one.instance_id for one in record.objects), default=0)
     about = {"description": "Pseudo-labels by Seeing by Moving", "version": str(SCHEMA_VERSION)}
     categories = [{"id": number, "name": name} for name, number in category_id.items()]
@@ -86,7 +87,7 @@ def write_label_set(
         info = {**about, "masks": kind}
         content = {"info": info, "images": images, "categories": categories, "annotations": kept}
         write_records(out / {"modal": MODAL_FILE, "amodal": AMODAL_FILE}[kind], content)
-    write_records(out / BOXES_FILE, {"info": about, "boxes": boxes})
+    write_records(out / BOXES_FILE, {"info": about, "boxes": boxes, **({"moving": moving} if moving else {})})
     write_json(out / SUMMARY_FILE, {**_summary(out, dataset, config, results), **(inputs or {})})
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Scale, SegmentedCloud, Source
@@ -21,10 +21,12 @@ from labeling.core.views import RgbdViews
 from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
 from labeling.generator.cloud.free_space import clear_free_space
 from labeling.generator.cloud.ground import find_ground, ground_of_objects
+from labeling.generator.cloud.moved import moved_detections, moved_voxels
 from labeling.generator.cloud.object_scale import measure_scale, voxel_edge_m
 from labeling.generator.cloud.outliers import segment_outliers
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 from labeling.generator.draw.fused_views import FusedViews
+from labeling.generator.draw.joined_tracks import join_tracks
 from labeling.generator.draw.object_masks import draw_labels
 from labeling.generator.draw.view_masks import point_owners
 from labeling.generator.near_origin import moved_labels, moved_views, offset_of
@@ -33,6 +35,7 @@ from labeling.generator.objects.find_objects import find_objects, with_posterior
 from labeling.generator.objects.nested_masks import without_nested
 from labeling.generator.objects.object_sizes import with_sizes
 from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, trimap_seeds
+from labeling.generator.objects.tracks import with_shared_posteriors, without_settled
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
@@ -114,7 +117,7 @@ def _label(
     """
     views, cloud, scale = scene.views, scene.cloud, scene.scale
     if config.fuse_views:
-        candidates = find_objects(cloud, scene.eyes_m, scene.seeds, calibration.objects, config)
+        candidates = find_objects(cloud, scene.eyes_m, scene.seeds, calibration.objects, config, scene.moved)
     else:
         candidates = single_detection_candidates(cloud, usable, config)
     if not candidates:
@@ -125,7 +128,9 @@ def _label(
     report_progress(f"segmenting {known} objects in {cloud.num_points} voxels")
     candidates, probability = _segment(cloud, candidates, scale, config)
     if len(candidates) < known:
-        candidates = with_posteriors(cloud, scene.eyes_m, candidates, calibration.objects)
+        candidates = with_posteriors(cloud, scene.eyes_m, candidates, calibration.objects, scene.moved)
+    if scene.moved is not None:
+        probability = without_settled(cloud, candidates, probability, scene.moved)
     claimed = point_owners(probability, config.exclusive)
     inside, owner = claimed >= 0, _without_outliers(cloud, claimed, candidates, config)
     ground = None
@@ -148,13 +153,14 @@ def _label(
         inside |= parts.owner >= 0
     if config.class_sizes:
         whole = owner if parts is None else np.where(parts.owner >= 0, parts.owner, owner)
-        candidates = with_sizes(cloud, candidates, whole, calibration.sizes)
+        candidates = with_shared_posteriors(with_sizes(cloud, candidates, whole, calibration.sizes))
     report_progress(f"drawing masks into {views.num_views} views")
     with in_background(lambda: FusedViews.of(views, cloud, inside, scale.pixel_m, config)) as fused:
         objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
         probability = np.where(removed[:, None], np.float32(0), probability[:, columns])
         parts = parts and parts.of_objects(columns)
         drawn = draw_labels(fused(), objects, probability, parts, scale, config)
+        drawn = join_tracks(drawn, [candidates[k].track for k in columns])
     if views.depth_m.size > MANY_PX:  # what is not needed any more makes room for regions to ignore, which need much
         del fused, candidates
         scene.seeds.clear()
@@ -174,6 +180,8 @@ class FusedScene:
     poses: PoseCheck | None
     seeds: list[DetectionSeeds]
     """Empty unless ``config.fuse_views``; many of them are dropped once labels are drawn."""
+    moved: Bool[np.ndarray, "n"] | None = None
+    """Voxels that have moved, if any have."""
 
     @property
     def eyes_m(self) -> Float64[np.ndarray, "v 3"]:
@@ -203,18 +211,20 @@ def fuse_scene(views: RgbdViews, detections: Sequence[Detection], config: LabelC
     used = detections if config.weak_evidence or unsure_too else confident
     with in_background(lambda: [detection_trimap(one, config) for one in used if config.fuse_views]) as trimaps:
         cloud = build_cloud(views, voxel_edge_m(scale, config), config.max_range_m, config.max_voxels)
+        passing = moved_detections(cloud, views, used) if config.moving and config.fuse_views else {}
         if config.free_space:
-            cleared = clear_free_space(cloud, views)
+            cleared = clear_free_space(cloud, views, passing)
             if cleared is not views:
                 views = cleared
                 cloud = build_cloud(views, cloud.voxel_m, config.max_range_m, config.max_voxels)
+        moved = moved_voxels(cloud, views) if passing else None
         # One after the other: many short jobs on several threads cost more than they save. Without ``fuse_views``
         # there are no trimaps, so no seeds either.
         pairs = zip(used, trimaps(), strict=False)
         seeds = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index)) for one, trimap in pairs]
     if config.nested_masks:
         seeds = without_nested(seeds, cloud.num_points, config.confident, config.merge_overlap)
-    return FusedScene(views, cloud, scale, poses, seeds)
+    return FusedScene(views, cloud, scale, poses, seeds, moved)
 
 
 def _check_detections(detections: Sequence[Detection], views: RgbdViews) -> None:

@@ -110,7 +110,8 @@ def _repeated(file: Json, name: str) -> Iterator[str]:
 
 def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[str]:
     found: list[tuple[Json, str, str, Box3d]] = []
-    for record in boxes.list_of("boxes"):
+    moving = boxes.list_of("moving") if boxes.has("moving") else []  # objects without a box
+    for record in (*boxes.list_of("boxes"), *moving):
         number, episode = record.integer("instance_id"), record.text("episode")
         if number in known.objects:
             yield f"{record.where('instance_id')}: {number} is given twice"
@@ -121,6 +122,8 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
             yield f"{record.where('category_id')}: there is no category {category_id}"
         known.used.add(names.get(category_id, ""))
         yield from _check_score(record, "score")
+        if any(record is one for one in moving):
+            continue
         try:
             box = read_valid_box_3d(record)
         except EpisodeFormatError as error:

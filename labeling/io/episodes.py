@@ -19,7 +19,8 @@ from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d, Detection
 from labeling.formats.atomic import atomic_folder, write_json, write_png
 from labeling.formats.checked_json import read_json
-from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRANSFORMS_FILE, TRUTH_FILE
+from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, MOTION_FILE, TRANSFORMS_FILE, TRUTH_FILE
+from labeling.io.motion_file import motion_record, read_motion
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.progress import view_counter
 
@@ -86,7 +87,8 @@ def read_episode(
         folder: the recording.
         config: its layout and which of its frames to take.
         undistort: remove lens distortion from pictures and masks; without it distorted pictures are refused.
-        ground_truth: take the masks of ``ground_truth.json`` too, if it is there; they are most of what is to be read.
+        ground_truth: take ``ground_truth.json`` (whose masks are most of what is to be read) and ``motion.json`` too,
+            where they are there.
 
     Raises:
         EpisodeFormatError: naming file and field, if anything is missing or malformed.
@@ -176,6 +178,8 @@ def write_episode(folder: Path, episode: Episode) -> None:
             write_json(temporary / DETECTIONS_FILE, [detection_record(d, ids) for d in episode.detections])
         if episode.ground_truth is not None:
             write_json(temporary / TRUTH_FILE, _ground_truth_record(episode, ids))
+        if episode.motion is not None:
+            write_json(temporary / MOTION_FILE, motion_record(episode))
         categories = [{"id": index, "name": name} for name, index in ids.items()]
         write_json(temporary / ABOUT_FILE, {**episode.metadata, "categories": categories})
 
@@ -214,6 +218,8 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Epi
         episode = replace(episode, metadata=metadata)
     if TRUTH_FILE in found and ground_truth:
         episode = replace(episode, ground_truth=read_ground_truth(found[TRUTH_FILE], table, episode))
+    if ground_truth and (folder / MOTION_FILE).is_file():
+        episode = replace(episode, motion=read_motion(read_json(folder / MOTION_FILE), episode))
     if DETECTIONS_FILE in found:
         images = found.get(TRUTH_FILE)
         episode = replace(episode, detections=read_detections(found[DETECTIONS_FILE], table, episode, images))

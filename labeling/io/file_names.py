@@ -4,6 +4,8 @@ from pathlib import Path
 
 TRANSFORMS_FILE, ABOUT_FILE, TRUTH_FILE = "transforms.json", "episode.json", "ground_truth.json"
 DETECTIONS_FILE = "detections.json"
+MOTION_FILE = "motion.json"
+"""Where the objects are that may move; labels do not depend on it."""
 DETECTIONS_3D_FILE = "detections_3d.json"
 """What ``labeling.detect3d`` writes beside an episode's frames; labels do not depend on it."""
 

@@ -80,29 +80,32 @@ class IgnoredRecord:
 
 @dataclass(frozen=True)
 class ObjectRecord:
-    """An object with its 3-D box: centre and extent in metres, rows of the rotation."""
+    """An object with its 3-D box, if it stands still: centre and extent in metres, rows of the rotation."""
 
     instance_id: int
     category: str
     score: float
-    centre: list[float]
-    extent: list[float]
-    rotation: list[list[float]]
-    sources: tuple[Source, ...]
+    centre: list[float] | None = None
+    extent: list[float] | None = None
+    rotation: list[list[float]] | None = None
+    sources: tuple[Source, ...] = ()
     shared_from: dict[str, Any] | None = None
     """Episode and instance id of the same object, if another episode of the scene found it."""
 
     @classmethod
     def of(cls, one: LabelledObject, shared_from: dict[str, Any] | None = None) -> "ObjectRecord":
         """The record of an object."""
-        assert one.box_3d is not None
         named = one.instance_id, one.category, round(one.confidence, 6)
+        if one.box_3d is None:
+            return cls(*named, sources=one.sources, shared_from=shared_from)
         centre, extent, rotation = one.box_3d.centre_m, one.box_3d.extent_m, one.box_3d.rotation
         return cls(*named, centre.tolist(), extent.tolist(), rotation.tolist(), one.sources, shared_from)
 
     @property
-    def box_3d(self) -> Box3d:
-        """The box."""
+    def box_3d(self) -> Box3d | None:
+        """The box; None if the object moves."""
+        if self.centre is None:
+            return None
         return Box3d(*(np.asarray(value, float) for value in (self.centre, self.extent, self.rotation)))
 
 

@@ -29,6 +29,8 @@ from sbm_gym.scenes.compiled import Scene, WorldSource, check_renderer
 from sbm_gym.scenes.scene_cache import SceneCache
 from sbm_gym.scenes.third_person import ThirdPersonView
 from sbm_gym.scenes.world_sources import world_source
+from sbm_gym.worlds.geometry.placing import obstacle_rows
+from sbm_gym.worlds.moving.motion_config import MotionConfig
 
 
 class FixationEnv(gym.Env, EzPickle):
@@ -128,6 +130,15 @@ class FixationEnv(gym.Env, EzPickle):
     - `render_mode`: "rgb_array" (what the robot sees), "depth_array" (metres, float32), "third_person" (the robot from
       above, with its path, its camera's frustum and what it has found); or "human" (MuJoCo's viewer).
     - `render_size`: height and width of what `render` returns, pixels.
+      above, with its path, its camera's frustum and what it has found), each at `render_size` pixels; or "human"
+      (MuJoCo's viewer).
+    - `moving`: so many things move while the robot does, at most: vehicles that drive along lanes and turn, chairs and
+      other furniture carried through rooms. They set out anew in every episode, wait for the robot and for each other,
+      and stop the robot like any obstacle; its map does not have them. A step takes as long as a full stride does
+      (0.4 s [0.83 s]). Observations and rewards are as without.
+    - `shifted`: so many pieces of furniture stand elsewhere than in the last episode in the same scene, at most. Rooms
+      only.
+    - `moving_speed`: a factor of the speed of what moves; with 0 the same things stand where they would have set out.
 
     ## Version History
     - v0: initial version.
@@ -161,6 +172,9 @@ class FixationEnv(gym.Env, EzPickle):
         scene_cache: int = 3,
         render_mode: str | None = None,
         render_size: tuple[int, int] | None = None,
+        moving: int = 0,
+        shifted: int = 0,
+        moving_speed: float = 1.0,
     ) -> None:
         """Makes an environment; scenes are built when first needed. Arguments: see the class.
 
@@ -177,7 +191,10 @@ class FixationEnv(gym.Env, EzPickle):
             # So that checkers and wrappers that try every mode of an env leave out what cannot work here.
             modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
             self.metadata = {**self.metadata, "render_modes": modes}
-        self._source = world_source(worlds, unseen_models)
+        self._motion = MotionConfig(moving, shifted, moving_speed)
+        if atlas is not None and self._motion.is_any:
+            raise ValueError("an atlas holds views of scenes in which nothing moves: leave out atlas, or what moves")
+        self._source = world_source(worlds, unseen_models, movable=self._motion.is_any)
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
         self._detector = make_detector(detector, self.profile, load=atlas is None)
@@ -228,7 +245,9 @@ class FixationEnv(gym.Env, EzPickle):
         """
         super().reset(seed=seed)
         options = checked_options(options)
-        scene = self._choose_scene(options, seeded=seed is not None).for_episode(self.np_random)
+        seconds = self.num_views * self._config.robot.step_s
+        chosen = self._choose_scene(options, seeded=seed is not None)
+        scene = chosen.for_episode(self.np_random, self._motion, seconds)
         position_m, yaw_rad = self._choose_start(scene, options)
         entropy = int(self.np_random.integers(2**62))
         atlas = self._atlases.of_scene(scene)
@@ -361,7 +380,9 @@ class FixationEnv(gym.Env, EzPickle):
         position_m = (scene.world.starts or scene.world.navigable).random_point(self.np_random)
         if options.get("start") is None:
             return position_m, yaw_rad
-        start = checked_start(options["start"], scene.world.navigable)
+        movers = () if scene.arrangement is None else scene.arrangement.movers
+        taken = obstacle_rows(one.box(0.0) for one in movers)
+        start = checked_start(options["start"], scene.world.navigable.without(taken))
         return start[:2], float(start[2]) if len(start) == 3 else yaw_rad
 
     def _view_from_outside(self) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Full frames for the recorder: what one view shows, exactly, and how views become an episode on disk."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from labeling.core.episode import Episode
-from labeling.core.types import Detection, GroundTruth
+from labeling.core.types import Detection, GroundTruth, ObjectMotion
 from sbm_gym.env.view_detectors import View
 from sbm_gym.scenes.compiled import Scene
 
@@ -16,6 +16,15 @@ SLIVER_AREA_SHARE = 32 / 256**2
 """Objects of which a view shows less than this share of the picture are marked ``ignore``."""
 SLIVER_VISIBLE_SHARE = 0.05
 """... and objects of which it shows less than this share of what it would show if nothing stood before them."""
+
+
+@dataclass(frozen=True)
+class MovingObject:
+    """Where something that may move is."""
+
+    instance_id: int
+    category: str
+    object_to_world: Float[np.ndarray, "4 4"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,22 @@ class Capture:
     """Of the env's detector in this very frame."""
     ground_truth: tuple[GroundTruth, ...]
     """What the simulator knows, for the recorder only: neither policies nor rewards may look at it."""
+    moving: tuple[MovingObject, ...] = ()
+    """Likewise: every object that may move in this episode, seen or not, and where it is."""
+
+
+def moving_objects(scene: Scene, poses: Mapping[int, Float[np.ndarray, "4 4"]]) -> tuple[MovingObject, ...]:
+    """What may move in a scene, and where it is.
+
+    Args:
+        scene: the scene.
+        poses: object to world, by instance id.
+    """
+    return tuple(
+        MovingObject(one.instance_id, one.category, poses[one.instance_id])
+        for one in scene.world.objects
+        if one.instance_id in poses
+    )
 
 
 def ground_truth_of_view(scene: Scene, view: View, view_index: int) -> tuple[GroundTruth, ...]:
@@ -99,4 +124,15 @@ def episode_of_captures(
         ),
         categories=tuple(categories),
         metadata=metadata,
+        motion=_motion_of(captures),
+    )
+
+
+def _motion_of(captures: Sequence[Capture]) -> tuple[ObjectMotion, ...] | None:
+    """The motion of everything that may move in all of these frames; None if nothing may."""
+    if not captures[0].moving:
+        return None
+    return tuple(
+        ObjectMotion(first.instance_id, first.category, np.stack([one.moving[k].object_to_world for one in captures]))
+        for k, first in enumerate(captures[0].moving)
     )

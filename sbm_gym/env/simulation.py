@@ -13,13 +13,14 @@ from labeling.generator.objects.object_posterior import ObjectModel
 from sbm_gym.atlas.scene_atlas import SceneAtlas
 from sbm_gym.atlas.stored_views import StoredView
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_offset_rad
-from sbm_gym.env.recording import Capture, ground_truth_of_view
+from sbm_gym.env.recording import Capture, ground_truth_of_view, moving_objects
 from sbm_gym.env.view_detectors import View, ViewDetector
 from sbm_gym.rendering.base import Frame
 from sbm_gym.robot.object_memory import MemoryUpdate
 from sbm_gym.robot.state import RobotConfig, RobotState
 from sbm_gym.scenes.compiled import Scene
 from sbm_gym.scenes.third_person import AgentTrace
+from sbm_gym.worlds.moving.movers import Traffic
 
 GAZES = ("fixate", "free")
 
@@ -73,6 +74,8 @@ class Simulation:
         )
         """What the robot knows."""
         self.num_views, self.step_index, self.collided, self.path_m = num_views, 0, False, 0.0
+        movers = () if scene.arrangement is None else scene.arrangement.movers
+        self._traffic = Traffic(movers, config.robot.body.radius_m) if movers else None
         scene.body.place(position_m, yaw_rad, config.robot.rest_tilt_rad)
         self._keep_to_places()
         self._keep_to_headings()
@@ -90,10 +93,15 @@ class Simulation:
         before = body.position_m
         displacement_m = self._displacement_m(action[:2], body.yaw_rad)
         way_is_free = self.scene.world.navigable.line_is_free(before, before + displacement_m)
+        if self._traffic is not None:
+            way_is_free &= not self._traffic.is_near(before, before + displacement_m)
         self.collided = body.move(displacement_m, way_is_free=way_is_free)
         self._keep_to_places()
         self.path_m += float(np.linalg.norm(body.position_m - before))
         self._places_m.append(body.position_m)
+        if self._traffic is not None:
+            self._traffic.advance(self._config.robot.step_s, body.position_m)
+            self.scene = self.scene.moved(self._traffic.poses())
         self._aim(action[2:])
         self._keep_to_headings()
         self.step_index += 1
@@ -120,6 +128,7 @@ class Simulation:
             camera_to_world=view.camera.camera_to_world,
             detections=tuple(detections),
             ground_truth=ground_truth_of_view(self.scene, view, self.step_index),
+            moving=() if self._traffic is None else moving_objects(self.scene, self._traffic.poses()),
         )
 
     def view_from(self, position_m: Float[np.ndarray, "2"], yaw_rad: float) -> StoredView:

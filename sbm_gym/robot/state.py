@@ -45,6 +45,11 @@ class RobotConfig:
     seen_cell_m: float = 0.1
     """Cell of the grid in which seen surfaces are remembered."""
 
+    @property
+    def step_s(self) -> float:
+        """Time that passes in a step: as long as the longest move takes."""
+        return self.stride_m / self.body.speed_m_s
+
 
 class RobotState:
     """Gathers what the robot's senses tell, view by view: a ``RobotKnowledge``, where its attributes are described."""

@@ -8,12 +8,15 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int32
 
+from labeling.core.errors import UsageError
 from sbm_gym.detection.visibility import ObjectSurfaces, points_of_moved
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.tables.looks import Looks
 from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
 from sbm_gym.scenes.profiles import WorldProfile
-from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, Arrangement, World, WorldContents
+from sbm_gym.worlds.moving.motion_config import STILL, MotionConfig
+from sbm_gym.worlds.moving.movers import moved_box
+from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, Arrangement, MovingStage, World, WorldContents
 
 RENDERERS = ("auto", "rays", "gl")
 SPLITS = ("train", "val", "test", "wide", "endless")
@@ -86,11 +89,26 @@ class Scene:
     arrangement: Arrangement | None = None
     """Of this episode, if the world has a stage."""
 
-    def for_episode(self, rng: np.random.Generator) -> "Scene":
-        """The scene as a new episode finds it: itself, or newly arranged if its world has a stage."""
-        if self.world.stage is None:
+    def for_episode(self, rng: np.random.Generator, motion: MotionConfig = STILL, seconds: float = 0.0) -> "Scene":
+        """The scene as a new episode finds it: itself, or newly arranged if its world has a stage.
+
+        Args:
+            rng: draws the arrangement. What moves is drawn by a child of it, so that all else stays as it is without.
+            motion: what moves.
+            seconds: how long the episode lasts.
+
+        Raises:
+            UsageError: if things are to move in a world in which nothing can.
+        """
+        stage = self.world.stage
+        if motion.is_any and not isinstance(stage, MovingStage):
+            raise UsageError(f"nothing can move in scene {self.name!r}: its world has no stage with set_in_motion")
+        if stage is None:
             return self
-        arrangement = self.world.stage.arrange(rng)
+        arrangement = stage.arrange(rng)
+        if motion.is_any:
+            assert isinstance(stage, MovingStage)
+            arrangement = stage.set_in_motion(arrangement, rng.spawn(1)[0], motion, seconds)
         arrangement.apply(self.model)
         # Takes the new poses of mocap bodies into the state.
         mujoco.mj_resetData(self.model, self.data)
@@ -101,6 +119,26 @@ class Scene:
         surfaces = self.surfaces.rearranged(self.model, self.data, world.objects, self.points_of_moved)
         tables = _instance_tables(world, self.model)
         return replace(self, world=world, surfaces=surfaces, arrangement=arrangement, **tables)
+
+    def moved(self, poses: Mapping[int, Float[np.ndarray, "4 4"]]) -> "Scene":
+        """The scene after some of its objects have moved. State and surfaces follow them.
+
+        Args:
+            poses: object to world of each, by instance id; see ``Traffic.poses``.
+        """
+        for instance in self.world.objects:
+            if instance.instance_id in poses:
+                pose = poses[instance.instance_id]
+                mocap = int(self.model.body_mocapid[self.model.body(instance.body_name).id])
+                self.data.mocap_pos[mocap] = pose[:3, 3]
+                mujoco.mju_mat2Quat(self.data.mocap_quat[mocap], pose[:3, :3].ravel())
+        mujoco.mj_kinematics(self.model, self.data)
+        objects = tuple(
+            replace(one, box_3d=moved_box(one.box_3d, poses[one.instance_id])) if one.instance_id in poses else one
+            for one in self.world.objects
+        )
+        surfaces = self.surfaces.rearranged(self.model, self.data, objects, self.points_of_moved)
+        return replace(self, world=replace(self.world, objects=objects), surfaces=surfaces)
 
     def whole_model(self) -> mujoco.MjModel:
         """The model with all meshes and textures, as this episode has it; where it has to be made it takes a second."""

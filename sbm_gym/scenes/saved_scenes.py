@@ -110,11 +110,15 @@ def _as_bytes(model: mujoco.MjModel) -> UInt8[np.ndarray, "bytes"]:
 
 def _stage(name: str) -> type | None:
     """The stage of that name, if it can be kept."""
-    if name != "TownStage":
-        return None
-    from sbm_gym.worlds.towns.outdoor import TownStage
+    if name == "TownStage":
+        from sbm_gym.worlds.towns.outdoor import TownStage
 
-    return TownStage
+        return TownStage
+    if name == "RoomStage":
+        from sbm_gym.worlds.rooms.room_stage import RoomStage
+
+        return RoomStage
+    return None
 
 
 def rebuild_whole_model(world: Callable[[], World], body: BodyConfig) -> mujoco.MjModel:

@@ -32,6 +32,8 @@ def scene_key(source: WorldSource, scene: str, renderer: str, body: BodyConfig) 
     assert isinstance(source, IndoorWorlds)
     libraries = "" if source.builtin else _libraries()
     parts = (FORMAT, type(source).__name__, source.unseen_models, source.builtin, scene, renderer, body, libraries)
+    if source.movable:
+        parts += ("movable",)
     digest = hashlib.sha256(repr((*parts, *_surroundings())).encode()).hexdigest()[:24]
     safe = "".join(letter if letter.isalnum() else "-" for letter in scene)
     return f"{safe}-{renderer}-{digest}"

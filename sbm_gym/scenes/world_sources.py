@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from labeling.core.errors import UsageError
@@ -23,6 +23,8 @@ class IndoorWorlds:
     """Keep the models that validation and test scenes show out of all others."""
     builtin: bool = False
     """Furnish from models made from seeds, of which every scene has its own, not from the installed libraries."""
+    movable: bool = False
+    """Have some pieces of furniture stand loose, so that episodes can move them."""
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """Names of the scenes of a split, of all named scenes for None."""
@@ -36,7 +38,8 @@ class IndoorWorlds:
         """Builds a scene."""
         from sbm_gym.worlds.rooms.indoor import build_indoor
 
-        return build_indoor(scene, library=self._library(scene), unseen_models=self.unseen_models)
+        library = self._library(scene)
+        return build_indoor(scene, library=library, unseen_models=self.unseen_models, movable=self.movable)
 
     def _library(self, scene: str) -> FurnitureLibrary | None:
         """Where a scene's furniture comes from; None for the installed libraries."""
@@ -50,7 +53,7 @@ class IndoorWorlds:
 
 @dataclass(frozen=True)
 class OutdoorWorlds(IndoorWorlds):
-    """Towns with vehicles."""
+    """Towns with vehicles, some of which can always be moved."""
 
     names: ClassVar[SceneNames] = TOWNS
     profile: WorldProfile = OUTDOOR
@@ -107,12 +110,13 @@ WORLDS: dict[str, Callable[[bool], WorldSource]] = {
 """Every kind of world: makes its source, given whether to keep the models of validation and test scenes apart."""
 
 
-def world_source(worlds: str | WorldSource, unseen_models: bool = False) -> WorldSource:
+def world_source(worlds: str | WorldSource, unseen_models: bool = False, movable: bool = False) -> WorldSource:
     """The source of a kind of world.
 
     Args:
         worlds: a key of ``WORLDS``, or a source, which is returned.
         unseen_models: keep the models that validation and test scenes show out of all other scenes.
+        movable: have furniture stand loose in rooms, so that episodes can move it.
 
     Raises:
         ValueError: if there is no such kind, or ``unseen_models`` is asked of a source that has decided already.
@@ -126,4 +130,6 @@ def world_source(worlds: str | WorldSource, unseen_models: bool = False) -> Worl
     source = WORLDS[worlds](unseen_models)
     if unseen_models and isinstance(source, NamedWorlds):
         raise ValueError(f"unseen_models goes with the worlds of sbm_gym, not with {worlds!r}: it builds its own")
+    if movable and type(source) is IndoorWorlds:
+        return replace(source, movable=True)
     return source

@@ -1,8 +1,8 @@
 """What every world hands to the environment: a MuJoCo scene, the objects in it, and where one can stand."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -10,7 +10,10 @@ from jaxtyping import Int
 
 from labeling.core.types import Box3d
 from sbm_gym.worlds.geometry.navigable import NavigableMap
+from sbm_gym.worlds.geometry.placing import yaw_quaternion
 from sbm_gym.worlds.left_out import LeftOut
+from sbm_gym.worlds.moving.motion_config import MotionConfig
+from sbm_gym.worlds.moving.movers import Mover, moved_box
 
 GEOM_GROUP_VISUAL = 2
 """Geoms that are drawn and never touched."""
@@ -44,6 +47,31 @@ class Arrangement:
     """Where the agent may start."""
     apply: Callable[[mujoco.MjModel], None]
     """Changes poses of mocap bodies, light and sky in a compiled model. Nothing else may change."""
+    movers: tuple[Mover, ...] = ()
+    """Objects that move while the robot does; ``apply`` puts them where they set out."""
+
+    def with_movers(self, movers: Sequence[Mover], objects: Sequence[ObjectInstance]) -> "Arrangement":
+        """The same with things that set out from where they have their routes begin.
+
+        Args:
+            movers: they are mocap bodies.
+            objects: what they are, wherever their boxes are; those that are in the arrangement already take their
+                places.
+        """
+        poses = {one.instance_id: one.start_pose() for one in movers}
+        known = {one.instance_id: one for one in (*self.objects, *objects)}
+        placed = tuple(
+            replace(one, box_3d=moved_box(one.box_3d, poses[one.instance_id])) if one.instance_id in poses else one
+            for one in known.values()
+        )
+
+        def apply(model: mujoco.MjModel) -> None:
+            self.apply(model)
+            for one in movers:
+                body, (x, y, yaw) = model.body(one.body_name).id, one.pose(0.0)
+                model.body_pos[body], model.body_quat[body] = [x, y, 0.0], yaw_quaternion(yaw)
+
+        return replace(self, objects=placed, apply=apply, movers=tuple(movers))
 
 
 class Stage(Protocol):
@@ -51,6 +79,24 @@ class Stage(Protocol):
 
     def arrange(self, rng: np.random.Generator) -> Arrangement:
         """Draws an arrangement."""
+        ...
+
+
+@runtime_checkable
+class MovingStage(Stage, Protocol):
+    """A stage on which things can move."""
+
+    def set_in_motion(
+        self, arrangement: Arrangement, rng: np.random.Generator, motion: MotionConfig, seconds: float
+    ) -> Arrangement:
+        """An arrangement of this stage with things that move.
+
+        Args:
+            arrangement: as ``arrange`` has drawn it.
+            rng: draws what moves, and where.
+            motion: how much of it.
+            seconds: how long an episode lasts.
+        """
         ...
 
 

@@ -213,6 +213,9 @@ def test_settings_are_kept_with_the_episodes(recorded):
         "split": "train",
         "episodes_per_scene": 1,
         "size": 64,
+        "moving": 0,
+        "shifted": 0,
+        "moving_speed": 1.0,
         "sensor_noise": "ideal",
         "pose_noise_deg": 0.0,
         "pose_noise_m": 0.0,
@@ -251,3 +254,21 @@ def test_several_workers_record_the_same_bytes(tmp_path, monkeypatch):
     for workers in (1, 2):
         collect_episodes(CollectConfig(out=tmp_path / str(workers), env=env, episodes=3, size=64, workers=workers))
     assert contents(tmp_path / "1") == contents(tmp_path / "2")
+
+
+def test_what_moves_is_recorded_with_where_it_is(tmp_path):
+    arguments = ["--env", "sbm_gym/IndoorBuiltin-v0", "--policy", "spin", "--episodes", "1", "--size", "64"]
+    assert main(["--out", str(tmp_path), *arguments, "--moving", "2", "--shifted", "1"]) == 0
+    episode = read_episode(tmp_path / "0000")
+    assert episode.metadata["motion"] == {"moving": 2, "shifted": 1, "moving_speed": 1.0}
+    assert episode.motion is not None
+    assert len(episode.motion) == 2
+    for motion in episode.motion:
+        assert motion.object_to_world.shape == (episode.num_views, 4, 4)
+        for truth in episode.ground_truth or ():
+            if truth.instance_id == motion.instance_id:
+                assert truth.category == motion.category
+                assert truth.box_3d is not None
+                where = motion.object_to_world[truth.view_index]
+                assert np.allclose(truth.box_3d.centre_m[:2], where[:2, 3], atol=1e-6)
+                assert np.allclose(truth.box_3d.rotation, where[:3, :3], atol=1e-6)

@@ -197,11 +197,16 @@ def make_episode(
     wrong_class: float = 0.05,
     mask_noise: float = 1.0,
     depth_holes: float = 0.0,
+    motion: dict[int, tuple[float, float]] | None = None,
 ) -> Episode:
-    """One episode of a synthetic room: a ring of cameras looking outwards over the furniture and inwards across it."""
+    """One episode of a synthetic room: a ring of cameras looking outwards over the furniture and inwards across it.
+
+    ``motion`` tells how far some instances move between a view and the next, along x and y; they set out so that they
+    are half-way where they stand without.
+    """
     rng = np.random.default_rng(seed)
     height_px, width_px = size
-    parts, categories = furnish(seed, num_objects)
+    home, categories = furnish(seed, num_objects)
     intrinsics = intrinsics_from_fov(width_px, height_px, np.deg2rad(80))
     rgb, depth, poses, detections, truths = [], [], [], [], []
     for view in range(num_views):
@@ -209,6 +214,7 @@ def make_episode(
         eye = np.array([ring_m * np.cos(angle), ring_m * np.sin(angle), 1.5])
         aim = np.array([2.2 * np.cos(angle + np.pi), 2.2 * np.sin(angle + np.pi), 0.5 + 0.2 * np.sin(3 * angle)])
         pose = look_at(eye, aim)
+        parts = [_moved(part, motion or {}, view - num_views / 2) for part in home]
         colour, depth_m, instance = render(parts, pose, intrinsics, height_px, width_px)
         if depth_noise:
             depth_m = (depth_m * (1 + rng.normal(0, depth_noise, depth_m.shape))).astype(np.float32)
@@ -242,6 +248,11 @@ def make_episode(
         categories=tuple(_MAKERS),
         metadata={"synthetic_seed": seed},
     )
+
+
+def _moved(part: Part, motion: dict[int, tuple[float, float]], steps: float) -> Part:
+    x, y = motion.get(part.instance, (0.0, 0.0))
+    return replace(part, centre=(part.centre[0] + steps * x, part.centre[1] + steps * y, part.centre[2]))
 
 
 def pick(episode: Episode, views: list[int]) -> Episode:

@@ -1,9 +1,10 @@
 """Free space: points that other views look through, so that no surface can be there."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool, Int, Int32
 from numba import njit
 
 from labeling.core.geometry import invert_rigid
@@ -38,35 +39,52 @@ def free_space_points(cloud: Cloud, views: RgbdViews) -> Bool[np.ndarray, "n"]:
     hits = count_hits(cloud.voxel_of_pixel, cloud.num_points)
     # No more views can look through a point than there are.
     doubtful = np.flatnonzero(MISSES_PER_HIT * hits <= views.num_views)
-    points, margin_m = cloud.points[doubtful], np.float64(np.sqrt(3.0) * cloud.voxel_m)
+    misses = count_misses(cloud, views, doubtful)
+    free = np.zeros(cloud.num_points, bool)
+    free[doubtful] = (misses >= MIN_MISSES) & (misses >= MISSES_PER_HIT * hits[doubtful])
+    return free
+
+
+def count_misses(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"]) -> Int32[np.ndarray, "d"]:
+    """How many views look through each of some points, see ``free_space_points``.
+
+    Args:
+        cloud: the points.
+        views: those that the cloud was made from.
+        chosen: indices of points.
+    """
+    points, margin_m = cloud.points[chosen], np.float64(np.sqrt(3.0) * cloud.voxel_m)
 
     def misses_of(share: range) -> Int32[np.ndarray, "d"]:
-        found = np.zeros(len(doubtful), np.int32)
+        found = np.zeros(len(chosen), np.int32)
         for view in share:
             camera = np.ascontiguousarray(views.intrinsics[view], np.float64)
             _add_misses(points, views.depth_m[view], camera, invert_rigid(views.camera_to_world[view]), margin_m, found)
         return found
 
     shares = [range(first, views.num_views, num_threads()) for first in range(num_threads())]
-    misses = np.sum(in_threads(misses_of, shares), axis=0)
-    free = np.zeros(cloud.num_points, bool)
-    free[doubtful] = (misses >= MIN_MISSES) & (misses >= MISSES_PER_HIT * hits[doubtful])
-    return free
+    return np.sum(in_threads(misses_of, shares), axis=0)
 
 
-def clear_free_space(cloud: Cloud, views: RgbdViews) -> RgbdViews:
+def clear_free_space(
+    cloud: Cloud, views: RgbdViews, kept: Mapping[int, Bool[np.ndarray, "h w"]] | None = None
+) -> RgbdViews:
     """The views without the depth that lies in free space; the same ones if hardly any does.
 
     Args:
         cloud: made from these views.
         views: the views.
+        kept: pixels of views whose depth is kept in any case: they show what has moved on.
     """
     free = free_space_points(cloud, views)
     if cloud.counts[free].sum(dtype=np.int64) < NEGLIGIBLE * cloud.voxel_of_pixel.size:
         return views
     depth_m = views.depth_m.copy()
-    for depth, voxels in zip(depth_m, cloud.voxel_of_pixel, strict=True):
-        depth[(voxels >= 0) & free[np.maximum(voxels, 0)]] = 0
+    for view, (depth, voxels) in enumerate(zip(depth_m, cloud.voxel_of_pixel, strict=True)):
+        gone = (voxels >= 0) & free[np.maximum(voxels, 0)]
+        if kept is not None and view in kept:
+            gone &= ~kept[view]
+        depth[gone] = 0
     return replace(views, depth_m=depth_m)
 
 

@@ -33,6 +33,8 @@ class Candidate:
     """Detections below the confidence threshold that overlap it."""
     posterior: Mapping[str, float] | None = None
     """Probability of each category, once computed; until then confidences of detections decide the category."""
+    track: int | None = None
+    """Number of the moving object that was in this place for a while; None for what stands still."""
 
     @classmethod
     def of(cls, seeds: DetectionSeeds, num_voxels: int) -> "Candidate":

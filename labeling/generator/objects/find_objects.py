@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import (
@@ -16,6 +16,7 @@ from labeling.generator.objects.association import (
 )
 from labeling.generator.objects.object_posterior import ObjectModel, PlaceObservations, observe_places
 from labeling.generator.objects.seeds import DetectionSeeds
+from labeling.generator.objects.tracks import track_observations, with_tracks
 from labeling.generator.settings.label_config import LabelConfig
 
 
@@ -60,6 +61,7 @@ def find_objects(
     seeds: Iterable[DetectionSeeds],
     model: ObjectModel,
     config: LabelConfig,
+    moved: Bool[np.ndarray, "n"] | None = None,
 ) -> list[Candidate]:
     """Candidates with a confident detection, and others that all views together make likely.
 
@@ -69,8 +71,16 @@ def find_objects(
         seeds: detections in the cloud.
         model: gives the probability of each category from observations.
         config: settings.
+        moved: voxels that have moved, if any have.
     """
     sure, groups = group_detections(seeds, cloud.num_points, config)
+    if moved is not None:
+        unsure = [one.as_candidate(cloud.num_points) for one in groups]
+        found = with_posteriors(cloud, eyes_m, [*sure, *unsure], model, moved)
+        chances = [max((one.posterior or {}).values(), default=0.0) for one in found[len(sure) :]]
+        return found[: len(sure)] + [
+            one for one, chance in zip(found[len(sure) :], chances, strict=True) if chance >= config.min_posterior
+        ]
     likely = [
         one.as_candidate(cloud.num_points)
         for one, seen in zip(groups, observations_of(cloud, eyes_m, [], groups), strict=True)
@@ -84,14 +94,28 @@ def with_posteriors(
     eyes_m: Float[np.ndarray, "v 3"],
     candidates: Sequence[Candidate],
     model: ObjectModel,
+    moved: Bool[np.ndarray, "n"] | None = None,
 ) -> list[Candidate]:
-    """Candidates with the posterior of their categories; those that a person outlined keep the category given."""
+    """Candidates with the posterior of their categories; those that a person outlined keep the category given.
+
+    Args:
+        cloud: the points of all views.
+        eyes_m: camera positions, metres, world.
+        candidates: objects, or the places in which an object has been.
+        model: gives the probability of each category from observations.
+        moved: voxels that have moved, if any have; candidates then get tracks, and those of a track one posterior.
+    """
+    if moved is not None:
+        candidates = with_tracks(cloud, candidates, moved)
     unknown = [
         k
         for k, one in enumerate(candidates)
         if len(one.foreground_voxels) > 0 and not any(detection.exact for detection in one.detections)
     ]
     found = list(candidates)
-    for k, seen in zip(unknown, observations_of(cloud, eyes_m, [candidates[k] for k in unknown]), strict=True):
+    observed = observations_of(cloud, eyes_m, [candidates[k] for k in unknown])
+    if moved is not None:
+        observed = track_observations(observed, [candidates[k].track for k in unknown])
+    for k, seen in zip(unknown, observed, strict=True):
         found[k] = replace(candidates[k], posterior=model.posterior(seen))
     return found

@@ -131,6 +131,9 @@ class LabelConfig(Settings):
     (``auto``), whenever refined poses fit better (``on``), or never; what the check finds is reported in any case."""
     free_space: bool = True
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
+    moving: bool = True
+    """Take what some views measured and others look through for things that move, and label these in the views where
+    they are, where they are (labeling.generator.objects.tracks); False: everything stands still, as in the thesis."""
     calibrate: bool = True
     """Give each label its expected IoU as confidence, from what all views say about its object
     (labeling.generator.quality.label_quality); False: the chance of its object's category times the mean probability in

@@ -13,6 +13,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "algorithm: which objects there are": (
         *(
             "min-posterior",
+            "moving",
             "class-sizes",
             "weak-evidence",
             "min-mask-px",

@@ -26,6 +26,7 @@ PAPER = LabelConfig(
     dilate_doubt=0.0,
     refine_poses="off",
     free_space=False,
+    moving=False,
     calibrate=False,
     min_confidence=0.0,
     ignore_unconfirmed=1.0,

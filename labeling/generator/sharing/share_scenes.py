@@ -85,7 +85,7 @@ def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Ite
         raise EpisodeFormatError(f"{error}; delete {file} and label again") from None
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
     for one in record.objects:
-        if one.score >= MIN_CONFIDENCE:
+        if one.score >= MIN_CONFIDENCE and one.box_3d is not None:
             yield ObjectObservation(
                 episode=result.name,
                 instance_id=one.instance_id,

@@ -142,6 +142,19 @@ class NavigableMap:
         """The map without places that cannot be reached from its largest connected part."""
         return NavigableMap(self.largest_component, self.origin_m, self.cell_m)
 
+    def without(self, obstacles: Float[np.ndarray, "n 5"], clearance_m: float = 0.0) -> "NavigableMap":
+        """The map with more boxes on it, without places that come nearer to them than ``clearance_m``.
+
+        Args:
+            obstacles: as of ``navigable_map``.
+            clearance_m: between the agent's body and a box, at least.
+        """
+        free, (rows, columns) = self.free.copy(), self.free.shape
+        x = self.origin_m[0] + self.cell_m * (np.arange(columns) + 0.5)
+        y = self.origin_m[1] + self.cell_m * (np.arange(rows) + 0.5)
+        _block(free, x, y, obstacles, AGENT_RADIUS_M + self.cell_m * np.sqrt(0.5) + clearance_m)
+        return NavigableMap(free, self.origin_m, self.cell_m)
+
     @functools.cached_property
     def _free_cells(self) -> Int[np.ndarray, "n 2"]:
         return np.argwhere(self.free)
@@ -206,6 +219,18 @@ def navigable_map(
     free_x = (x - low_m[0] >= wall) & (high_m[0] - x >= wall)
     free_y = (y - low_m[1] >= wall) & (high_m[1] - y >= wall)
     free = free_y[:, None] & free_x[None]
+    _block(free, x, y, obstacles, reach)
+    return NavigableMap(free, low_m, cell_m)
+
+
+def _block(
+    free: Bool[np.ndarray, "ny nx"],
+    x: Float[np.ndarray, "nx"],
+    y: Float[np.ndarray, "ny"],
+    obstacles: Float[np.ndarray, "n 5"],
+    reach: float,
+) -> None:
+    """Marks the cells whose centres come nearer than ``reach`` to a box as not free, in place."""
     for centre_x, centre_y, half_x, half_y, yaw in np.asarray(obstacles, float).reshape(-1, 5):
         cos, sin = np.cos(yaw), np.sin(yaw)
         # Only the cells around the box can change.
@@ -217,4 +242,3 @@ def navigable_map(
         along = np.abs(off_x * cos + off_y * sin) - half_x
         across = np.abs(off_y * cos - off_x * sin) - half_y
         free[rows, columns] &= np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) >= reach
-    return NavigableMap(free, low_m, cell_m)

@@ -23,6 +23,7 @@ from sbm_gym.worlds.rooms.floor_plan import (
     draw_plan,
 )
 from sbm_gym.worlds.rooms.room_kinds import furnish
+from sbm_gym.worlds.rooms.room_stage import MovablePiece, RoomStage, loose_pieces
 from sbm_gym.worlds.rooms.shell import Style, build_shell, build_walls, draw_finish, draw_style
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import INTERIORS
@@ -51,7 +52,13 @@ MAX_LAMPS = 7
 _T = TypeVar("_T")
 
 
-def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, unseen_models: bool = False) -> World:
+def build_indoor(
+    scene: str | int,
+    *,
+    library: FurnitureLibrary | None = None,
+    unseen_models: bool = False,
+    movable: bool = False,
+) -> World:
     """Builds a furnished home or office.
 
     The same scene gives the same world in any process, given the same furniture libraries.
@@ -61,6 +68,7 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
         library: where the furniture comes from; the installed catalogues with builtin cushions if None.
         unseen_models: keep the models that validation and test scenes show out of every other scene. Validation and
             test scenes are the same either way.
+        movable: have some pieces of furniture stand loose; the world then has a ``stage`` that can move them.
 
     Returns:
         The world, without an agent.
@@ -81,7 +89,7 @@ def build_indoor(scene: str | int, *, library: FurnitureLibrary | None = None, u
 
     home = _best(map(attempt, range(PLAN_ATTEMPTS)), lambda home: (sum(_faults(layout)[0] for layout in home[1]),))
     style_seed = int.from_bytes(hashlib.sha256(repr(source.seed).encode()).digest()[:8], "little")
-    return _assemble(name, *home, library, np.random.default_rng(style_seed))
+    return _assemble(name, *home, library, np.random.default_rng(style_seed), movable)
 
 
 def build_room(
@@ -220,7 +228,12 @@ def _is_touched(piece: Placement) -> bool:
 
 
 def _assemble(
-    name: str, plan: FloorPlan, layouts: list[Layout], library: FurnitureLibrary, rng: np.random.Generator
+    name: str,
+    plan: FloorPlan,
+    layouts: list[Layout],
+    library: FurnitureLibrary,
+    rng: np.random.Generator,
+    movable: bool = False,
 ) -> World:
     """Turns furnished rooms into MuJoCo geometry."""
     spec = mujoco.MjSpec()
@@ -237,15 +250,19 @@ def _assemble(
     style = draw_style(rng)
     lamps = _lamps(plan.rooms)
     obstacles = [_rows(plan.solid_rectangles())]
+    loose = loose_pieces([piece for one in layouts for piece in one.placements], library) if movable else []
+    movables: list[MovablePiece] = []
     objects: list[ObjectInstance] = []
     pieces = 0
     for number, layout in enumerate(layouts):
         _finish_room(builder, layout, number, style, lamps[number], library, rng)
-        obstacles += [obstacle_rows(layout.room.leaves), _obstacles(layout.placements, library)]
+        fixed = [piece for piece in layout.placements if not any(piece is one for one in loose)]
+        obstacles += [obstacle_rows(layout.room.leaves), _obstacles(fixed, library)]
         for piece in layout.placements:
             body_name = f"{piece.card.category or piece.card.use}_{pieces:03d}"
             pieces += 1
-            body = builder.place(body_name, piece)
+            is_loose = any(piece is one for one in loose)
+            body = builder.place(body_name, piece, moves=is_loose)
             model = library.load(piece.card)
             builder.furniture(body, model)
             if _is_touched(piece):
@@ -253,9 +270,15 @@ def _assemble(
                     builder.touched_box(body, rectangle, (0.0, piece.card.size_m[2]))
             if piece.card.category is not None:
                 objects.append(instance_of(piece, len(objects) + 1, body_name))
+            if is_loose:
+                movables.append(MovablePiece(piece, body_name, len(objects), model.footprint_m))
     solid = np.concatenate(obstacles)
-    navigable = navigable_map(np.array([x0, y0]), np.array([x1, y1]), solid, cell_m=CELL_M).connected()
-    return World(name, spec, tuple(objects), navigable, left_out=builder.left_out)
+    floor = navigable_map(np.array([x0, y0]), np.array([x1, y1]), solid, cell_m=CELL_M)
+    if not movable:
+        return World(name, spec, tuple(objects), floor.connected(), left_out=builder.left_out)
+    stage = RoomStage(floor, tuple(movables), tuple(objects))
+    navigable = stage.floor_around(movables).connected()
+    return World(name, spec, tuple(objects), navigable, stage=stage, left_out=builder.left_out)
 
 
 def _lamps(rooms: Sequence[Room]) -> list[int]:

@@ -7,17 +7,20 @@ A.2.2), and the weather. All vehicles are objects: a label of a parked car is as
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from labeling.core.errors import MissingAssetsError
+from labeling.core.errors import MissingAssetsError, UsageError
 from sbm_gym.assets.catalog.library import FurnitureLibrary, ModelCard
 from sbm_gym.assets.scene_models import models_of_scene, town_library
 from sbm_gym.worlds.geometry.navigable import NavigableMap, navigable_map
 from sbm_gym.worlds.geometry.placing import Box, Placement, obstacle_rows, overlap, yaw_quaternion
+from sbm_gym.worlds.moving.motion_config import MotionConfig
+from sbm_gym.worlds.moving.movers import Mover
+from sbm_gym.worlds.moving.route import Route
 from sbm_gym.worlds.scene_builder import SceneBuilder, instance_of
 from sbm_gym.worlds.splits import TOWNS
 from sbm_gym.worlds.static_meshes import StaticMeshes
@@ -25,6 +28,7 @@ from sbm_gym.worlds.towns.furnisher import Furnisher
 from sbm_gym.worlds.towns.furniture import furnish_town
 from sbm_gym.worlds.towns.ground import build_ground
 from sbm_gym.worlds.towns.houses import build_houses, house_rows
+from sbm_gym.worlds.towns.lanes import AHEAD_M, SPEED_M_S, WHEELBASE_SHARE, Lane, drive, lanes_of
 from sbm_gym.worlds.towns.plan import Spawn, TownPlan, draw_plan
 from sbm_gym.worlds.towns.vehicles import VEHICLE_USES, add_vehicle, fits, park
 from sbm_gym.worlds.towns.weather import Weather, draw_weather
@@ -46,6 +50,10 @@ MAX_PARKED = 16
 """Vehicles that belong to a town."""
 MOVED_VEHICLES = {"car": 4, "van": 1, "truck": 1, "bus": 1, "motorcycle": 2, "bicycle": 1}
 """Of which an episode shows two; roads have about these shares."""
+DRIVEN = ("car", "van", "truck", "motorcycle", "bicycle")
+"""Uses of vehicles that drive where streets are in motion."""
+MAX_DRIVEN_M = 10.0
+"""Longer vehicles stay where they are: they are longer than junctions are wide."""
 HEAVY_TRIANGLES = 16_000
 """Of models with more triangles a town has one at most."""
 MOVED_TRIANGLES = 6_000
@@ -108,7 +116,8 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
     navigable = _with_vehicles(still.free, low, [(one, library.load(one.card).footprint_m) for one in parked])
     moved = _add_moved_vehicles(builder, library, len(objects) + 1, rng)
     left = tuple(spawn for spawn in spawns if spawn not in taken)
-    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked))
+    lanes = lanes_of(plan.segments)
+    stage = TownStage(navigable, left, moved, tuple(objects), tuple(vehicle.box for vehicle in parked), lanes)
     return World(name, spec, tuple(objects), navigable, stage=stage, left_out=builder.left_out)
 
 
@@ -198,6 +207,7 @@ class TownStage:
     moved: tuple[MovedVehicle, ...]
     objects: tuple[ObjectInstance, ...]
     parked: tuple[Box, ...]
+    lanes: tuple[Lane, ...]
 
     def arrange(self, rng: np.random.Generator) -> Arrangement:
         """Draws the two vehicles, where they stand, where the agent may start, and the weather.
@@ -226,6 +236,60 @@ class TownStage:
         instances = tuple(instance_of(vehicle, v.instance_id, v.body_name) for v, vehicle in placed)
         change = functools.partial(self._change, placed, weather)
         return Arrangement(self.objects + instances, navigable, starts, change)
+
+    def set_in_motion(
+        self, arrangement: Arrangement, rng: np.random.Generator, motion: MotionConfig, seconds: float
+    ) -> Arrangement:
+        """Sends vehicles that the episode does not place on their ways; fewer where lanes are blocked. Implements
+        ``MovingStage``.
+
+        Raises:
+            UsageError: if ``motion.shifted`` is asked for.
+        """
+        if motion.shifted:
+            raise UsageError("shifted goes with rooms: in towns every episode places its two vehicles anew as it is")
+        *_, first, second = arrangement.objects
+        free = _with_vehicles(
+            self.navigable.free, self.navigable.origin_m, [self._standing(one) for one in (first, second)]
+        )
+        gone = {first.instance_id, second.instance_id}
+        waiting = [
+            one
+            for one in self.moved
+            if one.card.use in DRIVEN and one.card.size_m[1] <= MAX_DRIVEN_M and one.instance_id not in gone
+        ]
+        movers: list[Mover] = []
+        objects, starts = [], arrangement.starts
+        for k in rng.permutation(len(waiting)):
+            if len(movers) == motion.moving:
+                break
+            one = waiting[int(k)]
+            vehicle = Mover(
+                instance_id=one.instance_id,
+                body_name=one.body_name,
+                size_m=one.card.size_m,
+                route=Route(np.zeros((1, 2))),
+                speed_m_s=float(rng.uniform(*SPEED_M_S)),
+                wheelbase_m=WHEELBASE_SHARE * one.card.size_m[1],
+                ahead_m=AHEAD_M,
+            )
+            taken = [mover.box(0.0) for mover in movers]
+            sent = drive(self.lanes, free, taken, first.box_3d.centre_m[:2], vehicle, seconds, rng)
+            if sent is None:
+                continue
+            left = starts.without(obstacle_rows([sent.box(0.0)]), START_CLEARANCE_M)
+            if left.free.any():
+                x, y, yaw = sent.pose(0.0)
+                objects.append(instance_of(Placement(one.card, x, y, yaw), one.instance_id, one.body_name))
+                movers.append(replace(sent, speed_m_s=motion.speed * sent.speed_m_s))
+                starts = left
+        return replace(arrangement, starts=starts).with_movers(movers, objects)
+
+    def _standing(self, vehicle: ObjectInstance) -> tuple[Placement, Float[np.ndarray, "boxes 4"]]:
+        """One of the vehicles that the episode has placed, and its footprint."""
+        one = next(one for one in self.moved if one.instance_id == vehicle.instance_id)
+        (x, y), turn = vehicle.box_3d.centre_m[:2].tolist(), vehicle.box_3d.rotation
+        return Placement(one.card, x, y, float(np.arctan2(turn[1, 0], turn[0, 0]))), one.footprint_m
 
     def _change(self, placed: tuple[_Placed, _Placed], weather: Weather, model: mujoco.MjModel) -> None:
         """Brings the vehicles of an episode to their places, the others below the ground, and changes the weather."""

@@ -516,7 +516,7 @@ def test_unseen_models_reach_whoever_builds_the_scenes(env_id, unseen_models, mo
     """That training scenes then show no model of test scenes is tested where scenes are built."""
     asked = []
 
-    def build(scene, library=None, unseen_models=False):
+    def build(scene, library=None, unseen_models=False, movable=False):
         asked.append((scene, unseen_models))
         return BoxRooms().build("box_0")
 

@@ -66,7 +66,8 @@ def test_the_number_of_threads_does_not_matter(room) -> None:
 
 
 def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(room) -> None:
-    """A person walks through one view: the room behind is known from the others, so the person is no object."""
+    """A person walks through one view: the room behind is known from the others, so, if everything is held to stand
+    still, the person is no object."""
     depth_m = room.depth_m.copy()
     mask = np.zeros(room.size, bool)
     mask[20:75, 45:75] = True
@@ -74,7 +75,7 @@ def test_something_that_was_there_once_is_not_labelled_where_it_no_longer_is(roo
     person = Detection(0, "person", 0.97, mask)
 
     def objects(free_space: bool):
-        config = LabelConfig(free_space=free_space, calibrate=False, weak_evidence=False, min_posterior=1)
+        config = LabelConfig(free_space=free_space, moving=False, calibrate=False, weak_evidence=False, min_posterior=1)
         return propagate(replace(room, depth_m=depth_m), (person,), config).labels
 
     without = {one.view_index for one in objects(False) if one.modal.any()}

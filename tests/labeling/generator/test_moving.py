@@ -1,0 +1,158 @@
+"""Labels where things move: in every view where they are, one object each, and no ghosts; else as ever."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labeling.core.episode_labels import EpisodeLabels
+from labeling.core.types import Detection, GroundTruth
+from labeling.evaluate import main as evaluate
+from labeling.generate import main as generate
+from labeling.generator.cloud.moved import moved_detections, moved_voxels
+from labeling.generator.cloud.voxel_cloud import build_cloud
+from labeling.generator.propagate import propagate
+from labeling.generator.settings.label_config import LabelConfig
+from labeling.inspection.checks import inspect_label_set
+from labeling.io.episodes import write_episode
+
+from ..synthetic_room import make_episode
+
+ROOM = {"num_views": 10, "size": (72, 96), "num_objects": 5, "confident_share": 0.9, "wrong_class": 0.0}
+VOXEL_M = 0.05
+SPEED_M = (0.14, -0.1)
+
+
+def truths(episode) -> tuple[GroundTruth, ...]:
+    assert episode.ground_truth is not None
+    return episode.ground_truth
+
+
+def runner(episode) -> int:
+    """The instance of which still rooms have most views."""
+    ids = [one.instance_id for one in truths(episode) if one.modal.sum() > 200]
+    return max(set(ids), key=ids.count)
+
+
+@pytest.fixture(scope="module", params=[4, pytest.param(6, marks=pytest.mark.slow)])
+def rooms(request):
+    """The same room twice: with everything still, and with one thing in motion."""
+    still = make_episode(request.param, **ROOM)
+    number = runner(still)
+    return still, make_episode(request.param, **ROOM, motion={number: SPEED_M}), number
+
+
+def found(labels: EpisodeLabels, episode, number) -> tuple[dict[int, float], set[int]]:
+    """IoU of the best label of an instance in each view that shows it well, and the objects these labels are of."""
+    iou, objects = {}, set()
+    for truth in truths(episode):
+        if truth.instance_id != number or truth.modal.sum() < 200:
+            continue
+        here = [one for one in labels.labels if one.view_index == truth.view_index and one.category == truth.category]
+        both = [np.sum(one.modal & truth.modal) / np.sum(one.modal | truth.modal) for one in here]
+        iou[truth.view_index] = max(both, default=0.0)
+        if both and max(both) > 0.5:
+            objects.add(here[int(np.argmax(both))].instance_id)
+    return iou, objects
+
+
+def test_nothing_has_moved_in_a_still_room(rooms):
+    still, *_ = rooms
+    cloud = build_cloud(still, VOXEL_M)
+    assert moved_detections(cloud, still, still.detections or ()) == {}
+    labels, held = propagate(still, still.detections), propagate(still, still.detections, LabelConfig(moving=False))
+    told = [[(one.instance_id, one.category, one.confidence, one.sources) for one in x.objects] for x in (labels, held)]
+    assert told[0] == told[1]
+    assert all(one.box_3d is not None for one in labels.objects)
+    for one, other in zip(labels.labels, held.labels, strict=True):
+        assert (one.view_index, one.instance_id, one.category, one.confidence) == (
+            other.view_index,
+            other.instance_id,
+            other.category,
+            other.confidence,
+        )
+        assert np.array_equal(one.modal, other.modal)
+        assert np.array_equal(one.amodal, other.amodal)
+    assert np.array_equal(labels.cloud.instance_id, held.cloud.instance_id)
+
+
+def test_voxels_that_have_moved_are_those_of_what_moves(rooms):
+    _, moving, number = rooms
+    cloud = build_cloud(moving, VOXEL_M)
+    moved = moved_voxels(cloud, moving)
+    own = np.zeros(cloud.num_points, bool)
+    others = np.zeros(cloud.num_points, bool)
+    for truth in truths(moving):
+        shown = cloud.voxel_of_pixel[truth.view_index][truth.modal]
+        (own if truth.instance_id == number else others)[shown[shown >= 0]] = True
+    assert np.mean(moved[own]) > 0.4
+    assert np.mean(moved[others & ~own]) < 0.03
+
+
+def test_what_moves_is_one_object_labelled_where_it_is(rooms):
+    still, moving, number = rooms
+    labels = propagate(moving, moving.detections)
+    iou, objects = found(labels, moving, number)
+    assert len(iou) >= 3
+    assert np.mean([value > 0.5 for value in iou.values()]) > 0.7
+    assert len(objects) == 1
+    mover = next(one for one in labels.objects if one.instance_id in objects)
+    assert mover.box_3d is None
+    assert not np.any(labels.cloud.instance_id == mover.instance_id)
+    # Nowhere is it said to be behind something: where it is not seen it has gone.
+    assert all(one.modal.any() for one in labels.labels if one.instance_id == mover.instance_id)
+    for number_of_other in {t.instance_id for t in truths(still)} - {number}:
+        before, after = (
+            found(propagate(still, still.detections), still, number_of_other),
+            found(labels, moving, number_of_other),
+        )
+        if len(before[0]) >= 4:
+            assert np.mean([*after[0].values()]) > np.mean([*before[0].values()]) - 0.15
+
+
+def test_no_view_has_a_label_where_the_thing_was_in_others(rooms):
+    _, moving, number = rooms
+    labels = propagate(moving, moving.detections)
+    for one in labels.labels:
+        name = {t.category for t in truths(moving) if t.instance_id == number}
+        if one.category not in name or one.modal.sum() < 100 or one.confidence < 0.3:
+            continue
+        right = np.zeros(moving.size, bool)
+        for truth in truths(moving):
+            if truth.view_index == one.view_index and truth.category == one.category:
+                right |= truth.modal
+        assert np.mean(right[one.modal]) > 0.6
+
+
+def test_something_that_runs_through_one_view_is_labelled_there_only(rooms):
+    still, *_ = rooms
+    depth_m = still.depth_m.copy()
+    mask = np.zeros(still.size, bool)
+    mask[20:75, 45:75] = True
+    depth_m[0][mask] = 0.45 * depth_m[0][mask]
+    person = Detection(0, "person", 0.97, mask)
+    config = LabelConfig(calibrate=False)
+    labels = [one for one in propagate(replace(still, depth_m=depth_m), (person,), config).labels if one.modal.any()]
+    assert {one.view_index for one in labels} == {0}
+    assert np.sum(labels[0].modal & mask) > 0.8 * np.sum(labels[0].modal | mask)
+
+
+def test_a_label_set_tells_what_moves_and_is_in_order(rooms, tmp_path, capsys):
+    _, moving, number = rooms
+    write_episode(tmp_path / "episodes" / "one", moving)
+    assert generate([str(tmp_path / "episodes"), "--out", str(tmp_path / "labels")]) == 0
+    boxes = json.loads((tmp_path / "labels" / "boxes_3d.json").read_text())
+    (mover,) = boxes["moving"]
+    assert not {"centre", "extent", "rotation"} & set(mover)
+    assert mover["instance_id"] not in [one["instance_id"] for one in boxes["boxes"]]
+    modal = json.loads((tmp_path / "labels" / "instances_modal.json").read_text())
+    names = {one["id"]: one["name"] for one in modal["categories"]}
+    name = next(one.category for one in truths(moving) if one.instance_id == number)
+    assert names[mover["category_id"]] == name
+    assert sum(one.get("instance_id") == mover["instance_id"] for one in modal["annotations"]) >= 3
+    assert inspect_label_set(tmp_path / "labels") == []
+    assert evaluate([str(tmp_path / "labels")]) == 0
+    assert "AP50" in capsys.readouterr().out
+    assert generate([str(tmp_path / "episodes"), "--out", str(tmp_path / "held"), "--no-moving"]) == 0
+    assert "moving" not in json.loads((tmp_path / "held" / "boxes_3d.json").read_text())
