@@ -130,8 +130,6 @@ class FixationEnv(gym.Env, EzPickle):
     - `render_mode`: "rgb_array" (what the robot sees), "depth_array" (metres, float32), "third_person" (the robot from
       above, with its path, its camera's frustum and what it has found); or "human" (MuJoCo's viewer).
     - `render_size`: height and width of what `render` returns, pixels.
-      above, with its path, its camera's frustum and what it has found), each at `render_size` pixels; or "human"
-      (MuJoCo's viewer).
     - `moving`: so many things move while the robot does, at most: vehicles that drive along lanes and turn, chairs and
       other furniture carried through rooms. They set out anew in every episode, wait for the robot and for each other,
       and stop the robot like any obstacle; its map does not have them. A step takes as long as a full stride does
