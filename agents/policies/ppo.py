@@ -30,7 +30,7 @@ class Ppo:
         wrapper = self.description.get("hyperparameters", {}).get("env_wrapper")
         if wrapper not in (None, *moves_and_looks.WITHOUT):
             raise SbmError(f"{self._folder}: its actions are those of {wrapper!r}, which this version does not know")
-        self._wrapper = wrapper
+        self._wrapper: str | None = wrapper
 
     def reset(
         self, env: gym.Env, observation: dict[str, np.ndarray], info: dict[str, Any], rng: np.random.Generator
@@ -51,7 +51,7 @@ class Ppo:
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
-        if self._robot is not None:
+        if self._robot is not None and self._wrapper is not None:
             observation = moves_and_looks.with_promises(observation, info, self._robot, self._wrapper)
         seen = {name: observation[name] for name in self.description["observation_space"]["spaces"]}
         action = self._draw(seen) if self._sampled else self._network.predict(seen, deterministic=True)[0]

@@ -59,6 +59,7 @@ def test_what_is_shared_says_where_from_and_nothing_else_does(record: EpisodeRec
     assert msgspec.convert(as_json(shared), LabelRecord) == shared
     one = replace(record.objects[0], shared_from={"episode": "other", "instance_id": 4})
     assert msgspec.convert(as_json(one), ObjectRecord) == one
+    assert one.box_3d is not None
     np.testing.assert_array_equal(one.box_3d.extent_m, [1, 2, 3])
 
 
