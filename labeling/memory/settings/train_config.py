@@ -31,8 +31,8 @@ class TrainMemoryConfig(TrainingConfig):
     """Where the grid stands: around what the cameras look at, or around the middle of what they have seen."""
     pixel_loss: PixelLoss = "l1"
     """Of GRNN's pictures."""
-    contrast: Contrast = "margin"
-    """Of C-N3D's features: the paper's, or cross entropy over all negatives."""
+    contrast: Contrast = "info_nce"
+    """Of C-N3D's features: cross entropy over all negatives, or the paper's "margin", which learns more slowly."""
     margin: Positive[float] = 0.8
     """Distance of features of length 1 up to which they belong together."""
     temperature: Positive[float] = 0.07
