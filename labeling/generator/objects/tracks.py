@@ -17,6 +17,8 @@ from labeling.generator.objects.object_posterior import PlaceObservations
 
 MOVED_SHARE = 0.3
 """A candidate has moved if this share of its voxels has."""
+MIN_VOXELS = 30
+"""Fewer voxels that others look through are noise: in a real capture, stray detections of one to three of them."""
 REACH = 1.5
 """From one view to the next a thing moves by no more than so many of its own sizes."""
 MAX_GAP = 5
@@ -112,7 +114,7 @@ def without_settled(
 
 def _has_moved(one: Candidate, moved: Bool[np.ndarray, "n"]) -> bool:
     voxels = one.foreground_voxels
-    return len(voxels) > 0 and bool(np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels))
+    return len(voxels) >= MIN_VOXELS and bool(np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels))
 
 
 def _place(cloud: Cloud, one: Candidate) -> _Place:

@@ -22,6 +22,8 @@ FILES = {
     "policy_pictures_Some-v0.json": made_up.ways,
 }
 
+BOUND, ABLATION = "run policy_bound", "run reward_ablation"
+
 
 def write(folder: Path, *names: str) -> Path:
     for name in names or FILES:
@@ -118,16 +120,13 @@ def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("there", "missing"),
     [
-        ("policy_evaluation.json", ["run policies", "policy_pictures", "ship_policy RUN", "run reward_ablation"]),
+        ("policy_evaluation.json", [BOUND, "run policies", "policy_pictures", "ship_policy RUN", ABLATION]),
+        ("policies.json", ["run policy_evaluation", BOUND, "policy_pictures", "ship_policy RUN", ABLATION]),
         (
-            "policies.json",
-            ["run policy_evaluation", "policy_pictures", "ship_policy RUN", "run reward_ablation"],
+            "reward_ablation.json",
+            ["run policy_evaluation", BOUND, "run policies", "policy_pictures", "ship_policy RUN"],
         ),
-        ("reward_ablation.json", ["run policy_evaluation", "run policies", "policy_pictures", "ship_policy RUN"]),
-        (
-            "policy_training_Some-v0.json",
-            ["run policy_evaluation", "run policies", "policy_pictures", "run reward_ablation"],
-        ),
+        ("policy_training_Some-v0.json", ["run policy_evaluation", BOUND, "run policies", "policy_pictures", ABLATION]),
     ],
 )
 def test_what_is_missing_is_one_sentence_with_its_command(there: str, missing: list[str], tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ NOT_LABELLING = (
     "labeling/runtime/cli.py",
     "labeling/runtime/extras.py",
     "labeling/runtime/help.py",
+    "labeling/runtime/start_up.py",
     "labeling/generator/settings/option_groups.py",
     "labeling/generator/settings/presets.py",
     "labeling/generator/label_writer.py",
