@@ -122,6 +122,11 @@ def _moving_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar:
         step_s = source.profile.step_s
         scene = open_scene(source, name, "rays", source.profile.body)
         scene = scene.for_episode(rng, MotionConfig(MOVING_THINGS), MOMENTS * STEPS_BETWEEN * step_s)
+        if scene.arrangement is None or not scene.arrangement.movers:
+            bar.write(f"note: nothing in {name} can move", file=sys.stderr)
+            bar.update(MOMENTS)
+            scene.renderer.close()
+            continue
         pictures = moments(scene, MOMENTS, STEPS_BETWEEN * step_s, size, rng)
         captions = [f"{name} {number * STEPS_BETWEEN * step_s:.1f} s" for number in range(MOMENTS)]
         tiles += list(zip(pictures, captions, strict=True))

@@ -146,3 +146,11 @@ def test_help_needs_none_of_the_heavy_libraries():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stderr.strip() == "[]"
+
+
+def test_scenes_in_which_nothing_can_move_are_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(preview, "MOVING_THINGS", 0)
+    where = ["--worlds", "indoor-builtin", "--scenes", "1", "--size", "32", "--out", str(tmp_path / "sheets")]
+    assert preview.main(["--what", "moving", *where]) == 0
+    assert "note: nothing in train/00 can move" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.png"))
