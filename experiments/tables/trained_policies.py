@@ -2,16 +2,18 @@
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 from agents.ppo.config import PpoConfig
+from agents.ppo.hyperparameters import SHIPPED_FILE, read_hyperparameters
+from labeling.core.errors import UsageError
 
 SHAPES = ("format", "observation_space", "action_space", "policy")
 """What a checkpoint says about its tensors, which is long and tells nothing of where they come from."""
 NAMED_ALWAYS = ("env", "steps", "seed")
-NOT_NAMED = ("out", "device", "resume", "hyperparams")
+NOT_NAMED = ("out", "device", "resume")
 
 
 def origin_of(checkpoint: Path) -> dict[str, Any]:
@@ -49,6 +51,7 @@ def training_command(description: Mapping[str, Any]) -> str:
         **description,
         "steps": hyperparameters.get("n_timesteps"),
         "envs": hyperparameters.get("n_envs"),
+        "hyperparams": _shipped_file(str(description.get("env")), hyperparameters),
     }
     words = ["python", "-m", "agents.train"]
     for field in fields(PpoConfig):
@@ -61,3 +64,16 @@ def training_command(description: Mapping[str, Any]) -> str:
         else:
             words += [f"--{option}", *(map(str, value) if isinstance(value, list | tuple) else [str(value)])]
     return shlex.join(words)
+
+
+def _shipped_file(env_id: str, hyperparameters: Mapping[str, Any]) -> str | None:
+    """The file of shipped hyperparameters that a run was made with, if it is not the one by default."""
+    for file in sorted(SHIPPED_FILE.parent.glob("*.yaml")):
+        try:
+            shipped = read_hyperparameters(env_id, file)
+        except UsageError:
+            continue
+        named = {name: hyperparameters.get(name) for name in ("n_timesteps", "n_envs")}
+        if file != SHIPPED_FILE and asdict(replace(shipped, **named)) == hyperparameters:
+            return file.relative_to(SHIPPED_FILE.parents[2]).as_posix()
+    return None

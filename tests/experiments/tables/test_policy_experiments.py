@@ -1,6 +1,7 @@
 """The experiments about policies run, resume, never look at test scenes, and sum up what the episodes say."""
 
 import json
+from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from agents import rollout
 from agents.evaluation.label_quality import episode_figures
 from agents.evaluation.results import read_result
 from agents.evaluation.run import Evaluator
+from agents.ppo.hyperparameters import SHIPPED_FILE, read_hyperparameters
 from experiments.ablations import reward_ablation
 from experiments.run import main
 from experiments.tables import policy_bound, policy_evaluation
@@ -149,3 +151,15 @@ def test_ways_are_drawn_by_the_generator_they_are_given() -> None:
         ways.append([step.info["agent"]["position_m"].tolist() for step in steps])
     env.close()
     assert ways[0] == ways[1] != ways[2]
+
+
+@pytest.mark.parametrize("name", ["map", "history"])
+def test_ablations_differ_from_the_default_in_what_is_told_and_are_named_in_commands(name: str) -> None:
+    env_id, file = "sbm_gym/Indoor-v0", f"agents/hyperparams/without_{name}.yaml"
+    whole, part = read_hyperparameters(env_id), read_hyperparameters(env_id, SHIPPED_FILE.parents[2] / file)
+    assert replace(part, env_wrapper=whole.env_wrapper) == whole
+    assert part.env_wrapper == f"moves_and_looks_without_{name}"
+    description = {"env": env_id, "seed": 0, "hyperparameters": asdict(replace(part, n_timesteps=50))}
+    assert training_command(description).endswith(f"--steps 50 --seed 0 --envs {part.n_envs} --hyperparams {file}")
+    description["hyperparameters"] = asdict(whole)
+    assert "--hyperparams" not in training_command(description)
