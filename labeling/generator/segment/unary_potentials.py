@@ -57,7 +57,7 @@ def _one_object(cloud: Cloud, candidate: Candidate, config: LabelConfig, rng, lo
     reachable = np.flatnonzero(inside)
     decided = np.zeros(len(reachable), np.float32)
     if config.votes:
-        decided = _vote_log_odds(votes_for[reachable], votes_against[reachable], candidate)
+        decided = _vote_log_odds(votes_for[reachable], votes_against[reachable], candidate, config)
     if len(background) > 0:
         hard = _hard_negatives(cloud.num_points, candidate, config)
         features = _features(cloud, reachable, centre)
@@ -121,11 +121,13 @@ def _used(candidate: Candidate, config: LabelConfig) -> list[DetectionSeeds]:
     return [*sources, *(candidate.weak if config.weak_evidence else [])]
 
 
-def _vote_log_odds(votes_for, votes_against, candidate: Candidate) -> Float32[np.ndarray, "n"]:
-    """Votes as log-odds: the mean confidence of the sources is taken as the probability that a vote is right."""
+def _vote_log_odds(votes_for, votes_against, candidate: Candidate, config: LabelConfig) -> Float32[np.ndarray, "n"]:
+    """Votes as log-odds: the mean confidence of the sources, or ``min_vote`` if that is more, is taken as the
+    probability that a vote is right.
+    """
     total = votes_for + votes_against
     balance = (votes_for - votes_against) / np.maximum(total, 1e-9)
     confidence = np.mean([source.detection.confidence for source in candidate.sources])
-    chance = float(np.clip(confidence, 0.5, 0.99))
+    chance = float(np.clip(confidence, config.min_vote, 0.99))
     strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(chance / (1 - chance))
     return (balance * strength).astype(np.float32)

@@ -26,8 +26,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         *("erode", "dilate", "erode-doubt", "dilate-doubt", "seed-outliers", "outlier-spread", "crop", "crop-cut"),
     ),
     "algorithm: segmentation": (
-        *("gaussian-share", "votes", "colour-beyond", "appearance-weight", "appearance-width", "appearance-colour"),
-        *("smoothness-weight", "smoothness-width-voxels", "iterations"),
+        *("gaussian-share", "votes", "min-vote", "colour-beyond", "appearance-weight", "appearance-width"),
+        *("appearance-colour", "smoothness-weight", "smoothness-width-voxels", "iterations"),
     ),
     "algorithm: finished objects": (
         *("segment-outliers", "min-piece", "piece-reach", "clear-ground", "level-surfaces", "thin-parts"),

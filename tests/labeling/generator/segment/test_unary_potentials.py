@@ -1,4 +1,4 @@
-"""How far an object reaches: by its own size, and beyond the picture's border by colour."""
+"""How far an object reaches, by its own size and by colour beyond the picture's border, and what votes weigh."""
 
 from dataclasses import replace
 
@@ -60,3 +60,21 @@ def test_what_the_picture_cuts_off_goes_on_in_other_views_as_far_as_its_colour()
     assert np.count_nonzero(found[0.5] & true) > 0.95 * np.count_nonzero(true)
     assert np.count_nonzero(found[0.5] & ~true) < 0.1 * np.count_nonzero(true)
     assert np.count_nonzero(found[0.0] & true) < np.count_nonzero(found[0.5] & true)
+
+
+def test_votes_of_unsure_detections_weigh_by_min_vote_and_sure_ones_by_their_confidence() -> None:
+    cloud = build_cloud(wall(), 0.05)
+
+    def gap(confidence: float, min_vote: float) -> float:
+        """How much more likely the object is where its mask is than beside it; the classifier's share is the same."""
+        config = replace(LabelConfig(), min_vote=min_vote, crop=1.0)
+        seeds = detection_seeds(cloud, Detection(0, "thing", confidence, box(20, 40, 20, 40)), config)
+        odds = object_log_odds(cloud, [Candidate.of(seeds, cloud.num_points)], config)[:, 0]
+        beside = seeds.background[odds[seeds.background] > UNREACHABLE_LOG_ODDS]
+        return float(odds[seeds.foreground].mean() - odds[beside].mean())
+
+    unsure = [gap(0.2, min_vote) for min_vote in (0.5, 0.75, 0.9)]
+    # A vote of weight .2 counts the square root of that, for and against.
+    expected = 2 * np.sqrt(0.2) * np.log([1, 3, 9])
+    np.testing.assert_allclose(np.array(unsure) - unsure[0], expected, rtol=1e-4)
+    assert gap(0.8, 0.5) == gap(0.8, 0.75) < gap(0.8, 0.9)
