@@ -122,12 +122,13 @@ def _used(candidate: Candidate, config: LabelConfig) -> list[DetectionSeeds]:
 
 
 def _vote_log_odds(votes_for, votes_against, candidate: Candidate, config: LabelConfig) -> Float32[np.ndarray, "n"]:
-    """Votes as log-odds: the mean confidence of the sources, or ``min_vote`` if that is more, is taken as the
-    probability that a vote is right.
+    """Votes as log-odds: the mean confidence of the sources is taken as the probability that a vote is right; where
+    none of them is confident, at least ``min_vote``.
     """
     total = votes_for + votes_against
     balance = (votes_for - votes_against) / np.maximum(total, 1e-9)
-    confidence = np.mean([source.detection.confidence for source in candidate.sources])
-    chance = float(np.clip(confidence, config.min_vote, 0.99))
+    confidences = [source.detection.confidence for source in candidate.sources]
+    least = 0.5 if max(confidences) >= config.confident else config.min_vote
+    chance = float(np.clip(np.mean(confidences), least, 0.99))
     strength = np.sqrt(np.minimum(total, MAX_VOTES)) * np.log(chance / (1 - chance))
     return (balance * strength).astype(np.float32)

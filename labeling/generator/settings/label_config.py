@@ -76,7 +76,8 @@ class LabelConfig(Settings):
     votes: bool = True
     """Let detections vote directly on the points they saw; False: they only train the classifier, as in the thesis."""
     min_vote: Share[float] = 0.75
-    """Least probability that a vote is right: detections that are unsure what an object is know better where it is."""
+    """Least probability that a vote is right on objects that no detection is confident of: those are unsure what it is,
+    not where."""
     clamp_seeds: bool = False
     """Hold seeds at probability .99 and .01 whatever the classifier says. Source: field notes (published code)."""
     outer_share: Share[float] = 0.0
