@@ -77,4 +77,4 @@ def test_votes_of_unsure_detections_weigh_by_min_vote_and_sure_ones_by_their_con
     # A vote of weight .2 counts the square root of that, for and against.
     expected = 2 * np.sqrt(0.2) * np.log([1, 3, 9])
     np.testing.assert_allclose(np.array(unsure) - unsure[0], expected, rtol=1e-4)
-    assert gap(0.8, 0.5) == gap(0.8, 0.9) > gap(0.7, 0.5)
+    assert gap(0.95, 0.5) == gap(0.95, 0.99) > gap(0.85, 0.5)
