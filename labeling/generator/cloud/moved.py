@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Int
 
+from labeling.core.masks import box_xyxy
 from labeling.core.types import Detection
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.free_space import count_hits, count_misses
@@ -72,24 +73,30 @@ def moved_voxels(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"] | 
     return moved
 
 
-def settled_voxels(cloud: Cloud, moved: Bool[np.ndarray, "n"], first: int, last: int) -> Bool[np.ndarray, "n"]:
+def settled_voxels(
+    cloud: Cloud, moved: Bool[np.ndarray, "n"], hits: Int[np.ndarray, "n"], first: int, last: int
+) -> Bool[np.ndarray, "n"]:
     """Voxels that are no part of a thing that views ``first`` to ``last`` show in passing: what has not moved, and what
     views well before or after have measured as well.
 
     Args:
         cloud: of all views.
         moved: voxels that have moved.
+        hits: how many of all views measured each voxel.
         first: first view that shows the thing.
         last: the last one.
     """
-    number = np.arange(len(cloud.voxel_of_pixel))
-    others = cloud.voxel_of_pixel[(number < first - 1) | (number > last + 1)]
-    return ~moved & (count_hits(others, cloud.num_points) >= SETTLED_HITS)
+    meanwhile = count_hits(cloud.voxel_of_pixel[max(0, first - 1) : last + 2], cloud.num_points)
+    return ~moved & (hits - meanwhile >= SETTLED_HITS)
 
 
 def _with_rim(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     import cv2
 
     reach_px = max(2, round(RIM_SHARE * float(np.sqrt(np.count_nonzero(mask)))))
+    left, top, right, bottom = map(int, box_xyxy(mask))
+    near = slice(max(0, top - reach_px), bottom + reach_px), slice(max(0, left - reach_px), right + reach_px)
     element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach_px + 1, 2 * reach_px + 1))
-    return cv2.dilate(mask.astype(np.uint8), element) > 0
+    wider = np.zeros_like(mask)
+    wider[near] = cv2.dilate(mask[near].astype(np.uint8), element) > 0
+    return wider

@@ -83,7 +83,8 @@ def _cloud(labels: EpisodeLabels, places: Sequence[Sequence[int]], moves: Sequen
             number_of[labels.objects[k].instance_id] = number
     instance_id = number_of[cloud.instance_id]
     stays = ~np.array([False, *moves])[instance_id]
-    probability = np.stack([cloud.probability[stays][:, own].max(axis=1) for own in places], axis=1)
+    kept = cloud.probability[stays]
+    probability = np.stack([kept[:, own].max(axis=1) for own in places], axis=1)
     return replace(
         cloud,
         points=cloud.points[stays],

@@ -16,7 +16,7 @@ from labeling.generator.objects.association import (
 )
 from labeling.generator.objects.object_posterior import ObjectModel, PlaceObservations, observe_places
 from labeling.generator.objects.seeds import DetectionSeeds
-from labeling.generator.objects.tracks import track_observations, with_tracks
+from labeling.generator.objects.tracks import has_moved, track_observations, with_tracks
 from labeling.generator.settings.label_config import LabelConfig
 
 
@@ -74,19 +74,19 @@ def find_objects(
         moved: voxels that have moved, if any have.
     """
     sure, groups = group_detections(seeds, cloud.num_points, config)
-    if moved is not None:
-        unsure = [one.as_candidate(cloud.num_points) for one in groups]
-        found = with_posteriors(cloud, eyes_m, [*sure, *unsure], model, moved)
-        chances = [max((one.posterior or {}).values(), default=0.0) for one in found[len(sure) :]]
-        return found[: len(sure)] + [
-            one for one, chance in zip(found[len(sure) :], chances, strict=True) if chance >= config.min_posterior
-        ]
     likely = [
         one.as_candidate(cloud.num_points)
         for one, seen in zip(groups, observations_of(cloud, eyes_m, [], groups), strict=True)
         if max(model.posterior(seen).values()) >= config.min_posterior
+        or (moved is not None and has_moved(one.foreground_voxels, moved))
     ]
-    return with_posteriors(cloud, eyes_m, [*sure, *likely], model)
+    found = with_posteriors(cloud, eyes_m, [*sure, *likely], model, moved)
+    # Of what has moved only all of its places together tell whether it is likely.
+    return [
+        one
+        for k, one in enumerate(found)
+        if k < len(sure) or max((one.posterior or {}).values(), default=0.0) >= config.min_posterior
+    ]
 
 
 def with_posteriors(

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int
 
+from labeling.generator.cloud.free_space import count_hits
 from labeling.generator.cloud.moved import settled_voxels
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
@@ -45,7 +46,7 @@ def with_tracks(cloud: Cloud, candidates: Sequence[Candidate], moved: Bool[np.nd
         candidates: the objects, each in one place.
         moved: voxels that have moved.
     """
-    places = {k: _place(cloud, one) for k, one in enumerate(candidates) if _has_moved(one, moved)}
+    places = {k: _place(cloud, one) for k, one in enumerate(candidates) if has_moved(one.foreground_voxels, moved)}
     numbers, pairs = list(places), []
     for k, first in enumerate(numbers):
         for second in numbers[k + 1 :]:
@@ -61,6 +62,16 @@ def with_tracks(cloud: Cloud, candidates: Sequence[Candidate], moved: Bool[np.nd
         views[one] |= views.pop(other)
         track = {k: one if number == other else number for k, number in track.items()}
     return [replace(one, track=track.get(k)) for k, one in enumerate(candidates)]
+
+
+def has_moved(voxels: Int[np.ndarray, "f"], moved: Bool[np.ndarray, "n"]) -> bool:
+    """Whether what detections show has moved.
+
+    Args:
+        voxels: indices of those that they show.
+        moved: voxels that have moved.
+    """
+    return len(voxels) >= MIN_VOXELS and bool(np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels))
 
 
 def track_observations(observed: Sequence[PlaceObservations], tracks: Sequence[int | None]) -> list[PlaceObservations]:
@@ -103,18 +114,14 @@ def without_settled(
         probability: of each of them at each point.
         moved: voxels that have moved.
     """
-    if any(one.track is not None for one in candidates):
-        probability = probability.copy()
-    for k, one in enumerate(candidates):
-        if one.track is not None:
-            views = [detection.view_index for detection in one.detections]
-            probability[settled_voxels(cloud, moved, min(views), max(views)), k] = 0
+    tracked = [k for k, one in enumerate(candidates) if one.track is not None]
+    if not tracked:
+        return probability
+    probability, hits = probability.copy(), count_hits(cloud.voxel_of_pixel, cloud.num_points)
+    for k in tracked:
+        views = [detection.view_index for detection in candidates[k].detections]
+        probability[settled_voxels(cloud, moved, hits, min(views), max(views)), k] = 0
     return probability
-
-
-def _has_moved(one: Candidate, moved: Bool[np.ndarray, "n"]) -> bool:
-    voxels = one.foreground_voxels
-    return len(voxels) >= MIN_VOXELS and bool(np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels))
 
 
 def _place(cloud: Cloud, one: Candidate) -> _Place:
