@@ -94,6 +94,7 @@ def _read(folder: Path) -> "Episode":
 
 def _score(job: tuple[Path, Setting]) -> dict[str, Any]:
     from agents.rollouts.recorder import noise_seed
+    from labeling.generator.calibration.detector_calibration import calibration_of
     from labeling.generator.propagate import propagate
     from labeling.metrics.matching import instances_of, match, mean_iou
     from sbm_gym.sensors.sensor_noise import add_noise
@@ -105,10 +106,11 @@ def _score(job: tuple[Path, Setting]) -> dict[str, Any]:
         episode = add_noise(episode, setting.noise, noise_seed(seed, episode.metadata["episode"]))
     name, predictions, whole = episode.name, instances_of(episode.name, episode.detections or ()), []
     if config is not None:
+        calibration = calibration_of(episode.metadata.get("detector"))
         if not _WARM:  # an episode for nothing, so that loading compiled code is not counted as labelling
             _WARM.append(propagate(episode, episode.detections, LabelConfig()) is not None)
         started = time.process_time()
-        labels = propagate(episode, episode.detections, config)
+        labels = propagate(episode, episode.detections, config, calibration)
         seconds, objects = time.process_time() - started, len(labels.objects)
         predictions, whole = instances_of(name, labels.labels), instances_of(name, labels.labels, "amodal")
     figures = _figures(predictions, known_truths(episode, name))

@@ -29,6 +29,10 @@ class EpisodePool:
     """Who moves."""
     episodes_per_scene: int = 1
     """Begun in different places."""
+    moving: int = 0
+    """Things that move, at most."""
+    moving_speed: float = 1.0
+    """Factor of their speed; with 0 the same things stand."""
 
 
 def ablation_pools(scale: Scale) -> tuple[EpisodePool, ...]:
@@ -60,6 +64,8 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
 
     settings = asdict(pool)
     name, episodes = settings.pop("name"), settings.pop("episodes")
+    if not pool.moving:
+        del settings["moving"], settings["moving_speed"]
     depends_on = [
         {**settings, "policy": policy_key(pool.policy, pool.env)},
         experiment_versions(),

@@ -1,11 +1,13 @@
 """Pages of docs as Jinja2 templates: how they are rendered and written, and how numbers stand on them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from labeling.metrics.bootstrap import significant_sign
 
 SCALES = {
     "smoke": "a handful of episodes, to see that it runs: no figure here means anything",
@@ -120,3 +122,13 @@ def mean_std(values: Sequence[float]) -> str:
 def mean_range(values: Sequence[float]) -> str:
     """Mean and, of several values, the least and the greatest."""
     return f"{np.mean(values):.1f}" + (f" ({min(values):.1f} to {max(values):.1f})" if len(values) > 1 else "")
+
+
+def interval(difference: Mapping[str, Any] | None) -> str:
+    """A difference in points with its interval, bold where that excludes zero."""
+    if difference is None:
+        return "-"
+    text = f"{100 * difference['mean']:+.1f}"
+    if difference["low"] is not None:
+        text += f" [{100 * difference['low']:+.1f}, {100 * difference['high']:+.1f}]"
+    return f"**{text}**" if significant_sign(dict(difference)) else text

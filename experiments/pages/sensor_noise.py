@@ -5,9 +5,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.pages.markdown import Pictures, points, read_result, render, table
+from experiments.pages.markdown import Pictures, interval, points, read_result, render, table
 from labeling.core.errors import SbmError
-from labeling.metrics.bootstrap import significant_sign
 
 PAGE, PICTURE = "sensor-noise.md", "sensor_noise.png"
 FIGURES = {"mean_iou": "mean IoU", "mask_ap50": "mask AP50", "box_ap50": "box AP50"}
@@ -43,21 +42,11 @@ def _levels(found: Mapping[str, Any]) -> str:
     for kind, one in found.items():
         cells = []
         for figure in FIGURES:
-            cells += [points(one["mean"][figure]), _interval(one["difference"][figure])]
+            cells += [points(one["mean"][figure]), interval(one["difference"][figure])]
         rows.append([kind, *cells])
     return table(headings, rows, "---:")
 
 
 def _gains(found: Mapping[str, Any]) -> str:
-    rows = [[kind, *(_interval(one["gain"][figure]) for figure in FIGURES)] for kind, one in found.items()]
+    rows = [[kind, *(interval(one["gain"][figure]) for figure in FIGURES)] for kind, one in found.items()]
     return table(["", *FIGURES.values()], rows, "---:")
-
-
-def _interval(difference: Mapping[str, Any] | None) -> str:
-    """A difference in points with its interval, bold where that excludes zero."""
-    if difference is None:
-        return "-"
-    text = f"{100 * difference['mean']:+.1f}"
-    if difference["low"] is not None:
-        text += f" [{100 * difference['low']:+.1f}, {100 * difference['high']:+.1f}]"
-    return f"**{text}**" if significant_sign(dict(difference)) else text
