@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.evaluation.statistics import shown_sign
 from experiments.pages.markdown import Pictures, mean_std, points, read_result, render, table
+from experiments.tables.policies import views_of
 from labeling.core.errors import SbmError
 
 PAGE = "policies-results.md"
@@ -214,9 +215,43 @@ def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
     pools = world["pools"]
     return {
         "rows": rows,
+        "by_category": _by_category(world, base),
+        "by_views": _by_views(world, base),
         "episodes": pools[f"{next(iter(columns))}_learn"]["episodes"],
         "scenes": len(set(pools["dev"]["scenes"])),
     }
+
+
+def _by_category(world: Mapping[str, Any], base: str) -> str:
+    """Mask AP50 of each category in the scenes to be tested in, before and after the labels of each policy."""
+    before = world["before"]["dev"]["per_class_ap50"]
+    known = [name for name, value in before.items() if value is not None]
+    rows = [["before", *(points(before[name]) for name in known)]]
+    runs = {policy: _of_policy(world, policy) for policy in dict.fromkeys(one["policy"] for one in world["runs"])}
+    of_base = {name: [run["dev"]["per_class_ap50"][name] for run in runs[base]] for name in known}
+    for policy, found in runs.items():
+        cells = [_beside([run["dev"]["per_class_ap50"][name] for run in found], of_base[name]) for name in known]
+        rows.append([f"after labels of `{policy}`", *cells])
+    return table(["", *known], rows)
+
+
+def _by_views(world: Mapping[str, Any], base: str) -> str | None:
+    """Mask AP50 on the views that each policy has of the scenes; None in results without them."""
+    policies = dict.fromkeys(one["policy"] for one in world["runs"])
+    if views_of(base) not in world["before"]:
+        return None
+    rows = [["before", *(points(world["before"][views_of(one)]["mask_ap50"]) for one in policies)]]
+    for policy in policies:
+        cells = []
+        for seen in map(views_of, policies):
+            ours, theirs = ([run[seen]["mask_ap50"] for run in _of_policy(world, one)] for one in (policy, base))
+            cells.append(_beside(ours, theirs))
+        rows.append([f"after labels of `{policy}`", *cells])
+    return table(["", *(f"views of `{policy}`" for policy in policies)], rows)
+
+
+def _of_policy(world: Mapping[str, Any], policy: str) -> list[Mapping[str, Any]]:
+    return [one for one in world["runs"] if one["policy"] == policy]
 
 
 def _beside(ours: Sequence[float], base: Sequence[float]) -> str:

@@ -49,10 +49,17 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
             about = {"policy": policy, "seed": seed}
             labels.append({**about, **score_labels(views[policy].labels("learn", LABELS, seed))})
             runs.append((about, views[policy].train_job(LABELS, seed)))
+    # The scenes to be tested in as each policy sees them: who learns from one's views is tested on all others' as well.
+    seen = {views_of(policy): views[policy].pictures("dev") for policy in policies}
     return {
         "pools": {"dev": sets.pool_record("dev"), **pools},
         "left_out": left_out,
         "trained": training_of(policies, WORLDS[world]),
         "labels": labels,
-        **sets.train_and_score(runs, "dev"),
+        **sets.train_and_score(runs, "dev", seen),
     }
+
+
+def views_of(policy: str) -> str:
+    """What the record calls the views that a policy has of the scenes to be tested in."""
+    return f"views of {policy}"

@@ -4,7 +4,7 @@ Each is made when it is first asked for and kept in the cache, so that tables sh
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -168,13 +168,17 @@ class TrainingSets:
         )
 
     def train_and_score(
-        self, runs: "Sequence[tuple[dict[str, Any], TrainJob]]", on: Literal["val", "dev"] = "val"
+        self,
+        runs: "Sequence[tuple[dict[str, Any], TrainJob]]",
+        on: Literal["val", "dev"] = "val",
+        also: "Mapping[str, Sequence[AnnotatedPicture]] | None" = None,
     ) -> dict[str, Any]:
         """Fine-tunes detectors and scores them on unseen scenes and photographs, beside the pre-trained one.
 
         Args:
             runs: what the record says about each, and the training.
             on: which scenes.
+            also: more pictures to score them on, by what the record calls them.
 
         Returns:
             Scores ``before``, and for each of ``runs`` what the record says with its scores.
@@ -183,7 +187,7 @@ class TrainingSets:
 
         trained = train_detectors([job for _, job in runs], self._context)
         scenes = {"val": "validation", "dev": "dev"}[on]
-        pictures = {scenes: self.pictures(on), "photographs": self.photographs()[1]}
+        pictures = {scenes: self.pictures(on), "photographs": self.photographs()[1], **(also or {})}
         before, *after = score_detectors([DETECTOR, *trained], pictures, self._context)
         records = [{**about, **scores} for (about, _), scores in zip(runs, after, strict=True)]
         return {"before": before, "runs": records}
