@@ -99,7 +99,8 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
 def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> None:
     content, text = made_up.teaching(), page(read_results(write(tmp_path)))
     for name, world in content["worlds"].items():
-        (table,) = tables(text, f"{name.capitalize()}: detectors")
+        table, categories, views = tables(text, f"{name.capitalize()}: detectors")
+        assert categories["before"].keys() == {"bed", "chair"}
         assert table["before"]["mask AP50"] == f"{100 * world['before']['dev']['mask_ap50']:.1f}"
         assert table["before"]["box AP50"] == f"{100 * world['before']['dev']['box_ap50']:.1f}"
         for policy in ("ring", "ppo"):
@@ -107,7 +108,22 @@ def test_every_figure_of_taught_detectors_stands_in_its_cell(tmp_path: Path) -> 
             values = [100 * one["dev"]["mask_ap50"] for one in runs]
             bold = "**" if policy == "ppo" and name == "rooms" else ""
             mean, std = np.mean(values), np.std(values, ddof=1)
-            assert table[f"after labels of `{policy}`"]["mask AP50"] == f"{bold}{mean:.1f}{bold} ± {std:.1f}"
+            row = f"after labels of `{policy}`"
+            assert table[row]["mask AP50"] == views[row]["views of `ring`"] == f"{bold}{mean:.1f}{bold} ± {std:.1f}"
+            assert views[row]["views of `ppo`"] == f"{bold}{mean + 3:.1f}{bold} ± {std:.1f}"
+            assert categories[row]["chair"] == f"{bold}{mean - 2:.1f}{bold} ± {std:.1f}"
+
+
+def test_results_without_views_of_every_policy_have_no_table_of_them(tmp_path: Path) -> None:
+    content = made_up.teaching()
+    for world in content["worlds"].values():
+        for one in (world["before"], *world["runs"]):
+            del one["views of ring"], one["views of ppo"]
+    folder = write(tmp_path)
+    (folder / "policies.json").write_text(json.dumps(content))
+    text = page(read_results(folder))
+    assert "what each policy sees of the scenes" not in text
+    assert len(tables(text, "Rooms: detectors")) == 2
 
 
 def test_episodes_are_told_by_their_figures(tmp_path: Path) -> None:
