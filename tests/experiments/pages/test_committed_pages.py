@@ -12,6 +12,7 @@ from experiments.pages import (
     detector_labels,
     fine_tuning,
     label_generator,
+    moving_labels,
     policies,
     results,
     robustness,
@@ -25,7 +26,17 @@ DOCS = ROOT / "docs"
 
 @pytest.mark.parametrize(
     "module",
-    [results, policies, fine_tuning, label_generator, benchmarks, sensor_noise, robustness, detector_labels],
+    [
+        results,
+        policies,
+        fine_tuning,
+        label_generator,
+        benchmarks,
+        sensor_noise,
+        robustness,
+        detector_labels,
+        moving_labels,
+    ],
 )
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
     page, *pictures = write_page(module.__name__.rpartition(".")[2], ROOT / "experiments" / "results", tmp_path)
