@@ -36,12 +36,18 @@ class ExportedLabel:
 class LabelledView:
     """One view and its labels."""
 
-    name: str
-    """Unique in the label set, and good for a file name."""
+    episode: str
+    index: int
+    """Of the view in its episode."""
     rgb: UInt8[np.ndarray, "h w 3"]
     camera: Camera
     labels: tuple[ExportedLabel, ...]
     """The least confident first, so that what is drawn over another is surer."""
+
+    @property
+    def name(self) -> str:
+        """Unique in the label set, and good for a file name."""
+        return f"{self.episode}_{self.index:03d}"
 
 
 def categories_of(labels: Path) -> tuple[str, ...]:
@@ -82,7 +88,7 @@ def labelled_views(labels: Path, dataset: Path | None = None, min_confidence: fl
             if not 0 <= view < episode.num_views:
                 raise LabelFormatError(f"{labels}: episode {name!r} has no view {view}")
             camera = Camera(episode.intrinsics[view], episode.camera_to_world[view], episode.size)
-            yield LabelledView(f"{name}_{view:03d}", episode.rgb[view], camera, found)
+            yield LabelledView(name, view, episode.rgb[view], camera, found)
 
 
 def _by_episode(labels: Path, min_confidence: float) -> dict[str, dict[int, tuple[ExportedLabel, ...]]]:
