@@ -16,7 +16,7 @@ from labeling.runtime.ranges import Share
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from labeling.exports.labelled_views import LabelledView
+    from labeling.io.labelled_views import LabelledView
 
 Target = Literal[
     "episode", "yolo-detect", "yolo-segment", "fiftyone", "hugging-face", "openlabel", "masks", "kitti", "gltf"
@@ -85,9 +85,9 @@ def _convert_recording(config: ConvertConfig) -> None:
 def _export(config: ConvertConfig) -> None:
     """Writes a label set in the format of another tool."""
     from labeling.exports.gltf import write_gltf
-    from labeling.exports.labelled_views import categories_of, labelled_views
     from labeling.formats.atomic import atomic_folder
     from labeling.inspection.scene import read_scenes
+    from labeling.io.labelled_views import categories_of, labelled_views
 
     if config.undistort or config.recording != RecordingConfig():
         raise UsageError("how its recordings are read, a label set says itself; with --to these options have no place")

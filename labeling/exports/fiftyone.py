@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from labeling.core.masks import box_xywh
-from labeling.exports.labelled_views import ExportedLabel, LabelledView
 from labeling.exports.pictures import write_png
 from labeling.formats.atomic import write_json, write_records
+from labeling.io.labelled_views import LabelledView, ViewLabel
 
 FIELD = "pseudo_labels"
 """Of a sample: its detections."""
@@ -76,7 +76,7 @@ def _sample(view: LabelledView, file: str, size_bytes: int, detections: list[dic
     }
 
 
-def _detection(label: ExportedLabel) -> dict[str, Any]:
+def _detection(label: ViewLabel) -> dict[str, Any]:
     left, top, width, height = box_xywh(label.mask)
     rows, columns = label.mask.shape
     inside = label.mask[int(top) : int(top + height), int(left) : int(left + width)]

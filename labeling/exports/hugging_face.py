@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from labeling.core.masks import box_xywh
-from labeling.exports.labelled_views import LabelledView
 from labeling.exports.pictures import instance_map, write_png
+from labeling.io.labelled_views import LabelledView
 
 SPLIT = "train"
 

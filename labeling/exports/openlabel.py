@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from labeling.core.errors import LabelFormatError
 from labeling.core.masks import box_xywh
 from labeling.core.types import Box3d
-from labeling.exports.labelled_views import ExportedLabel, LabelledView
 from labeling.exports.outlines import outlines
 from labeling.exports.pictures import write_png
 from labeling.formats.atomic import write_json
+from labeling.io.labelled_views import LabelledView, ViewLabel
 
 SCHEMA_VERSION = "1.0.0"
 WORLD, CAMERA = "world", "camera"
@@ -46,7 +46,7 @@ def write_openlabel(out: Path, views: Iterable[LabelledView]) -> int:
     count = 0
     for episode, of_episode in itertools.groupby(views, key=lambda view: view.episode):
         frames: dict[str, dict[str, Any]] = {}
-        seen: dict[int, ExportedLabel] = {}
+        seen: dict[int, ViewLabel] = {}
         numbers: dict[int, list[int]] = {}
         for view in of_episode:
             file = f"images/{view.name}.png"
@@ -76,9 +76,7 @@ def write_openlabel(out: Path, views: Iterable[LabelledView]) -> int:
     return count
 
 
-def _note(
-    label: ExportedLabel, view: LabelledView, seen: dict[int, ExportedLabel], numbers: dict[int, list[int]]
-) -> None:
+def _note(label: ViewLabel, view: LabelledView, seen: dict[int, ViewLabel], numbers: dict[int, list[int]]) -> None:
     """Takes note of an object in a view.
 
     Raises:
@@ -108,7 +106,7 @@ def _frame(view: LabelledView, file: str) -> dict[str, Any]:
     }
 
 
-def _in_view(label: ExportedLabel) -> dict[str, Any]:
+def _in_view(label: ViewLabel) -> dict[str, Any]:
     left, top, width, height = box_xywh(label.mask)
     centre = [left + (width - 1) / 2, top + (height - 1) / 2]
     sure = {"num": [{"name": CONFIDENCE, "val": label.confidence}]}
@@ -126,7 +124,7 @@ def _in_view(label: ExportedLabel) -> dict[str, Any]:
     return {"bbox": [{"name": BOX, "val": [*centre, width, height], "attributes": sure}], "poly2d": polygons}
 
 
-def _object(label: ExportedLabel, frames: Sequence[int]) -> dict[str, Any]:
+def _object(label: ViewLabel, frames: Sequence[int]) -> dict[str, Any]:
     intervals = _intervals(frames)
     found: dict[str, Any] = {
         "name": f"{label.category} {label.instance_id}",

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt8, UInt16
 
 from labeling.core.errors import UsageError
-from labeling.exports.labelled_views import LabelledView
+from labeling.io.labelled_views import LabelledView
 
 Picture = UInt8[np.ndarray, "h w 3"] | UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 """Colour (RGB), or one number a pixel of 8 or 16 bits."""

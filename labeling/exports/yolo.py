@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.masks import box_xywh
-from labeling.exports.labelled_views import LabelledView
 from labeling.exports.outlines import joined_outline
 from labeling.exports.pictures import write_png
+from labeling.io.labelled_views import LabelledView
 
 DIGITS = 6
 """After the point, of coordinates as shares of the picture."""

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from labeling.exports.labelled_views import LabelledView, labelled_views
 from labeling.generate import main as generate
 from labeling.io.episodes import write_episode
+from labeling.io.labelled_views import LabelledView, labelled_views
 
 from ..synthetic_room import make_episode
 

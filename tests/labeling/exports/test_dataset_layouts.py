@@ -17,7 +17,7 @@ from labeling.core.errors import UsageError
 from labeling.core.views import Camera
 from labeling.exports.fiftyone import write_fiftyone
 from labeling.exports.hugging_face import write_hugging_face
-from labeling.exports.labelled_views import ExportedLabel, LabelledView, categories_of
+from labeling.io.labelled_views import LabelledView, ViewLabel, categories_of
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_every_picture_of_hugging_face_has_a_row(hugging_face: Path) -> None:
 def view_of(number: int, category: str) -> LabelledView:
     mask = np.zeros((6, 8), bool)
     mask[1:4, 2:5] = True
-    label = ExportedLabel(number, category, 0.5, mask, None)
+    label = ViewLabel(number, category, 0.5, mask, None)
     return LabelledView("room", 0, np.zeros((6, 8, 3), np.uint8), Camera.from_fov(np.eye(4), (6, 8), 1.0), (label,))
 
 

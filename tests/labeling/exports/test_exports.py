@@ -15,8 +15,8 @@ from labeling.convert import main
 from labeling.core.geometry import look_at, project
 from labeling.core.masks import mask_iou
 from labeling.exports.kitti import level_frame
-from labeling.exports.labelled_views import LabelledView, categories_of
 from labeling.exports.yolo import polygon_of
+from labeling.io.labelled_views import LabelledView, categories_of
 
 
 def export(labels: Path, out: Path, to: str, *flags: str) -> Path:

@@ -17,9 +17,9 @@ from labeling.convert import main
 from labeling.core.errors import LabelFormatError
 from labeling.core.types import Box3d
 from labeling.core.views import Camera
-from labeling.exports.labelled_views import ExportedLabel, LabelledView
 from labeling.exports.openlabel import write_openlabel
 from labeling.exports.outlines import outlines
+from labeling.io.labelled_views import LabelledView, ViewLabel
 
 # The standard, section 7: which fields there are, which must be there, and what they hold. What it leaves open is
 # left out, and so is what labels have no use for (actions, events, relations, tags).
@@ -274,7 +274,7 @@ def view_of(index: int, *labels: tuple[int, str]) -> LabelledView:
     mask[1:4, 2:5] = True
     camera = Camera.from_fov(np.eye(4), (6, 8), 1.0)
     box = Box3d(np.zeros(3), np.ones(3), np.eye(3))
-    found = tuple(ExportedLabel(number, category, 0.5, mask, box) for number, category in labels)
+    found = tuple(ViewLabel(number, category, 0.5, mask, box) for number, category in labels)
     return LabelledView("room", index, np.zeros((6, 8, 3), np.uint8), camera, found)
 
 
