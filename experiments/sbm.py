@@ -32,6 +32,7 @@ VERBS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "agents": {
         "collect": ("agents.collect", "let a policy move through a world, and record"),
+        "play": ("agents.play", "move the robot yourself, by the keyboard"),
         "train": ("agents.train", "train a policy with PPO"),
         "compare": ("agents.evaluate", "compare policies from the same starts"),
     },

@@ -14,11 +14,13 @@ from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Share
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from labeling.exports.labelled_views import LabelledView
+    from labeling.io.labelled_views import LabelledView
 
-Target = Literal["episode", "yolo-detect", "yolo-segment", "masks", "kitti", "gltf"]
+Target = Literal[
+    "episode", "yolo-detect", "yolo-segment", "fiftyone", "hugging-face", "openlabel", "masks", "kitti", "gltf"
+]
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,9 @@ class ConvertConfig:
     out: Path
     """The folder to write; it must not exist yet."""
     to: Target = "episode"
-    """What to write: an episode, or of a label set boxes or polygons for YOLO, masks as PNG, 3-D boxes for KITTI, or
-    clouds with boxes as glTF."""
+    """What to write: an episode, or of a label set boxes or polygons for YOLO, a dataset for FiftyOne or Hugging Face
+    datasets, boxes, polygons and cuboids as OpenLABEL, masks as PNG, 3-D boxes for KITTI, or clouds with boxes as
+    glTF."""
     dataset: Path | None = None
     """Of a label set: where the episodes lie. By default where the label set says it was made from."""
     min_confidence: Share[float] = 0.0
@@ -82,12 +85,9 @@ def _convert_recording(config: ConvertConfig) -> None:
 def _export(config: ConvertConfig) -> None:
     """Writes a label set in the format of another tool."""
     from labeling.exports.gltf import write_gltf
-    from labeling.exports.kitti import write_kitti
-    from labeling.exports.labelled_views import categories_of, labelled_views
-    from labeling.exports.pictures import write_masks
-    from labeling.exports.yolo import write_yolo
     from labeling.formats.atomic import atomic_folder
     from labeling.inspection.scene import read_scenes
+    from labeling.io.labelled_views import categories_of, labelled_views
 
     if config.undistort or config.recording != RecordingConfig():
         raise UsageError("how its recordings are read, a label set says itself; with --to these options have no place")
@@ -105,13 +105,35 @@ def _export(config: ConvertConfig) -> None:
             print(f"{len(scenes)} clouds with {sum(len(scene.objects) for scene in scenes)} boxes: {config.out}")
             return
         views = _counted(labelled_views(config.recording_folder, config.dataset, config.min_confidence), bar)
-        if config.to == "masks":
-            count = write_masks(temporary, views, categories)
-        elif config.to == "kitti":
-            count = write_kitti(temporary, views)
-        else:
-            count = write_yolo(temporary, views, categories, segment=config.to == "yolo-segment")
+        count = _write(config.to, temporary, views, categories)
         print(f"{count} labels in {bar.n} views: {config.out}")
+
+
+def _write(to: str, folder: Path, views: "Iterable[LabelledView]", categories: "Sequence[str]") -> int:
+    """Writes views into an empty folder; returns how many labels."""
+    if to == "fiftyone":
+        from labeling.exports.fiftyone import write_fiftyone
+
+        return write_fiftyone(folder, views, categories)
+    if to == "hugging-face":
+        from labeling.exports.hugging_face import write_hugging_face
+
+        return write_hugging_face(folder, views, categories)
+    if to == "openlabel":
+        from labeling.exports.openlabel import write_openlabel
+
+        return write_openlabel(folder, views)
+    if to == "masks":
+        from labeling.exports.pictures import write_masks
+
+        return write_masks(folder, views, categories)
+    if to == "kitti":
+        from labeling.exports.kitti import write_kitti
+
+        return write_kitti(folder, views)
+    from labeling.exports.yolo import write_yolo
+
+    return write_yolo(folder, views, categories, segment=to == "yolo-segment")
 
 
 def _counted(views: "Iterable[LabelledView]", bar: Any) -> "Iterator[LabelledView]":
@@ -125,6 +147,7 @@ HELP = CommandHelp(
         ("RECORDING --undistort --out EPISODE", "a recording with lens distortion"),
         ("RECORDING --every 10 --out EPISODE", "every tenth frame of a long one"),
         ("LABELS --to yolo-segment --min-confidence 0.5 --out YOLO", "train YOLO on sure labels"),
+        ("LABELS --to fiftyone --out FIFTYONE", "browse them in FiftyOne"),
         ("LABELS --to gltf --out CLOUDS", "clouds and boxes to show around"),
     ),
 )

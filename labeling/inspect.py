@@ -1,5 +1,6 @@
-"""Checks a label set, and shows it: ``python -m labeling.inspect LABELS [--view] [--pictures DIR]``."""
+"""Checks a label set, and shows it: ``python -m labeling.inspect LABELS [--view] [--html DIR] [--pictures DIR]``."""
 
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,9 +28,15 @@ class InspectConfig:
     labels: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="LABELS")]]
     """The label set: what ``labeling.generate`` wrote to its ``--out``."""
     view: bool = False
-    """Open a viewer in the browser: segmented clouds, boxes, cameras (needs the ``viewer`` extra)."""
+    """Open a viewer in the browser: segmented clouds, objects, cameras with their pictures and masks (needs the
+    ``viewer`` extra)."""
+    host: str = "127.0.0.1"
+    """Of the viewer's address; 0.0.0.0 lets other machines look, too."""
     port: int = 8080
-    """Of the viewer's address."""
+    """Of the viewer's address; the next free one if it is in use."""
+    html: Path | None = None
+    """Write each episode's scene as one HTML file into this folder; needs no server to look at (needs the ``viewer``
+    extra)."""
     pictures: Path | None = None
     """Write pictures of every episode's cloud and boxes into this folder; needs no screen."""
     viewpoints: int = 3
@@ -51,7 +58,7 @@ def run(config: InspectConfig) -> list[str]:
     for line in [*problems, *(f"note: {note}" for note in notes)]:
         print(printable(line))
     print(f"{len(problems)} problem{'' if len(problems) == 1 else 's'}" if problems else "no problem found")
-    if config.pictures is not None or config.view:
+    if config.pictures is not None or config.html is not None or config.view:
         _show(config)
     return problems
 
@@ -68,18 +75,36 @@ def _show(config: InspectConfig) -> None:
         except OSError as error:
             raise UsageError(f"--pictures {config.pictures}: cannot be written ({error})") from None
         print(f"{len(files)} pictures: {config.pictures}")
-    if config.view:
-        from labeling.inspection.viewer import serve, wait
+    if config.html is not None or config.view:
+        from labeling.inspection.viewer import SceneViewer, wait
 
-        serve(scenes, config.port)
-        print(f"viewer: http://localhost:{config.port} (Ctrl-C ends it)", flush=True)
-        wait()
+        viewer = SceneViewer(config.labels, scenes, config.host, config.port)
+        if config.html is not None:
+            try:
+                files = viewer.write_html(config.html)
+            except OSError as error:
+                raise UsageError(f"--html {config.html}: cannot be written ({error})") from None
+            print(f"{len(files)} scenes as HTML: {config.html}")
+        if config.view:
+            print(f"viewer: {viewer.address} (Ctrl-C ends it)", flush=True)
+            _open_browser(viewer.address)
+            wait()
+
+
+def _open_browser(address: str) -> None:
+    """Opens an address where there is a desktop; a browser for terminals would take this one over."""
+    if sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        import webbrowser
+
+        webbrowser.open(address)
 
 
 HELP = CommandHelp(
     examples=(
         ("LABELS", "is the label set whole?"),
         ("LABELS --view", "look at it in 3-D, in a browser"),
+        ("LABELS --view --host 0.0.0.0 --port 9000", "from another machine"),
+        ("LABELS --html SCENES", "a file a scene, to send around"),
         ("LABELS --pictures PICTURES", "pictures of its clouds and boxes"),
     ),
 )

@@ -1,1 +1,1 @@
-"""Label sets in the formats of other tools: YOLO, masks as PNG, KITTI, glTF."""
+"""Label sets in the formats of other tools: YOLO, FiftyOne, Hugging Face, OpenLABEL, masks as PNG, KITTI, glTF."""

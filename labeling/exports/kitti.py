@@ -9,8 +9,8 @@ from jaxtyping import Float
 from labeling.core.geometry import invert_rigid, transform_points
 from labeling.core.masks import box_xywh
 from labeling.core.types import Box3d
-from labeling.exports.labelled_views import ExportedLabel, LabelledView
 from labeling.exports.pictures import write_png
+from labeling.io.labelled_views import LabelledView, ViewLabel
 
 
 def write_kitti(out: Path, views: Iterable[LabelledView]) -> int:
@@ -57,7 +57,7 @@ def level_frame(camera_to_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, 
     return level
 
 
-def label_line(label: ExportedLabel, box: Box3d, world_to_level: Float[np.ndarray, "4 4"]) -> str:
+def label_line(label: ViewLabel, box: Box3d, world_to_level: Float[np.ndarray, "4 4"]) -> str:
     """A line of a label file: type, truncated, occluded, alpha, 2-D box, size, place, rotation_y, score."""
     axes = world_to_level[:3, :3] @ box.rotation
     upright = int(np.abs(axes[1]).argmax())

@@ -4,13 +4,13 @@ import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.masks import box_xywh
-from labeling.exports.labelled_views import LabelledView
+from labeling.exports.outlines import joined_outline
 from labeling.exports.pictures import write_png
+from labeling.io.labelled_views import LabelledView
 
 DIGITS = 6
 """After the point, of coordinates as shares of the picture."""
@@ -60,19 +60,4 @@ def polygon_of(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "n 2"]:
 
     Pieces are joined where they are nearest to each other, by a bridge there and back.
     """
-    # Twice as large, so that the outline runs along the edges of pixels and not through their centres.
-    large = np.kron(mask.astype(np.uint8), np.ones((2, 2), np.uint8))
-    contours, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    pieces = [contour.reshape(-1, 2) for contour in sorted(contours, key=len, reverse=True)]
-    joined = pieces[0]
-    for piece in pieces[1:]:
-        apart = np.linalg.norm(joined[:, None].astype(float) - piece[None], axis=-1)
-        here, there = np.unravel_index(int(apart.argmin()), apart.shape)
-        around = np.roll(piece, -int(there), axis=0)
-        joined = np.concatenate([joined[: here + 1], around, around[:1], joined[here:]])
-    # What is left out lies on a straight line between its neighbours.
-    step = np.roll(joined, -1, axis=0) - joined
-    turns = np.any(step != np.roll(step, 1, axis=0), axis=1)
-    corners = joined[turns]
-    corners = corners if len(corners) >= 3 else joined
-    return (corners / 2 + 0.25) / np.array(mask.shape[::-1])
+    return joined_outline(mask) / np.array(mask.shape[::-1])

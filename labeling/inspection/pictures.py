@@ -11,6 +11,7 @@ from labeling.core.splatting import splat
 from labeling.core.types import BOX_EDGES
 from labeling.core.views import Camera
 from labeling.formats.atomic import write_png
+from labeling.inspection.framing import ABOVE, first_azimuth, region, spacing_m
 from labeling.inspection.scene import LabelledScene
 
 SIZE = (720, 960)
@@ -29,11 +30,11 @@ def write_pictures(scene: LabelledScene, folder: Path, viewpoints: int = 3) -> l
     Returns:
         The files, ``EPISODE_top.png`` and ``EPISODE_1.png`` ...
     """
-    centre, size_m = _region(scene)
+    centre, size_m = region(scene)
     shown = _near(scene, centre, size_m)
     directions = [("top", np.array([0.0, -0.02, 1.0]))]
     for number in range(viewpoints):
-        azimuth = _first_azimuth(scene, centre) + 2 * np.pi * number / viewpoints
+        azimuth = first_azimuth(scene, centre) + 2 * np.pi * number / viewpoints
         flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         directions.append((str(number + 1), np.cos(ELEVATION_RAD) * flat + [0, 0, np.sin(ELEVATION_RAD)]))
     distance_m = 0.5 * float(np.linalg.norm(size_m)) / np.tan(0.5 * FOV_RAD * SIZE[0] / SIZE[1])
@@ -53,7 +54,7 @@ def draw(
     """The points shown, as squares, with boxes and their titles, from one viewpoint (OpenCV camera axes)."""
     camera = Camera.from_fov(pose, (SUPERSAMPLE * SIZE[0], SUPERSAMPLE * SIZE[1]), FOV_RAD)
     points = scene.points[shown]
-    index = splat(points, camera, _spacing(points))
+    index = splat(points, camera, spacing_m(points))
     colours = np.concatenate([scene.colours[shown], np.full((1, 3), BACKGROUND, np.uint8)])
     canvas = cv2.resize(colours[index], SIZE[::-1], interpolation=cv2.INTER_AREA)
     intrinsics = intrinsics_from_fov(SIZE[1], SIZE[0], FOV_RAD)
@@ -72,22 +73,10 @@ def draw(
     return canvas
 
 
-def _region(scene: LabelledScene) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Centre and extent of what to look at: the objects, or without any the whole cloud."""
-    if scene.objects:
-        corners = np.concatenate([one.box.corners() for one in scene.objects])
-    elif len(scene.points):
-        corners = np.quantile(scene.points, [0.02, 0.98], axis=0)
-    else:
-        corners = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    return 0.5 * (low + high), np.maximum(high - low, 1e-3)
-
-
 def _near(scene: LabelledScene, centre, size_m) -> Bool[np.ndarray, "n"]:
     """Points around the objects but not above them, where a ceiling would hide everything."""
     reach = 0.5 * size_m + MARGIN * size_m.max()
-    reach[2] = 0.5 * size_m[2] + 0.1 * size_m.max()
+    reach[2] = 0.5 * size_m[2] + ABOVE * size_m.max()
     return (scene.labels > 0) | np.all(np.abs(scene.points - centre) <= reach, axis=1)
 
 
@@ -98,24 +87,6 @@ def _in_front(scene: LabelledScene, centre, direction) -> Bool[np.ndarray, "n"]:
         return np.zeros(len(scene.points), bool)
     nearest = max(float(((one.box.corners() - centre) @ flat).max()) for one in scene.objects)
     return (scene.labels == 0) & ((scene.points - centre) @ flat > nearest)
-
-
-def _first_azimuth(scene: LabelledScene, centre) -> float:
-    """The direction that most cameras looked from, so that the first picture shows what they saw."""
-    if not scene.cameras:
-        return -np.pi / 2
-    offset = np.mean([camera.camera_to_world[:2, 3] for camera in scene.cameras], axis=0) - centre[:2]
-    return float(np.arctan2(offset[1], offset[0])) if np.linalg.norm(offset) > 1e-6 else -np.pi / 2
-
-
-def _spacing(points: Float[np.ndarray, "n 3"]) -> float:
-    """Distance between neighbouring points, so that surfaces close up."""
-    if len(points) < 2:
-        return 0.01
-    from scipy.spatial import cKDTree
-
-    some = points[:: max(1, len(points) // 2000)]
-    return float(np.median(cKDTree(points).query(some, k=2)[0][:, 1])) * 1.6
 
 
 def _write(canvas: UInt8[np.ndarray, "h w 3"], text: str, at, colour) -> None:

@@ -1,6 +1,7 @@
 """What pictures and the viewer show of one labelled episode: cloud, boxes, cameras."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from labeling.core.types import Box3d
 from labeling.core.views import Camera
 from labeling.formats.checked_json import Json, read_json
 from labeling.formats.ply import hues, read_ply
-from labeling.io.coco import read_box_3d
+from labeling.io.coco import image_of, is_ignored, read_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.label_set import recording_config, stated_dataset
@@ -26,6 +27,15 @@ class SceneObject:
     title: str
     box: Box3d
     colour: tuple[float, float, float]
+    """In [0, 1]; the hue that the object has in the cloud."""
+    category: str
+    confidence: float
+    instance_id: int
+    """As in the label set."""
+    views: tuple[int, ...]
+    """Of the episode: where it is labelled, in order."""
+    source: str
+    """Where it was found: ``view 3 (0.97)``, with the episode before it if that is another one; empty if unknown."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,9 @@ class LabelledScene:
     labels: Int32[np.ndarray, "n"]
     objects: tuple[SceneObject, ...]
     cameras: tuple[Camera, ...]
-    """Empty if the dataset is no longer where the label set says."""
+    """One a view. Empty if the dataset is no longer where the label set says."""
+    place: tuple[str, str] | None = None
+    """World and scene, whose episodes share a world frame; None if the recording does not say."""
 
 
 def read_scenes(folder: Path) -> list[LabelledScene]:
@@ -49,7 +61,9 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
     """
     try:
         summary = read_json(folder / SUMMARY_FILE)
-        names_of = {one.integer("id"): one.text("name") for one in read_json(folder / MODAL_FILE).list_of("categories")}
+        modal = read_json(folder / MODAL_FILE)
+        names_of = {one.integer("id"): one.text("name") for one in modal.list_of("categories")}
+        views_of = _views_of_objects(modal)
         boxes = read_json(folder / BOXES_FILE).list_of("boxes")
         labelled = [e.file_name("name") for e in summary.list_of("episodes") if e.text("status") == "labelled"]
         scenes = []
@@ -58,8 +72,10 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
             tints = hues(np.arange(1, len(found) + 1)).tolist()
             objects = []
             for number, (box, tint) in enumerate(zip(found, tints, strict=True), start=1):
-                title = f"{number} {names_of.get(box.integer('category_id'), '?')} {box.number('score'):.2f}"
-                objects.append(SceneObject(number, title, read_box_3d(box), tuple(tint)))
+                category, confidence = names_of.get(box.integer("category_id"), "?"), box.number("score")
+                title, instance_id = f"{number} {category} {confidence:.2f}", box.integer("instance_id")
+                named = (number, title, read_box_3d(box), tuple(tint), category, confidence, instance_id)
+                objects.append(SceneObject(*named, tuple(sorted(views_of.get((name, instance_id), ()))), _source(box)))
             file = cloud_file(folder, name)
             try:
                 cloud = read_ply(file)
@@ -67,26 +83,75 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
                 raise LabelFormatError(f"{file}: cannot be read ({error})") from None
             points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float)
             colours = np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1)
-            labels, cameras = np.asarray(cloud["label"], np.int32), _cameras(folder, summary, name)
-            scenes.append(LabelledScene(name, points, colours, labels, tuple(objects), cameras))
+            labels = np.asarray(cloud["label"], np.int32)
+            cameras, place = _recorded(folder, summary, name)
+            scenes.append(LabelledScene(name, points, colours, labels, tuple(objects), cameras, place))
         return scenes
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
 
 
-def _cameras(folder: Path, summary: Json, name: str) -> tuple[Camera, ...]:
-    """Where the views were taken from; nothing if the recording cannot be found any more."""
+def _views_of_objects(modal: Json) -> dict[tuple[str, int], set[int]]:
+    """By episode and instance the views that it is labelled in."""
+    views = {one.integer("id"): (one.text("episode"), one.integer("view")) for one in modal.list_of("images")}
+    found: dict[tuple[str, int], set[int]] = {}
+    for record in modal.list_of("annotations"):
+        if not is_ignored(record):
+            episode, view = image_of(record, views)
+            found.setdefault((episode, record.integer("instance_id")), set()).add(view)
+    return found
+
+
+def _source(box: Json) -> str:
+    """The most confident detection that an object stems from, in words."""
+    sources = box.list_of("sources") if box.has("sources") else []
+    if not sources:
+        return ""
+    best = max(sources, key=lambda one: one.number("confidence"))
+    elsewhere = f"{box.text('shared_from')}, " if box.has("shared_from") else ""
+    return f"{elsewhere}view {best.integer('view_index')} ({best.number('confidence'):.2f})"
+
+
+def _recorded(folder: Path, summary: Json, name: str) -> tuple[tuple[Camera, ...], tuple[str, str] | None]:
+    """Where the views were taken from, and in which scene; nothing if the recording cannot be found any more."""
+    from labeling.generator.sharing.scene_groups import scene_of
     from labeling.io.recordings.layouts import frames_of
     from labeling.io.recordings.pictures import read_colour
 
     dataset = stated_dataset(folder, summary)
     if dataset is None or not dataset.is_dir():
-        return ()
+        return (), None
     try:
         config = recording_config(summary.mapping())
         episode = next(path for path in find_episodes(dataset, config) if path.resolve().name == name)
         frames = frames_of(episode, config).frames
         size = read_colour(frames[0].colour_file).shape[:2]
-        return tuple(Camera(frame.camera((size[0], size[1])), frame.camera_to_world, size) for frame in frames)
+        cameras = tuple(Camera(frame.camera((size[0], size[1])), frame.camera_to_world, size) for frame in frames)
+        return cameras, scene_of(episode)
     except (SbmError, StopIteration):
-        return ()
+        return (), None
+
+
+def together(scenes: Sequence[LabelledScene]) -> LabelledScene:
+    """Episodes that share a world frame as one: all clouds, objects numbered on, and cameras.
+
+    Args:
+        scenes: at least one.
+    """
+    objects: list[SceneObject] = []
+    labels = []
+    for scene in scenes:
+        labels.append(np.where(scene.labels > 0, scene.labels + len(objects), 0).astype(np.int32))
+        for one in scene.objects:
+            number = len(objects) + 1
+            title = f"{number} {one.category} {one.confidence:.2f}"
+            objects.append(replace(one, number=number, title=title, source=f"{scene.name}: {one.source}"))
+    return LabelledScene(
+        name=" + ".join(scene.name for scene in scenes),
+        points=np.concatenate([scene.points for scene in scenes]),
+        colours=np.concatenate([scene.colours for scene in scenes]),
+        labels=np.concatenate(labels),
+        objects=tuple(objects),
+        cameras=tuple(camera for scene in scenes for camera in scene.cameras),
+        place=scenes[0].place,
+    )

@@ -1,84 +1,344 @@
-"""A label set in the browser: segmented clouds, boxes and cameras, by viser (extra ``viewer``)."""
+"""A label set in the browser: segmented clouds, boxes, cameras and their pictures, by viser (extra ``viewer``)."""
 
+import contextlib
+import socket
+import threading
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation, Slerp
 
-from labeling.core.errors import UsageError
+from labeling.core.errors import SbmError, UsageError
 from labeling.core.types import BOX_EDGES
-from labeling.inspection.scene import LabelledScene
+from labeling.core.views import Camera
+from labeling.formats.atomic import atomic_file
+from labeling.inspection.colouring import COLOURINGS, object_colours, point_colours
+from labeling.inspection.framing import below, cut_height_m, opening_view, region, spacing_m
+from labeling.inspection.scene import LabelledScene, SceneObject, together
+from labeling.inspection.view_thumbnails import Thumbnail, thumbnails
+
+ALL = "all classes"
+FOV_RAD = 0.8
+FLIGHT_S, FLIGHT_STEPS = 0.6, 20
+FRUSTUM_SHARE = 0.025
+"""Length of a camera's pyramid, as a share of the diagonal of the region that objects take up."""
 
 
-def serve(scenes: list[LabelledScene], port: int) -> Any:
-    """Starts the viewer; it runs until the process ends.
-
-    Args:
-        scenes: the episodes; the first is shown, the others can be chosen.
-        port: of the address ``http://localhost:PORT``.
-
-    Returns:
-        viser's server.
+class SceneViewer:
+    """What a browser shows of a label set, and the controls for it.
 
     Raises:
-        UsageError: if viser is not installed or there is nothing to show.
+        UsageError: if viser is not installed, nothing can listen at the address, or there is nothing to show.
     """
-    try:
-        import viser  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise UsageError("--view needs viser: pip install 'seeing-by-moving[viewer]', or use --pictures DIR") from None
-    if not scenes:
-        raise UsageError("--view: no episode of this label set was labelled")
-    server = viser.ViserServer(host="127.0.0.1", port=port, label="Seeing by Moving")
-    server.scene.set_up_direction("+z")
-    choice = server.gui.add_dropdown("episode", tuple(scene.name for scene in scenes))
-    point_px = server.gui.add_slider("point size", min=0.2, max=5.0, step=0.1, initial_value=1.0)
-    boxes = server.gui.add_checkbox("boxes", initial_value=True)
-    cameras = server.gui.add_checkbox("cameras", initial_value=True)
 
-    def show(_: object = None) -> None:
-        scene = next(scene for scene in scenes if scene.name == choice.value)
-        server.scene.reset()
-        server.scene.set_up_direction("+z")
-        _add(server, scene, float(point_px.value), bool(boxes.value), bool(cameras.value))
+    def __init__(self, labels: Path, scenes: list[LabelledScene], host: str, port: int) -> None:
+        """Starts the viewer; it runs until the process ends.
 
-    for control in (choice, point_px, boxes, cameras):
-        control.on_update(show)
-    show()
-    return server
+        Args:
+            labels: folder of the label set, whose pictures are read when they are first asked for.
+            scenes: its episodes; the first is shown, the others can be chosen, and those of one scene together.
+            host: of the address; 127.0.0.1 is seen by this machine alone.
+            port: of the address; the next free one is taken if it is in use.
+        """
+        viser = _viser()
+        if not scenes:
+            raise UsageError("--view: no episode of this label set was labelled")
+        _check_host(host)
+        # Browsers' events come from threads of their own; controls that are set here call back, too.
+        self._lock, self._opening = threading.RLock(), False
+        self._labels = labels
+        self._choices = choices(scenes)
+        self.server = viser.ViserServer(host=host, port=port, label="Seeing by Moving", verbose=False)
+        self.server.scene.set_up_direction("+z")
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        self._add_controls()
+        self._pictures: dict[str, dict[int, tuple[Thumbnail, Thumbnail]]] = {}
+        self._rows: dict[int, Any] = {}
+        self._folder: Any = None
+        self._open()
+
+    @property
+    def address(self) -> str:
+        """Where to open it."""
+        host = self.server.get_host()
+        return f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
+
+    def write_html(self, folder: Path) -> list[Path]:
+        """Writes every choice as one HTML file that needs no server, atomically; returns the files."""
+        files = []
+        for name, parts in self._choices.items():
+            self.episode.value = name
+            self._open()
+            file = folder / f"{'_'.join(scene.name for scene in parts)}.html"
+            text = self.server.get_scene_serializer().as_html()
+            with atomic_file(file) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+            files.append(file)
+        return files
+
+    def _add_controls(self) -> None:
+        gui = self.server.gui
+        self.episode = gui.add_dropdown("episode", tuple(self._choices))
+        self.home = gui.add_button("look at the room")
+        self.colour = gui.add_dropdown("colour by", COLOURINGS)
+        self.confidence = gui.add_slider("confidence at least", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+        self.category = gui.add_dropdown("class", (ALL,))
+        with gui.add_folder("show", expand_by_default=True):
+            self.boxes = gui.add_checkbox("boxes", initial_value=True)
+            self.titles = gui.add_checkbox("titles", initial_value=True)
+            self.cameras = gui.add_checkbox("cameras (click to fly there)", initial_value=True)
+            self.pictures = gui.add_checkbox("their pictures", initial_value=False)
+            self.masks = gui.add_checkbox("masks on pictures", initial_value=True)
+            self.cut = gui.add_slider("cut off above, m", min=0.0, max=1.0, step=0.01, initial_value=1.0)
+            self.point_size = gui.add_slider("point size", min=0.2, max=5.0, step=0.1, initial_value=1.0)
+        self.go_to = gui.add_dropdown("fly to", ("-",))
+        self.episode.on_update(lambda _: self._open())
+        self.home.on_click(lambda event: self._look(event.client))
+        self.go_to.on_update(lambda event: self._go_to(event.client))
+        for control in (self.colour, self.confidence, self.category, self.cut, self.boxes, self.titles):
+            control.on_update(lambda _: self._show())
+        self.point_size.on_update(lambda _: self._show())
+        for control in (self.cameras, self.pictures, self.masks):
+            control.on_update(lambda _: self._show_cameras())
+
+    def _open(self) -> None:
+        """Shows what is chosen, from where there is a good view of it."""
+        with self._lock:
+            if not self._opening:
+                self._opening = True
+                try:
+                    self._lay_out()
+                finally:
+                    self._opening = False
+                self._show()
+                self._show_cameras()
+
+    def _lay_out(self) -> None:
+        parts = self._choices[self.episode.value]
+        self.scene = scene = parts[0] if len(parts) == 1 else together(parts)
+        self._parts = parts
+        centre, size_m = region(scene)
+        # Browsers draw with 32 bits: what is far from the origin of its world frame is shown near it.
+        self._origin_m = 100.0 * np.round(centre / 100.0)
+        self._frustum_m = FRUSTUM_SHARE * float(np.linalg.norm(size_m))
+        self._spacing_m = spacing_m(scene.points)
+        heights = scene.points[:, 2] if len(scene.points) else np.array([0.0, 1.0])
+        lowest = float(np.floor(10 * heights.min()) / 10)
+        highest = max(float(np.ceil(10 * heights.max()) / 10), lowest + 0.1)
+        with self.server.atomic():
+            self.server.scene.reset()
+            self.server.scene.set_up_direction("+z")
+            self.cut.min, self.cut.max = lowest, highest
+            self.cut.value = float(np.clip(cut_height_m(scene), lowest, highest))
+            self.category.options = (ALL, *sorted({one.category for one in scene.objects}))
+            self.category.value = ALL
+            self.go_to.options = ("-", *(one.title for one in scene.objects))
+            self._list_objects()
+            self._add_cameras()
+        position, target = opening_view(scene, FOV_RAD)
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = position - self._origin_m, target - self._origin_m
+        camera.up, camera.fov = np.array([0.0, 0.0, 1.0]), FOV_RAD
+        for client in self.server.get_clients().values():
+            self._look(client)
+
+    def _list_objects(self) -> None:
+        """A row for each object; ticking it off hides it."""
+        if self._folder is not None:
+            self._folder.remove()
+        self._folder = self.server.gui.add_folder(f"objects ({len(self.scene.objects)})")
+        with self._folder:
+            for one in self.scene.objects:
+                row = self.server.gui.add_checkbox(object_row(one), initial_value=True)
+                row.on_update(lambda _: self._show())
+                self._rows[one.number] = row
+
+    def shown(self) -> list[SceneObject]:
+        """The objects that confidence, class and list leave."""
+        return [
+            one
+            for one in self.scene.objects
+            if one.confidence >= self.confidence.value
+            and self.category.value in (ALL, one.category)
+            and self._rows[one.number].value
+        ]
+
+    def _show(self) -> None:
+        """Draws cloud and boxes anew."""
+        with self._lock:
+            if not self._opening:
+                self._draw()
+
+    def _draw(self) -> None:
+        scene, shown = self.scene, self.shown()
+        colours = object_colours(scene, self.colour.value)
+        kept = below(scene, float(self.cut.value))
+        tinted = point_colours(scene, self.colour.value, [one.number for one in shown], colours)
+        with self.server.atomic():
+            self.server.scene.add_point_cloud(
+                "/cloud",
+                (scene.points[kept] - self._origin_m).astype(np.float32),
+                tinted[kept],
+                point_size=float(self.point_size.value) * self._spacing_m,
+                precision="float32",
+                point_shading="flat",
+            )
+            for one in scene.objects:
+                self._show_box(one, one in shown, colours[one.number])
+
+    def _show_box(self, one: SceneObject, shown: bool, colour: tuple[float, float, float]) -> None:
+        corners = one.box.corners() - self._origin_m
+        edges = np.array([[corners[a], corners[b]] for a, b in BOX_EDGES], np.float32)
+        rgb = tuple(round(255 * value) for value in colour)
+        self.server.scene.add_line_segments(
+            f"/boxes/{one.number}",
+            edges,
+            colors=rgb,
+            thickness=2.5,
+            thickness_units="screen",
+            visible=shown and bool(self.boxes.value),
+        )
+        top = one.box.centre_m - self._origin_m
+        top = top + np.array([0, 0, corners[:, 2].max() - top[2]])
+        visible = shown and bool(self.titles.value)
+        self.server.scene.add_label(f"/titles/{one.number}", one.title, position=tuple(top), visible=visible)
+
+    def _add_cameras(self) -> None:
+        """A pyramid for each view; clicking it flies there."""
+        self._frustums: list[tuple[str, int, Any]] = []
+        names = [(part.name, index, camera) for part in self._parts for index, camera in enumerate(part.cameras)]
+        for number, (episode, index, camera) in enumerate(names):
+            height_px, width_px = camera.size
+            frustum = self.server.scene.add_camera_frustum(
+                f"/cameras/{number}",
+                fov=_vertical_fov_rad(camera),
+                aspect=width_px / height_px,
+                scale=self._frustum_m,
+                thickness=1.5,
+                thickness_units="screen",
+                color=(60, 60, 60),
+                wxyz=_wxyz(camera.camera_to_world),
+                position=tuple(camera.camera_to_world[:3, 3] - self._origin_m),
+            )
+            frustum.on_click(self._flight_to(camera))
+            self._frustums.append((episode, index, frustum))
+
+    def _flight_to(self, camera: Camera) -> Callable[[Any], None]:
+        def fly_there(event: Any) -> None:
+            fly(event.client, camera.camera_to_world, self._origin_m, _vertical_fov_rad(camera))
+
+        return fly_there
+
+    def _show_cameras(self) -> None:
+        with self._lock:
+            if not self._opening:
+                self._draw_cameras()
+
+    def _draw_cameras(self) -> None:
+        for episode, index, frustum in self._frustums:
+            frustum.visible = bool(self.cameras.value)
+            pair = self._pictures_of(episode).get(index) if self.pictures.value and self.cameras.value else None
+            frustum.image = pair[int(bool(self.masks.value))] if pair else None
+
+    def _pictures_of(self, episode: str) -> dict[int, tuple[Thumbnail, Thumbnail]]:
+        """Of each view, read once; none if the recording cannot be read any more."""
+        if episode not in self._pictures:
+            (scene,) = (part for part in self._parts if part.name == episode)
+            colours = {one.instance_id: one.colour for one in scene.objects}
+            self._pictures[episode] = {}
+            with contextlib.suppress(SbmError):
+                self._pictures[episode] = thumbnails(self._labels, episode, colours)
+        return self._pictures[episode]
+
+    def _look(self, client: Any) -> None:
+        """Back to the view that the viewer opens at."""
+        position, target = opening_view(self.scene, FOV_RAD)
+        with client.atomic():
+            client.camera.up_direction = (0.0, 0.0, 1.0)
+            client.camera.position, client.camera.look_at = position - self._origin_m, target - self._origin_m
+
+    def _go_to(self, client: Any) -> None:
+        chosen = [one for one in self.scene.objects if one.title == self.go_to.value]
+        if not chosen or client is None:
+            return
+        box = chosen[0].box
+        position, _ = opening_view(self.scene, FOV_RAD)
+        direction = (position - box.centre_m) / np.linalg.norm(position - box.centre_m)
+        distance_m = 1.5 * float(np.linalg.norm(box.extent_m))
+        with client.atomic():
+            client.camera.position = box.centre_m + distance_m * direction - self._origin_m
+            client.camera.look_at = box.centre_m - self._origin_m
+
+
+def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
+    """What can be chosen, by name: every episode, and the episodes of each scene together where there are several."""
+    found = {scene.name: [scene] for scene in scenes}
+    places: dict[tuple[str, str], list[LabelledScene]] = {}
+    for scene in scenes:
+        if scene.place is not None:
+            places.setdefault(scene.place, []).append(scene)
+    for (world, name), parts in places.items():
+        if len(parts) > 1:
+            found[f"{' '.join(filter(None, (world, name)))}: {len(parts)} episodes"] = parts
+    return found
+
+
+def object_row(one: SceneObject) -> str:
+    """An object in the list: number, class, confidence, how many views show it, and which detection it stems from."""
+    seen = f"{len(one.views)} view{'' if len(one.views) == 1 else 's'}"
+    return f"{one.title}, {seen}" + (f", from {one.source}" if one.source else "")
+
+
+def fly(client: Any, camera_to_world: Float[np.ndarray, "4 4"], origin_m: Float[np.ndarray, "3"], fov: float) -> None:
+    """Moves the eye of a browser to a camera in ``FLIGHT_S``: places in a line, directions on the shortest turn."""
+    camera = client.camera
+    start, end = np.array(camera.position), camera_to_world[:3, 3] - origin_m
+    turns = Rotation.concatenate(
+        [Rotation.from_quat(camera.wxyz, scalar_first=True), Rotation.from_matrix(camera_to_world[:3, :3])]
+    )
+    between = Slerp([0.0, 1.0], turns)
+    for step in range(1, FLIGHT_STEPS + 1):
+        share = step / FLIGHT_STEPS
+        with client.atomic():
+            camera.wxyz = between(share).as_quat(scalar_first=True)
+            camera.position = start + share * (end - start)
+        client.flush()
+        time.sleep(FLIGHT_S / FLIGHT_STEPS)
+    camera.fov = fov
 
 
 def wait() -> None:
     """Keeps the viewer open until Ctrl-C."""
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         while True:
             time.sleep(1.0)
-    except KeyboardInterrupt:
-        return
 
 
-def _add(server: Any, scene: LabelledScene, point_scale: float, boxes: bool, cameras: bool) -> None:
-    centre = np.median(scene.points, axis=0) if len(scene.points) else np.zeros(3)
-    spread = float(np.linalg.norm(np.ptp(scene.points, axis=0))) if len(scene.points) else 1.0
-    # Browsers draw with 32 bits: what is far from the origin of its world frame is shown near it.
-    origin_m = 100.0 * np.round(centre / 100.0)
-    shown = (scene.points - origin_m).astype(np.float32)
-    server.scene.add_point_cloud("/cloud", shown, scene.colours, point_size=point_scale * spread / 800)
-    for one in scene.objects if boxes else ():
-        colour = tuple(int(255 * value) for value in one.colour)
-        corners = one.box.corners() - origin_m
-        segments = np.array([[corners[a], corners[b]] for a, b in BOX_EDGES], np.float32)
-        server.scene.add_line_segments(f"/boxes/{one.number}", segments, colors=colour, line_width=2.5)
-        top = one.box.centre_m - origin_m + np.array([0, 0, 0.5 * one.box.extent_m[2]])
-        server.scene.add_label(f"/boxes/{one.number}/title", one.title, position=tuple(top))
-    for number, camera in enumerate(scene.cameras if cameras else ()):
-        height_px, width_px = camera.size
-        server.scene.add_camera_frustum(
-            f"/cameras/{number}",
-            fov=2 * float(np.arctan(0.5 * height_px / camera.intrinsics[1, 1])),
-            aspect=width_px / height_px,
-            scale=0.03 * max(1e-3, float(np.linalg.norm(camera.camera_to_world[:3, 3] - centre))),
-            wxyz=Rotation.from_matrix(camera.camera_to_world[:3, :3]).as_quat(scalar_first=True),
-            position=tuple(camera.camera_to_world[:3, 3] - origin_m),
-        )
+def _viser() -> Any:
+    try:
+        import viser  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        needed = "pip install 'seeing-by-moving[viewer]'"
+        raise UsageError(f"--view and --html need viser: {needed}, or use --pictures DIR") from None
+    return viser
+
+
+def _check_host(host: str) -> None:
+    """Raises UsageError if nothing can listen there: viser would only say so in a thread of its own."""
+    try:
+        with socket.create_server((host, 0)):
+            pass
+    except (OSError, UnicodeError) as error:
+        raise UsageError(f"--host {host}: cannot be an address of this machine ({error})") from None
+
+
+def _vertical_fov_rad(camera: Camera) -> float:
+    return 2 * float(np.arctan(0.5 * camera.size[0] / camera.intrinsics[1, 1]))
+
+
+def _wxyz(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4"]:
+    return Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)

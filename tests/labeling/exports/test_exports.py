@@ -15,31 +15,8 @@ from labeling.convert import main
 from labeling.core.geometry import look_at, project
 from labeling.core.masks import mask_iou
 from labeling.exports.kitti import level_frame
-from labeling.exports.labelled_views import LabelledView, categories_of, labelled_views
 from labeling.exports.yolo import polygon_of
-from labeling.generate import main as generate
-from labeling.io.episodes import write_episode
-
-from ..synthetic_room import make_episode
-
-
-@pytest.fixture(scope="module")
-def labels(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The label set of two rooms whose cameras look down a little."""
-    folder = tmp_path_factory.mktemp("exports")
-    for seed in (1, 2):
-        episode = make_episode(seed, num_views=3, size=(48, 64), num_objects=3, confident_share=2.0)
-        write_episode(folder / "dataset" / f"room_{seed}", episode)
-    assert generate([str(folder / "dataset"), "--out", str(folder / "labels")]) == 0
-    return folder / "labels"
-
-
-@pytest.fixture(scope="module")
-def views(labels: Path) -> list[LabelledView]:
-    found = list(labelled_views(labels))
-    assert len(found) == 6
-    assert sum(len(view.labels) for view in found) > 6
-    return found
+from labeling.io.labelled_views import LabelledView, categories_of
 
 
 def export(labels: Path, out: Path, to: str, *flags: str) -> Path:

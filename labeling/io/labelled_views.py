@@ -1,4 +1,4 @@
-"""A label set view by view, with pictures, cameras, masks and 3-D boxes: what all exports are made from."""
+"""A label set view by view, with pictures, cameras, masks and 3-D boxes: what exports and the viewer show."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from labeling.io.label_set import read_label_set, recording_config
 
 
 @dataclass(frozen=True)
-class ExportedLabel:
+class ViewLabel:
     """One object in one view."""
 
     instance_id: int
@@ -36,12 +36,18 @@ class ExportedLabel:
 class LabelledView:
     """One view and its labels."""
 
-    name: str
-    """Unique in the label set, and good for a file name."""
+    episode: str
+    index: int
+    """Of the view in its episode."""
     rgb: UInt8[np.ndarray, "h w 3"]
     camera: Camera
-    labels: tuple[ExportedLabel, ...]
+    labels: tuple[ViewLabel, ...]
     """The least confident first, so that what is drawn over another is surer."""
+
+    @property
+    def name(self) -> str:
+        """Unique in the label set, and good for a file name."""
+        return f"{self.episode}_{self.index:03d}"
 
 
 def categories_of(labels: Path) -> tuple[str, ...]:
@@ -54,13 +60,16 @@ def categories_of(labels: Path) -> tuple[str, ...]:
     return CategoryTable.from_files([read_json(labels / MODAL_FILE)]).names
 
 
-def labelled_views(labels: Path, dataset: Path | None = None, min_confidence: float = 0.0) -> Iterator[LabelledView]:
+def labelled_views(
+    labels: Path, dataset: Path | None = None, min_confidence: float = 0.0, only: str | None = None
+) -> Iterator[LabelledView]:
     """Every view of a label set, those without a label too; regions to ignore are left out.
 
     Args:
         labels: folder of the label set.
         dataset: where the episodes lie; by default where the label set says.
         min_confidence: labels below are left out.
+        only: name of an episode; the others are left out.
 
     Raises:
         LabelFormatError: naming file and field, if the label set is malformed.
@@ -71,7 +80,7 @@ def labelled_views(labels: Path, dataset: Path | None = None, min_confidence: fl
     config = recording_config(label_set.provenance)
     folders = {path.resolve().name: path for path in find_episodes(label_set.find_dataset(dataset), config)}
     try:
-        of_episode = _by_episode(labels, min_confidence)
+        of_episode = _by_episode(labels, min_confidence, only)
     except EpisodeFormatError as error:
         raise LabelFormatError(str(error)) from None
     for name, views in of_episode.items():
@@ -82,26 +91,29 @@ def labelled_views(labels: Path, dataset: Path | None = None, min_confidence: fl
             if not 0 <= view < episode.num_views:
                 raise LabelFormatError(f"{labels}: episode {name!r} has no view {view}")
             camera = Camera(episode.intrinsics[view], episode.camera_to_world[view], episode.size)
-            yield LabelledView(f"{name}_{view:03d}", episode.rgb[view], camera, found)
+            yield LabelledView(name, view, episode.rgb[view], camera, found)
 
 
-def _by_episode(labels: Path, min_confidence: float) -> dict[str, dict[int, tuple[ExportedLabel, ...]]]:
+def _by_episode(labels: Path, min_confidence: float, only: str | None) -> dict[str, dict[int, tuple[ViewLabel, ...]]]:
     file = read_json(labels / MODAL_FILE)
     table = CategoryTable.from_files([file])
     boxes = _boxes(labels / BOXES_FILE)
     views, sizes = {}, {}
-    found: dict[str, dict[int, list[ExportedLabel]]] = defaultdict(dict)
+    found: dict[str, dict[int, list[ViewLabel]]] = defaultdict(dict)
     for image in file.list_of("images"):
         view = (image.file_name("episode"), image.integer("view"))
         views[image.integer("id")], sizes[view] = view, read_size(image)
-        found[view[0]][view[1]] = []
+        if only in (None, view[0]):
+            found[view[0]][view[1]] = []
     for record in file.list_of("annotations"):
         view, score = image_of(record, views), read_score(record)
+        if only not in (None, view[0]):
+            continue
         mask = decode_mask(read_rle(record, "segmentation", sizes[view]))
         if is_ignored(record) or score < min_confidence or not mask.any():
             continue
         number = record.integer("instance_id")
-        label = ExportedLabel(number, table.name(record), score, mask, boxes.get((view[0], number)))
+        label = ViewLabel(number, table.name(record), score, mask, boxes.get((view[0], number)))
         found[view[0]][view[1]].append(label)
     return {
         name: {view: tuple(sorted(there, key=lambda one: one.confidence)) for view, there in of_view.items()}

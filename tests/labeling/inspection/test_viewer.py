@@ -1,0 +1,336 @@
+"""The viewer of label sets: where it looks from, what it colours and lists, and what its controls leave."""
+
+import inspect
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labeling.core.errors import UsageError
+from labeling.core.geometry import intrinsics_from_fov, look_at, project
+from labeling.core.types import Box3d
+from labeling.core.views import Camera
+from labeling.formats.ply import hues, read_ply, write_ply
+from labeling.generate import main as generate
+from labeling.inspect import main
+from labeling.inspection.colouring import COLOURINGS, TINT, object_colours, point_colours, true_colours
+from labeling.inspection.framing import below, cut_height_m, opening_view
+from labeling.inspection.scene import LabelledScene, SceneObject, read_scenes, together
+from labeling.inspection.view_thumbnails import thumbnails
+from labeling.inspection.viewer import SceneViewer, choices, object_row
+from labeling.io.episodes import read_episode, write_episode
+
+from ..synthetic_room import make_episode
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+ROOM_M, CEILING_M, EYE_M = 5.0, 2.6, 1.5
+
+
+def box_at(x: float, y: float, height_m: float = 1.0) -> Box3d:
+    return Box3d(np.array([x, y, height_m / 2]), np.array([0.6, 0.8, height_m]), np.eye(3))
+
+
+def thing(number: int, category: str, confidence: float, box: Box3d) -> SceneObject:
+    red, green, blue = hues(np.array([number]))[0].tolist()
+    title = f"{number} {category} {confidence:.2f}"
+    return SceneObject(number, title, box, (red, green, blue), category, confidence, number, (0, 2), "view 2 (0.97)")
+
+
+def room(name: str = "room", place: tuple[str, str] | None = None) -> LabelledScene:
+    """Floor and ceiling of a room with three boxes, whose points are labelled, and two cameras."""
+    rng = np.random.default_rng(7)
+    objects = (
+        thing(1, "chair", 0.9, box_at(1, 1)),
+        thing(2, "table", 0.5, box_at(-1, 0.5, 0.7)),
+        thing(3, "chair", 0.1, box_at(0, -1.5)),
+    )
+    flat = np.c_[rng.uniform(-ROOM_M / 2, ROOM_M / 2, (400, 2)), np.zeros(400)]
+    on_objects = [one.box.corners() for one in objects]
+    points = np.concatenate([flat, flat + np.array([0, 0, CEILING_M]), *on_objects])
+    labels = np.concatenate([np.zeros(800, np.int32), *(np.full(8, one.number, np.int32) for one in objects)])
+    true = rng.uniform(0, 1, (len(points), 3))
+    seen = np.where((labels > 0)[:, None], (1 - TINT) * true + TINT * hues(labels), true)
+    colours = np.rint(255 * seen).astype(np.uint8)
+    poses = [look_at(np.array([x, -2.0, EYE_M]), np.array([0.0, 0.0, 0.8])) for x in (-0.5, 0.5)]
+    cameras = tuple(Camera.from_fov(pose, (48, 64), 1.0) for pose in poses)
+    return LabelledScene(name, points, colours, labels, objects, cameras, place)
+
+
+# Where it looks from --------------------------------------------------------------------------------------------------
+
+
+def test_the_ceiling_is_left_out_and_all_else_is_shown() -> None:
+    scene = room()
+    assert EYE_M <= cut_height_m(scene) < CEILING_M
+    kept = below(scene, cut_height_m(scene))
+    np.testing.assert_array_equal(kept, scene.points[:, 2] < CEILING_M)
+
+
+def test_objects_are_shown_whole_whatever_is_cut_off() -> None:
+    scene = room()
+    assert below(scene, -1.0)[scene.labels > 0].all()
+    assert not below(scene, -1.0)[scene.labels == 0].any()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-200, 200), st.floats(-200, 200), st.floats(0, 6.28), st.floats(0.4, 1.4))
+def test_the_opening_view_shows_every_box_from_the_side_of_the_cameras(x, y, yaw, fov_rad) -> None:
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    shift = np.array([x, y, 0.0])
+    scene = room()
+    poses = [np.eye(4), np.eye(4)]
+    for pose, camera in zip(poses, scene.cameras, strict=True):
+        pose[:3, :3], pose[:3, 3] = turn @ camera.camera_to_world[:3, :3], turn @ camera.camera_to_world[:3, 3] + shift
+    moved = replace(
+        scene,
+        objects=tuple(
+            replace(one, box=Box3d(turn @ one.box.centre_m + shift, one.box.extent_m, turn)) for one in scene.objects
+        ),
+        cameras=tuple(replace(camera, camera_to_world=pose) for camera, pose in zip(scene.cameras, poses, strict=True)),
+    )
+    position, target = opening_view(moved, fov_rad)
+    corners = np.concatenate([one.box.corners() for one in moved.objects])
+    pixels, depth_m = project(corners, intrinsics_from_fov(1000, 1000, fov_rad), look_at(position, target))
+    assert (depth_m > 0).all()
+    assert pixels.min() >= -0.5
+    assert pixels.max() <= 999.5
+    assert position[2] > cut_height_m(moved)
+    towards = np.mean([pose[:2, 3] for pose in poses], axis=0) - target[:2]
+    assert (position[:2] - target[:2]) @ towards > 0
+
+
+def test_a_scene_without_objects_points_or_cameras_has_a_view() -> None:
+    empty = LabelledScene("e", np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int32), (), ())
+    position, target = opening_view(empty, 0.8)
+    assert np.isfinite([*position, *target]).all()
+    assert np.isfinite(cut_height_m(empty))
+
+
+# Colours --------------------------------------------------------------------------------------------------------------
+
+
+def test_true_colours_are_those_before_the_cloud_was_tinted(tmp_path: Path) -> None:
+    assert inspect.signature(write_ply).parameters["tint"].default == TINT
+    rng = np.random.default_rng(3)
+    true, labels = rng.uniform(0, 1, (200, 3)), rng.integers(0, 6, 200)
+    write_ply(tmp_path / "cloud.ply", np.zeros((200, 3)), true, labels, np.ones(200))
+    cloud = read_ply(tmp_path / "cloud.ply")
+    colours = np.stack([cloud[name] for name in ("red", "green", "blue")], axis=1)
+    scene = replace(room(), points=np.zeros((200, 3)), colours=colours, labels=labels.astype(np.int32))
+    np.testing.assert_allclose(true_colours(scene), true, atol=0.5 / 255 / (1 - TINT) + 1e-9)
+
+
+@pytest.mark.parametrize("by", COLOURINGS)
+def test_only_objects_that_are_shown_are_tinted(by: str) -> None:
+    scene = room()
+    true = np.rint(255 * true_colours(scene)).astype(np.uint8)
+    found = point_colours(scene, by, [2], object_colours(scene, by))
+    tinted = np.any(found != true, axis=1)
+    assert not tinted[scene.labels != 2].any()
+    assert tinted[scene.labels == 2].all() == (by != "true colour")
+    if by == "object":
+        np.testing.assert_allclose(found[scene.labels == 2], scene.colours[scene.labels == 2], atol=2)
+
+
+def test_classes_share_a_colour_and_confidence_goes_from_red_to_green() -> None:
+    scene = room()
+    classes, sure = object_colours(scene, "class"), object_colours(scene, "confidence")
+    assert classes[1] == classes[3] != classes[2]
+    redness = [sure[one.number][0] - sure[one.number][1] for one in sorted(scene.objects, key=lambda o: o.confidence)]
+    assert redness == sorted(redness, reverse=True)
+    for confidence, expected in ((0.0, (1, 0, 0)), (0.5, (1, 1, 0)), (1.0, (0, 1, 0))):
+        one = replace(scene.objects[0], confidence=confidence)
+        assert object_colours(replace(scene, objects=(one,)), "confidence")[1] == expected
+
+
+# What there is to choose ----------------------------------------------------------------------------------------------
+
+
+def test_episodes_of_a_scene_can_be_seen_together() -> None:
+    scenes = [room("a", ("Indoor", "flat")), room("b"), room("c", ("Indoor", "flat")), room("d", ("Indoor", "attic"))]
+    found = choices(scenes)
+    assert {name: [scene.name for scene in parts] for name, parts in found.items()} == {
+        "a": ["a"],
+        "b": ["b"],
+        "c": ["c"],
+        "d": ["d"],
+        "Indoor flat: 2 episodes": ["a", "c"],
+    }
+    both = together(found["Indoor flat: 2 episodes"])
+    assert [one.number for one in both.objects] == [1, 2, 3, 4, 5, 6]
+    assert len(both.cameras) == 4
+    for one in both.objects:
+        np.testing.assert_array_equal(both.points[both.labels == one.number], one.box.corners())
+    assert [one.source for one in both.objects][::3] == ["a: view 2 (0.97)", "c: view 2 (0.97)"]
+
+
+def test_a_row_says_class_confidence_views_and_source() -> None:
+    one = room().objects[0]
+    assert object_row(one) == "1 chair 0.90, 2 views, from view 2 (0.97)"
+    assert object_row(replace(one, views=(4,), source="")) == "1 chair 0.90, 1 view"
+
+
+# On a label set -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def labels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("viewer")
+    for seed in (1, 2):
+        made = make_episode(seed, num_views=3, size=(48, 64), num_objects=3, confident_share=2.0)
+        write_episode(root / "data" / made.name, replace(made, metadata={"world": "W", "scene": "s"}))
+    assert generate([str(root / "data"), "--out", str(root / "labels")]) == 0
+    return root / "labels"
+
+
+def test_objects_know_their_views_and_sources(labels: Path) -> None:
+    for scene in read_scenes(labels):
+        assert scene.place == ("W", "s")
+        episode = read_episode(labels.parent / "data" / scene.name)
+        assert scene.objects
+        assert episode.detections is not None
+        for one in scene.objects:
+            assert set(one.views) <= set(range(episode.num_views))
+            said = re.fullmatch(r"view (\d) \((.*)\)", one.source)
+            assert said is not None
+            confidences = [f"{d.confidence:.2f}" for d in episode.detections if d.view_index == int(said.group(1))]
+            assert said.group(2) in confidences
+
+
+def test_pictures_show_masks_in_the_colours_of_their_objects(labels: Path) -> None:
+    scene = read_scenes(labels)[0]
+    episode = read_episode(labels.parent / "data" / scene.name)
+    found = thumbnails(labels, scene.name, {one.instance_id: (1.0, 0.0, 0.0) for one in scene.objects})
+    assert sorted(found) == [0, 1, 2]
+    changed = {}
+    for view, (picture, masked) in found.items():
+        np.testing.assert_array_equal(picture, episode.rgb[view])
+        under = np.any(masked != picture, axis=2)
+        changed[view] = under.any()
+        expected = np.rint(0.5 * picture[under] + [127.5, 0, 0])
+        np.testing.assert_allclose(masked[under], expected, atol=1)
+    labelled = {view for one in scene.objects for view in one.views}
+    assert {view for view, any_mask in changed.items() if any_mask} == labelled
+
+
+def test_an_address_of_another_machine_is_refused(labels: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    assert main([str(labels), "--view", "--host", "203.0.113.7"]) == 2
+    assert "--host 203.0.113.7: cannot be an address of this machine" in capsys.readouterr().err
+
+
+@pytest.fixture
+def viewer(labels: Path) -> Iterator[SceneViewer]:
+    pytest.importorskip("viser")
+    found = SceneViewer(labels, read_scenes(labels), "127.0.0.1", 18080)
+    yield found
+    found.server.stop()
+
+
+def visible(viewer: SceneViewer, kind: str) -> set[int]:
+    """Numbers of the objects whose box or title is shown."""
+    handles = ((one.number, viewer.server.scene.get_handle_by_name(f"/{kind}/{one.number}")) for one in objects(viewer))
+    return {number for number, handle in handles if handle is not None and handle.visible}
+
+
+def objects(viewer: SceneViewer) -> tuple[SceneObject, ...]:
+    return viewer.scene.objects
+
+
+def cloud(viewer: SceneViewer) -> Any:
+    return viewer.server.scene.get_handle_by_name("/cloud")
+
+
+def test_controls_leave_what_they_say(viewer: SceneViewer) -> None:
+    everything = {one.number for one in objects(viewer)}
+    assert visible(viewer, "boxes") == visible(viewer, "titles") == everything
+    limit = sorted(one.confidence for one in objects(viewer))[1] - 1e-6
+    viewer.confidence.value = limit
+    assert visible(viewer, "boxes") == {one.number for one in objects(viewer) if one.confidence >= limit}
+    viewer.confidence.value = 0.0
+    first = objects(viewer)[0]
+    viewer.category.value = first.category
+    assert visible(viewer, "titles") == {one.number for one in objects(viewer) if one.category == first.category}
+    viewer.category.value = viewer.category.options[0]
+    viewer.boxes.value = False
+    assert (visible(viewer, "boxes"), visible(viewer, "titles")) == (set(), everything)
+
+
+def test_the_height_cuts_the_cloud_and_the_list_unticks_objects(viewer: SceneViewer) -> None:
+    scene = viewer.scene
+    assert len(cloud(viewer).points) == below(scene, float(viewer.cut.value)).sum() < len(scene.points)
+    viewer.cut.value = viewer.cut.max
+    assert len(cloud(viewer).points) == len(scene.points)
+    before = cloud(viewer).colors.copy()
+    viewer._rows[1].value = False
+    assert 1 not in visible(viewer, "boxes")
+    np.testing.assert_array_equal(np.any(cloud(viewer).colors != before, axis=1), scene.labels == 1)
+
+
+def test_cameras_carry_pictures_when_asked_to(viewer: SceneViewer) -> None:
+    frustums = [frustum for *_, frustum in viewer._frustums]
+    assert len(frustums) == 3
+    assert all(frustum.image is None for frustum in frustums)
+    viewer.pictures.value = True
+    with_masks = [frustum.image for frustum in frustums]
+    viewer.masks.value = False
+    episode = read_episode(viewer._labels.parent / "data" / viewer.scene.name)
+    for view, frustum in enumerate(frustums):
+        np.testing.assert_array_equal(frustum.image, episode.rgb[view])
+    assert any(np.any(one != frustum.image) for one, frustum in zip(with_masks, frustums, strict=True))
+    viewer.cameras.value = False
+    assert not any(frustum.visible for frustum in frustums)
+
+
+def test_another_episode_takes_the_place_of_the_first(viewer: SceneViewer) -> None:
+    viewer.episode.value = "W s: 2 episodes"
+    assert len(viewer._frustums) == 6
+    assert visible(viewer, "boxes") == {one.number for one in objects(viewer)}
+    assert viewer.scene.name == "room_1 + room_2"
+    viewer.episode.value = "room_2"
+    assert viewer.scene.name == "room_2"
+    assert len(viewer._frustums) == 3
+    assert viewer.server.scene.get_handle_by_name("/cameras/5") is None
+
+
+def test_nothing_to_show_is_said(labels: Path) -> None:
+    pytest.importorskip("viser")
+    with pytest.raises(UsageError, match="no episode of this label set was labelled"):
+        SceneViewer(labels, [], "127.0.0.1", 18080)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="needs chromium or chrome")
+def test_a_file_of_a_scene_shows_its_objects_without_a_server(labels: Path, tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    assert main([str(labels), "--html", str(tmp_path / "html")]) == 0
+    assert sorted(path.name for path in (tmp_path / "html").iterdir()) == [
+        "room_1.html",
+        "room_1_room_2.html",
+        "room_2.html",
+    ]
+    shot = tmp_path / "shot.png"
+    assert BROWSER is not None
+    command = [BROWSER, "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    command += [f"--user-data-dir={tmp_path / 'browser'}", "--window-size=900,700", f"--screenshot={shot}"]
+    command += ["--timeout=20000", "--virtual-time-budget=20000", (tmp_path / "html" / "room_1.html").as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    assert done.returncode == 0, done.stderr
+    picture = cv2.imread(str(shot))
+    assert picture is not None
+    assert (picture < 245).any(axis=2).mean() > 0.05
+    hue, saturation, _ = np.moveaxis(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV).astype(int), 2, 0)
+    for one in read_scenes(labels)[0].objects:
+        pure = np.rint(255 * np.array([[one.colour]])).astype(np.uint8)
+        expected = int(cv2.cvtColor(pure, cv2.COLOR_RGB2HSV)[0, 0, 0])
+        apart = np.abs((hue - expected + 90) % 180 - 90)  # OpenCV's hues are half degrees
+        assert ((apart <= 8) & (saturation > 100)).sum() > 300
