@@ -65,9 +65,10 @@ def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> flo
     Args:
         content: of a table's result.
         gap: one of its ``gaps``.
-        figure: "ap50" or "ap30".
+        figure: as of ``values``; None if one of the rows lacks it.
     """
-    return _share(*(statistics.fmean(found) for found in _gap_rows(content, gap, figure)))
+    rows = _gap_rows(content, gap, figure)
+    return _share(*map(statistics.fmean, rows)) if all(rows) else None
 
 
 def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from experiments.figures.result_values import gap_share, values
 from experiments.pages.markdown import mean_std, read_result, table
 from labeling.core.errors import SbmError
 
@@ -19,7 +18,9 @@ ROWS = {
     "GT fine-tuned": "taught by ground truth",
 }
 """Name of a row in results -> what README calls it."""
-FIGURE, SHARED = "mask_ap50", "SbM fine-tuned on shared labels"
+FIGURES = {"ap50": "masks", "box_ap50": "boxes"}
+"""AP50 of what."""
+SHARED, TRUTH = "SbM fine-tuned on shared labels", "GT fine-tuned"
 _PLACE = re.compile(r"(<!-- results: .*? -->\n).*?(<!-- end of results -->)", re.DOTALL)
 
 
@@ -53,15 +54,19 @@ def results_section(contents: Mapping[str, Mapping[str, Any]]) -> str:
     Args:
         contents: of the files of results, by the names in ``WORLDS``.
     """
-    headings = ["detector `compact`", *(f"{_episodes(contents[name])} {called}" for name, called in WORLDS.items())]
-    rows = [[called, *(mean_std(_values(contents[name], row)) for name in WORLDS)] for row, called in ROWS.items()]
+    columns = [(name, figure) for name in WORLDS for figure in FIGURES]
+    titles = [f"{_episodes(contents[name])} {WORLDS[name]}, {FIGURES[figure]}" for name, figure in columns]
+    rows = [
+        [called, *(mean_std(_values(contents[name], row, figure)) for name, figure in columns)]
+        for row, called in ROWS.items()
+    ]
     closed = ["share of the gap to ground truth that shared labels close"]
-    closed += [f"{_gap_closed(contents[name]):.0%}" for name in WORLDS]
+    closed += [_gap_closed(contents[name], figure) for name, figure in columns]
     seeds = {len(content["seeds"]) for content in contents.values()}
     return (
-        "AP50 of masks in scenes that the detector has neither been in nor been chosen by, mean ± standard deviation "
-        f"over {'/'.join(map(str, sorted(seeds)))} seeds ([all tables](docs/results.md)):\n\n"
-        + table(headings, [*rows, closed], "---:")
+        "AP50 of masks and of boxes in scenes that the detector has neither been in nor been chosen by, mean ± "
+        f"standard deviation over {'/'.join(map(str, sorted(seeds)))} seeds ([all tables](docs/results.md)):\n\n"
+        + table(["detector `compact`", *titles], [*rows, closed], "---:")
     )
 
 
@@ -70,12 +75,12 @@ def _episodes(content: Mapping[str, Any]) -> int:
     return len(set(content["pools"]["wide"]["scenes"]))
 
 
-def _values(content: Mapping[str, Any], name: str) -> Sequence[float]:
+def _values(content: Mapping[str, Any], name: str, figure: str) -> Sequence[float]:
     """The figure in points, by seed."""
     (row,) = (one for one in content["rows"] if one["name"] == name)
-    return [100.0 * run[FIGURE] for run in row["runs"]]
+    return values(row, figure)
 
 
-def _gap_closed(content: Mapping[str, Any]) -> float:
-    before, shared, truth = (float(np.mean(_values(content, one))) for one in ("pre-trained", SHARED, "GT fine-tuned"))
-    return (shared - before) / (truth - before)
+def _gap_closed(content: Mapping[str, Any], figure: str) -> str:
+    share = gap_share(content, ("pre-trained", SHARED, TRUTH), figure)
+    return "-" if share is None else f"{share:.0%}"

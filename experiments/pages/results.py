@@ -52,6 +52,8 @@ ROUND_COLUMNS = (
     ("test", "photographs_ap50"),
 )
 """Where the columns of a loop's table stand in the record of a round."""
+OTHER_SHARES = {"ap30": "AP30 of masks", "box_ap50": "AP50 of boxes", "box_ap30": "AP30 of boxes"}
+"""Figures whose share of the gap stands beside that in AP50 of masks."""
 LABEL_NAMES = {"sbm": "SbM labels", "shared": "shared SbM labels"}
 """What the detector of pictures before and after was fine-tuned on."""
 SUBSETS = {
@@ -173,7 +175,9 @@ def _gap(name: str, content: Mapping[str, Any], gap: Sequence[str]) -> dict[str,
         return None
     by_seed = ["no gap" if one is None else f"{one:.2f}" for one in gap_shares(content, gap)]
     names = dict(zip(("before", "ours", "ceiling"), gap, strict=True))
-    return {**names, "share": share, "thesis": thesis_gap_share(name, gap), "by_seed": by_seed}
+    others = {called: gap_share(content, gap, figure) for figure, called in OTHER_SHARES.items()}
+    known = {called: f"{one:.2f}" for called, one in others.items() if one is not None}
+    return {**names, "share": share, "thesis": thesis_gap_share(name, gap), "by_seed": by_seed, "others": known}
 
 
 def compare_categories(content: Mapping[str, Any], higher: str, lower: str) -> dict[str, Any]:

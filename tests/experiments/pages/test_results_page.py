@@ -108,6 +108,17 @@ def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:
     assert "Share of the gap" not in page({"table_5_3": {**table(), "gaps": []}})
 
 
+def test_shares_of_other_figures_stand_beside_that_of_masks() -> None:
+    content = table()
+    assert gap_share(content, GAP, "box_ap50") is None
+    assert "By seed: 0.25, 0.25, 0.25. In AP30 of masks 0.25.\n" in page({"table_5_3": content})
+    for row, boxes in zip(content["rows"], (0.3, 0.32, 0.5), strict=True):
+        for one in row["runs"]:
+            one["box_ap50"] = boxes
+    assert gap_share(content, GAP, "box_ap50") == pytest.approx(0.1)
+    assert "In AP30 of masks 0.25, AP50 of boxes 0.10.\n" in page({"table_5_3": content})
+
+
 def test_a_seed_without_a_ceiling_counts_by_its_means_only() -> None:
     content = table()
     before, ours, ceiling = (row["runs"] for row in content["rows"])
