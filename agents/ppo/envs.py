@@ -127,7 +127,8 @@ def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
         scene_cache: how many scenes it keeps open.
 
     Raises:
-        UsageError: if there is no such environment, or a setting makes no sense to it.
+        UsageError: if there is no such environment, a setting makes no sense to it, or its observations lack what the
+            policy looks at.
     """
     settings: dict[str, Any] = {} if "rgb" in config.keys else {"colours": False}
     if config.atlas is not None:
@@ -140,6 +141,12 @@ def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
     )
     if config.wrapper is not None:
         env = ENV_WRAPPERS[config.wrapper](env)
+    if missing := [name for name in config.keys if name not in env.observation_space.spaces]:  # type: ignore[attr-defined]
+        env.close()
+        raise UsageError(
+            f"the policy looks at {', '.join(missing)}, which observations of {config.env} with env_wrapper "
+            f"{config.wrapper or 'none'} do not have; ChoicePolicy goes with env_wrapper {' or '.join(ENV_WRAPPERS)}"
+        )
     return FilterObservation(env, config.keys)
 
 

@@ -214,7 +214,7 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Epi
     found = {name: read_json(folder / name) for name in OPTIONAL_FILES if (folder / name).is_file()}
     table = CategoryTable.from_files([found[name] for name in NAMING_FILES if name in found])
     if ABOUT_FILE in found:
-        metadata = {key: value for key, value in found[ABOUT_FILE].mapping().items() if key != "categories"}
+        metadata = {key: value for key, value in found[ABOUT_FILE].finite_mapping().items() if key != "categories"}
         episode = replace(episode, metadata=metadata)
     if TRUTH_FILE in found and ground_truth:
         episode = replace(episode, ground_truth=read_ground_truth(found[TRUTH_FILE], table, episode))

@@ -18,6 +18,7 @@ import pytest
 import torch
 
 from agents.network.files import HISTORY_FILE, LAST, POLICY_FILE, SETTINGS_FILE, STATE_FILE
+from agents.network.policy_network import observed_keys
 from agents.policies.ppo import Ppo
 from agents.ppo import training
 from agents.ppo.config import PpoConfig
@@ -425,6 +426,12 @@ def test_rewards_switch_terms_off_by_name():
         "diversity": {"diversity", "collision"},
         "neither": {"collision"},
     }
+
+
+def test_a_policy_whose_parts_observations_lack_is_refused() -> None:
+    config = EnvConfig(ENV_ID, wrapper=None, keys=observed_keys("ChoicePolicy", {}))
+    with pytest.raises(UsageError, match=r"looks at summary, moves, looks, .* env_wrapper none do not have"):
+        make_env(config)
 
 
 def test_training_pays_the_reward_asked_for_in_the_scenes_of_its_split():

@@ -243,6 +243,7 @@ MALFORMED = [
     ("transforms.json", put("frames", 1, "transform_matrix", 3, 0, 0.5), "transform_matrix: is not a rigid"),
     ("transforms.json", put("frames", 1, "transform_matrix", 0, 3, float("nan")), "transform_matrix: holds NaN"),
     ("transforms.json", put("frames", 1, "transform_matrix", 0, 3, float("inf")), "transform_matrix: holds NaN"),
+    ("episode.json", put("seed", float("-inf")), "episode.json: holds NaN or infinity"),
     ("detections.json", lambda content: {}, "detections.json: must be a list"),
     ("detections.json", put(0, []), r"\[0\]: must be a JSON object"),
     ("detections.json", put(1, "category_id", 99), r"\[1\].category_id: unknown category id 99; known: 1 plant"),
