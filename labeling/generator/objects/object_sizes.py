@@ -61,7 +61,8 @@ class SizeModel:
 
         Args:
             posterior: probability of each category; the rest to 1 is background.
-            size: as ``measure_size`` gives it. Categories without a known size are taken to fit like background.
+            size: as ``measure_size`` gives it. How likely a category without a known size is beside the others together
+                does not change.
         """
         return dict(zip(posterior, self._fitted(posterior, size, self.weight, self.intercept).tolist(), strict=True))
 
@@ -182,7 +183,10 @@ def _reweighed(chances, ratios, known, weight, intercept) -> Float[np.ndarray, "
     if before <= 0:
         return chances
     fit = chances * np.exp(weight * ratios)
-    change = np.log(fit.sum() / before) + intercept * float(chances[known].sum()) / before
+    named = float(chances[known].sum())
+    if named > 0:  # of how likely it is that the object is of a category without a size, size says nothing
+        fit[~known] = chances[~known] * (fit[known].sum() / named)
+    change = np.log(fit.sum() / before) + intercept * named / before
     odds = before / max(1 - before, MIN_BACKGROUND) * np.exp(np.clip(change, *MOST_CHANGE))
     return odds / (1 + odds) * fit / fit.sum()
 

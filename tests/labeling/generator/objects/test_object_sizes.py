@@ -42,6 +42,11 @@ def samples(seed: int, count: int = 60):
     return [found[k] for k in rng.permutation(count)]
 
 
+@cache
+def fitted(seed: int) -> SizeModel:
+    return fit_size_model(samples(seed))
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(-2, 30), st.floats(0, 1.5))
 def test_turning_and_moving_an_object_leaves_its_size(turned: float, floor_m: float, above_m: float) -> None:
@@ -67,7 +72,7 @@ def test_a_flat_thing_has_a_finite_size() -> None:
 
 
 def test_what_is_as_long_as_a_couch_is_called_one() -> None:
-    model = fit_size_model(samples(0))
+    model = fitted(0)
     assert model.weight > 0
     for truth, extent in (("chair", CHAIR), ("couch", COUCH)):
         size = measure_size(box(extent), 0.0)
@@ -81,18 +86,28 @@ def test_what_is_as_long_as_a_couch_is_called_one() -> None:
 
 
 def test_categories_of_unknown_size_keep_their_odds() -> None:
-    model, size = fit_size_model(samples(1)), measure_size(box(CHAIR), 0.0)
+    model, size = fitted(1), measure_size(box(CHAIR), 0.0)
     assert size is not None
     assert model.posterior({"cup": 0.3, "vase": 0.2}, size) == pytest.approx({"cup": 0.3, "vase": 0.2})
     mixed = model.posterior({"cup": 0.3, "chair": 0.3}, size)
-    assert mixed["chair"] > mixed["cup"]
+    assert mixed["chair"] == pytest.approx(mixed["cup"])  # cups are not known to be of another size
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.01, 0.4), st.floats(0.01, 0.4), st.lists(st.floats(-5, 5), min_size=5, max_size=5))
+def test_no_size_says_whether_an_object_is_of_a_category_without_one(
+    bus: float, chair: float, size: list[float]
+) -> None:
+    model = fitted(0)
+    found = model.posterior({"bus": bus, "chair": chair, "couch": 0.1}, np.array(size))
+    assert found["bus"] / sum(found.values()) == pytest.approx(bus / (bus + chair + 0.1))
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(0.01, 0.99), st.lists(st.floats(-5, 5), min_size=5, max_size=5))
 def test_no_size_makes_much_of_what_the_detector_says(chance: float, size: list[float]) -> None:
     """Of one name: the odds change by what is allowed, whatever the size."""
-    found = fit_size_model(samples(1)).posterior({"chair": chance}, np.array(size))["chair"]
+    found = fitted(1).posterior({"chair": chance}, np.array(size))["chair"]
     change = np.log(found / (1 - found)) - np.log(chance / (1 - chance))
     assert MOST_CHANGE[0] - 1e-6 <= change <= MOST_CHANGE[1] + 1e-6
 
