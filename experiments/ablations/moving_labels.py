@@ -36,7 +36,7 @@ WORLDS: Mapping[str, World] = MappingProxyType(
 )
 EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 16, "full": 60}
 SEED = 31
-"""Of scenes and starts. Settings were chosen on ten training scenes of other seeds."""
+"""Of scenes and starts. Settings were chosen on ten endless scenes of another seed."""
 FIGURES = ("mask_ap50", "mean_iou")
 
 
