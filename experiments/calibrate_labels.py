@@ -1,7 +1,7 @@
-"""Calibrates a detector's labels: ``python -m experiments.calibrate_labels TRAIN [TRAIN ...] --check VAL``."""
+"""Calibrates a detector's labels: ``python -m experiments.calibrate_labels [TRAIN ...] --check VAL``."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,11 +16,15 @@ if TYPE_CHECKING:
     import numpy as np
 
     from experiments.calibration.label_samples import Samples
+    from labeling.generator.calibration.detector_calibration import DetectorCalibration
 
 RIGHT_IOU = 0.5
 """Labels that overlap what they name less are wrong."""
 FOLDS = 5
 """Into how many parts training scenes are divided, each of which is judged by a fit to the others."""
+PARTS = ("fitted_to", "held_out", "checked_on")
+"""Of the figures: what was fitted to; the same with each part of the scenes judged by a fit to the others; other
+scenes."""
 DRAWS = 500
 """How often scenes are drawn for intervals."""
 SURE = 0.5
@@ -36,8 +40,9 @@ class CalibrateConfig:
     It goes to labeling/generator/calibration/, from where the label generator reads it. Use training scenes only.
     """
 
-    train: tyro.conf.Positional[tuple[Annotated[Path, tyro.conf.arg(metavar="TRAIN")], ...]]
-    """Datasets with detections of one detector and ground truth to fit to."""
+    train: tyro.conf.Positional[tuple[Annotated[Path, tyro.conf.arg(metavar="TRAIN")], ...]] = ()
+    """Datasets with detections of one detector and ground truth to fit to. None: the fit that there is gets measured on
+    what is to be checked."""
     check: tuple[Path, ...] = ()
     """Datasets to measure the fit on, from other scenes. Besides, each part of the training scenes is judged by a fit
     to the others."""
@@ -60,28 +65,56 @@ def run(config: CalibrateConfig) -> None:
     Raises:
         SbmError: if a dataset cannot be read or has no ground truth.
     """
-    import numpy as np
-
     from experiments.calibration.episodes import detector_of
-    from experiments.calibration.label_samples import joined_samples, label_samples
-    from experiments.calibration.object_samples import object_samples
-    from experiments.calibration.size_samples import size_samples
     from labeling.formats.atomic import atomic_file, write_json
     from labeling.formats.checked_json import read_json
-    from labeling.generator.calibration.detector_calibration import (
-        FOLDER,
-        calibration_of,
-        file_name,
-        is_calibrated,
-    )
+    from labeling.generator.calibration.detector_calibration import calibration_of, file_name, is_calibrated
+    from labeling.runtime.provenance import experiment_provenance
+
+    if not config.train and not config.check:
+        raise UsageError("give at least one dataset of training episodes, or with --check one to measure a fit on")
+    detector = detector_of([*config.train, *config.check])
+    results = config.results or Path(f"experiments/results/label_trust_{Path(file_name(detector)).stem}.json")
+    if config.train:
+        calibration, figures = _fit(config, detector)
+    elif not is_calibrated(detector):
+        raise UsageError(f"{detector} has no calibration that could be measured; give episodes to fit one to")
+    else:
+        calibration, figures = calibration_of(detector), read_json(results).value if results.exists() else {}
+    if config.check:
+        figures["checked_on"] = {
+            name: _figures(some, calibration.labels.expected_iou(some.features))
+            for name, some in _labels_of(config.check, config.seed, calibration).items()
+        }
+        figures["checked_with"] = experiment_provenance()
+    unseen = figures.get("checked_on", figures.get("held_out"))
+    if unseen:
+        picture = config.picture or Path(f"docs/pictures/{results.stem}.png")
+        with atomic_file(picture) as temporary:
+            _draw(unseen, temporary)
+        print(f"picture: {picture}")
+    write_json(results, figures)
+    for part in PARTS:
+        for name, record in figures.get(part, {}).items():
+            print(part, name, {key: record[key] for key in ("labels", "before", "after", "intervals")})
+    print(f"figures: {results}")
+
+
+def _fit(config: CalibrateConfig, detector: str) -> tuple["DetectorCalibration", dict[str, Any]]:
+    """Fits a calibration and writes it; its figures on the training scenes."""
+    import numpy as np
+
+    from experiments.calibration.label_samples import joined_samples
+    from experiments.calibration.object_samples import object_samples
+    from experiments.calibration.size_samples import size_samples
+    from labeling.formats.atomic import write_json
+    from labeling.formats.checked_json import read_json
+    from labeling.generator.calibration.detector_calibration import FOLDER, calibration_of, file_name, is_calibrated
     from labeling.generator.objects.object_posterior import fit_object_model
     from labeling.generator.objects.object_sizes import fit_size_model
     from labeling.generator.quality.label_quality import fit_model
 
-    if not config.train:
-        raise UsageError("give at least one dataset of training episodes")
-    detector = detector_of([*config.train, *config.check])
-    file, objects = config.out / file_name(detector), {}
+    file = config.out / file_name(detector)
     if config.keep_objects:
         if not is_calibrated(detector):
             raise UsageError(f"{detector} has no calibration whose model of objects could be kept")
@@ -96,8 +129,7 @@ def run(config: CalibrateConfig) -> None:
         objects = {"objects": len(looks)}
     sized = size_samples(config.train, config.seed, calibration)
     calibration = replace(calibration, sizes=fit_size_model(sized))
-    kinds = {"alone": False, "together": True}
-    parts = {name: label_samples(config.train, config.seed, calibration, kind) for name, kind in kinds.items()}
+    parts = _labels_of(config.train, config.seed, calibration)
     fitted = joined_samples(list(parts.values()))
     counted = ~fitted.ignored
     if not counted.any():
@@ -113,30 +145,21 @@ def run(config: CalibrateConfig) -> None:
     }
     write_json(file, {**calibration.as_json(), "fitted_to": provenance})
     print(f"calibration: {file}, from {provenance['objects']} objects and {provenance['labels']} labels")
-    figures: dict[str, Any] = {
-        "fitted_to": {
-            name: _figures(some, calibration.labels.expected_iou(some.features)) for name, some in parts.items()
-        }
-    }
+    expected = {name: calibration.labels.expected_iou(some.features) for name, some in parts.items()}
+    figures = {"fitted_to": {name: _figures(some, expected[name]) for name, some in parts.items()}}
     if len(set(fitted.scene)) > 1:
         figures["held_out"] = _held_out(parts)
-    if config.check:
-        checked = {name: label_samples(config.check, config.seed, calibration, kind) for name, kind in kinds.items()}
-        figures["checked_on"] = {
-            name: _figures(some, calibration.labels.expected_iou(some.features)) for name, some in checked.items()
-        }
-    unseen = figures.get("checked_on", figures.get("held_out"))
-    if unseen:
-        picture = config.picture or Path(f"docs/pictures/label_trust_{file.stem}.png")
-        with atomic_file(picture) as temporary:
-            _draw(unseen, temporary)
-        print(f"picture: {picture}")
-    results = config.results or Path(f"experiments/results/label_trust_{file.stem}.json")
-    write_json(results, figures)
-    for part, of_kinds in figures.items():
-        for name, record in of_kinds.items():
-            print(part, name, {key: record[key] for key in ("labels", "before", "after", "intervals")})
-    print(f"figures: {results}")
+    return calibration, figures
+
+
+def _labels_of(datasets: Sequence[Path], seed: int, calibration: "DetectorCalibration") -> "dict[str, Samples]":
+    """Labels of episodes alone, and of all episodes of a scene together."""
+    from experiments.calibration.label_samples import label_samples
+
+    return {
+        name: label_samples(datasets, seed, calibration, together)
+        for name, together in {"alone": False, "together": True}.items()
+    }
 
 
 def _held_out(parts: "Mapping[str, Samples]") -> dict[str, Any]:
@@ -241,7 +264,10 @@ def _draw(figures: dict[str, Any], path: Path) -> None:
 
 
 HELP = CommandHelp(
-    examples=(("EPISODES", "fit to recorded episodes with ground truth"),),
+    examples=(
+        ("EPISODES", "fit to recorded episodes with ground truth"),
+        ("--check UNSEEN", "measure the fit that there is on episodes of other scenes"),
+    ),
 )
 main = make_main("experiments.calibrate_labels", CalibrateConfig, run, about=HELP)
 

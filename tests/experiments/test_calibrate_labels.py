@@ -67,6 +67,28 @@ def test_the_model_of_objects_can_be_kept(dataset: Path, tmp_path: Path) -> None
     assert (tmp_path / "trust.png").stat().st_size > 1000
 
 
+def test_a_calibration_is_measured_as_it_is(dataset: Path, tmp_path: Path) -> None:
+    results, picture = tmp_path / "figures.json", tmp_path / "trust.png"
+    results.write_text(json.dumps({"held_out": {}, "checked_on": {}}))
+    where = ["--out", str(tmp_path / "fits"), "--results", str(results), "--picture", str(picture)]
+    assert main(["--check", str(dataset), *where]) == 0
+    assert not (tmp_path / "fits").exists()
+    figures = json.loads(results.read_text())
+    assert list(figures["checked_on"]) == ["alone", "together"]
+    assert figures["held_out"] == {}
+    assert figures["checked_with"]["git_commit"]
+    assert picture.stat().st_size > 1000
+
+
+def test_there_must_be_something_to_fit_to_or_to_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert "at least one dataset" in capsys.readouterr().err
+    room = make_episode(3, num_views=3, size=(60, 80), num_objects=2)
+    write_episode(tmp_path / "data" / "0", replace(room, metadata={"detector": "somebody's"}))
+    assert main(["--check", str(tmp_path / "data")]) == 2
+    assert "somebody's has no calibration that could be measured" in capsys.readouterr().err
+
+
 def test_a_detector_without_a_calibration_has_no_model_of_objects_to_keep(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
