@@ -39,5 +39,8 @@ class FinetuneConfig(TrainingConfig):
     """Validations without a better AP50 after which training stops; 0: never."""
     replay_share: ShareBelowOne[float] = 0.5
     """Share of the samples that are replayed source pictures, if there are any."""
+    repeat_threshold: ShareBelowOne[float] = 0.0
+    """Pictures of categories that are in a smaller share of all pictures come more often, so that a rare category is
+    learnt, too; 0: all pictures come as often. Source: repeat factor sampling, Gupta et al. 2019 (LVIS)."""
     workers: NonNegative[int] = 0
     """Processes that read and augment pictures."""

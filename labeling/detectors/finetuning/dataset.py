@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from jaxtyping import Float, Int64
 from torch.utils.data import Dataset
 
 from labeling.core.errors import UsageError
@@ -76,7 +77,8 @@ def to_device(batch: Batch, device: torch.device) -> Batch:
 class ReplayDataset(Dataset):
     """An endless stream of samples, each a function of its number, so that training can go on where it stopped.
 
-    Pictures are drawn in shuffled rounds; ``replay_share`` of the samples, spread evenly, come from ``replay``.
+    Pictures are drawn in shuffled rounds, in which some may come several times (``repeats_of``); ``replay_share`` of
+    the samples, spread evenly, come from ``replay``.
     """
 
     pictures: Sequence[AnnotatedPicture]
@@ -87,6 +89,8 @@ class ReplayDataset(Dataset):
     replay_share: float = 0.0
     new_categories: tuple[str, ...] = ()
     """Of ``categories``: where no replayed picture names one, background there may be one."""
+    repeat_threshold: float = 0.0
+    """Of ``repeats_of``, for ``pictures``."""
 
     def __post_init__(self) -> None:
         if not self.pictures:
@@ -97,10 +101,10 @@ class ReplayDataset(Dataset):
         share = self.replay_share if self.replay else 0.0
         replayed = int(np.floor(number * share))
         is_replay = int(np.floor((number + 1) * share)) > replayed
-        draw, pool = (replayed, self.replay) if is_replay else (number - replayed, self.pictures)
+        draw, pool = (replayed, np.arange(len(self.replay))) if is_replay else (number - replayed, self._round)
         turn, place = divmod(draw, len(pool))
         order = np.random.default_rng([self.seed, int(is_replay), turn]).permutation(len(pool))
-        return is_replay, int(order[place])
+        return is_replay, int(pool[order[place]])
 
     def __getitem__(self, number: int) -> Sample:
         is_replay, index = self.source(number)
@@ -112,7 +116,41 @@ class ReplayDataset(Dataset):
         return augment(sample, self.config, rng)
 
     @cached_property
+    def _round(self) -> Int64[np.ndarray, "round"]:
+        """Indices of the pictures of a round, before they are shuffled."""
+        if not self.repeat_threshold:
+            return np.arange(len(self.pictures))
+        repeats = repeats_of(self.pictures, self.categories, self.repeat_threshold)
+        extra = np.random.default_rng([self.seed, 3]).random(len(repeats)) < repeats % 1
+        return np.repeat(np.arange(len(repeats)), repeats.astype(np.int64) + extra)
+
+    @cached_property
     def _unannotated(self) -> tuple[int, ...]:
         """Outputs of the categories that replayed pictures never name."""
         named = category_names(self.replay)
         return tuple(1 + self.categories.index(name) for name in self.new_categories if name not in named)
+
+
+def repeats_of(
+    pictures: Sequence[AnnotatedPicture], categories: Sequence[str], threshold: float
+) -> Float[np.ndarray, "n"]:
+    """How often each picture should come in a round, at least once, on average.
+
+    A category that is in a share f of the pictures has the factor sqrt(threshold / f), at least 1; a picture has that
+    of its rarest category (Gupta et al. 2019, LVIS). Labels count by their weight, so that a label which is hardly
+    believed neither makes its category frequent nor its picture come again.
+
+    Args:
+        pictures: annotated; regions to ignore do not count.
+        categories: those that are learnt.
+        threshold: share of the pictures, in [0, 1], from which on a category is not rare.
+    """
+    number = {name: index for index, name in enumerate(categories) if name}
+    weight = np.zeros((len(pictures), len(categories)))
+    for row, picture in zip(weight, pictures, strict=True):
+        for one in picture.annotations:
+            if not one.ignore and one.category in number:
+                row[number[one.category]] = max(row[number[one.category]], one.weight)
+    share = weight.mean(axis=0)
+    factor = np.sqrt(np.maximum(threshold / np.maximum(share, 1e-9), 1.0))
+    return 1.0 + (weight * (factor - 1.0)).max(axis=1, initial=0.0)

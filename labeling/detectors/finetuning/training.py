@@ -74,7 +74,9 @@ class FinetuneTask(MaskRcnnTask):
         config.check()
         augmentation.check()
         names, share = network.spec.categories, config.replay_share
-        self.dataset = ReplayDataset(pictures, names, augmentation, config.seed, replay, share, new_categories)
+        self.dataset = ReplayDataset(
+            pictures, names, augmentation, config.seed, replay, share, new_categories, config.repeat_threshold
+        )
         self.config, self.validation, self.about = config, validation, about or {}
         network = network.to(torch.device(device))
         self.collate, self.workers, self.clip = collate, config.workers, config.clip

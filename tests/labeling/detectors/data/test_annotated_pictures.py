@@ -25,7 +25,7 @@ from labeling.detectors.data.annotated_pictures import (
 from labeling.detectors.data.augment import Sample, augment
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
-from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, to_target
+from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, repeats_of, to_target
 from labeling.training.checkpoint import Progress
 from labeling.training.loop import TrainingTask
 
@@ -268,6 +268,46 @@ def test_replay_has_its_share_and_every_picture_its_turn(own, replayed, share, s
         turns = [index for is_replay, index in drawn if is_replay is kind]
         for start in range(0, len(turns) - size + 1, size):
             assert sorted(turns[start : start + size]) == list(range(size))
+
+
+def picture_of(*annotations: tuple[str, float] | None) -> AnnotatedPicture:
+    """With labels of these categories and weights; None is a region to ignore."""
+    found = [
+        Annotation("ball", {}, ignore=True) if one is None else Annotation(one[0], {}, one[1]) for one in annotations
+    ]
+    return AnnotatedPicture(Path("x"), (4, 4), tuple(found))
+
+
+def test_pictures_of_rare_categories_come_again():
+    """Repeat factors as the paper has them: sqrt(t / f) of the rarest category of a picture."""
+    pictures = [picture_of(("box", 1.0))] * 95 + [picture_of(("box", 1.0), ("ball", 1.0))] * 4 + [picture_of(None)]
+    repeats = repeats_of(pictures, ("", "box", "ball"), 0.16)
+    assert repeats[:95].tolist() == [1.0] * 95  # in more than 16 % of the pictures
+    assert repeats[95:99].tolist() == pytest.approx([2.0] * 4)  # in 4 %
+    assert repeats[99] == 1.0
+    dataset = ReplayDataset(pictures, ("", "box", "ball"), NO_AUGMENTATION, 0, repeat_threshold=0.16)
+    drawn = [dataset.source(number)[1] for number in range(104)]
+    assert sorted(drawn) == sorted([*range(100), 95, 96, 97, 98])
+
+
+@given(
+    labels=st.lists(st.lists(st.tuples(st.sampled_from("abc"), st.floats(0, 1)), max_size=3), min_size=1, max_size=12),
+    threshold=st.floats(0, 0.99),
+)
+def test_hardly_believed_labels_hardly_repeat_their_pictures(labels, threshold):
+    pictures = [picture_of(*some) for some in labels]
+    repeats = repeats_of(pictures, ("a", "b"), threshold)
+    assert (repeats >= 1).all()
+    for picture, repeat in zip(pictures, repeats, strict=True):
+        expected = 1.0
+        for one in picture.annotations:
+            if one.category in ("a", "b"):
+                weights = [
+                    max((x.weight for x in p.annotations if x.category == one.category), default=0) for p in pictures
+                ]
+                share = max(sum(weights) / len(pictures), 1e-9)
+                expected = max(expected, 1 + one.weight * (max(1, (threshold / share) ** 0.5) - 1))
+        assert repeat == pytest.approx(expected)
 
 
 def test_batches_do_not_depend_on_where_the_stream_is_taken_up(tmp_path):
