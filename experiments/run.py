@@ -49,9 +49,9 @@ def run(config: RunConfig) -> None:
     Raises:
         SbmError: if there is no such experiment, or it cannot run.
     """
+    from experiments.cache.origin import origin
     from experiments.pages.markdown import write_page
     from labeling.formats.atomic import write_json
-    from labeling.runtime.provenance import experiment_provenance
 
     known = experiments()
     if config.name == "list":
@@ -73,9 +73,10 @@ def run(config: RunConfig) -> None:
             cache=config.cache,
             where=config.where,
         )
+        made = origin()  # before the run: code may be edited while it lasts
         results, path = chosen.run(context), config.results / f"{config.name}.json"
         about = {"experiment": config.name, "description": chosen.description, "scale": config.scale}
-        write_json(path, {**about, "seeds": list(context.seeds), **experiment_provenance(), **results})
+        write_json(path, {**about, "seeds": list(context.seeds), **made, **results})
         print(path)
     for page in chosen.pages:
         print(*write_page(page, config.results, config.docs), sep="\n")

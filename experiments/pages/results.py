@@ -21,6 +21,7 @@ from experiments.figures.result_values import (
 from experiments.pages.boxes import MASK_SOURCES, boxes_section
 from experiments.pages.boxes import PICTURE as BOXES_PICTURE
 from experiments.pages.markdown import Pictures, mean_std, plural, points, read_result, render, table
+from experiments.pages.origin import origins
 from labeling.core.errors import SbmError
 
 PAGE = "results.md"
@@ -40,7 +41,7 @@ LOOPS = {
     "never_ending": "The never-ending loop: rooms",
     "never_ending_streets": "The never-ending loop: streets",
 }
-BOXES = "table_5_5"
+BOXES, BOXES_TITLE = "table_5_5", "Table 5.5: boxes in three dimensions"
 PRESETS = "rooms: labels of each preset, and detectors fine-tuned on them, in 40 unseen interiors"
 FEW_INSTANCES = 10
 """Figures of a category with fewer instances say little. Source: thesis 5.1."""
@@ -113,11 +114,14 @@ def page(contents: Contents) -> str:
     from experiments.figures.before_after import CONFIDENT, MIN_IOU
 
     pictured = [world for world in WORLDS if f"boxes_{world}" in contents]
+    made = origins(contents, {**TITLES, **LOOPS, BOXES: BOXES_TITLE})
     before_after = {world: contents.get(f"before_after_{world}") for world in WORLDS}
     return render(
         "results.md.jinja",
+        made=made,
         tables={name: _section(name, title, contents, table_section) for name, title in TITLES.items()},
         boxes=boxes_section(contents[BOXES], pictured) if BOXES in contents else None,
+        boxes_title=BOXES_TITLE,
         before_after={world: record for world, record in before_after.items() if record},
         loops={name: _section(name, title, contents, loop_section) for name, title in LOOPS.items()},
         label_names=LABEL_NAMES,

@@ -17,6 +17,7 @@ from experiments.figures.result_values import (
 )
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
+from experiments.pages.origin import origins
 from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results
 from labeling.core.errors import SbmError
 
@@ -230,3 +231,22 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
     assert "Scale `full`" in text
     assert "Fine-tuned on at most 90 batches of 8 at a learning rate of 0.0003." in text
     assert cells(text, "SbM fine-tuned")[0][:2] == ["unseen test scenes", "30.1 ± 0.1"]
+
+
+def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> None:
+    titles = {"a": "Table A", "b": "Table B", "c": "Table C"}
+    contents = {
+        "a": {"made_on": "2026-11-20", "label_generator": "old", "git_commit": "0123456789"},
+        "b": {"made_on": "2026-11-22", "label_generator": "new", "git_commit": "abcdefabcdef"},
+        "c": {"git_commit": None},
+        "picture": {"made_on": "2026-11-30", "label_generator": "newest"},  # which has no section
+    }
+    found = origins(contents, titles)
+    assert found["b"] == "Made on 2026-11-22, at commit abcdefa."
+    assert found["a"].startswith("Made on 2026-11-20, at commit 0123456. **\u201cTable B\u201d is of a later label")
+    assert found["c"].startswith("Made at commit unknown. **\u201cTable B\u201d is of a later label")
+    same = {name: {**content, "label_generator": "new"} for name, content in contents.items()}
+    assert not any("later" in sentence for sentence in origins(same, titles).values())
+    text = page({"table_5_3": {**table(), "made_on": "2026-11-20", "label_generator": "old"}})
+    assert "Made on 2026-11-20" in text
+    assert "later label generator" not in text  # there is none to compare it with
