@@ -200,38 +200,58 @@ def _ways_from_one_start(content: Mapping[str, Any]) -> list[list[str]]:
 # What detectors learn ------------------------------------------------------------------------------------------------
 
 
+LEARNT_FROM = {"labels": "after labels of `{}`", "truth": "after ground truth of the views of `{}`"}
+"""Teachers, and what rows are called."""
+Runs = dict[tuple[str, str], list[Mapping[str, Any]]]
+"""By teacher and policy, one for each seed."""
+
+
 def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
-    """Rows: the detector before, and after the labels of each policy."""
+    """Rows: the detector before, and after the labels, or the ground truth, of each policy's views."""
     parts = (("dev", "mask_ap50"), ("dev", "box_ap50"), ("dev", "mask_ap30"), ("photographs", "mask_ap50"))
-    columns = {}
-    for policy in dict.fromkeys(one["policy"] for one in world["runs"]):
-        runs = [one for one in world["runs"] if one["policy"] == policy]
-        labels = [one["pseudo_labels"]["mask_ap50"] for one in world["labels"] if one["policy"] == policy]
-        columns[policy] = [labels, *([run[part][figure] for run in runs] for part, figure in parts)]
+    runs = _runs(world)
     rows = [["before", "-", *(points(world["before"][part][figure]) for part, figure in parts)]]
-    for policy, found in columns.items():
-        cells = [_beside(ours, theirs) for ours, theirs in zip(found, columns[base], strict=True)]
-        rows.append([f"after labels of `{policy}`", *cells])
+    for (teacher, policy), found in runs.items():
+        ours, theirs = (_label_scores(world, one) if teacher == "labels" else [] for one in (policy, base))
+        cells = [_beside(ours, theirs)] if ours else ["-"]
+        for part, figure in parts:
+            cells.append(_beside(*([run[part][figure] for run in some] for some in (found, runs[teacher, base]))))
+        rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     pools = world["pools"]
     return {
         "rows": rows,
         "by_category": _by_category(world, base),
         "by_views": _by_views(world, base),
-        "episodes": pools[f"{next(iter(columns))}_learn"]["episodes"],
+        "episodes": pools[f"{base}_learn"]["episodes"],
         "scenes": len(set(pools["dev"]["scenes"])),
     }
 
 
+def _runs(world: Mapping[str, Any]) -> Runs:
+    """Those on labels first. Older results know no other teacher."""
+    found: Runs = {}
+    for teacher in LEARNT_FROM:
+        for run in world["runs"]:
+            if run.get("teacher", "labels") == teacher:
+                found.setdefault((teacher, run["policy"]), []).append(run)
+    return found
+
+
+def _label_scores(world: Mapping[str, Any], policy: str) -> list[float]:
+    return [one["pseudo_labels"]["mask_ap50"] for one in world["labels"] if one["policy"] == policy]
+
+
 def _by_category(world: Mapping[str, Any], base: str) -> str:
-    """Mask AP50 of each category in the scenes to be tested in, before and after the labels of each policy."""
+    """Mask AP50 of each category in the scenes to be tested in, before and after learning from each policy's views."""
     before = world["before"]["dev"]["per_class_ap50"]
     known = [name for name, value in before.items() if value is not None]
-    rows = [["before", *(points(before[name]) for name in known)]]
-    runs = {policy: _of_policy(world, policy) for policy in dict.fromkeys(one["policy"] for one in world["runs"])}
-    of_base = {name: [run["dev"]["per_class_ap50"][name] for run in runs[base]] for name in known}
-    for policy, found in runs.items():
-        cells = [_beside([run["dev"]["per_class_ap50"][name] for run in found], of_base[name]) for name in known]
-        rows.append([f"after labels of `{policy}`", *cells])
+    rows, runs = [["before", *(points(before[name]) for name in known)]], _runs(world)
+    for (teacher, policy), found in runs.items():
+        cells = [
+            _beside(*([run["dev"]["per_class_ap50"][name] for run in some] for some in (found, runs[teacher, base])))
+            for name in known
+        ]
+        rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     return table(["", *known], rows)
 
 
@@ -241,17 +261,14 @@ def _by_views(world: Mapping[str, Any], base: str) -> str | None:
     if views_of(base) not in world["before"]:
         return None
     rows = [["before", *(points(world["before"][views_of(one)]["mask_ap50"]) for one in policies)]]
-    for policy in policies:
-        cells = []
-        for seen in map(views_of, policies):
-            ours, theirs = ([run[seen]["mask_ap50"] for run in _of_policy(world, one)] for one in (policy, base))
-            cells.append(_beside(ours, theirs))
-        rows.append([f"after labels of `{policy}`", *cells])
+    runs = _runs(world)
+    for (teacher, policy), found in runs.items():
+        cells = [
+            _beside(*([run[seen]["mask_ap50"] for run in some] for some in (found, runs[teacher, base])))
+            for seen in map(views_of, policies)
+        ]
+        rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     return table(["", *(f"views of `{policy}`" for policy in policies)], rows)
-
-
-def _of_policy(world: Mapping[str, Any], policy: str) -> list[Mapping[str, Any]]:
-    return [one for one in world["runs"] if one["policy"] == policy]
 
 
 def _beside(ours: Sequence[float], base: Sequence[float]) -> str:

@@ -1,4 +1,8 @@
-"""What a detector learns from the labels of each policy: as many episodes of each, the same training for all."""
+"""What a detector learns from the views of each policy: as many episodes of each, the same training for all.
+
+It learns from their labels, and besides from their ground truth, which tells what is the views' doing from what is the
+labels'.
+"""
 
 from typing import Any
 
@@ -6,12 +10,12 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
 from experiments.tables.policy_evaluation import available_policies, training_of
-from experiments.tables.training_sets import Subset, TrainingSets
+from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
 
 POLICIES = ("ring", "next_best_view", "ppo", "ppo_evidence")
 """Differences are to the first. The last two come with the project, where they do."""
-LABELS = "shared"
-"""Recipe of the labels: what any episode of a scene has found is labelled in all of them."""
+TEACHERS = {"labels": "shared", "truth": TRUTH}
+"""What is learnt from, as training sets name it; labels: what any episode of a scene has found is labelled in all."""
 
 
 SUBSETS: tuple[Subset, ...] = ("learn", "choose")
@@ -47,8 +51,11 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
     for policy in policies:
         for seed in context.seeds:
             about = {"policy": policy, "seed": seed}
-            labels.append({**about, **score_labels(views[policy].labels("learn", LABELS, seed))})
-            runs.append((about, views[policy].train_job(LABELS, seed)))
+            labels.append({**about, **score_labels(views[policy].labels("learn", TEACHERS["labels"], seed))})
+        for name, teacher in TEACHERS.items():
+            for seed in context.seeds:
+                about = {"policy": policy, "teacher": name, "seed": seed}
+                runs.append((about, views[policy].train_job(teacher, seed)))
     # The scenes to be tested in as each policy sees them: who learns from one's views is tested on all others' as well.
     seen = {views_of(policy): views[policy].pictures("dev") for policy in policies}
     return {

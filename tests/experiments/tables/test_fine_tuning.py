@@ -50,8 +50,8 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["policies", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
     room = json.loads((tmp_path / "results" / "policies.json").read_text())["worlds"]["rooms"]
-    assert [(one["policy"], one["seed"]) for one in room["runs"]] == [
-        (policy, seed) for policy in ("ring", "random") for seed in (0, 1)
+    assert [(one["policy"], one["teacher"], one["seed"]) for one in room["runs"]] == [
+        (policy, teacher, seed) for policy in ("ring", "random") for teacher in ("labels", "truth") for seed in (0, 1)
     ]
     asked = {(pool.policy, pool.name): pool for pool in small_rooms if pool.name != "photographs"}
     assert set(asked) == {
@@ -59,7 +59,8 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     }
     assert all(one.keys() >= {"views of ring", "views of random"} for one in (room["before"], *room["runs"]))
     assert asked["ring", "rooms_learn"] == replace(asked["random", "rooms_learn"], policy="ring")
-    assert "after labels of `random`" in (tmp_path / "docs" / "policies-results.md").read_text()
+    page = (tmp_path / "docs" / "policies-results.md").read_text()
+    assert page.index("after labels of `random`") < page.index("after ground truth of the views of `random`")
     capsys.readouterr()
 
 
