@@ -1,7 +1,7 @@
 """Stages of experiments with 3-D memories: train them, score what they predict. Outcomes are kept."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from labeling.memory.settings.memory_spec import MemorySize, Model
 from labeling.memory.settings.train_config import TrainMemoryConfig
 from labeling.runtime.code_digest import code_digest
 
-REPROJECTION = "reprojection"
-"""Name of the method that learns nothing."""
+REPROJECTION, NO_CHANGE = "reprojection", "no change"
+"""Names of methods that learn nothing: drawing points; in arithmetic, pictures of A itself."""
 
 
 @dataclass(frozen=True)
@@ -118,5 +118,69 @@ def _score(job: ViewScores) -> dict[str, Any]:
                 scores = evaluate(network, [scene], inputs, job.targets, device)
             of_scenes.append({name: float(np.mean(values)) for name, values in scores.items()})
         mean = {name: float(np.mean([one[name] for one in of_scenes])) for name in of_scenes[0]}
+        found[str(inputs)] = {"mean": mean, "scenes": of_scenes}
+    return found
+
+
+@dataclass(frozen=True)
+class ArithmeticScores:
+    """What is to be scored: one method on exchanges."""
+
+    method: str
+    """Folder of a run of a network that decodes pictures, ``REPROJECTION`` or ``NO_CHANGE``."""
+    episodes: Mapping[str, tuple[Path, ...]]
+    """By part of the exchange (experiments.cache.object_rooms.PARTS)."""
+    size: MemorySize
+    inputs: tuple[int, ...]
+    """Numbers of views that are given of A, of B and of C."""
+    targets: int
+    """Views of each answer that are predicted."""
+
+
+def score_arithmetics(jobs: Sequence[ArithmeticScores], context: RunContext) -> list[dict[str, Any]]:
+    """Scores what methods make of A - B + C.
+
+    Returns:
+        For each job, by the number of inputs, the means of all figures over exchanges (``mean``), and a mean for every
+        exchange (``scenes``).
+    """
+    code, keyed = code_digest(_score_arithmetic), []
+    for job in jobs:
+        episodes = [f"{path.parent.parent.name}/{path.name}" for path in job.episodes["answer"]]
+        method = Path(job.method).name
+        keyed.append((digest(method, episodes, asdict(job.size), job.inputs, job.targets, code), job))
+
+    def reads(job: ArithmeticScores) -> list[Path]:
+        learnt = [] if job.method in (REPROJECTION, NO_CHANGE) else [Path(job.method)]
+        return [*(path for paths in job.episodes.values() for path in paths), *learnt]
+
+    return cached("arithmetic_scores", _score_arithmetic, keyed, context, "scoring scene arithmetic", reads=reads)
+
+
+def _score_arithmetic(job: ArithmeticScores) -> dict[str, Any]:
+    from labeling.detectors.registry import choose_device
+    from labeling.memory.networks.cn3d import Cn3d
+    from labeling.memory.networks.weights import load_memory
+    from labeling.memory.view_prediction.arithmetic import Exchange, combine_points, combiner, score_arithmetic
+    from labeling.memory.view_prediction.scenes import read_scenes
+
+    parts = {part: read_scenes(paths, job.size.spec("grnn"))[0] for part, paths in job.episodes.items()}
+    exchanges = [Exchange(**dict(zip(parts, scenes, strict=True))) for scenes in zip(*parts.values(), strict=True)]
+    if job.method == NO_CHANGE:
+        combine = None
+    elif job.method == REPROJECTION:
+        combine = combine_points
+    else:
+        network = load_memory(Path(job.method)).to(choose_device())
+        assert not isinstance(network, Cn3d), "C-N3D decodes features, no pictures"
+        combine = combiner(network, choose_device())
+    found = {}
+    for inputs in job.inputs:
+        of_scenes = []
+        for one in exchanges:
+            scores = score_arithmetic(combine, [one], inputs, job.targets)
+            of_scenes.append({name: float(np.mean(values)) for name, values in scores.items() if values})
+        names = of_scenes[0]
+        mean = {name: float(np.mean([one[name] for one in of_scenes if name in one])) for name in names}
         found[str(inputs)] = {"mean": mean, "scenes": of_scenes}
     return found

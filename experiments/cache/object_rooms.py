@@ -1,11 +1,13 @@
 """Rooms with a few pieces of furniture in the middle, seen from all around: scenes for view prediction.
 
-The thesis (2.6, after Tung et al. 2019) trains on scenes of two objects and tests on scenes of four.
+The thesis (2.6, after Tung et al. 2019) trains on scenes of two objects, tests on scenes of four, and does arithmetic
+with scenes: A - B + C is A without what stands in B and with what stands in C.
 """
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +18,8 @@ from labeling.runtime.provenance import experiment_versions
 
 if TYPE_CHECKING:
     from sbm_gym.assets.catalog.library import FurnitureLibrary
-    from sbm_gym.worlds.geometry.placing import Layout
+    from sbm_gym.worlds.geometry.placing import Layout, Placement
+    from sbm_gym.worlds.world import World
 
 USES = ("dining_chair", "office_chair", "lounge_chair", "floor_plant", "coffee_table", "toilet", "beanbag")
 """Pieces of less than a metre."""
@@ -39,6 +42,22 @@ class ObjectRooms:
     seed: int = 0
 
 
+PARTS = ("a", "b", "c", "answer")
+"""Rooms of an exchange: of two objects; of one of them; of a third one; of the other of the two and the third, which is
+what A - B + C is."""
+STANDING = {"a": (0, 1), "b": (1,), "c": (2,), "answer": (0, 2)}
+"""Which of its three objects stand in each."""
+
+
+@dataclass(frozen=True)
+class Exchanges:
+    """A set of exchanges: rooms that differ in what stands in them, seen by the same cameras."""
+
+    scenes: int
+    views: int = 16
+    seed: int = 0
+
+
 def record_object_rooms(rooms: ObjectRooms, context: RunContext) -> list[Path]:
     """Records what is not there yet; scene i depends on the settings and on i alone.
 
@@ -54,30 +73,79 @@ def record_object_rooms(rooms: ObjectRooms, context: RunContext) -> list[Path]:
     return folders
 
 
+def record_exchanges(exchanges: Exchanges, context: RunContext) -> dict[str, list[Path]]:
+    """Likewise the rooms of exchanges.
+
+    Returns:
+        For each of ``PARTS`` episodes, one for each exchange, of the same names.
+    """
+    settings = {name: value for name, value in asdict(exchanges).items() if name != "scenes"}
+    key = digest(settings, experiment_versions(), code_digest(record_exchange))
+    folder = context.cache / "episodes" / f"exchanges-{key}"
+    folders = {part: [folder / part / f"{number:04d}" for number in range(exchanges.scenes)] for part in PARTS}
+    missing = [
+        (exchanges, number, folder)
+        for number in range(exchanges.scenes)
+        if not all(of_part[number].is_dir() for of_part in folders.values())
+    ]
+    run_tasks(record_exchange, missing, context.workers, "exchanges", spawn=context.workers > 1)
+    return folders
+
+
 def record_scene(task: tuple[ObjectRooms, int, Path]) -> None:
     """Builds a room and records views of it.
 
     Raises:
         RuntimeError: if its pieces find no place.
     """
+    rooms, number, folder = task
+    rng = np.random.default_rng([rooms.seed, rooms.objects, number])
+    name = f"objects/{rooms.objects}/{rooms.seed}/{number}"
+    seed = int(rng.integers(2**31))
+    world = _room(name, seed, lambda layout, library: _furnish(layout, library, rooms.objects, rng))
+    about = {"world": "object_rooms", "scene": name, "objects": rooms.objects, "seed": rooms.seed}
+    _record(world, camera_poses(rooms.views, rng), folder, about)
+
+
+def record_exchange(task: tuple[Exchanges, int, Path]) -> None:
+    """Builds the rooms of an exchange, in which the same objects stand at the same places, and records views of them.
+
+    Raises:
+        RuntimeError: if its pieces find no place.
+    """
+    exchanges, number, folder = task
+    rng = np.random.default_rng([exchanges.seed, len(PARTS), number])
+    seed = int(rng.integers(2**31))
+    pieces: list[Placement] = []
+    _room("all", seed, lambda layout, library: pieces.extend(_furnish(layout, library, 3, rng)))
+    poses = camera_poses(exchanges.views, rng)
+    for part, standing in STANDING.items():
+        name, place = f"exchanges/{exchanges.seed}/{number}/{part}", folder / part / f"{number:04d}"
+        if not place.is_dir():
+            world = _room(name, seed, lambda layout, _, kept=standing: [layout.add(pieces[one]) for one in kept])
+            about = {"world": "exchanges", "scene": name, "objects": len(standing), "seed": exchanges.seed}
+            _record(world, poses, place, about)
+
+
+def _room(name: str, seed: int, furnish: "Callable[[Layout, FurnitureLibrary], object]") -> "World":
+    from sbm_gym.worlds.rooms.indoor import build_room
+
+    return build_room(name, (ROOM_M, ROOM_M), furnish, seed=seed)
+
+
+def _record(world: "World", poses: list[Float[np.ndarray, "4 4"]], folder: Path, about: dict[str, Any]) -> None:
+    """Writes views of a world as an episode."""
     import mujoco
 
     from labeling.core.episode import Episode
     from labeling.core.views import Camera
     from labeling.io.episodes import write_episode
     from sbm_gym.rendering.rays.renderer import RaysRenderer
-    from sbm_gym.worlds.rooms.indoor import build_room
 
-    rooms, number, folder = task
-    rng = np.random.default_rng([rooms.seed, rooms.objects, number])
-    name = f"objects/{rooms.objects}/{rooms.seed}/{number}"
-    seed = int(rng.integers(2**31))
-    world = build_room(name, (ROOM_M, ROOM_M), lambda layout, library: _furnish(layout, library, rooms, rng), seed=seed)
     model = world.spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     renderer = RaysRenderer(model)
-    poses = camera_poses(rooms.views, rng)
     cameras = [Camera.from_fov(pose, (SIZE_PX, SIZE_PX), np.deg2rad(FOV_DEG)) for pose in poses]
     frames = [renderer.render(data, camera) for camera in cameras]
     episode = Episode(
@@ -86,24 +154,30 @@ def record_scene(task: tuple[ObjectRooms, int, Path]) -> None:
         intrinsics=np.stack([camera.intrinsics for camera in cameras]),
         camera_to_world=np.stack(poses),
         name=folder.name,
-        file_names=tuple(f"rgb/{view:03d}.png" for view in range(rooms.views)),
-        metadata={"world": "object_rooms", "scene": name, "objects": rooms.objects, "seed": rooms.seed},
+        file_names=tuple(f"rgb/{view:03d}.png" for view in range(len(poses))),
+        metadata=about,
     )
     write_episode(folder, episode)
 
 
-def _furnish(layout: "Layout", library: "FurnitureLibrary", rooms: ObjectRooms, rng: np.random.Generator) -> None:
+def _furnish(layout: "Layout", library: "FurnitureLibrary", count: int, rng: np.random.Generator) -> "list[Placement]":
     """Stands pieces of different kinds around the middle; all of them anew where one finds no place."""
     empty = layout.mark()
     for _ in range(TRIES):
-        if all(_place(layout, library, str(use), rng) for use in rng.choice(USES, rooms.objects, replace=False)):
-            return
+        placed: list[Placement] = []
+        for use in rng.choice(USES, count, replace=False):
+            piece = _place(layout, library, str(use), rng)
+            if piece is None:
+                break
+            placed.append(piece)
+        if len(placed) == count:
+            return placed
         layout.undo(empty)
-    raise RuntimeError(f"{rooms.objects} pieces found no place within {PLACED_M} m")
+    raise RuntimeError(f"{count} pieces found no place within {PLACED_M} m")
 
 
-def _place(layout: "Layout", library: "FurnitureLibrary", use: str, rng: np.random.Generator) -> bool:
-    """Stands one piece somewhere; False if it found no place."""
+def _place(layout: "Layout", library: "FurnitureLibrary", use: str, rng: np.random.Generator) -> "Placement | None":
+    """Stands one piece somewhere; None if it found no place."""
     from sbm_gym.worlds.geometry.placing import Placement
 
     models = library.models(use)
@@ -112,9 +186,8 @@ def _place(layout: "Layout", library: "FurnitureLibrary", use: str, rng: np.rand
         spot = PLACED_M * np.sqrt(rng.random()) * _direction(rng.uniform(0, 2 * np.pi))
         piece = Placement(card, float(spot[0]), float(spot[1]), float(rng.uniform(-np.pi, np.pi)))
         if layout.fits(piece):
-            layout.add(piece)
-            return True
-    return False
+            return layout.add(piece)
+    return None
 
 
 def _direction(angle_rad: float) -> Float[np.ndarray, "2"]:

@@ -1,4 +1,4 @@
-"""The page about predicted views, of the experiment ``view_prediction``."""
+"""The page about predicted views, of the experiments ``view_prediction`` and ``scene_arithmetic``."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -14,20 +14,30 @@ from labeling.metrics.bootstrap import paired_difference
 PAGE, PICTURE = "view-prediction.md", "view_prediction.png"
 FIGURES = {"l1": ("L1", "{:.3f}"), "psnr": ("PSNR, dB", "{:.1f}"), "ssim": ("SSIM", "{:.3f}")}
 RETRIEVAL = "view_r1"
+OF_ARITHMETIC = {
+    "changed_l1": ("L1 where A and the answer differ", "{:.3f}"),
+    "l1": FIGURES["l1"],
+    "ssim": FIGURES["ssim"],
+}
 
 
 def compose(results: Path) -> tuple[str, Pictures]:
     """The page and its picture."""
     from experiments.figures.view_prediction import draw_view_prediction
 
-    content = read_result(results / "view_prediction.json")
+    content, arithmetic = (read_result(results / f"{name}.json") for name in ("view_prediction", "scene_arithmetic"))
     if content is None:
         raise SbmError(f"{results}: no view_prediction.json; run this experiment first")
-    return page(content), {PICTURE: partial(draw_view_prediction, content)}
+    return page(content, arithmetic), {PICTURE: partial(draw_view_prediction, content)}
 
 
-def page(content: Mapping[str, Any]) -> str:
-    """The text of the page."""
+def page(content: Mapping[str, Any], arithmetic: Mapping[str, Any] | None = None) -> str:
+    """The text of the page.
+
+    Args:
+        content: of ``view_prediction.json``.
+        arithmetic: of ``scene_arithmetic.json``, if there is one.
+    """
     objects = list(content["rows"][0]["objects"])
     inputs = [str(one) for one in content["settings"]["inputs"]]
     return render(
@@ -39,6 +49,7 @@ def page(content: Mapping[str, Any]) -> str:
         leads={count: _leads(content, count, inputs) for count in objects},
         chance=1 / content["settings"]["targets"],
         pixels=_pixels(content, objects, inputs),
+        arithmetic=arithmetic and {**arithmetic, "table": _arithmetic(arithmetic)},
     )
 
 
@@ -90,6 +101,18 @@ def _pixels(content: Mapping[str, Any], objects: list[str], inputs: list[str]) -
             shares = [[100 * one for one in values_of(content, names[0], count, number, figure)] for number in inputs]
             rows.append([f"{count} objects, {title}", *(_cell(one, "{:.2f}") for one in shares)])
     return table(["views given", *inputs], rows, "---:")
+
+
+def _arithmetic(content: Mapping[str, Any]) -> str:
+    """What methods make of A - B + C, by the number of views given of each of these."""
+    inputs, rows = [str(one) for one in content["settings"]["inputs"]], []
+    for figure, (title, form) in OF_ARITHMETIC.items():
+        for name in dict.fromkeys(row["name"] for row in content["rows"]):
+            runs = [row["inputs"] for row in content["rows"] if row["name"] == name]
+            rows.append(
+                [f"{title}: {name}", *(_cell([run[one]["mean"][figure] for run in runs], form) for one in inputs)]
+            )
+    return table(["views given of each", *inputs], rows, "---:")
 
 
 def _leads(content: Mapping[str, Any], objects: str, inputs: list[str]) -> str:

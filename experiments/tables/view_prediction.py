@@ -3,6 +3,7 @@
 The thesis' claim (2.6) and the protocol of Tung et al. 2019: train on scenes of two objects, test on two and on four.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -68,20 +69,14 @@ def run(context: RunContext) -> dict[str, Any]:
         validation curves.
     """
     size = SIZES[context.scale]
-    learn = record_object_rooms(ObjectRooms(TRAINED_ON, size.learn), context)
-    choose = record_object_rooms(ObjectRooms(TRAINED_ON, size.choose, seed=1), context)
     test = {
         objects: tuple(record_object_rooms(ObjectRooms(objects, size.test, seed=2), context)) for objects in TESTED_ON
     }
-    jobs = [
-        MemoryJob(model, tuple(learn), tuple(choose), size.memory, size.train[name], seed)
-        for name, model in MODELS.items()
-        for seed in context.seeds
-    ]
+    named = memory_jobs(context)
+    jobs = [job for _, job in named]
     runs = train_memories(jobs, context)
     methods: list[tuple[str, int | None, str]] = [(NOTHING_LEARNT, None, REPROJECTION)]
-    names = [name for name in MODELS for _ in context.seeds]
-    methods += [(name, job.seed, run) for name, job, run in zip(names, jobs, runs, strict=True)]
+    methods += [(name, job.seed, run) for (name, job), run in zip(named, runs, strict=True)]
     wanted = [
         ViewScores(method, test[objects], size.memory, size.inputs, size.targets)
         for _, _, method in methods
@@ -103,6 +98,18 @@ def run(context: RunContext) -> dict[str, Any]:
         "rows": rows,
         "training": histories(jobs, runs),
     }
+
+
+def memory_jobs(context: RunContext, names: Sequence[str] = tuple(MODELS)) -> list[tuple[str, MemoryJob]]:
+    """Trainings of methods, one for each seed, on rooms that are recorded where they are missing."""
+    size = SIZES[context.scale]
+    learn = tuple(record_object_rooms(ObjectRooms(TRAINED_ON, size.learn), context))
+    choose = tuple(record_object_rooms(ObjectRooms(TRAINED_ON, size.choose, seed=1), context))
+    return [
+        (name, MemoryJob(MODELS[name], learn, choose, size.memory, size.train[name], seed))
+        for name in names
+        for seed in context.seeds
+    ]
 
 
 def histories(jobs: list[MemoryJob], runs: list[str]) -> list[dict[str, Any]]:

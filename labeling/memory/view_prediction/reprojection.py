@@ -29,7 +29,16 @@ def reproject_views(views: Views, cameras: Cameras) -> Float[torch.Tensor, "t 3 
     """
     if len(views.rgb) != 1:
         raise ValueError(f"one scene at a time, not {len(views.rgb)}")
-    points, colours, sizes = _coloured_points(views)
+    return draw_points(*coloured_points(views), cameras)
+
+
+def draw_points(
+    points: Float[np.ndarray, "n 3"],
+    colours: UInt8[np.ndarray, "n 3"],
+    sizes: Float[np.ndarray, "n"],
+    cameras: Cameras,
+) -> Float[torch.Tensor, "t 3 h w"]:
+    """Pictures that cameras of one scene would take of coloured points; see ``coloured_points`` for these."""
     drawn = []
     for view in range(cameras.camera_to_grid.shape[1]):
         pose = cameras.camera_to_grid[0, view].double().numpy()
@@ -43,7 +52,7 @@ def reproject_views(views: Views, cameras: Cameras) -> Float[torch.Tensor, "t 3 
     return torch.from_numpy(np.stack(drawn)).permute(0, 3, 1, 2).float() / 255
 
 
-def _coloured_points(
+def coloured_points(
     views: Views,
 ) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
     """Points of all views in the frame of the grid, their colours, and the edge of a pixel at their depth, metres."""

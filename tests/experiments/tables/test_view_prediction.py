@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.cache import object_rooms
-from experiments.cache.object_rooms import ObjectRooms, camera_poses, record_object_rooms
+from experiments.cache.object_rooms import Exchanges, ObjectRooms, camera_poses, record_exchanges, record_object_rooms
 from experiments.cache.stages import RunContext
 from experiments.pages.view_prediction import page
 from experiments.run import main
@@ -36,6 +36,23 @@ def test_rooms_are_recorded_once_and_the_same_whatever_their_number(tmp_path: Pa
     assert one.metadata["objects"] == 2
     assert one.num_views == 3
     assert not np.array_equal(one.rgb, other.rgb)
+
+
+def test_rooms_of_an_exchange_differ_in_what_stands_in_them_alone(tmp_path: Path):
+    folders = record_exchanges(Exchanges(1, views=3), RunContext("smoke", (0,), 1, tmp_path))
+    a, b, c, answer = (read_episode(folders[part][0]) for part in ("a", "b", "c", "answer"))
+    assert [one.metadata["objects"] for one in (a, b, c, answer)] == [2, 1, 1, 2]
+    assert len({one.name for one in (a, b, c, answer)}) == 1
+    np.testing.assert_array_equal(a.camera_to_world, answer.camera_to_world)
+    depth = [one.depth_m for one in (a, b, c, answer)]
+    assert not np.allclose(depth[0], depth[3])
+    # What is nearest of B and C, and of A and the answer, is nearest of all: the same three objects at their places.
+    np.testing.assert_allclose(
+        np.minimum(depth[0], depth[3]), np.minimum(np.minimum(*depth[:2]), np.minimum(*depth[2:]))
+    )
+    same = np.isclose(depth[0], depth[3]) & np.isclose(depth[0], depth[1])
+    assert same.mean() > 0.3
+    assert np.abs(a.rgb[same].astype(int) - answer.rgb[same]).mean() < 3  # floor and walls; but shades differ
 
 
 def made_up(seeds: int = 2) -> dict:
@@ -73,6 +90,17 @@ def test_the_page_says_who_errs_less_and_where_chance_is():
     assert "| L1: GRNN | 0.060 ± 0.000 |" in text
 
 
+def test_the_page_tells_of_arithmetic_once_it_has_been_done():
+    assert "python -m experiments.run scene_arithmetic" in page(made_up())
+    figures = {"mean": {"l1": 0.1, "changed_l1": 0.25, "ssim": 0.5}}
+    rows = [
+        {"name": name, "seed": seed, "inputs": {"1": figures}} for name in ("A as it is", "GRNN") for seed in (0, 1)
+    ]
+    text = page(made_up(), {"settings": {"exchanges": 7, "targets": 5, "inputs": [1]}, "rows": rows})
+    assert "7 such exchanges, 5 views" in text
+    assert "| L1 where A and the answer differ: GRNN | 0.250 ± 0.000 |" in text
+
+
 @pytest.mark.slow
 def test_the_table_is_made_from_recording_to_page(tmp_path: Path, capsys):
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
@@ -88,4 +116,9 @@ def test_the_table_is_made_from_recording_to_page(tmp_path: Path, capsys):
     assert (tmp_path / "docs" / "pictures" / "view_prediction.png").stat().st_size > 1000
     capsys.readouterr()
     assert main(["view_prediction", "--scale", "smoke", "--workers", "1", *places]) == 0
-    assert "step" not in capsys.readouterr().err
+    assert main(["scene_arithmetic", "--scale", "smoke", "--workers", "1", *places]) == 0
+    assert "step" not in capsys.readouterr().err  # networks are those that there are
+    content = json.loads((tmp_path / "results" / "scene_arithmetic.json").read_text())
+    assert [row["name"] for row in content["rows"]] == ["A as it is", "depth reprojection", "GRNN", "2-D tower"]
+    assert all(row["inputs"]["2"]["mean"]["changed_l1"] > 0 for row in content["rows"])
+    assert "changed" not in (tmp_path / "docs" / "view-prediction.md").read_text().split("## Scene arithmetic")[0]

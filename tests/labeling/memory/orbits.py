@@ -33,11 +33,18 @@ def orbit_pose(azimuth_rad: float, elevation_rad: float, distance_m: float, midd
     return look_at(middle - distance_m * gaze, middle)
 
 
-def orbit_episode(seed: int, poses: list[np.ndarray], size: tuple[int, int] = (64, 64), count: int = 3) -> Episode:
-    """One episode of ``toys`` from some poses."""
+def orbit_episode(
+    seed: int,
+    poses: list[np.ndarray],
+    size: tuple[int, int] = (64, 64),
+    count: int = 3,
+    standing: tuple[int, ...] | None = None,
+) -> Episode:
+    """One episode of ``toys`` from some poses; of these by their numbers, or of all."""
     intrinsics = intrinsics_from_fov(size[1], size[0], np.deg2rad(80))
     parts = toys(seed, count)
-    drawn = [render(parts, pose, intrinsics, *size, room_m=5.6) for pose in poses]
+    shown = parts if standing is None else [parts[number] for number in standing]
+    drawn = [render(shown, pose, intrinsics, *size, room_m=5.6) for pose in poses]
     return Episode(
         name=f"toys_{seed}",
         rgb=np.stack([rgb for rgb, _, _ in drawn]),
