@@ -288,9 +288,10 @@ def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
 
 
 def object_row(one: SceneObject) -> str:
-    """An object in the list: number, class, confidence, how many views show it, and which detection it stems from."""
+    """An object in the list: number, class, confidence, views, consistency, and which detection it stems from."""
     seen = f"{len(one.views)} view{'' if len(one.views) == 1 else 's'}"
-    return f"{one.title}, {seen}" + (f", from {one.source}" if one.source else "")
+    agree = "" if one.consistency is None else f", {one.consistency:.0%} of detections agree"
+    return f"{one.title}, {seen}{agree}" + (f", from {one.source}" if one.source else "")
 
 
 def fly(client: Any, camera_to_world: Float[np.ndarray, "4 4"], origin_m: Float[np.ndarray, "3"], fov: float) -> None:

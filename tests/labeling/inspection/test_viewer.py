@@ -1,10 +1,12 @@
 """The viewer of label sets: where it looks from, what it colours and lists, and what its controls leave."""
 
 import inspect
+import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from hypothesis import strategies as st
 
 from labeling.core.errors import UsageError
 from labeling.core.geometry import intrinsics_from_fov, look_at, project
-from labeling.core.types import Box3d
+from labeling.core.types import Box3d, GroundTruth
 from labeling.core.views import Camera
 from labeling.formats.ply import hues, read_ply, write_ply
 from labeling.generate import main as generate
@@ -147,9 +149,12 @@ def test_classes_share_a_colour_and_confidence_goes_from_red_to_green() -> None:
     assert classes[1] == classes[3] != classes[2]
     redness = [sure[one.number][0] - sure[one.number][1] for one in sorted(scene.objects, key=lambda o: o.confidence)]
     assert redness == sorted(redness, reverse=True)
-    for confidence, expected in ((0.0, (1, 0, 0)), (0.5, (1, 1, 0)), (1.0, (0, 1, 0))):
-        one = replace(scene.objects[0], confidence=confidence)
+    for value, expected in ((0.0, (1, 0, 0)), (0.5, (1, 1, 0)), (1.0, (0, 1, 0))):
+        one = replace(scene.objects[0], confidence=value, consistency=1 - value)
         assert object_colours(replace(scene, objects=(one,)), "confidence")[1] == expected
+        one = replace(scene.objects[0], confidence=1 - value, consistency=value)
+        assert object_colours(replace(scene, objects=(one,)), "consistency")[1] == expected
+    assert object_colours(scene, "consistency")[1] == (0.5, 0.5, 0.5)  # nothing known
 
 
 # What there is to choose ----------------------------------------------------------------------------------------------
@@ -177,6 +182,7 @@ def test_a_row_says_class_confidence_views_and_source() -> None:
     one = room().objects[0]
     assert object_row(one) == "1 chair 0.90, 2 views, from view 2 (0.97)"
     assert object_row(replace(one, views=(4,), source="")) == "1 chair 0.90, 1 view"
+    assert object_row(replace(one, source="", consistency=2 / 3)) == "1 chair 0.90, 2 views, 67% of detections agree"
 
 
 # On a label set -------------------------------------------------------------------------------------------------------
@@ -204,6 +210,71 @@ def test_objects_know_their_views_and_sources(labels: Path) -> None:
             assert said is not None
             confidences = [f"{d.confidence:.2f}" for d in episode.detections if d.view_index == int(said.group(1))]
             assert said.group(2) in confidences
+
+
+def changed_boxes(labels: Path, to: Path, change: Callable[[dict[str, Any]], Any]) -> Path:
+    """A copy of the label set whose boxes are changed."""
+    shutil.copytree(labels, to)
+    file = to / "boxes_3d.json"
+    content = json.loads(file.read_text())
+    for box in content["boxes"]:
+        change(box)
+    file.write_text(json.dumps(content))
+    return to
+
+
+def test_objects_that_another_episode_found_name_it(labels: Path, tmp_path: Path) -> None:
+    """As ``--share-scenes`` writes them."""
+    shared = {"episode": "room_9", "instance_id": 4}
+    copy = changed_boxes(labels, tmp_path / "labels", lambda box: box.update(shared_from=shared))
+    sources = [one.source for scene in read_scenes(copy) for one in scene.objects]
+    assert sources
+    assert all(re.fullmatch(r"room_9, view \d \(.*\)", source) for source in sources)
+
+
+def test_consistency_is_the_share_of_views_whose_surest_detection_agrees(labels: Path, tmp_path: Path) -> None:
+    def vote(view: int, confidence: float, category: str) -> dict[str, Any]:
+        return {"view_index": view, "confidence": confidence, "category": category}
+
+    def give_sources(box: dict[str, Any]) -> None:
+        own = box["category"]
+        box["sources"] = [
+            vote(0, 0.9, own),
+            vote(0, 0.95, "x"),
+            vote(1, 0.5, own),
+            vote(1, 0.4, "x"),
+            vote(2, 0.3, own),
+        ]
+
+    copy = changed_boxes(labels, tmp_path / "voted", give_sources)
+    assert {one.consistency for scene in read_scenes(copy) for one in scene.objects} == {2 / 3}
+    copy = changed_boxes(labels, tmp_path / "silent", lambda box: box.update(sources=[]))
+    assert {one.consistency for scene in read_scenes(copy) for one in scene.objects} == {None}
+
+
+def test_truth_is_what_stands_there_and_counts(labels: Path, tmp_path: Path) -> None:
+    """Boxes of ignored objects, and of those that move, are left out."""
+    here = tmp_path / "set"
+    shutil.copytree(labels.parent, here)
+    assert all(scene.truth == () for scene in read_scenes(here / "labels"))  # no boxes are known there
+    made = read_episode(here / "data" / "room_1")
+    seen = Counter(one.instance_id for one in made.ground_truth or ())
+    (moving, times), (ignored, _), (standing, _) = seen.most_common()
+    assert times > 1
+
+    def with_box(one: GroundTruth) -> GroundTruth:
+        moved = one.view_index if one.instance_id == moving else 0.0
+        return replace(one, box_3d=box_at(one.instance_id + moved, 1.0), ignore=one.instance_id == ignored)
+
+    shutil.rmtree(here / "data" / "room_1")
+    truth = tuple(with_box(one) for one in made.ground_truth or ())
+    write_episode(here / "data" / "room_1", replace(made, ground_truth=truth))
+    first, second = read_scenes(here / "labels")
+    assert second.truth == ()
+    (one,) = first.truth
+    assert one.category == next(t.category for t in truth if t.instance_id == standing)
+    np.testing.assert_allclose(one.box.centre_m, box_at(standing, 1.0).centre_m)
+    assert len(together([first, first]).truth) == 1
 
 
 def test_pictures_show_masks_in_the_colours_of_their_objects(labels: Path) -> None:
