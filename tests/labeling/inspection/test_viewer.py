@@ -1,6 +1,7 @@
 """The viewer of label sets: where it looks from, what it colours and lists, and what its controls leave."""
 
 import inspect
+import itertools
 import json
 import re
 import shutil
@@ -25,8 +26,8 @@ from labeling.formats.ply import hues, read_ply, write_ply
 from labeling.generate import main as generate
 from labeling.inspect import main
 from labeling.inspection.colouring import COLOURINGS, TINT, object_colours, point_colours, true_colours
-from labeling.inspection.framing import below, cut_height_m, opening_view
-from labeling.inspection.scene import LabelledScene, SceneObject, read_scenes, together
+from labeling.inspection.framing import SURE, below, cut_height_m, opening_view
+from labeling.inspection.scene import LabelledScene, SceneObject, TrueObject, read_scenes, together
 from labeling.inspection.view_thumbnails import thumbnails
 from labeling.inspection.viewer import SceneViewer, choices, object_row
 from labeling.io.episodes import read_episode, write_episode
@@ -72,6 +73,8 @@ def room(name: str = "room", place: tuple[str, str] | None = None) -> LabelledSc
 
 def test_the_ceiling_is_left_out_and_all_else_is_shown() -> None:
     scene = room()
+    in_the_ceiling = thing(4, "fridge", 0.05, replace(box_at(1, 1), centre_m=np.array([1.0, 1.0, CEILING_M])))
+    scene = replace(scene, objects=(*scene.objects, in_the_ceiling))  # hardly believed, so that it has no say
     assert EYE_M <= cut_height_m(scene) < CEILING_M
     kept = below(scene, cut_height_m(scene))
     np.testing.assert_array_equal(kept, scene.points[:, 2] < CEILING_M)
@@ -85,7 +88,7 @@ def test_objects_are_shown_whole_whatever_is_cut_off() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-200, 200), st.floats(-200, 200), st.floats(0, 6.28), st.floats(0.4, 1.4))
-def test_the_opening_view_shows_every_box_from_the_side_of_the_cameras(x, y, yaw, fov_rad) -> None:
+def test_the_opening_view_shows_every_sure_box_from_the_side_of_the_cameras(x, y, yaw, fov_rad) -> None:
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     shift = np.array([x, y, 0.0])
     scene = room()
@@ -100,7 +103,7 @@ def test_the_opening_view_shows_every_box_from_the_side_of_the_cameras(x, y, yaw
         cameras=tuple(replace(camera, camera_to_world=pose) for camera, pose in zip(scene.cameras, poses, strict=True)),
     )
     position, target = opening_view(moved, fov_rad)
-    corners = np.concatenate([one.box.corners() for one in moved.objects])
+    corners = np.concatenate([one.box.corners() for one in moved.objects if one.confidence >= SURE])
     pixels, depth_m = project(corners, intrinsics_from_fov(1000, 1000, fov_rad), look_at(position, target))
     assert (depth_m > 0).all()
     assert pixels.min() >= -0.5
@@ -371,6 +374,98 @@ def test_another_episode_takes_the_place_of_the_first(viewer: SceneViewer) -> No
     assert viewer.scene.name == "room_2"
     assert len(viewer._frustums) == 3
     assert viewer.server.scene.get_handle_by_name("/cameras/5") is None
+
+
+def test_true_boxes_stand_beside_labels_when_asked_for(labels: Path) -> None:
+    pytest.importorskip("viser")
+    truth = (TrueObject("chair", box_at(1, 1)), TrueObject("table", box_at(2, 1)))
+    found = SceneViewer(labels, [replace(read_scenes(labels)[0], truth=truth)], "127.0.0.1", 18080)
+
+    def shown() -> list[bool]:
+        return [found.server.scene.get_handle_by_name(f"/truth/{number}").visible for number in (1, 2)]
+
+    assert found.truth.visible
+    assert shown() == [False, False]
+    found.truth.value = True
+    assert shown() == [True, True]
+    np.testing.assert_allclose(
+        np.unique(found.server.scene.get_handle_by_name("/truth/2").points.reshape(-1, 3), axis=0),
+        np.unique((truth[1].box.corners() - found._origin_m).astype(np.float32), axis=0),
+    )
+    if "table" in found.category.options:
+        found.category.value = "table"
+        assert shown() == [False, True]
+    found.server.stop()
+
+
+def test_nothing_known_of_the_truth_can_be_shown(viewer: SceneViewer) -> None:
+    assert not viewer.truth.visible
+
+
+class Browser:
+    """What a browser does for a film, or does not."""
+
+    def __init__(self, answers: bool = True) -> None:
+        self.answers, self.asked, self.files, self.said = answers, [], {}, []
+
+    def get_render(self, height: int, width: int, **how: Any) -> np.ndarray:
+        if not self.answers:
+            raise TimeoutError
+        self.asked.append(how)
+        return np.full((height, width, 3), 4 * len(self.asked), np.uint8)
+
+    def send_file_download(self, name: str, content: bytes) -> None:
+        self.files[name] = content
+
+    def add_notification(self, title: str, body: str, color: str) -> None:
+        self.said.append(f"{title}: {body}")
+
+
+def test_a_film_circles_what_the_viewer_shows(viewer: SceneViewer, tmp_path: Path) -> None:
+    from PIL import Image
+
+    browser = Browser()
+    viewer._record(browser)
+    places = np.array([one["position"] for one in browser.asked]) + viewer._origin_m
+    position, target = opening_view(viewer.scene, browser.asked[0]["fov"])
+    np.testing.assert_allclose(places[0], position, atol=1e-6)
+    np.testing.assert_allclose(places[:, 2], position[2], atol=1e-6)
+    np.testing.assert_allclose(places.mean(axis=0)[:2], target[:2], atol=1e-6)  # all the way round
+    (name,) = browser.files
+    (tmp_path / name).write_bytes(browser.files[name])
+    with Image.open(tmp_path / name) as film:
+        assert (name, film.n_frames, film.size) == ("room_1.gif", len(places), (480, 360))
+
+
+def test_a_browser_that_draws_nothing_is_told_so(viewer: SceneViewer) -> None:
+    browser = Browser(answers=False)
+    viewer._record(browser)
+    assert (browser.files, browser.said) == ({}, ["No film: the browser drew nothing"])
+
+
+def test_films_need_no_browser(labels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every object that is sure is seen in its colour in most frames, and frames differ."""
+    from PIL import Image
+
+    assert main([str(labels), "--film", str(tmp_path / "films")]) == 0
+    assert f"2 films: {tmp_path / 'films'}" in capsys.readouterr().out
+    for scene in read_scenes(labels):
+        with Image.open(tmp_path / "films" / f"{scene.name}.gif") as film:
+            frames = []
+            for number in range(0, film.n_frames, 6):
+                film.seek(number)
+                frames.append(np.asarray(film.convert("RGB")))
+        assert len(frames) == 6
+        assert all(np.mean(np.abs(one.astype(int) - other) > 40) > 0.01 for one, other in itertools.pairwise(frames))
+        for one in scene.objects:
+            pure = np.rint(255 * np.array([[one.colour]])).astype(np.uint8)
+            expected = int(cv2.cvtColor(pure, cv2.COLOR_RGB2HSV)[0, 0, 0])
+            counts = []
+            for frame in frames:
+                hue, saturation, _ = np.moveaxis(cv2.cvtColor(frame, cv2.COLOR_RGB2HSV).astype(int), 2, 0)
+                apart = np.abs((hue - expected + 90) % 180 - 90)
+                counts.append(((apart <= 10) & (saturation > 80)).sum())
+            assert np.median(counts) > 100
 
 
 def test_nothing_to_show_is_said(labels: Path) -> None:
