@@ -321,7 +321,7 @@ def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
 def object_row(one: SceneObject) -> str:
     """An object in the list: number, class, confidence, views, consistency, and which detection it stems from."""
     seen = f"{len(one.views)} view{'' if len(one.views) == 1 else 's'}"
-    agree = "" if one.consistency is None else f", {one.consistency:.0%} of detections agree"
+    agree = "" if one.consistency is None else f", {one.consistency:.0%} agree"
     return f"{one.title}, {seen}{agree}" + (f", from {one.source}" if one.source else "")
 
 

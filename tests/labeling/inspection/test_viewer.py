@@ -185,7 +185,7 @@ def test_a_row_says_class_confidence_views_and_source() -> None:
     one = room().objects[0]
     assert object_row(one) == "1 chair 0.90, 2 views, from view 2 (0.97)"
     assert object_row(replace(one, views=(4,), source="")) == "1 chair 0.90, 1 view"
-    assert object_row(replace(one, source="", consistency=2 / 3)) == "1 chair 0.90, 2 views, 67% of detections agree"
+    assert object_row(replace(one, source="", consistency=2 / 3)) == "1 chair 0.90, 2 views, 67% agree"
 
 
 # On a label set -------------------------------------------------------------------------------------------------------
