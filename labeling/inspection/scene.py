@@ -66,8 +66,12 @@ class LabelledScene:
     """What really stands there, as far as the recording knows; without what is ignored or moves."""
 
 
-def read_scenes(folder: Path) -> list[LabelledScene]:
+def read_scenes(folder: Path, most: int | None = None) -> list[LabelledScene]:
     """The labelled episodes of a label set, in its order.
+
+    Args:
+        folder: of the label set.
+        most: read no more than so many, the first ones; clouds of many episodes fill memory.
 
     Raises:
         LabelFormatError: if a file is missing or malformed.
@@ -80,7 +84,7 @@ def read_scenes(folder: Path) -> list[LabelledScene]:
         boxes = read_json(folder / BOXES_FILE).list_of("boxes")
         labelled = [e.file_name("name") for e in summary.list_of("episodes") if e.text("status") == "labelled"]
         scenes = []
-        for name in labelled:
+        for name in labelled[:most]:
             found = [box for box in boxes if box.text("episode") == name]
             tints = hues(np.arange(1, len(found) + 1)).tolist()
             objects = []

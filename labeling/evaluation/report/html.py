@@ -15,7 +15,7 @@ from labeling.evaluation.report.by_confidence import BACKGROUND, ByConfidence
 from labeling.evaluation.report.charts import histogram, line_chart, reliability_chart
 from labeling.evaluation.report.errors import KINDS, RIGHT_IOU
 from labeling.evaluation.report.pictures import template
-from labeling.evaluation.report.scenes import pack_scenes
+from labeling.evaluation.report.scenes import MAX_SCENES, pack_scenes
 from labeling.evaluation.report.statistics import SURE, Statistics, statistics_of
 from labeling.evaluation.report.view_panels import draw_views
 from labeling.formats.atomic import atomic_file
@@ -42,7 +42,8 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
     metrics = evaluation.metrics
     found = {name: one for name, one in statistics_of(evaluation).items() if one is not None}
     scenes, no_scene = _scenes(evaluation.labels.folder)
-    script = template("report.js").render() + (template("scene.js").render() if scenes else "")
+    scene_names = [scene["name"] for scene in json.loads(scenes)]
+    script = template("report.js").render() + (template("scene.js").render() if scene_names else "")
     page = template("report.html.jinja").render(
         name=Path(metrics["dataset"]).resolve().name,
         metrics=metrics,
@@ -55,8 +56,8 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
         methods=METHODS,
         statistics=found,
         numbers=json.dumps({name: _numbers(one.by_confidence) for name, one in found.items()}, separators=(",", ":")),
-        scenes=json.dumps(scenes, separators=(",", ":")),
-        scene_names=[scene["name"] for scene in scenes],
+        scenes=scenes,
+        scene_names=scene_names,
         no_scene=no_scene,
         charts=_charts(found),
         kinds=KINDS,
@@ -133,12 +134,15 @@ def _changes(values: np.ndarray) -> list[float]:
     return [number for step in steps for number in (step, values[step].item())]
 
 
-def _scenes(folder: Path) -> tuple[list[dict[str, Any]], str]:
-    """What the 3-D tab shows, or why it shows nothing."""
+def _scenes(folder: Path) -> tuple[str, str]:
+    """What the 3-D tab shows, as JSON, and why it shows nothing if that is so."""
     try:
-        return pack_scenes(read_scenes(folder)), "No episode has a segmented cloud."
+        packed = pack_scenes(read_scenes(folder, MAX_SCENES))
+        return json.dumps(packed, separators=(",", ":"), allow_nan=False), "No episode has a segmented cloud."
     except SbmError as error:
-        return [], str(error)
+        return "[]", str(error)
+    except ValueError:  # JSON that a browser reads has neither NaN nor infinity
+        return "[]", f"{folder}: its boxes are too large to be drawn."
 
 
 def _episode_rows(view_figures: Sequence[dict[str, Any]], names: Sequence[str]) -> dict[str, dict[str, Any]]:

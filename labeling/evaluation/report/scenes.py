@@ -18,6 +18,8 @@ MAX_POINTS = 100_000
 MAX_POINTS_A_SCENE = 40_000
 AROUND = 0.6
 """How far around its objects a scene is shown, as a share of the region they take up."""
+FAR = 4
+"""Points of objects are shown so many times as far around."""
 FOV_RAD = 0.8
 STEPS = 65535
 """Coordinates are whole numbers up to here, over the longest edge of what is shown."""
@@ -32,7 +34,8 @@ def pack_scenes(scenes: Sequence[LabelledScene]) -> list[dict[str, Any]]:
 def _pack(scene: LabelledScene, most: int) -> dict[str, Any]:
     centre, size_m = region(scene)
     reach = 0.5 * size_m + AROUND * size_m.max()
-    near = (scene.labels > 0) | np.all(np.abs(scene.points - centre) <= reach, axis=1)
+    away = np.abs(scene.points - centre)  # of places that are no numbers no comparison is true
+    near = np.all(away <= reach, axis=1) | ((scene.labels > 0) & np.all(away <= FAR * reach, axis=1))
     kept = np.flatnonzero(near & below(scene, cut_height_m(scene)))
     kept = kept[thinned(scene.points[kept], most)]
     points = scene.points[kept]

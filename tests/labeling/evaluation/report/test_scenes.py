@@ -1,6 +1,8 @@
 """Scenes as the report's page has them: few points, evenly spread, where the cloud has them."""
 
 import base64
+import json
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import given, settings
@@ -62,3 +64,14 @@ def test_episodes_without_a_cloud_are_left_out() -> None:
     empty = LabelledScene("e", np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int32), (), ())
     assert [one["name"] for one in pack_scenes([empty, scene()])] == ["a"]
     assert pack_scenes([]) == []
+
+
+def test_points_that_are_nowhere_are_left_out() -> None:
+    made = scene()
+    points = made.points.copy()
+    points[20:30], points[30:40], points[:3] = np.nan, np.inf, 1e30  # the last ones are of the object
+    (packed,) = pack_scenes([replace(made, points=points)])
+    (whole,) = pack_scenes([made])
+    assert 0 < packed["count"] <= whole["count"] - 3
+    assert packed["scale"] < 1e-3
+    json.dumps(packed, allow_nan=False)
