@@ -38,7 +38,7 @@ class SceneObject:
     """Where it was found: ``view 3 (0.97)``, with the episode before it if that is another one; empty if unknown."""
     consistency: float | None = None
     """Share, in [0, 1], of the views it was detected in whose surest detection calls it what the label does; None if
-    the label set names no detections of it."""
+    the label set names no detection of it."""
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,12 @@
 """A label set in the browser: segmented clouds, boxes, cameras and their pictures, by viser (extra ``viewer``)."""
 
 import contextlib
+import html
 import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ ALL = "all classes"
 FOV_RAD = 0.8
 FLIGHT_S, FLIGHT_STEPS = 0.6, 20
 FRAME_TIMEOUT_S = 20.0
+CELL = "padding:2px 6px;text-align:left;vertical-align:top"
 TRUTH: Rgb = (0.1, 0.1, 0.12)
 FRUSTUM_SHARE = 0.025
 """Length of a camera's pyramid, as a share of the diagonal of the region that objects take up."""
@@ -156,15 +158,17 @@ class SceneViewer:
             self._look(client)
 
     def _list_objects(self) -> None:
-        """A row for each object; ticking it off hides it."""
+        """A table of the objects, and for each a box whose tick shows it."""
         if self._folder is not None:
             self._folder.remove()
         self._folder = self.server.gui.add_folder(f"objects ({len(self.scene.objects)})")
         with self._folder:
-            for one in self.scene.objects:
-                row = self.server.gui.add_checkbox(object_row(one), initial_value=True)
-                row.on_update(lambda _: self._show())
-                self._rows[one.number] = row
+            self.table = self.server.gui.add_html(object_table(self.scene.objects))
+            with self.server.gui.add_folder("show", expand_by_default=False):
+                for one in self.scene.objects:
+                    row = self.server.gui.add_checkbox(one.title, initial_value=True)
+                    row.on_update(lambda _: self._show())
+                    self._rows[one.number] = row
 
     def shown(self) -> list[SceneObject]:
         """The objects that confidence, class and list leave."""
@@ -318,11 +322,20 @@ def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
     return found
 
 
-def object_row(one: SceneObject) -> str:
-    """An object in the list: number, class, confidence, views, consistency, and which detection it stems from."""
-    seen = f"{len(one.views)} view{'' if len(one.views) == 1 else 's'}"
-    agree = "" if one.consistency is None else f", {one.consistency:.0%} agree"
-    return f"{one.title}, {seen}{agree}" + (f", from {one.source}" if one.source else "")
+def object_table(objects: Sequence[SceneObject]) -> str:
+    """The objects as an HTML table, in which what stands in files is escaped.
+
+    Number, class, confidence, how many views show it, its consistency, and where its surest detection is.
+    """
+    heads = ("", "class", "sure", "views", "agree", "found in")
+    rows = []
+    for one in objects:
+        agree = "" if one.consistency is None else f"{one.consistency:.0%}"
+        cells = (one.number, one.category, f"{one.confidence:.2f}", len(one.views), agree, one.source)
+        rows.append("".join(f'<td style="{CELL}">{html.escape(str(cell))}</td>' for cell in cells))
+    head = "".join(f'<th style="{CELL}">{name}</th>' for name in heads)
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f'<table style="font-size:12px;border-collapse:collapse"><tr>{head}</tr>{body}</table>'
 
 
 def fly(client: Any, camera_to_world: Float[np.ndarray, "4 4"], origin_m: Float[np.ndarray, "3"], fov: float) -> None:

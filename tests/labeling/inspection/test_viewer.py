@@ -9,6 +9,7 @@ import subprocess
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from labeling.inspection.colouring import COLOURINGS, TINT, object_colours, poin
 from labeling.inspection.framing import SURE, below, cut_height_m, opening_view
 from labeling.inspection.scene import LabelledScene, SceneObject, TrueObject, read_scenes, together
 from labeling.inspection.view_thumbnails import thumbnails
-from labeling.inspection.viewer import SceneViewer, choices, object_row
+from labeling.inspection.viewer import SceneViewer, choices, object_table
 from labeling.io.episodes import read_episode, write_episode
 
 from ..synthetic_room import make_episode
@@ -181,11 +182,26 @@ def test_episodes_of_a_scene_can_be_seen_together() -> None:
     assert [one.source for one in both.objects][::3] == ["a: view 2 (0.97)", "c: view 2 (0.97)"]
 
 
-def test_a_row_says_class_confidence_views_and_source() -> None:
-    one = room().objects[0]
-    assert object_row(one) == "1 chair 0.90, 2 views, from view 2 (0.97)"
-    assert object_row(replace(one, views=(4,), source="")) == "1 chair 0.90, 1 view"
-    assert object_row(replace(one, source="", consistency=2 / 3)) == "1 chair 0.90, 2 views, 67% agree"
+def cells_of(objects: tuple[SceneObject, ...]) -> list[list[str]]:
+    """What the rows of their table say, without the row of headings."""
+    rows = re.findall(r"<tr>(.*?)</tr>", object_table(objects))[1:]
+    return [[unescape(cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row)] for row in rows]
+
+
+def test_the_table_says_class_confidence_views_consistency_and_source() -> None:
+    one, two, _ = room().objects
+    two = replace(two, views=(4,), source="", consistency=2 / 3)
+    assert cells_of((one, two)) == [
+        ["1", "chair", "0.90", "2", "", "view 2 (0.97)"],
+        ["2", "table", "0.50", "1", "67%", ""],
+    ]
+
+
+def test_names_from_files_become_no_markup() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    objects = (replace(room().objects[0], category=evil, source=evil),)
+    assert "<img" not in object_table(objects)
+    assert cells_of(objects)[0][1::4] == [evil, evil]
 
 
 # On a label set -------------------------------------------------------------------------------------------------------
