@@ -147,9 +147,8 @@ def train(
         say: told a line after each validation, with the time that is left.
         bar: makes a progress bar of the whole training around the batches of an epoch (``tqdm``), if there is to be
             one.
-        stop: once it is set, a checkpoint is written after the batch at hand, and the program left. The network of a
-            run that goes on from there is that of one that never stopped; the losses of that epoch in the history are
-            means over what came after.
+        stop: once it is set, a checkpoint is written after the batch at hand, and the program left. Network and history
+            of a run that goes on from there are those of one that never stopped.
 
     Returns:
         How far training has come, with its history.
@@ -173,6 +172,9 @@ def train(
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
     began, begun_at, saved = time.monotonic(), task.share_done(progress), time.monotonic()
 
+    def is_within() -> bool:
+        return progress.iteration % task.config.validate_every > 0 and not task.is_finished(progress)
+
     def save() -> None:
         nonlocal saved
         save_checkpoint(out, identity, progress, _state(task))
@@ -180,7 +182,8 @@ def train(
 
     def note(step: int, losses: Mapping[str, float]) -> None:
         draw("train", losses, step)
-        if time.monotonic() - saved >= SAVE_EVERY_S:
+        # Where a validation is due, it comes first: a run that went on from here would leave it out.
+        if time.monotonic() - saved >= SAVE_EVERY_S and is_within():
             save()
 
     while not task.is_finished(progress):
@@ -188,10 +191,10 @@ def train(
         if bar is not None:
             batches = bar(batches, desc="training", total=task.config.iterations, initial=progress.iteration)
         losses = train_one_epoch(task, _until(stop, batches), progress, scaler, note)
-        within = progress.iteration % task.config.validate_every and not task.is_finished(progress)
-        if stop is not None and stop.is_set() and within:
+        if stop is not None and stop.is_set() and is_within():
             save()
             _leave(stop, writer)
+        progress.sums, progress.summed = {}, 0
         figures = task.validate(progress)
         draw("val", figures, progress.iteration)
         record = {**task.position(progress), **losses, **figures}
@@ -257,14 +260,12 @@ def train_one_epoch(
         on_step: told the number of each step and its losses.
 
     Returns:
-        Mean of each loss, and of their sum as ``loss``.
+        Mean of each loss since the last validation, and of their sum as ``loss``.
 
     Raises:
         SbmError: if the loss is no longer a finite number.
     """
     task.network.train()
-    sums: dict[str, float] = {}
-    first = progress.iteration
     for batch in batches:
         step = progress.iteration
         rate = task.learning_rate(progress)
@@ -284,10 +285,11 @@ def train_one_epoch(
         if task.averaged is not None:
             _update_average(task.averaged, task.network, min(task.average, (1 + step) / (10 + step)))
         values = {name: float(value.detach()) for name, value in {**losses, "loss": loss}.items()}
-        sums = {name: sums.get(name, 0.0) + value for name, value in values.items()}
+        progress.sums = {name: progress.sums.get(name, 0.0) + value for name, value in values.items()}
+        progress.summed += 1
         progress.iteration += 1
         on_step(step, values)
-    return {name: value / max(1, progress.iteration - first) for name, value in sums.items()}
+    return {name: value / max(1, progress.summed) for name, value in progress.sums.items()}
 
 
 def scheduled_rate(

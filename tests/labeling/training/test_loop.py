@@ -174,7 +174,8 @@ def test_a_run_that_is_told_to_stop_keeps_every_batch_and_ends_like_one_that_was
     resumed = Told(CONFIG)
     progress = loop.train(resumed, tmp_path / "told", say=silent, stop=stop)
     assert torch.equal(resumed.line.weight, whole.line.weight)
-    assert [one["iteration"] for one in progress.history] == [one["iteration"] for one in expected.history] == [2, 4, 6]
+    assert progress.history == expected.history
+    assert [one["iteration"] for one in progress.history] == [2, 4, 6]
 
 
 class Clock:
@@ -238,4 +239,29 @@ def test_a_run_that_is_killed_between_validations_loses_five_minutes_at_most(tmp
     die_at = -1
     resumed = Killed(config)
     loop.train(resumed, tmp_path / "killed", say=silent)
+    assert torch.equal(resumed.line.weight, whole.line.weight)
+    histories = [(tmp_path / name / HISTORY_FILE).read_text() for name in ("whole", "killed")]
+    assert histories[0] == histories[1]
+
+
+@pytest.mark.parametrize("killed_at", [10, 20])
+def test_a_validation_that_was_cut_off_is_made_by_the_run_that_goes_on(tmp_path, monkeypatch, killed_at):
+    class Killed(Slow):
+        def validate(self, progress):
+            if progress.iteration == killed_at:
+                raise MemoryError
+            return super().validate(progress)
+
+    monkeypatch.setattr(loop, "time", clock := Clock())
+    config = TrainingConfig(iterations=20, learning_rate=0.02, validate_every=10)
+    Slow.clock = clock
+    whole = Slow(config)
+    loop.train(whole, tmp_path / "whole", say=silent)
+    with pytest.raises(MemoryError):
+        loop.train(Killed(config), tmp_path / "killed", say=silent)
+    resumed = Slow(config)
+    loop.train(resumed, tmp_path / "killed", say=silent)
+    histories = [(tmp_path / name / HISTORY_FILE).read_text() for name in ("whole", "killed")]
+    assert histories[0] == histories[1]
+    assert resumed.saved[-1] == 20
     assert torch.equal(resumed.line.weight, whole.line.weight)
