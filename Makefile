@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types tests slow docs pictures clean
+.PHONY: demo test lint types tests slow docs pictures screenshots clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m experiments.demo --out out/demo
@@ -34,6 +34,10 @@ pictures: $(INSTALLED)
 	$(BIN)/python -m experiments.demo --policy ring --out out/pictures
 	$(BIN)/python -m experiments.pictures --out docs/pictures
 	$(BIN)/python tools/architecture.py
+
+# Screenshots of report, viewer, site and help; needs Chromium.
+screenshots: demo
+	$(BIN)/python tools/screenshots.py --labels out/demo/labels
 
 # Set up again only when what is to be installed has changed.
 $(INSTALLED): pyproject.toml constraints.txt apt-packages.txt tools/setup.sh

@@ -3,7 +3,7 @@
 import sys
 
 from agents.rollouts.collect_config import CollectConfig
-from labeling.runtime.cli import make_main
+from labeling.runtime.cli import make_main, say_next
 from labeling.runtime.help import CommandHelp
 
 
@@ -11,6 +11,7 @@ def _collect(config: CollectConfig) -> None:
     from agents.rollouts.recorder import collect_episodes
 
     collect_episodes(config)
+    say_next("label them", "labeling.generate", config.out, "--out", "LABELS")
 
 
 HELP = CommandHelp(

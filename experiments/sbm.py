@@ -9,6 +9,7 @@ import io
 import re
 import sys
 from importlib import import_module
+from pathlib import Path
 
 from labeling import __version__
 from labeling.runtime.cli import BAD_INPUT, called_as
@@ -75,8 +76,20 @@ def main(arguments: list[str] | None = None) -> int:
         hint = f"; did you mean {near[0]!r}?" if near else ";"
         print(f"error: there is no command {verb!r}{hint} sbm --help lists all", file=sys.stderr)
         return BAD_INPUT
+    _find_own_code()
     with called_as(f"sbm {verb}"):
         return import_module(MODULES[verb]).main(rest)
+
+
+def _find_own_code() -> None:
+    """Has Python look in the working directory, too, as by ``python -m``, but last: nothing installed is hidden.
+
+    There lies what ``--policy my_policy:Forward`` and the like name.
+    """
+    with contextlib.suppress(FileNotFoundError):  # a working directory that is gone
+        here = str(Path.cwd())
+        if here not in sys.path and "" not in sys.path:
+            sys.path.append(here)
 
 
 def overview() -> str:

@@ -9,7 +9,7 @@ import tyro
 
 from labeling.core.errors import UsageError
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import make_main, progress_bar, showing_stages
+from labeling.runtime.cli import make_main, progress_bar, say_next, showing_stages
 from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Share
 
@@ -80,6 +80,7 @@ def _convert_recording(config: ConvertConfig) -> None:
         print(f"note: {note}")
     height_px, width_px = episode.size
     print(f"{episode.num_views} views of {width_px}x{height_px} pixels: {config.out}")
+    say_next("find things in it", "labeling.detect", config.out, "--detector", "compact")
 
 
 def _export(config: ConvertConfig) -> None:

@@ -13,7 +13,7 @@ from labeling.detectors.command import DetectionCommand
 from labeling.detectors.registry import DEFAULT
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ def run(command: DetectCommand) -> None:
         DETECTIONS_FILE,
         lambda folder: _has_looked(folder, command.detector, _mark(digest, command.recording)),
     )
+    say_next("label them", "labeling.generate", command.dataset, "--out", "LABELS")
 
 
 def _detecting(command: DetectCommand) -> "Callable[[Path], tuple[int, int] | None]":

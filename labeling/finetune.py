@@ -12,7 +12,7 @@ from labeling.core.errors import UsageError
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.registry import DEFAULT, check_name
-from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Share, check_ranges
 from labeling.training.command import Labels, TrainingCommand, say
@@ -63,6 +63,7 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
     from labeling.detectors.registry import choose_device, load_named_network
     from labeling.detectors.scoring import evaluate
     from labeling.formats.atomic import write_json
+    from labeling.runtime.interrupts import graceful_interrupt
     from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train
 
@@ -100,7 +101,8 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
         {"started_from": command.detector, "started_from_digest": digest, "labels": command.sources},
         tuple(name for name in names if name not in known),
     )
-    progress = train(task, command.out, say, progress_bar)
+    with graceful_interrupt() as stop:
+        progress = train(task, command.out, say, progress_bar, stop)
     after = scores(load_network(command.out / WEIGHTS_FILE))
     results = {
         "detector": command.detector,
@@ -114,6 +116,8 @@ def run(command: FinetuneCommand) -> dict[str, Any]:
     write_json(command.out / RESULTS_FILE, results)
     print_table(before, after)
     print(f"detector: {command.out}")
+    say_next("score it", "labeling.evaluate", "EPISODES", "--detector", command.out)
+    say_next("find things with it", "labeling.detect", "EPISODES", "--detector", command.out)
     return results
 
 

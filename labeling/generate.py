@@ -19,7 +19,7 @@ from labeling.generator.settings.option_groups import GROUPS
 from labeling.generator.settings.presets import PRESETS, PresetName, describe
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import FLOOR, RecordingConfig
-from labeling.runtime.cli import printable, progress_bar, run_command, showing_stages
+from labeling.runtime.cli import printable, progress_bar, run_command, say_next, showing_stages
 from labeling.runtime.help import CommandHelp
 
 
@@ -148,6 +148,8 @@ def _report(config: GenerateConfig, results: list[EpisodeResult]) -> None:
     if unmeasured := calibration_note({"uncalibrated_detectors": uncalibrated_detectors(results)}):
         print(f"note: {unmeasured}")
     print(f"labels: {config.out}")
+    say_next("look at them", "labeling.inspect", config.out, "--view")
+    say_next("if there is ground truth", "labeling.evaluate", config.out)
 
 
 HELP = CommandHelp(

@@ -1,4 +1,4 @@
-"""Checks a label set, and shows it: ``python -m labeling.inspect LABELS [--view] [--html DIR] [--pictures DIR]``."""
+"""Checks a label set, and shows it: ``python -m labeling.inspect LABELS [--view] [--html|--pictures|--film DIR]``."""
 
 import os
 import sys
@@ -37,6 +37,9 @@ class InspectConfig:
     html: Path | None = None
     """Write each episode's scene as one HTML file into this folder; needs no server to look at (needs the ``viewer``
     extra)."""
+    film: Path | None = None
+    """Write a film of every episode, in which the camera circles what was found, as a GIF into this folder; needs no
+    screen (needs the ``video`` extra)."""
     pictures: Path | None = None
     """Write pictures of every episode's cloud and boxes into this folder; needs no screen."""
     viewpoints: int = 3
@@ -58,7 +61,7 @@ def run(config: InspectConfig) -> list[str]:
     for line in [*problems, *(f"note: {note}" for note in notes)]:
         print(printable(line))
     print(f"{len(problems)} problem{'' if len(problems) == 1 else 's'}" if problems else "no problem found")
-    if config.pictures is not None or config.html is not None or config.view:
+    if config.pictures is not None or config.film is not None or config.html is not None or config.view:
         _show(config)
     return problems
 
@@ -75,6 +78,14 @@ def _show(config: InspectConfig) -> None:
         except OSError as error:
             raise UsageError(f"--pictures {config.pictures}: cannot be written ({error})") from None
         print(f"{len(files)} pictures: {config.pictures}")
+    if config.film is not None:
+        from labeling.inspection.orbit import write_orbit
+
+        try:
+            films = [write_orbit(scene, config.film) for scene in scenes]
+        except OSError as error:
+            raise UsageError(f"--film {config.film}: cannot be written ({error})") from None
+        print(f"{len(films)} films: {config.film}")
     if config.html is not None or config.view:
         from labeling.inspection.viewer import SceneViewer, wait
 
@@ -106,6 +117,7 @@ HELP = CommandHelp(
         ("LABELS --view --host 0.0.0.0 --port 9000", "from another machine"),
         ("LABELS --html SCENES", "a file a scene, to send around"),
         ("LABELS --pictures PICTURES", "pictures of its clouds and boxes"),
+        ("LABELS --film FILMS", "the camera circles each scene, as a GIF"),
     ),
 )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
-from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
 from labeling.training.command import Labels, TrainingCommand, say
 
@@ -51,6 +51,7 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
     from labeling.detectors3d.frustum_training import FrustumTask, evaluate
     from labeling.formats.atomic import write_json
+    from labeling.runtime.interrupts import graceful_interrupt
     from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
     from labeling.training.loop import train
 
@@ -66,7 +67,8 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     names = category_names(samples)
     print(f"{len(samples)} objects in views to learn from: {', '.join(names)}; {len(validation)} to choose by")
     task = FrustumTask(samples, validation, command.train, command.augment, device, {"labels": command.sources})
-    progress = train(task, command.out, say, progress_bar)
+    with graceful_interrupt() as stop:
+        progress = train(task, command.out, say, progress_bar, stop)
     network = load_network(command.out / WEIGHTS_FILE).to(device)
     best = evaluate(network, task.validation, device) if task.validation else None
     results = {
@@ -84,6 +86,7 @@ def run(command: Train3dCommand) -> dict[str, Any]:
             f"{100 * best.right_at_50:.1f} % at .5"
         )
     print(f"detector: {command.out}")
+    say_next("find boxes with it", "labeling.detect3d", "EPISODES", "--detector", command.out)
     return results
 
 

@@ -10,7 +10,7 @@ import tyro
 from labeling.core.errors import UsageError
 from labeling.memory.settings.memory_spec import MemorySize, Model
 from labeling.memory.settings.train_config import TrainMemoryConfig
-from labeling.runtime.cli import make_main, progress_bar
+from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
 from labeling.training.command import say
 
@@ -86,7 +86,7 @@ def run(command: TrainMemoryCommand) -> dict[str, Any]:
     }
     write_json(command.out / RESULTS_FILE, results)
     print(f"memory: {command.out / MEMORY_FILE}")
-    print(f"look at what it predicts: python -m labeling.imagine {command.out} EPISODE --out PICTURES")
+    say_next("look at what it predicts", "labeling.imagine", command.out, "EPISODE", "--out", "PICTURES")
     return results
 
 

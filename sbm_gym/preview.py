@@ -27,6 +27,8 @@ MOMENTS, MOVING_THINGS, STEPS_BETWEEN = 5, 6, 2
 EYE_VIEWS = 4
 SCENES_PER_SHEET = 6
 """Sheets stay below 2000 pixels in height at the default size."""
+WIDE, WIDE_COLUMNS = 1.9, 3
+"""Pictures at least so wide, over their height, stand in two rows a scene, so many in a row: pages are narrow."""
 ABOVE_ASPECT = 1.4
 """Width of pictures from above, over their height."""
 CARDS_PER_ROW = 8
@@ -92,16 +94,20 @@ def _scene_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar: 
     height = config.size
     shape = source.profile.capture_size
     width = round(height * min(shape[1] / shape[0], 2.0))
-    for start in range(0, len(names), SCENES_PER_SHEET):
-        chosen = names[start : start + SCENES_PER_SHEET]
+    is_wide = width >= WIDE * height
+    per_sheet = SCENES_PER_SHEET // 2 if is_wide else SCENES_PER_SHEET
+    for start in range(0, len(names), per_sheet):
+        chosen = names[start : start + per_sheet]
         scene_tiles, renderer_tiles = [], []
         for name in chosen:
             bar.set_description(f"{kind} {name}", refresh=False)
             overview, pairs = _draw_scene(config, source, name, height, width, bar)
-            scene_tiles += overview
+            # The second row of wide pictures begins below the first of them, not below the view from above.
+            scene_tiles += [*overview[:WIDE_COLUMNS], _blank(height), *overview[WIDE_COLUMNS:]] if is_wide else overview
             renderer_tiles += pairs
-        suffix = f"{kind}_{start // SCENES_PER_SHEET}.png"
-        for what, tiles, columns in (("scenes", scene_tiles, 1 + EYE_VIEWS), ("renderers", renderer_tiles, 4)):
+        suffix = f"{kind}_{start // per_sheet}.png"
+        in_a_row = (WIDE_COLUMNS, 2) if is_wide else (1 + EYE_VIEWS, 4)
+        for what, tiles, columns in zip(("scenes", "renderers"), (scene_tiles, renderer_tiles), in_a_row, strict=True):
             if what in config.what:
                 yield write_sheet(config.out / f"{what}_{suffix}", tiles, columns)
 
@@ -132,8 +138,21 @@ def _moving_sheets(config: PreviewConfig, kind: str, source: "WorldSource", bar:
         tiles += list(zip(pictures, captions, strict=True))
         bar.update(len(pictures))
         scene.renderer.close()
-    if tiles:
+    if tiles and size[1] >= WIDE * size[0]:
+        blanks = [_blank(size[0])] * (-MOMENTS % WIDE_COLUMNS)
+        rows = [[*tiles[start : start + MOMENTS], *blanks] for start in range(0, len(tiles), MOMENTS)]
+        yield write_sheet(config.out / f"moving_{kind}.png", [one for row in rows for one in row], WIDE_COLUMNS)
+    elif tiles:
         yield write_sheet(config.out / f"moving_{kind}.png", tiles, MOMENTS)
+
+
+def _blank(height: int) -> "tuple[UInt8[np.ndarray, 'h w 3'], str]":
+    """Takes a place on a sheet."""
+    import numpy as np
+
+    from sbm_gym.rendering.contact_sheet import PAPER
+
+    return np.full((height, 1, 3), PAPER, np.uint8), ""
 
 
 def _draw_scene(config: PreviewConfig, source: "WorldSource", name: str, height: int, width: int, bar: Any):

@@ -19,7 +19,7 @@ EDGES = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4),
 """Of a box, between its corners."""
 FOOTPRINT = [0, 2, 6, 4, 0]
 """Corners around a box from above."""
-FOUND, TRUE = (31, 160, 84), (20, 20, 20)
+FOUND, TRUE, HALO = (31, 160, 84), (20, 20, 20), (255, 255, 255)
 
 
 def busiest_view(episode: Episode, categories: Sequence[str]) -> int:
@@ -77,12 +77,12 @@ def draw(panels: Sequence[tuple[Episode, int, dict[str, list[Detection3d]], list
 def boxes_on_view(
     episode: Episode, view: int, boxes: Sequence[Box3d], truths: Sequence[Box3d]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A view with the edges of boxes: true ones thin and dark, found ones green."""
+    """A view with the edges of boxes: true ones dark with light edges, to be seen on anything, found ones green."""
     import cv2
 
     grow = max(1, round(512 / episode.size[0]))
     picture = np.ascontiguousarray(np.kron(episode.rgb[view], np.ones((grow, grow, 1), np.uint8)))
-    for some, colour, thickness in ((truths, TRUE, 1), (boxes, FOUND, 2)):
+    for some, colour, thickness in ((truths, HALO, 5), (truths, TRUE, 2), (boxes, FOUND, 3)):
         for box in some:
             for a, b in edges_in_view(box, episode.intrinsics[view], episode.camera_to_world[view]):
                 start, end = (tuple(round(grow * (float(side) + 0.5)) for side in point) for point in (a, b))
@@ -124,7 +124,7 @@ def _from_above(axes: Any, episode: Episode, view: int, boxes: Sequence[Box3d], 
     low = points[(points[:, 2] < pose[2, 3] + 0.5) & (points[:, 2] > points[:, 2].min() + 0.1)]
     dots = local(low[:: max(1, len(low) // 4000)])
     axes.plot(dots[:, 0], dots[:, 1], ",", color="#b0b6bd")
-    for some, colour, thick in ((truths, "black", 1.0), (boxes, "#1fa054", 1.6)):
+    for some, colour, thick in ((truths, "black", 1.8), (boxes, "#1fa054", 1.6)):
         for box in some:
             outline = local(box.corners()[FOOTPRINT])
             axes.plot(outline[:, 0], outline[:, 1], color=colour, linewidth=thick)

@@ -145,7 +145,8 @@ def _greatest_gain(episodes: Sequence[Episode]) -> tuple[Episode, PseudoLabel, D
         detections = episode.detections or ()
         for label in propagate(episode, detections).labels:
             came_from = label.source_view_index, label.source_confidence
-            sources = [one for one in detections if (one.view_index, one.confidence) == came_from]
+            sure = (one for one in detections if one.confidence >= CONFIDENT)  # as the text beside the picture says
+            sources = [one for one in sure if (one.view_index, one.confidence) == came_from]
             if not sources or label.view_index == label.source_view_index:
                 continue
             found = _masks(detections, label.view_index, label.category)
@@ -156,7 +157,7 @@ def _greatest_gain(episodes: Sequence[Episode]) -> tuple[Episode, PseudoLabel, D
             if best is None or score > best[0]:
                 best = (score, episode, label, sources[0])
     if best is None:
-        raise ValueError("none of the episodes has a label in a view other than its source")
+        raise ValueError("none of the episodes has a label in a view other than its source, which was sure")
     return best[1:]
 
 

@@ -8,10 +8,15 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from experiments.figures.result_values import loop_values, values
-from experiments.figures.style import BLUE, GREEN, GREY, PALETTE, bar_with_seeds, save, tidy
+from experiments.figures.style import BLUE, GREEN, GREY, GRID, PALETTE, bar_with_seeds, save, tidy
 
 LEGEND_IN = 3.4
 """Room beside the bars for the names of rows, inches."""
+
+
+MOST_BARS = 5
+"""Rows that are told apart as bars beside each other; more are drawn below each other, under their names."""
+PANELS_IN_A_ROW = 5
 
 
 def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path: Path) -> None:
@@ -22,7 +27,41 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
         categories: to draw.
         path: PNG to write.
     """
-    groups = [None, *categories]
+    draw = _draw_bars if len(content["rows"]) <= MOST_BARS else _draw_panels
+    draw(content, [None, *categories], path)
+
+
+def _draw_panels(content: Mapping[str, Any], groups: Sequence[str | None], path: Path) -> None:
+    """A panel for each group, in which rows lie below each other."""
+    rows, across = content["rows"], min(len(groups), PANELS_IN_A_ROW)
+    down = -(-len(groups) // across)
+    size_in = LEGEND_IN + 1.6 * across, down * (0.45 + 0.21 * len(rows)) + 0.3
+    figure, grid = plt.subplots(
+        down, across, figsize=size_in, dpi=110, sharex=True, sharey=True, squeeze=False, layout="constrained"
+    )
+    for axes, group in zip(grid.flat, groups, strict=False):
+        for number, row in enumerate(rows):
+            found = values(row, "ap50", group)
+            if found:
+                axes.barh(number, np.mean(found), 0.72, color=PALETTE[number % len(PALETTE)])
+                axes.plot(found, [number] * len(found), ".", color="black", markersize=3)
+        axes.set_title(group or "all", fontsize=9)
+        tidy(axes, grid=False)
+        axes.grid(axis="x", color=GRID, lw=0.6)
+        axes.set_axisbelow(True)
+        axes.tick_params(labelsize=8, labelbottom=True)
+    for axes in grid.flat[len(groups) :]:
+        axes.set_axis_off()
+    first = grid[0, 0]
+    first.set_yticks(range(len(rows)), [row["name"] for row in rows])
+    first.set_ylim(len(rows) - 0.5, -0.5)
+    first.set_xlim(0, 100)
+    figure.supxlabel("AP50", fontsize=9)
+    save(figure, path)
+
+
+def _draw_bars(content: Mapping[str, Any], groups: Sequence[str | None], path: Path) -> None:
+    """Bars of all rows beside each other, group by group."""
     bars_in = max(6.0, len(groups) * (0.4 + 0.11 * len(content["rows"])))
     figure, axes = plt.subplots(figsize=(bars_in + LEGEND_IN, 3.4), dpi=110, layout="constrained")
     width = 0.8 / len(content["rows"])
@@ -31,7 +70,7 @@ def draw_categories(content: Mapping[str, Any], categories: Sequence[str], path:
         for place, category in enumerate(groups):
             name = row["name"] if place == 0 else None
             bar_with_seeds(axes, place + offset, values(row, "ap50", category), width, colour, name)
-    axes.set_xticks(range(len(groups)), ["all", *categories])
+    axes.set_xticks(range(len(groups)), [group or "all" for group in groups])
     axes.set_ylabel("AP50")
     axes.set_ylim(0, 100)
     tidy(axes, grid=False)

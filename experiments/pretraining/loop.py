@@ -109,6 +109,10 @@ class PretrainTask(MaskRcnnTask):
         fixed = {name: value for name, value in asdict(config).items() if name not in free}
         self.identity = {"train": fixed, "views": asdict(views), "photographs": len(photographs)}
 
+    def share_done(self, progress: Progress) -> float:
+        """Of all steps or of all of the time, whichever is more."""
+        return share_of_training(progress, self.config)
+
     def is_finished(self, progress: Progress) -> bool:
         """When all steps or all of the time is used up."""
         return share_of_training(progress, self.config) >= 1.0

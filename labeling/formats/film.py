@@ -15,15 +15,26 @@ COLOURS = (256, 128, 64)
 """Tried one after the other until the film is small enough."""
 
 
-def write_film(frames: Sequence[UInt8[np.ndarray, "h w 3"]], path: Path) -> None:
+def write_film(
+    frames: Sequence[UInt8[np.ndarray, "h w 3"]],
+    path: Path,
+    frame_ms: int = FRAME_MS,
+    last_frame_ms: int = LAST_FRAME_MS,
+) -> None:
     """Writes pictures as an animated GIF that repeats.
+
+    Args:
+        frames: at least one, all of one size.
+        path: the file, written atomically.
+        frame_ms: how long each is shown, milliseconds, in steps of ten.
+        last_frame_ms: how long the last is.
 
     Raises:
         SbmError: if it would be larger than ``MAX_MB``.
     """
     from PIL import Image
 
-    times = [FRAME_MS] * (len(frames) - 1) + [LAST_FRAME_MS]
+    times = [frame_ms] * (len(frames) - 1) + [last_frame_ms]
     with atomic_file(path) as temporary:
         for colours in COLOURS:
             # Octrees keep the colours of thin lines; dithering would flicker and not compress.

@@ -1,4 +1,4 @@
-"""Colours of a labelled cloud and its boxes: by object, by class, by confidence, or as recorded."""
+"""Colours of a labelled cloud and its boxes: by object, class, confidence, consistency, or as recorded."""
 
 from collections.abc import Collection, Mapping
 from typing import Literal, get_args
@@ -9,15 +9,18 @@ from jaxtyping import Float, UInt8
 from labeling.formats.ply import hues
 from labeling.inspection.scene import LabelledScene
 
-ColourBy = Literal["object", "class", "confidence", "true colour"]
+ColourBy = Literal["object", "class", "confidence", "consistency", "true colour"]
 COLOURINGS: tuple[str, ...] = get_args(ColourBy)
 TINT = 0.6
 """Share of an object's hue in the colour of its points, as ``write_ply`` has it by default."""
 Rgb = tuple[float, float, float]
+UNKNOWN: Rgb = (0.5, 0.5, 0.5)
 
 
 def object_colours(scene: LabelledScene, by: str) -> dict[int, Rgb]:
     """By number the colour of each object in [0, 1]: its own, its class', or from red (0) over yellow to green (1).
+
+    Where the consistency is unknown, it is grey.
 
     Args:
         scene: whose objects.
@@ -28,12 +31,16 @@ def object_colours(scene: LabelledScene, by: str) -> dict[int, Rgb]:
     for one in scene.objects:
         if by == "class":
             red, green, blue = hues(np.array([classes.index(one.category) + 1]))[0].tolist()
-        elif by == "confidence":
-            red, green, blue = min(1.0, 2 - 2 * one.confidence), min(1.0, 2 * one.confidence), 0.0
+        elif by in ("confidence", "consistency"):
+            red, green, blue = _traffic_light(one.confidence if by == "confidence" else one.consistency)
         else:
             red, green, blue = one.colour
         found[one.number] = (red, green, blue)
     return found
+
+
+def _traffic_light(value: float | None) -> Rgb:
+    return UNKNOWN if value is None else (min(1.0, 2 - 2 * value), min(1.0, 2 * value), 0.0)
 
 
 def true_colours(scene: LabelledScene) -> Float[np.ndarray, "n 3"]:

@@ -8,13 +8,16 @@ from labeling.inspection.scene import LabelledScene
 ABOVE = 0.1
 """How far above the objects the scene is shown, as a share of the longest edge of the region they take up."""
 OPENING_ELEVATION_RAD = 0.9
+SURE = 0.2
+"""Confidence from which on an object has a say in what is looked at: one that is not there may be in the ceiling."""
 MIN_SPACING_M = 1e-3
 
 
 def region(scene: LabelledScene) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Centre and extent of what to look at, metres: the objects, or without any the whole cloud."""
+    """Centre and extent of what to look at, metres: the objects that are sure, all if none is, or the whole cloud."""
     if scene.objects:
-        corners = np.concatenate([one.box.corners() for one in scene.objects])
+        sure = [one for one in scene.objects if one.confidence >= SURE] or scene.objects
+        corners = np.concatenate([one.box.corners() for one in sure])
     elif len(scene.points):
         corners = np.quantile(scene.points, [0.02, 0.98], axis=0)
     else:
@@ -40,7 +43,7 @@ def opening_view(scene: LabelledScene, fov_rad: float) -> tuple[Float[np.ndarray
 
     Args:
         scene: to look at.
-        fov_rad: the smaller field of view of the window; all boxes are in it.
+        fov_rad: the smaller field of view of the window; the boxes of all sure objects are in it.
     """
     centre, size_m = region(scene)
     azimuth = first_azimuth(scene, centre)

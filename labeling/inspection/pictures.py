@@ -49,21 +49,31 @@ def write_pictures(scene: LabelledScene, folder: Path, viewpoints: int = 3) -> l
 
 
 def draw(
-    scene: LabelledScene, shown: Bool[np.ndarray, "n"], pose: Float[np.ndarray, "4 4"]
+    scene: LabelledScene,
+    shown: Bool[np.ndarray, "n"],
+    pose: Float[np.ndarray, "4 4"],
+    size: tuple[int, int] = SIZE,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The points shown, as squares, with boxes and their titles, from one viewpoint (OpenCV camera axes)."""
-    camera = Camera.from_fov(pose, (SUPERSAMPLE * SIZE[0], SUPERSAMPLE * SIZE[1]), FOV_RAD)
+    """The points shown, as squares, with boxes and their titles, from one viewpoint.
+
+    Args:
+        scene: to draw.
+        shown: which of its n points.
+        pose: camera to world, OpenCV axes.
+        size: height and width of the picture in pixels.
+    """
+    camera = Camera.from_fov(pose, (SUPERSAMPLE * size[0], SUPERSAMPLE * size[1]), FOV_RAD)
     points = scene.points[shown]
     index = splat(points, camera, spacing_m(points))
     colours = np.concatenate([scene.colours[shown], np.full((1, 3), BACKGROUND, np.uint8)])
-    canvas = cv2.resize(colours[index], SIZE[::-1], interpolation=cv2.INTER_AREA)
-    intrinsics = intrinsics_from_fov(SIZE[1], SIZE[0], FOV_RAD)
+    canvas = cv2.resize(colours[index], size[::-1], interpolation=cv2.INTER_AREA)
+    intrinsics = intrinsics_from_fov(size[1], size[0], FOV_RAD)
     for one in scene.objects:
         corners, depth_m = project(one.box.corners(), intrinsics, pose)
         if np.any(depth_m <= 0):
             continue
         colour = tuple(int(255 * value * 0.75) for value in one.colour)
-        pixels = np.rint(np.clip(corners, -4 * SIZE[1], 4 * SIZE[1])).astype(int)
+        pixels = np.rint(np.clip(corners, -4 * size[1], 4 * size[1])).astype(int)
         for a, b in BOX_EDGES:
             cv2.line(canvas, pixels[a].tolist(), pixels[b].tolist(), colour, 2, cv2.LINE_AA)
     for one in scene.objects:  # titles last, so that no edge crosses them

@@ -1,10 +1,12 @@
 """A label set in the browser: segmented clouds, boxes, cameras and their pictures, by viser (extra ``viewer``)."""
 
 import contextlib
+import html
 import socket
+import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +15,22 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from labeling.core.errors import SbmError, UsageError
-from labeling.core.types import BOX_EDGES
+from labeling.core.types import BOX_EDGES, Box3d
 from labeling.core.views import Camera
 from labeling.formats.atomic import atomic_file
-from labeling.inspection.colouring import COLOURINGS, object_colours, point_colours
-from labeling.inspection.framing import below, cut_height_m, opening_view, region, spacing_m
+from labeling.formats.film import write_film
+from labeling.inspection.colouring import COLOURINGS, Rgb, object_colours, point_colours
+from labeling.inspection.framing import SURE, below, cut_height_m, opening_view, region, spacing_m
+from labeling.inspection.orbit import FRAME_MS, SIZE, orbit
 from labeling.inspection.scene import LabelledScene, SceneObject, together
 from labeling.inspection.view_thumbnails import Thumbnail, thumbnails
 
 ALL = "all classes"
 FOV_RAD = 0.8
 FLIGHT_S, FLIGHT_STEPS = 0.6, 20
+FRAME_TIMEOUT_S = 20.0
+CELL = "padding:2px 6px;text-align:left;vertical-align:top"
+TRUTH: Rgb = (0.1, 0.1, 0.12)
 FRUSTUM_SHARE = 0.025
 """Length of a camera's pyramid, as a share of the diagonal of the region that objects take up."""
 
@@ -84,12 +91,14 @@ class SceneViewer:
         gui = self.server.gui
         self.episode = gui.add_dropdown("episode", tuple(self._choices))
         self.home = gui.add_button("look at the room")
+        self.film = gui.add_button("record a film", hint="circles what is shown; a GIF to save")
         self.colour = gui.add_dropdown("colour by", COLOURINGS)
-        self.confidence = gui.add_slider("confidence at least", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+        self.confidence = gui.add_slider("confidence at least", min=0.0, max=1.0, step=0.01, initial_value=SURE)
         self.category = gui.add_dropdown("class", (ALL,))
         with gui.add_folder("show", expand_by_default=True):
             self.boxes = gui.add_checkbox("boxes", initial_value=True)
             self.titles = gui.add_checkbox("titles", initial_value=True)
+            self.truth = gui.add_checkbox("true boxes (black)", initial_value=False)
             self.cameras = gui.add_checkbox("cameras (click to fly there)", initial_value=True)
             self.pictures = gui.add_checkbox("their pictures", initial_value=False)
             self.masks = gui.add_checkbox("masks on pictures", initial_value=True)
@@ -98,8 +107,9 @@ class SceneViewer:
         self.go_to = gui.add_dropdown("fly to", ("-",))
         self.episode.on_update(lambda _: self._open())
         self.home.on_click(lambda event: self._look(event.client))
+        self.film.on_click(lambda event: self._record(event.client))
         self.go_to.on_update(lambda event: self._go_to(event.client))
-        for control in (self.colour, self.confidence, self.category, self.cut, self.boxes, self.titles):
+        for control in (self.colour, self.confidence, self.category, self.cut, self.boxes, self.titles, self.truth):
             control.on_update(lambda _: self._show())
         self.point_size.on_update(lambda _: self._show())
         for control in (self.cameras, self.pictures, self.masks):
@@ -136,6 +146,7 @@ class SceneViewer:
             self.cut.value = float(np.clip(cut_height_m(scene), lowest, highest))
             self.category.options = (ALL, *sorted({one.category for one in scene.objects}))
             self.category.value = ALL
+            self.truth.visible = bool(scene.truth)
             self.go_to.options = ("-", *(one.title for one in scene.objects))
             self._list_objects()
             self._add_cameras()
@@ -147,15 +158,17 @@ class SceneViewer:
             self._look(client)
 
     def _list_objects(self) -> None:
-        """A row for each object; ticking it off hides it."""
+        """A table of the objects, and for each a box whose tick shows it."""
         if self._folder is not None:
             self._folder.remove()
         self._folder = self.server.gui.add_folder(f"objects ({len(self.scene.objects)})")
         with self._folder:
-            for one in self.scene.objects:
-                row = self.server.gui.add_checkbox(object_row(one), initial_value=True)
-                row.on_update(lambda _: self._show())
-                self._rows[one.number] = row
+            self.table = self.server.gui.add_html(object_table(self.scene.objects))
+            with self.server.gui.add_folder("show", expand_by_default=False):
+                for one in self.scene.objects:
+                    row = self.server.gui.add_checkbox(one.title, initial_value=True)
+                    row.on_update(lambda _: self._show())
+                    self._rows[one.number] = row
 
     def shown(self) -> list[SceneObject]:
         """The objects that confidence, class and list leave."""
@@ -189,23 +202,31 @@ class SceneViewer:
             )
             for one in scene.objects:
                 self._show_box(one, one in shown, colours[one.number])
+            self._show_truth()
 
-    def _show_box(self, one: SceneObject, shown: bool, colour: tuple[float, float, float]) -> None:
-        corners = one.box.corners() - self._origin_m
+    def _show_box(self, one: SceneObject, shown: bool, colour: Rgb) -> None:
+        self._add_box(f"/boxes/{one.number}", one.box, colour, shown and bool(self.boxes.value))
+        visible = shown and bool(self.titles.value)
+        self.server.scene.add_label(f"/titles/{one.number}", one.title, position=self._top(one.box), visible=visible)
+
+    def _show_truth(self) -> None:
+        for number, one in enumerate(self.scene.truth, start=1):
+            visible = bool(self.truth.value) and self.category.value in (ALL, one.category)
+            self._add_box(f"/truth/{number}", one.box, TRUTH, visible)
+            x, y, top = self._top(one.box)  # below, where no label's title stands
+            named, place = visible and bool(self.titles.value), (x, y, top - float(np.ptp(one.box.corners()[:, 2])))
+            self.server.scene.add_label(f"/truth/{number}/title", f"true {one.category}", position=place, visible=named)
+
+    def _add_box(self, name: str, box: Box3d, colour: Rgb, visible: bool) -> None:
+        corners = box.corners() - self._origin_m
         edges = np.array([[corners[a], corners[b]] for a, b in BOX_EDGES], np.float32)
         rgb = tuple(round(255 * value) for value in colour)
-        self.server.scene.add_line_segments(
-            f"/boxes/{one.number}",
-            edges,
-            colors=rgb,
-            thickness=2.5,
-            thickness_units="screen",
-            visible=shown and bool(self.boxes.value),
-        )
-        top = one.box.centre_m - self._origin_m
-        top = top + np.array([0, 0, corners[:, 2].max() - top[2]])
-        visible = shown and bool(self.titles.value)
-        self.server.scene.add_label(f"/titles/{one.number}", one.title, position=tuple(top), visible=visible)
+        how = {"thickness": 2.5, "thickness_units": "screen", "visible": visible}
+        self.server.scene.add_line_segments(name, edges, colors=rgb, **how)
+
+    def _top(self, box: Box3d) -> tuple[float, float, float]:
+        x, y, _ = (box.centre_m - self._origin_m).tolist()
+        return x, y, float((box.corners() - self._origin_m)[:, 2].max())
 
     def _add_cameras(self) -> None:
         """A pyramid for each view; clicking it flies there."""
@@ -261,6 +282,20 @@ class SceneViewer:
             client.camera.up_direction = (0.0, 0.0, 1.0)
             client.camera.position, client.camera.look_at = position - self._origin_m, target - self._origin_m
 
+    def _record(self, client: Any) -> None:
+        """Sends a browser a film of what it shows, circling it; the browser draws the pictures."""
+        try:
+            frames = []
+            for pose in orbit(self.scene, FOV_RAD):
+                how = {"wxyz": _wxyz(pose), "position": pose[:3, 3] - self._origin_m, "fov": FOV_RAD}
+                frames.append(client.get_render(*SIZE, timeout=FRAME_TIMEOUT_S, **how))
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / f"{self.scene.name}.gif"
+                write_film(frames, file, FRAME_MS, FRAME_MS)
+                client.send_file_download(file.name, file.read_bytes())
+        except (SbmError, TimeoutError) as error:
+            client.add_notification("No film", str(error) or "the browser drew nothing", color="red")
+
     def _go_to(self, client: Any) -> None:
         chosen = [one for one in self.scene.objects if one.title == self.go_to.value]
         if not chosen or client is None:
@@ -287,10 +322,20 @@ def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
     return found
 
 
-def object_row(one: SceneObject) -> str:
-    """An object in the list: number, class, confidence, how many views show it, and which detection it stems from."""
-    seen = f"{len(one.views)} view{'' if len(one.views) == 1 else 's'}"
-    return f"{one.title}, {seen}" + (f", from {one.source}" if one.source else "")
+def object_table(objects: Sequence[SceneObject]) -> str:
+    """The objects as an HTML table, in which what stands in files is escaped.
+
+    Number, class, confidence, how many views show it, its consistency, and where its surest detection is.
+    """
+    heads = ("", "class", "sure", "views", "agree", "found in")
+    rows = []
+    for one in objects:
+        agree = "" if one.consistency is None else f"{one.consistency:.0%}"
+        cells = (one.number, one.category, f"{one.confidence:.2f}", len(one.views), agree, one.source)
+        rows.append("".join(f'<td style="{CELL}">{html.escape(str(cell))}</td>' for cell in cells))
+    head = "".join(f'<th style="{CELL}">{name}</th>' for name in heads)
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f'<table style="font-size:12px;border-collapse:collapse"><tr>{head}</tr>{body}</table>'
 
 
 def fly(client: Any, camera_to_world: Float[np.ndarray, "4 4"], origin_m: Float[np.ndarray, "3"], fov: float) -> None:

@@ -115,6 +115,21 @@ def assign(iou: Float[np.ndarray, "p g"]) -> list[tuple[int, int]]:
     return [(int(p), int(g)) for p, g in zip(rows, columns, strict=True) if iou[int(p), int(g)] > 0]
 
 
+def assign_counted_first(iou: Float[np.ndarray, "p g"], ignored: Sequence[bool]) -> list[tuple[int, int]]:
+    """Pairs (prediction, truth) as ``assign`` gives them; ignored truths are left to predictions that no other took.
+
+    Args:
+        iou: of predictions and truths of one category in one picture.
+        ignored: which of the g truths are ignored.
+    """
+    ignore = np.asarray(ignored, bool)
+    pairs: list[tuple[int, int]] = []
+    for wanted in (np.flatnonzero(~ignore), np.flatnonzero(ignore)):
+        free = np.setdiff1d(np.arange(len(iou)), [p for p, _ in pairs])
+        pairs += [(int(free[p]), int(wanted[g])) for p, g in assign(iou[np.ix_(free, wanted)])]
+    return pairs
+
+
 def match(predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstance]) -> list[Match]:
     """Matches predictions to ground truth one to one, within each picture and category, by greatest total mask IoU.
 
@@ -135,15 +150,9 @@ def match(predictions: Sequence[MaskInstance], ground_truth: Sequence[MaskInstan
             groups[item.image, item.category][side].append(index)
     found: dict[int, Match] = {}
     for candidates, truths in groups.values():
-        counted = [index for index in truths if not ground_truth[index].ignore]
-        ignored = [index for index in truths if ground_truth[index].ignore]
-        free = candidates
-        for wanted in (counted, ignored):
-            iou = pairwise_iou([predictions[i] for i in free], [ground_truth[i] for i in wanted])
-            for row, column in assign(iou):
-                found[wanted[column]] = Match(wanted[column], free[row], float(iou[row, column]))
-            taken = {found[index].prediction for index in wanted if index in found}
-            free = [index for index in free if index not in taken]
+        iou = pairwise_iou([predictions[i] for i in candidates], [ground_truth[i] for i in truths])
+        for row, column in assign_counted_first(iou, [ground_truth[i].ignore for i in truths]):
+            found[truths[column]] = Match(truths[column], candidates[row], float(iou[row, column]))
     return [found.get(index, Match(index, None, 0.0)) for index in range(len(ground_truth))]
 
 

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import functools
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -49,6 +50,15 @@ def showing_stages(bar: Any) -> Iterator[None]:
 
     with progress_reported_to(show):
         yield
+
+
+def say_next(what: str, module: str, *words: object) -> None:
+    """Prints what to do next with what a command has written, as a command line that can be typed as it stands.
+
+    >>> say_next("look at them", "labeling.inspect", "MY LABELS", "--view")
+    look at them: python -m labeling.inspect 'MY LABELS' --view
+    """
+    print(printable(f"{what}: {shlex.join(['python', '-m', module, *map(str, words)])}"))
 
 
 def printable(text: str) -> str:

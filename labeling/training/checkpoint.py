@@ -28,6 +28,10 @@ class Progress:
     """When it was reached."""
     history: list[dict[str, Any]] = field(default_factory=list)
     """A record for each validation."""
+    sums: dict[str, float] = field(default_factory=dict)
+    """Of each loss since the last validation."""
+    summed: int = 0
+    """Batches in these sums."""
 
 
 def save_checkpoint(out: Path, identity: str, progress: Progress, state: Mapping[str, Any]) -> None:

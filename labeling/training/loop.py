@@ -7,6 +7,7 @@ is the stretch between two validations, as in torchvision's references/detection
 
 import json
 import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -24,6 +25,8 @@ from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpo
 from labeling.training.config import CONFIG_FILE, WEIGHTS_FILE, TrainingConfig
 from labeling.training.curves import open_tensorboard
 
+SAVE_EVERY_S = 300.0
+"""A checkpoint is written at least so often, however long the next validation is away."""
 RATE_FLOOR = 0.01
 """Where the cosine of a learning rate ends, as a share of the highest rate."""
 Batch = TypeVar("Batch")
@@ -108,6 +111,10 @@ class TrainingTask(ABC, Generic[Batch, Net]):
         is_flat = 0 < self.patience * self.config.validate_every <= unimproved
         return is_flat or progress.iteration >= self.config.iterations
 
+    def share_done(self, progress: Progress) -> float:
+        """Share of training that is over, if it is not ended early; from which the time left is estimated."""
+        return progress.iteration / self.config.iterations
+
     def position(self, progress: Progress) -> dict[str, float]:
         """How a record of the history begins."""
         return {"iteration": progress.iteration}
@@ -132,14 +139,16 @@ def train(
 ) -> Progress:
     """Trains, and keeps the best network in the run's folder; goes on where a killed run stopped.
 
+    A checkpoint is written at every validation, every ``SAVE_EVERY_S`` between them, and when told to stop.
+
     Args:
         task: what to train, and how.
         out: folder of the run.
-        say: told a line after each validation.
-        bar: makes a progress bar around the batches of an epoch (``tqdm``), if there is to be one.
-        stop: once it is set, a checkpoint is written after the batch at hand, and the program left. The network of a
-            run that goes on from there is that of one that never stopped; the losses of that epoch in the history are
-            means over what came after.
+        say: told a line after each validation, with the time that is left.
+        bar: makes a progress bar of the whole training around the batches of an epoch (``tqdm``), if there is to be
+            one.
+        stop: once it is set, a checkpoint is written after the batch at hand, and the program left. Network and history
+            of a run that goes on from there are those of one that never stopped.
 
     Returns:
         How far training has come, with its history.
@@ -161,17 +170,31 @@ def train(
                 writer.add_scalar(f"{group}/{name}", value, step)
 
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
+    began, begun_at, saved = time.monotonic(), task.share_done(progress), time.monotonic()
+
+    def is_within() -> bool:
+        return progress.iteration % task.config.validate_every > 0 and not task.is_finished(progress)
+
+    def save() -> None:
+        nonlocal saved
+        save_checkpoint(out, identity, progress, _state(task))
+        saved = time.monotonic()
+
+    def note(step: int, losses: Mapping[str, float]) -> None:
+        draw("train", losses, step)
+        # Where a validation is due, it comes first: a run that went on from here would leave it out.
+        if time.monotonic() - saved >= SAVE_EVERY_S and is_within():
+            save()
+
     while not task.is_finished(progress):
         batches = task.batches(progress)
         if bar is not None:
-            batches = bar(batches, desc=f"training from step {progress.iteration}")
-        losses = train_one_epoch(
-            task, _until(stop, batches), progress, scaler, lambda step, losses: draw("train", losses, step)
-        )
-        within = progress.iteration % task.config.validate_every and not task.is_finished(progress)
-        if stop is not None and stop.is_set() and within:
-            save_checkpoint(out, identity, progress, _state(task))
+            batches = bar(batches, desc="training", total=task.config.iterations, initial=progress.iteration)
+        losses = train_one_epoch(task, _until(stop, batches), progress, scaler, note)
+        if stop is not None and stop.is_set() and is_within():
+            save()
             _leave(stop, writer)
+        progress.sums, progress.summed = {}, 0
         figures = task.validate(progress)
         draw("val", figures, progress.iteration)
         record = {**task.position(progress), **losses, **figures}
@@ -182,13 +205,27 @@ def train(
         if score > progress.best:
             progress.best, progress.best_iteration = score, progress.iteration
             task.save(out / task.weights_file, progress)
-        save_checkpoint(out, identity, progress, _state(task))
-        say(task.summary(record, progress))
+        save()
+        done = task.share_done(progress) - begun_at
+        left_s = (time.monotonic() - began) * (1 - begun_at - done) / done if done > 0 else 0.0
+        over = task.is_finished(progress)
+        say(task.summary(record, progress) + ("" if over else f"; at most {duration(left_s)} left"))
         if stop is not None and stop.is_set():
             _leave(stop, writer)
     if writer is not None:
         writer.close()
     return progress
+
+
+def duration(seconds: float) -> str:
+    """A time in words, in the unit that suits it.
+
+    >>> duration(42), duration(600), duration(9000)
+    ('42 s', '10 min', '2.5 h')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _leave(stop: StopRequest, writer: Any) -> None:
@@ -223,14 +260,12 @@ def train_one_epoch(
         on_step: told the number of each step and its losses.
 
     Returns:
-        Mean of each loss, and of their sum as ``loss``.
+        Mean of each loss since the last validation, and of their sum as ``loss``.
 
     Raises:
         SbmError: if the loss is no longer a finite number.
     """
     task.network.train()
-    sums: dict[str, float] = {}
-    first = progress.iteration
     for batch in batches:
         step = progress.iteration
         rate = task.learning_rate(progress)
@@ -250,10 +285,11 @@ def train_one_epoch(
         if task.averaged is not None:
             _update_average(task.averaged, task.network, min(task.average, (1 + step) / (10 + step)))
         values = {name: float(value.detach()) for name, value in {**losses, "loss": loss}.items()}
-        sums = {name: sums.get(name, 0.0) + value for name, value in values.items()}
+        progress.sums = {name: progress.sums.get(name, 0.0) + value for name, value in values.items()}
+        progress.summed += 1
         progress.iteration += 1
         on_step(step, values)
-    return {name: value / max(1, progress.iteration - first) for name, value in sums.items()}
+    return {name: value / max(1, progress.summed) for name, value in progress.sums.items()}
 
 
 def scheduled_rate(

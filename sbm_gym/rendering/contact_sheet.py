@@ -10,7 +10,7 @@ from jaxtyping import UInt8
 from labeling.formats.atomic import write_png
 
 _MARGIN_PX, _CAPTION_PX = 4, 16
-_PAPER, _INK = 245, (40, 40, 40)
+PAPER, _INK = 245, (40, 40, 40)
 
 
 def contact_sheet(
@@ -27,7 +27,7 @@ def contact_sheet(
     rows = -(-len(tiles) // columns)
     widths = [max(picture.shape[1] for picture, _ in tiles[column::columns]) for column in range(len(tiles[:columns]))]
     lefts = _MARGIN_PX + np.concatenate([[0], np.cumsum(np.add(widths, _MARGIN_PX))])
-    sheet = np.full((rows * cell_h + _MARGIN_PX, int(lefts[-1]), 3), _PAPER, np.uint8)
+    sheet = np.full((rows * cell_h + _MARGIN_PX, int(lefts[-1]), 3), PAPER, np.uint8)
     for index, (picture, caption) in enumerate(tiles):
         top, left = _MARGIN_PX + index // columns * cell_h, int(lefts[index % columns])
         width = picture.shape[1]

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import mujoco
@@ -49,6 +50,20 @@ def test_sheets_of_scenes_and_renderers_show_every_scene(box_worlds, tmp_path, c
     rays, gl = (renderers[4:52, left : left + 48].astype(int) for left in (4, 56))
     assert np.abs(rays - gl).mean() < 30
     assert rays.std() > 10
+
+
+def test_wide_pictures_stand_in_two_rows_a_scene(monkeypatch, tmp_path):
+    streets = BoxRooms(profile=replace(BoxRooms().profile, capture_size=(96, 288)))
+    monkeypatch.setattr(world_sources, "WORLDS", {"boxes": lambda unseen_models: streets})
+    sheets = preview.run(PreviewConfig(out=tmp_path, what=("scenes",), size=48))
+    names = len(streets.scenes(None))
+    assert [path.name for path in sheets] == [f"scenes_boxes_{number}.png" for number in range(-(-names // 3))]
+    sheet, row = read(sheets[0]), 48 + 16 + 4
+    assert sheet.shape[1] == 4 + (round(1.4 * 48) + 4) + 2 * (2 * 48 + 4)
+    assert sheet.shape[0] == 4 + 2 * min(3, names) * row
+    below_the_view_from_above = sheet[4 + row : 4 + row + 48, 4 : 4 + round(1.4 * 48)]
+    assert (below_the_view_from_above == 245).all()
+    assert sheet[4 + row : 4 + row + 48, 4 + round(1.4 * 48) + 4 :].std() > 10
 
 
 @pytest.mark.parametrize(("split", "scenes"), [("val", None), ("train", 1)])

@@ -34,16 +34,17 @@ def line_chart(
     return _chart(lines=drawn, bars=[], dots=[], across=across, up=up, diagonal=diagonal, most=1.0)
 
 
-def histogram(bars: Mapping[str, Sequence[float]], across: str, up: str) -> "Markup":
+def histogram(bars: Mapping[str, Sequence[float]], across: str, up: str, least: float = 0) -> "Markup":
     """Bars over even parts of [0, 1], those of several methods side by side.
 
     Args:
         bars: by style their heights, 0 or more.
         across: what the axis below shows.
         up: what the axis at the left shows.
+        least: where the axis ends at least, for bars that will grow.
     """
     # A multiple of four, so that the ticks are whole numbers.
-    most = 4 * math.ceil(max((value for values in bars.values() for value in values), default=0) / 4) or 4
+    most = 4 * math.ceil(max([least, *(value for values in bars.values() for value in values)]) / 4) or 4
     drawn = []
     for place, (style, values) in enumerate(bars.items()):
         step = (WIDTH - LEFT - RIGHT) / max(1, len(values))
@@ -95,4 +96,4 @@ def _chart(most: float, **drawn: object) -> "Markup":
         "up": [(f"{share * most:.3g}", _y(share)) for share in fives],
     }
     size = {"width": WIDTH, "height": HEIGHT, "left": LEFT, "right": WIDTH - RIGHT, "floor": _y(0), "top": TOP}
-    return Markup(template("chart.svg.jinja").render(ticks=ticks, **size, **drawn))
+    return Markup(template("chart.svg.jinja").render(ticks=ticks, most=most, **size, **drawn))

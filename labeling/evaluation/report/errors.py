@@ -1,9 +1,10 @@
 """What is wrong with a prediction: kinds of errors, as error analyses of detectors tell them apart."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from labeling.metrics.matching import MaskInstance, Match, pairwise_iou
 
@@ -35,20 +36,41 @@ def kinds_of(
         For each prediction a key of ``KINDS``. Source: the error types of TIDE, Bolya et al. 2020; matching is the best
         assignment instead of the greedy one.
     """
-    partner = {found.prediction: found for found in matches if found.prediction is not None}
+    partner = {found.prediction: found.truth for found in matches if found.prediction is not None}
     by_image: dict[object, tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
     for side, items in enumerate((predictions, truths)):
         for index, item in enumerate(items):
             by_image[item.image][side].append(index)
-    kinds = ["background"] * len(predictions)
+    kinds = [""] * len(predictions)
     for found, there in by_image.values():
-        overlap = pairwise_iou([predictions[i] for i in found], [truths[i] for i in there])
-        for row, index in enumerate(found):
-            match = partner.get(index)
-            if match is not None and match.iou >= RIGHT_IOU:
-                kinds[index] = "ignored" if truths[match.truth].ignore else "right"
-            elif there:
-                kinds[index] = _kind(predictions[index].category, overlap[row], [truths[i] for i in there])
+        here = [predictions[i] for i in found], [truths[i] for i in there]
+        own = {found.index(p): there.index(partner[p]) for p in found if p in partner}
+        for index, kind in zip(found, kinds_in_picture(pairwise_iou(*here), *here, own), strict=True):
+            kinds[index] = kind
+    return kinds
+
+
+def kinds_in_picture(
+    overlap: Float[np.ndarray, "p g"],
+    predictions: Sequence[MaskInstance],
+    truths: Sequence[MaskInstance],
+    own: Mapping[int, int],
+) -> list[str]:
+    """As ``kinds_of``, of one picture.
+
+    Args:
+        overlap: IoU of each prediction with each truth.
+        predictions: p of one picture.
+        truths: g of the same picture.
+        own: prediction -> the truth that it is matched with.
+    """
+    kinds = []
+    for index, item in enumerate(predictions):
+        truth = own.get(index)
+        if truth is not None and overlap[index, truth] >= RIGHT_IOU:
+            kinds.append("ignored" if truths[truth].ignore else "right")
+        else:
+            kinds.append(_kind(item.category, overlap[index], truths) if truths else "background")
     return kinds
 
 

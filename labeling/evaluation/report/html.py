@@ -7,13 +7,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from labeling.core.errors import SbmError
 from labeling.evaluation.compare import FIGURES, Evaluation, categories_by_presence
+from labeling.evaluation.report.by_confidence import BACKGROUND, ByConfidence
 from labeling.evaluation.report.charts import histogram, line_chart, reliability_chart
 from labeling.evaluation.report.errors import KINDS, RIGHT_IOU
 from labeling.evaluation.report.pictures import template
-from labeling.evaluation.report.statistics import BACKGROUND, SURE, Statistics, statistics_of
+from labeling.evaluation.report.scenes import MAX_SCENES, pack_scenes
+from labeling.evaluation.report.statistics import SURE, Statistics, statistics_of
 from labeling.evaluation.report.view_panels import draw_views
 from labeling.formats.atomic import atomic_file
+from labeling.inspection.scene import read_scenes
 
 MAX_EPISODE_ROWS = 300
 MAX_PROVENANCE_LETTERS = 20_000
@@ -35,7 +41,9 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
     """
     metrics = evaluation.metrics
     found = {name: one for name, one in statistics_of(evaluation).items() if one is not None}
-    script = template("report.js").render()
+    scenes, no_scene = _scenes(evaluation.labels.folder)
+    scene_names = [scene["name"] for scene in json.loads(scenes)]
+    script = template("report.js").render() + (template("scene.js").render() if scene_names else "")
     page = template("report.html.jinja").render(
         name=Path(metrics["dataset"]).resolve().name,
         metrics=metrics,
@@ -47,6 +55,10 @@ def write_report(path: Path, evaluation: Evaluation, max_views: int = 40, max_wo
         default_confidence=DEFAULT_CONFIDENCE,
         methods=METHODS,
         statistics=found,
+        numbers=json.dumps({name: _numbers(one.by_confidence) for name, one in found.items()}, separators=(",", ":")),
+        scenes=scenes,
+        scene_names=scene_names,
+        no_scene=no_scene,
         charts=_charts(found),
         kinds=KINDS,
         background=BACKGROUND,
@@ -78,7 +90,10 @@ def _charts(found: Mapping[str, Statistics]) -> dict[str, Any]:
     return {
         f"Precision and recall, IoU {RIGHT_IOU:g}": line_chart(curves, "recall", "precision"),
         "How well instances are found": histogram(
-            {method: one.iou_counts for method, one in found.items()}, "IoU with ground truth", "instances"
+            {method: one.iou_counts for method, one in found.items()},
+            "IoU with ground truth",
+            "instances",
+            least=max(_highest_bar(one.by_confidence) for one in found.values()),
         ),
         "What a confidence is worth": reliability_chart(
             {method: one.reliability for method, one in found.items()}, "confidence", "mean IoU"
@@ -86,14 +101,48 @@ def _charts(found: Mapping[str, Statistics]) -> dict[str, Any]:
     }
 
 
+def _highest_bar(at: ByConfidence) -> int:
+    """Of the histogram of IoU, at whichever confidence."""
+    parts: dict[int, Any] = {}
+    for (_, part), count in at.ious.items():
+        parts[part] = parts.get(part, 0) + count
+    return max((int(count.max()) for count in parts.values()), default=0)
+
+
 def _confusions(found: Mapping[str, Statistics]) -> dict[str, dict[str, Any]]:
     """By method the confusion matrix as rows and columns: categories by name, background last."""
     tables = {}
     for method, one in found.items():
-        rows = sorted(one.confusion.keys() - {BACKGROUND})
-        columns = sorted({name for row in one.confusion.values() for name in row} - {BACKGROUND})
+        rows = sorted({true for true, _ in one.by_confidence.confusion} - {BACKGROUND})
+        columns = sorted({called for _, called in one.by_confidence.confusion} - {BACKGROUND})
         tables[method] = {"rows": [*rows, BACKGROUND], "columns": [*columns, BACKGROUND], "counts": one.confusion}
     return tables
+
+
+def _numbers(at: ByConfidence) -> dict[str, list[list[Any]]]:
+    """Counts as rows, names first and last the changes: confidence in hundredths, count from there on, and so on."""
+    return {
+        "kinds": [[*names, _changes(count)] for names, count in at.kinds.items()],
+        "ious": [[*names, _changes(count)] for names, count in at.ious.items()],
+        "iou_sum": [[name, _changes(sums.round(3))] for name, sums in at.iou_sum.items()],
+        "confusion": [[*names, _changes(count)] for names, count in at.confusion.items()],
+    }
+
+
+def _changes(values: np.ndarray) -> list[float]:
+    steps = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist()]
+    return [number for step in steps for number in (step, values[step].item())]
+
+
+def _scenes(folder: Path) -> tuple[str, str]:
+    """What the 3-D tab shows, as JSON, and why it shows nothing if that is so."""
+    try:
+        packed = pack_scenes(read_scenes(folder, MAX_SCENES))
+        return json.dumps(packed, separators=(",", ":"), allow_nan=False), "No episode has a segmented cloud."
+    except SbmError as error:
+        return "[]", str(error)
+    except ValueError:  # JSON that a browser reads has neither NaN nor infinity
+        return "[]", f"{folder}: its boxes are too large to be drawn."
 
 
 def _episode_rows(view_figures: Sequence[dict[str, Any]], names: Sequence[str]) -> dict[str, dict[str, Any]]:

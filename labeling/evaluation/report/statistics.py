@@ -1,21 +1,19 @@
 """Numbers behind the charts of a report: curves, histograms, confusions, and what is there that should not be."""
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from labeling.evaluation.compare import Evaluation
+from labeling.evaluation.report.by_confidence import BINS, STEPS, ByConfidence, by_confidence
 from labeling.evaluation.report.errors import KINDS, RIGHT_IOU, kinds_of
 from labeling.metrics.mask_ap import precision_curves
-from labeling.metrics.matching import MaskInstance, Match, assign, match, pairwise_iou
+from labeling.metrics.matching import MaskInstance, Match, match
 
-BINS = 10
-"""Of histograms over [0, 1]."""
 SURE = 0.5
-"""Confidence from which on predictions stand in the confusion matrix."""
-BACKGROUND = "background"
+"""Confidence from which on predictions stand in the confusion matrix, until the reader says another."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,8 @@ class Statistics:
     """By confidence: how many predictions, and their mean IoU with what they stand for."""
     phantoms: list[MaskInstance]
     """Predictions where nothing is, the most confident first."""
+    by_confidence: ByConfidence
+    """The same counts as the reader's confidence and category have it."""
 
 
 def statistics_of(evaluation: Evaluation) -> dict[str, Statistics | None]:
@@ -49,18 +49,17 @@ def statistics_of(evaluation: Evaluation) -> dict[str, Statistics | None]:
 def _statistics(predictions: Sequence[MaskInstance], truths: Sequence[MaskInstance]) -> Statistics:
     matches = match(predictions, truths)
     kinds = kinds_of(predictions, truths, matches)
-    counted = [found for found in matches if not truths[found.truth].ignore]
-    count = Counter(kinds)
-    count["missed"] = sum(found.iou < RIGHT_IOU for found in counted)
+    at = by_confidence(predictions, truths)
     phantoms = [item for item, kind in zip(predictions, kinds, strict=True) if kind == "background"]
     curves = precision_curves(predictions, truths, RIGHT_IOU)
     return Statistics(
         curves={"": np.mean([*curves.values()], axis=0).tolist() if curves else [], **_lists(curves)},
-        iou_counts=np.histogram([found.iou for found in counted], BINS, (0.0, 1.0))[0].tolist(),
-        kinds={kind: count[kind] for kind in KINDS},
-        confusion=_confusion(predictions, truths),
+        iou_counts=[sum(int(n[0]) for (_, part), n in at.ious.items() if part == index) for index in range(BINS)],
+        kinds={kind: sum(int(n[0]) for (_, one), n in at.kinds.items() if one == kind) for kind in KINDS},
+        confusion=_confusion(at, round(SURE * (STEPS - 1))),
         reliability=_reliability(predictions, kinds, matches),
         phantoms=sorted(phantoms, key=lambda item: -item.confidence),
+        by_confidence=at,
     )
 
 
@@ -68,29 +67,12 @@ def _lists(curves: dict[str, np.ndarray]) -> dict[str, list[float]]:
     return {name: curve.tolist() for name, curve in curves.items()}
 
 
-def _confusion(predictions: Sequence[MaskInstance], truths: Sequence[MaskInstance]) -> dict[str, dict[str, int]]:
-    """One-to-one, whatever the categories, from an IoU of ``RIGHT_IOU`` on."""
-    by_image: dict[object, tuple[list[MaskInstance], list[MaskInstance]]] = defaultdict(lambda: ([], []))
-    for item in predictions:
-        if item.confidence >= SURE:
-            by_image[item.image][0].append(item)
-    for item in truths:
-        by_image[item.image][1].append(item)
-    count: dict[str, Counter[str]] = defaultdict(Counter)
-    for found, there in by_image.values():
-        overlap = pairwise_iou(found, there)
-        pairs = [(p, t) for p, t in assign(np.where(overlap >= RIGHT_IOU, overlap, 0.0)) if overlap[p, t] >= RIGHT_IOU]
-        taken, met = {p for p, _ in pairs}, {t for _, t in pairs}
-        for p, t in pairs:
-            if not there[t].ignore:
-                count[there[t].category][found[p].category] += 1
-        for index, item in enumerate(there):
-            if index not in met and not item.ignore:
-                count[item.category][BACKGROUND] += 1
-        for index, item in enumerate(found):
-            if index not in taken:
-                count[BACKGROUND][item.category] += 1
-    return {name: dict(row) for name, row in count.items()}
+def _confusion(at: ByConfidence, step: int) -> dict[str, dict[str, int]]:
+    found: dict[str, dict[str, int]] = defaultdict(dict)
+    for (true, called), count in at.confusion.items():
+        if count[step]:
+            found[true][called] = int(count[step])
+    return dict(found)
 
 
 def _reliability(

@@ -1,6 +1,8 @@
 """``labeling.detect``, ``labeling.evaluate --detector`` and ``labeling.finetune`` on small data."""
 
 import json
+import os
+import signal
 import sys
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from labeling.detect import main as detect
 from labeling.detectors.data.annotated_pictures import read_pictures
 from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
-from labeling.detectors.networks.weights import save_network
+from labeling.detectors.networks.weights import load_network, save_network
 from labeling.detectors.registry import load_detector
 from labeling.evaluate import main as evaluate
 from labeling.finetune import main as finetune
@@ -223,6 +225,35 @@ def test_finetuning_writes_a_detector_and_prints_what_changed(scene, start, tmp_
     assert finetune(command) == 0
     assert "going on from step 2" in capsys.readouterr().out
     assert (out / WEIGHTS_FILE).read_bytes() == before
+
+
+@pytest.mark.parametrize("told", [signal.SIGTERM, signal.SIGINT])
+def test_a_finetuning_told_to_stop_loses_no_batch_and_says_how_to_go_on(
+    scene, start, tmp_path, monkeypatch, capsys, told
+):
+    from labeling.detectors.finetuning.training import FinetuneTask
+
+    scene.add_episode("one")
+    scene.write_labels()
+    command = [str(scene.labels), "--detector", str(start), *QUICK, "--iterations", "3", "--validate-every", "3"]
+    losses = FinetuneTask.losses
+
+    def told_in_step_1(self, batch, step):
+        if step == 1:
+            os.kill(os.getpid(), told)
+        return losses(self, batch, step)
+
+    assert finetune([*command, "--out", str(tmp_path / "whole")]) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(FinetuneTask, "losses", told_in_step_1)
+        assert finetune([*command, "--out", str(tmp_path / "told")]) == 128 + told
+    assert "the same command goes on with what is missing" in capsys.readouterr().err
+    assert finetune([*command, "--out", str(tmp_path / "told")]) == 0
+    said = capsys.readouterr().out
+    assert "going on from step 2" in said
+    assert f"python -m labeling.evaluate EPISODES --detector {tmp_path / 'told'}" in said
+    resumed, whole = (load_network(tmp_path / name / WEIGHTS_FILE).state_dict() for name in ("told", "whole"))
+    assert all(torch.equal(value, whole[name]) for name, value in resumed.items())
 
 
 def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, capsys):

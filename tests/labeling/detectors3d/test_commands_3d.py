@@ -1,5 +1,7 @@
 import json
+import os
 import shutil
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from labeling.formats.checked_json import read_json
 from labeling.generate import main as generate
 from labeling.io.coco import read_valid_box_3d
 from labeling.io.episodes import write_episode
+from labeling.training.config import WEIGHTS_FILE
 
 from .boxed_rooms import SIDES, boxed_room
 
@@ -61,6 +64,28 @@ def test_training_on_labels_says_what_it_learnt_and_where_it_is(labels, recorded
     assert 0 <= results["validation"]["mean_iou"] <= 1
     assert train3d.main([str(labels), "--out", str(out), "--val", str(recorded), *QUICK]) == 0
     assert "going on from step 4" in capsys.readouterr().out
+
+
+def test_a_training_told_to_stop_loses_no_batch(labels, recorded, tmp_path, monkeypatch, capsys):
+    from labeling.detectors3d.frustum_detector import load_network
+    from labeling.detectors3d.frustum_training import FrustumTask
+
+    command, losses = [str(labels), "--val", str(recorded), *QUICK], FrustumTask.losses
+
+    def told_in_step_2(self, batch, step):
+        if step == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return losses(self, batch, step)
+
+    assert train3d.main([*command, "--out", str(tmp_path / "whole")]) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(FrustumTask, "losses", told_in_step_2)
+        assert train3d.main([*command, "--out", str(tmp_path / "told")]) == 128 + signal.SIGTERM
+    assert "the same command goes on with what is missing" in capsys.readouterr().err
+    assert train3d.main([*command, "--out", str(tmp_path / "told")]) == 0
+    assert "going on from step 3" in capsys.readouterr().out
+    resumed, whole = (load_network(tmp_path / name / WEIGHTS_FILE).state_dict() for name in ("told", "whole"))
+    assert all(np.array_equal(value, whole[name]) for name, value in resumed.items())
 
 
 def test_several_sources_are_learnt_from_together(labels, recorded, tmp_path, capsys):

@@ -1,11 +1,15 @@
 """The viewer of label sets: where it looks from, what it colours and lists, and what its controls leave."""
 
 import inspect
+import itertools
+import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +21,16 @@ from hypothesis import strategies as st
 
 from labeling.core.errors import UsageError
 from labeling.core.geometry import intrinsics_from_fov, look_at, project
-from labeling.core.types import Box3d
+from labeling.core.types import Box3d, GroundTruth
 from labeling.core.views import Camera
 from labeling.formats.ply import hues, read_ply, write_ply
 from labeling.generate import main as generate
 from labeling.inspect import main
 from labeling.inspection.colouring import COLOURINGS, TINT, object_colours, point_colours, true_colours
-from labeling.inspection.framing import below, cut_height_m, opening_view
-from labeling.inspection.scene import LabelledScene, SceneObject, read_scenes, together
+from labeling.inspection.framing import SURE, below, cut_height_m, opening_view
+from labeling.inspection.scene import LabelledScene, SceneObject, TrueObject, read_scenes, together
 from labeling.inspection.view_thumbnails import thumbnails
-from labeling.inspection.viewer import SceneViewer, choices, object_row
+from labeling.inspection.viewer import SceneViewer, choices, object_table
 from labeling.io.episodes import read_episode, write_episode
 
 from ..synthetic_room import make_episode
@@ -70,6 +74,8 @@ def room(name: str = "room", place: tuple[str, str] | None = None) -> LabelledSc
 
 def test_the_ceiling_is_left_out_and_all_else_is_shown() -> None:
     scene = room()
+    in_the_ceiling = thing(4, "fridge", 0.05, replace(box_at(1, 1), centre_m=np.array([1.0, 1.0, CEILING_M])))
+    scene = replace(scene, objects=(*scene.objects, in_the_ceiling))  # hardly believed, so that it has no say
     assert EYE_M <= cut_height_m(scene) < CEILING_M
     kept = below(scene, cut_height_m(scene))
     np.testing.assert_array_equal(kept, scene.points[:, 2] < CEILING_M)
@@ -83,7 +89,7 @@ def test_objects_are_shown_whole_whatever_is_cut_off() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-200, 200), st.floats(-200, 200), st.floats(0, 6.28), st.floats(0.4, 1.4))
-def test_the_opening_view_shows_every_box_from_the_side_of_the_cameras(x, y, yaw, fov_rad) -> None:
+def test_the_opening_view_shows_every_sure_box_from_the_side_of_the_cameras(x, y, yaw, fov_rad) -> None:
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     shift = np.array([x, y, 0.0])
     scene = room()
@@ -98,7 +104,7 @@ def test_the_opening_view_shows_every_box_from_the_side_of_the_cameras(x, y, yaw
         cameras=tuple(replace(camera, camera_to_world=pose) for camera, pose in zip(scene.cameras, poses, strict=True)),
     )
     position, target = opening_view(moved, fov_rad)
-    corners = np.concatenate([one.box.corners() for one in moved.objects])
+    corners = np.concatenate([one.box.corners() for one in moved.objects if one.confidence >= SURE])
     pixels, depth_m = project(corners, intrinsics_from_fov(1000, 1000, fov_rad), look_at(position, target))
     assert (depth_m > 0).all()
     assert pixels.min() >= -0.5
@@ -147,9 +153,12 @@ def test_classes_share_a_colour_and_confidence_goes_from_red_to_green() -> None:
     assert classes[1] == classes[3] != classes[2]
     redness = [sure[one.number][0] - sure[one.number][1] for one in sorted(scene.objects, key=lambda o: o.confidence)]
     assert redness == sorted(redness, reverse=True)
-    for confidence, expected in ((0.0, (1, 0, 0)), (0.5, (1, 1, 0)), (1.0, (0, 1, 0))):
-        one = replace(scene.objects[0], confidence=confidence)
+    for value, expected in ((0.0, (1, 0, 0)), (0.5, (1, 1, 0)), (1.0, (0, 1, 0))):
+        one = replace(scene.objects[0], confidence=value, consistency=1 - value)
         assert object_colours(replace(scene, objects=(one,)), "confidence")[1] == expected
+        one = replace(scene.objects[0], confidence=1 - value, consistency=value)
+        assert object_colours(replace(scene, objects=(one,)), "consistency")[1] == expected
+    assert object_colours(scene, "consistency")[1] == (0.5, 0.5, 0.5)  # nothing known
 
 
 # What there is to choose ----------------------------------------------------------------------------------------------
@@ -173,10 +182,26 @@ def test_episodes_of_a_scene_can_be_seen_together() -> None:
     assert [one.source for one in both.objects][::3] == ["a: view 2 (0.97)", "c: view 2 (0.97)"]
 
 
-def test_a_row_says_class_confidence_views_and_source() -> None:
-    one = room().objects[0]
-    assert object_row(one) == "1 chair 0.90, 2 views, from view 2 (0.97)"
-    assert object_row(replace(one, views=(4,), source="")) == "1 chair 0.90, 1 view"
+def cells_of(objects: tuple[SceneObject, ...]) -> list[list[str]]:
+    """What the rows of their table say, without the row of headings."""
+    rows = re.findall(r"<tr>(.*?)</tr>", object_table(objects))[1:]
+    return [[unescape(cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row)] for row in rows]
+
+
+def test_the_table_says_class_confidence_views_consistency_and_source() -> None:
+    one, two, _ = room().objects
+    two = replace(two, views=(4,), source="", consistency=2 / 3)
+    assert cells_of((one, two)) == [
+        ["1", "chair", "0.90", "2", "", "view 2 (0.97)"],
+        ["2", "table", "0.50", "1", "67%", ""],
+    ]
+
+
+def test_names_from_files_become_no_markup() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    objects = (replace(room().objects[0], category=evil, source=evil),)
+    assert "<img" not in object_table(objects)
+    assert cells_of(objects)[0][1::4] == [evil, evil]
 
 
 # On a label set -------------------------------------------------------------------------------------------------------
@@ -204,6 +229,71 @@ def test_objects_know_their_views_and_sources(labels: Path) -> None:
             assert said is not None
             confidences = [f"{d.confidence:.2f}" for d in episode.detections if d.view_index == int(said.group(1))]
             assert said.group(2) in confidences
+
+
+def changed_boxes(labels: Path, to: Path, change: Callable[[dict[str, Any]], Any]) -> Path:
+    """A copy of the label set whose boxes are changed."""
+    shutil.copytree(labels, to)
+    file = to / "boxes_3d.json"
+    content = json.loads(file.read_text())
+    for box in content["boxes"]:
+        change(box)
+    file.write_text(json.dumps(content))
+    return to
+
+
+def test_objects_that_another_episode_found_name_it(labels: Path, tmp_path: Path) -> None:
+    """As ``--share-scenes`` writes them."""
+    shared = {"episode": "room_9", "instance_id": 4}
+    copy = changed_boxes(labels, tmp_path / "labels", lambda box: box.update(shared_from=shared))
+    sources = [one.source for scene in read_scenes(copy) for one in scene.objects]
+    assert sources
+    assert all(re.fullmatch(r"room_9, view \d \(.*\)", source) for source in sources)
+
+
+def test_consistency_is_the_share_of_views_whose_surest_detection_agrees(labels: Path, tmp_path: Path) -> None:
+    def vote(view: int, confidence: float, category: str) -> dict[str, Any]:
+        return {"view_index": view, "confidence": confidence, "category": category}
+
+    def give_sources(box: dict[str, Any]) -> None:
+        own = box["category"]
+        box["sources"] = [
+            vote(0, 0.9, own),
+            vote(0, 0.95, "x"),
+            vote(1, 0.5, own),
+            vote(1, 0.4, "x"),
+            vote(2, 0.3, own),
+        ]
+
+    copy = changed_boxes(labels, tmp_path / "voted", give_sources)
+    assert {one.consistency for scene in read_scenes(copy) for one in scene.objects} == {2 / 3}
+    copy = changed_boxes(labels, tmp_path / "silent", lambda box: box.update(sources=[]))
+    assert {one.consistency for scene in read_scenes(copy) for one in scene.objects} == {None}
+
+
+def test_truth_is_what_stands_there_and_counts(labels: Path, tmp_path: Path) -> None:
+    """Boxes of ignored objects, and of those that move, are left out."""
+    here = tmp_path / "set"
+    shutil.copytree(labels.parent, here)
+    assert all(scene.truth == () for scene in read_scenes(here / "labels"))  # no boxes are known there
+    made = read_episode(here / "data" / "room_1")
+    seen = Counter(one.instance_id for one in made.ground_truth or ())
+    (moving, times), (ignored, _), (standing, _) = seen.most_common()
+    assert times > 1
+
+    def with_box(one: GroundTruth) -> GroundTruth:
+        moved = one.view_index if one.instance_id == moving else 0.0
+        return replace(one, box_3d=box_at(one.instance_id + moved, 1.0), ignore=one.instance_id == ignored)
+
+    shutil.rmtree(here / "data" / "room_1")
+    truth = tuple(with_box(one) for one in made.ground_truth or ())
+    write_episode(here / "data" / "room_1", replace(made, ground_truth=truth))
+    first, second = read_scenes(here / "labels")
+    assert second.truth == ()
+    (one,) = first.truth
+    assert one.category == next(t.category for t in truth if t.instance_id == standing)
+    np.testing.assert_allclose(one.box.centre_m, box_at(standing, 1.0).centre_m)
+    assert len(together([first, first]).truth) == 1
 
 
 def test_pictures_show_masks_in_the_colours_of_their_objects(labels: Path) -> None:
@@ -300,6 +390,98 @@ def test_another_episode_takes_the_place_of_the_first(viewer: SceneViewer) -> No
     assert viewer.scene.name == "room_2"
     assert len(viewer._frustums) == 3
     assert viewer.server.scene.get_handle_by_name("/cameras/5") is None
+
+
+def test_true_boxes_stand_beside_labels_when_asked_for(labels: Path) -> None:
+    pytest.importorskip("viser")
+    truth = (TrueObject("chair", box_at(1, 1)), TrueObject("table", box_at(2, 1)))
+    found = SceneViewer(labels, [replace(read_scenes(labels)[0], truth=truth)], "127.0.0.1", 18080)
+
+    def shown() -> list[bool]:
+        return [found.server.scene.get_handle_by_name(f"/truth/{number}").visible for number in (1, 2)]
+
+    assert found.truth.visible
+    assert shown() == [False, False]
+    found.truth.value = True
+    assert shown() == [True, True]
+    np.testing.assert_allclose(
+        np.unique(found.server.scene.get_handle_by_name("/truth/2").points.reshape(-1, 3), axis=0),
+        np.unique((truth[1].box.corners() - found._origin_m).astype(np.float32), axis=0),
+    )
+    if "table" in found.category.options:
+        found.category.value = "table"
+        assert shown() == [False, True]
+    found.server.stop()
+
+
+def test_nothing_known_of_the_truth_can_be_shown(viewer: SceneViewer) -> None:
+    assert not viewer.truth.visible
+
+
+class Browser:
+    """What a browser does for a film, or does not."""
+
+    def __init__(self, answers: bool = True) -> None:
+        self.answers, self.asked, self.files, self.said = answers, [], {}, []
+
+    def get_render(self, height: int, width: int, **how: Any) -> np.ndarray:
+        if not self.answers:
+            raise TimeoutError
+        self.asked.append(how)
+        return np.full((height, width, 3), 4 * len(self.asked), np.uint8)
+
+    def send_file_download(self, name: str, content: bytes) -> None:
+        self.files[name] = content
+
+    def add_notification(self, title: str, body: str, color: str) -> None:
+        self.said.append(f"{title}: {body}")
+
+
+def test_a_film_circles_what_the_viewer_shows(viewer: SceneViewer, tmp_path: Path) -> None:
+    from PIL import Image
+
+    browser = Browser()
+    viewer._record(browser)
+    places = np.array([one["position"] for one in browser.asked]) + viewer._origin_m
+    position, target = opening_view(viewer.scene, browser.asked[0]["fov"])
+    np.testing.assert_allclose(places[0], position, atol=1e-6)
+    np.testing.assert_allclose(places[:, 2], position[2], atol=1e-6)
+    np.testing.assert_allclose(places.mean(axis=0)[:2], target[:2], atol=1e-6)  # all the way round
+    (name,) = browser.files
+    (tmp_path / name).write_bytes(browser.files[name])
+    with Image.open(tmp_path / name) as film:
+        assert (name, film.n_frames, film.size) == ("room_1.gif", len(places), (480, 360))
+
+
+def test_a_browser_that_draws_nothing_is_told_so(viewer: SceneViewer) -> None:
+    browser = Browser(answers=False)
+    viewer._record(browser)
+    assert (browser.files, browser.said) == ({}, ["No film: the browser drew nothing"])
+
+
+def test_films_need_no_browser(labels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every object that is sure is seen in its colour in most frames, and frames differ."""
+    from PIL import Image
+
+    assert main([str(labels), "--film", str(tmp_path / "films")]) == 0
+    assert f"2 films: {tmp_path / 'films'}" in capsys.readouterr().out
+    for scene in read_scenes(labels):
+        with Image.open(tmp_path / "films" / f"{scene.name}.gif") as film:
+            frames = []
+            for number in range(0, film.n_frames, 6):
+                film.seek(number)
+                frames.append(np.asarray(film.convert("RGB")))
+        assert len(frames) == 6
+        assert all(np.mean(np.abs(one.astype(int) - other) > 40) > 0.01 for one, other in itertools.pairwise(frames))
+        for one in scene.objects:
+            pure = np.rint(255 * np.array([[one.colour]])).astype(np.uint8)
+            expected = int(cv2.cvtColor(pure, cv2.COLOR_RGB2HSV)[0, 0, 0])
+            counts = []
+            for frame in frames:
+                hue, saturation, _ = np.moveaxis(cv2.cvtColor(frame, cv2.COLOR_RGB2HSV).astype(int), 2, 0)
+                apart = np.abs((hue - expected + 90) % 180 - 90)
+                counts.append(((apart <= 10) & (saturation > 80)).sum())
+            assert np.median(counts) > 100
 
 
 def test_nothing_to_show_is_said(labels: Path) -> None:

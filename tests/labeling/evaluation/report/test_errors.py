@@ -1,12 +1,18 @@
 """Kinds of errors and the numbers behind the charts, on masks whose answers can be counted by hand."""
 
+from collections import Counter
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from labeling.core.rle import encode_mask
 from labeling.evaluation.compare import evaluate_label_set
+from labeling.evaluation.report.by_confidence import BACKGROUND, by_confidence
 from labeling.evaluation.report.errors import KINDS, kinds_of
-from labeling.evaluation.report.statistics import BACKGROUND, statistics_of
+from labeling.evaluation.report.statistics import statistics_of
 from labeling.metrics.mask_ap import average_precision, precision_curves
 from labeling.metrics.matching import MaskInstance, match
 
@@ -78,3 +84,53 @@ def test_a_detector_that_never_looked_has_no_numbers(scene) -> None:
     scene.add_episode("one", detections=None)
     scene.write_labels()
     assert statistics_of(evaluate_label_set(scene.labels))["detector"] is None
+
+
+CONFIDENCES = st.one_of(st.floats(0, 1), st.integers(0, 100).map(lambda step: step / 100))
+
+
+@st.composite
+def pictures(draw: st.DrawFn) -> tuple[list[MaskInstance], list[MaskInstance]]:
+    """Predictions and truths of two pictures, of two categories."""
+
+    def some(most: int, truth: bool) -> list[MaskInstance]:
+        found = []
+        for _ in range(draw(st.integers(0, most))):
+            start, length = draw(st.integers(0, 30)), draw(st.integers(1, 9))
+            confidence, ignore = (1.0, draw(st.booleans())) if truth else (draw(CONFIDENCES), False)
+            one = strip(draw(st.sampled_from(["chair", "table"])), start, start + length, confidence, ignore)
+            found.append(replace(one, image=("one", draw(st.integers(0, 1)))))
+        return found
+
+    return some(6, False), some(4, True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(pictures(), st.integers(0, 100))
+def test_counts_at_a_confidence_are_those_of_the_predictions_that_have_it(both, step: int) -> None:
+    """Against kinds and matches of those predictions alone."""
+    predictions, truths = both
+    at = by_confidence(predictions, truths)
+    kept = [item for item in predictions if item.confidence >= step / 100]
+    matches = match(kept, truths)
+    expected = Counter(zip((item.category for item in kept), kinds_of(kept, truths, matches), strict=True))
+    counted = [found for found in matches if not truths[found.truth].ignore]
+    expected.update((truths[found.truth].category, "missed") for found in counted if found.iou < 0.5)
+    assert {key: n[step] for key, n in at.kinds.items() if n[step]} == dict(expected)
+    sums = {name: sum(one.iou for one in counted if truths[one.truth].category == name) for name in at.iou_sum}
+    assert {name: value[step] for name, value in at.iou_sum.items()} == pytest.approx(sums)
+    assert sum(n[step] for n in at.ious.values()) == len(counted)
+    shown = [n[step] for (true, _), n in at.confusion.items() if true != BACKGROUND]
+    assert sum(shown) == len(counted)  # every instance is called something, or missed
+
+
+def test_what_takes_the_place_of_a_less_sure_outline_is_right() -> None:
+    """The best outline is not the surest: without it the second stands for the object."""
+    at = by_confidence([strip("chair", 0, 10, 0.3), strip("chair", 0, 7, 0.8)], TRUTHS)
+    assert [(at.kinds["chair", "right"][step], at.kinds["chair", "duplicate"][step]) for step in (30, 31, 81)] == [
+        (1, 1),
+        (1, 0),
+        (0, 0),
+    ]
+    assert [at.kinds["chair", "missed"][step] for step in (30, 31, 80, 81)] == [0, 0, 0, 1]
+    assert [at.ious["chair", 7][step] for step in (30, 31, 80, 81)] == [0, 1, 1, 0]
