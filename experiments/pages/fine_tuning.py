@@ -12,13 +12,7 @@ from labeling.core.errors import SbmError
 
 RESULTS, PAGE, PICTURE = "fine_tuning.json", "fine-tuning.md", "fine_tuning.png"
 TEACHERS = {"labels": "SbM labels", "truth": "ground truth"}
-COLUMNS = (
-    ("dev", "mask_ap50"),
-    ("dev", "box_ap50"),
-    ("dev", "mask_ap30"),
-    ("dev", "box_ap30"),
-    ("photographs", "mask_ap50"),
-)
+COLUMNS = (("validation", "mask_ap50"), ("validation", "mask_ap30"), ("photographs", "mask_ap50"))
 """Of the table of means: which pictures, and which figure."""
 
 
@@ -34,45 +28,36 @@ def compose(results: Path) -> tuple[str, Pictures]:
 
 def page(content: Mapping[str, Any]) -> str:
     """The text of the page."""
-    worlds = [_world(name, world, content["variants"]) for name, world in content["worlds"].items()]
-    variants = [
-        [name, ", ".join(f"`{setting} = {value:g}`" for setting, value in changed.items()) or "-"]
-        for name, changed in content["variants"].items()
-    ]
-    train = content["settings"]["train"]
+    worlds = [_world(name, world) for name, world in content["worlds"].items()]
     return render(
-        "fine-tuning.md.jinja", **{**content, "worlds": worlds, "train": train, "variants": variants}, picture=PICTURE
+        "fine-tuning.md.jinja", **{**content, "worlds": worlds, "train": content["settings"]["train"]}, picture=PICTURE
     )
 
 
-def gap_closed(world: Mapping[str, Any], variant: str, figure: str = "mask_ap50") -> float | None:
+def gap_closed(world: Mapping[str, Any], figure: str = "mask_ap50") -> float | None:
     """Share of the way from the detector before to ground-truth fine-tuning that learning from labels goes, by means
     over seeds; None where ground truth does not help.
     """
-    before = world["before"]["dev"][figure]
-    labels, truth = (np.mean([run["dev"][figure] for run in _runs(world, variant, teacher)]) for teacher in TEACHERS)
+    before = world["before"]["validation"][figure]
+    labels, truth = (np.mean([run["validation"][figure] for run in _runs(world, teacher)]) for teacher in TEACHERS)
     return float((labels - before) / (truth - before)) if truth > before else None
 
 
-def _runs(world: Mapping[str, Any], variant: str, teacher: str) -> list[Mapping[str, Any]]:
-    return [run for run in world["runs"] if (run["variant"], run["teacher"]) == (variant, teacher)]
+def _runs(world: Mapping[str, Any], teacher: str) -> list[Mapping[str, Any]]:
+    return [run for run in world["runs"] if run["teacher"] == teacher]
 
 
-def _world(name: str, world: Mapping[str, Any], variants: Mapping[str, Any]) -> dict[str, Any]:
+def _world(name: str, world: Mapping[str, Any]) -> dict[str, Any]:
     before = world["before"]
-    ap50 = {category: ap for category, ap in before["dev"]["per_class_ap50"].items() if ap is not None}
+    ap50 = {category: ap for category, ap in before["validation"]["per_class_ap50"].items() if ap is not None}
     means = [["before", *(points(before[part][figure]) for part, figure in COLUMNS)]]
     per_category = [["before", *(points(ap50[category]) for category in sorted(ap50))]]
-    gaps = []
-    for variant in variants:
-        for teacher, words in TEACHERS.items():
-            runs = _runs(world, variant, teacher)
-            figures = [[100 * run[part][figure] for run in runs] for part, figure in COLUMNS]
-            means.append([f"{variant}, {words}", *map(mean_range, figures)])
-            of_category = {c: np.mean([run["dev"]["per_class_ap50"][c] for run in runs]) for c in sorted(ap50)}
-            per_category.append([f"{variant}, {words}", *(points(float(ap)) for ap in of_category.values())])
-        shares = [gap_closed(world, variant, figure) for part, figure in COLUMNS if part == "dev"]
-        gaps.append([variant, *("-" if share is None else f"{share:.2f}" for share in shares)])
+    for teacher, words in TEACHERS.items():
+        runs = _runs(world, teacher)
+        figures = [[100 * run[part][figure] for run in runs] for part, figure in COLUMNS]
+        means.append([f"after {words}", *map(mean_range, figures)])
+        of_category = {c: np.mean([run["validation"]["per_class_ap50"][c] for run in runs]) for c in sorted(ap50)}
+        per_category.append([f"after {words}", *(points(float(ap)) for ap in of_category.values())])
     pools = world["pools"].items()
     return {
         "name": name,
@@ -80,7 +65,7 @@ def _world(name: str, world: Mapping[str, Any], variants: Mapping[str, Any]) -> 
         "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
         "detector_ap50": points(world["labels"][0]["detector"]["mask_ap50"]),
         "labels_ap50": mean_range([100 * one["pseudo_labels"]["mask_ap50"] for one in world["labels"]]),
-        "gaps": gaps,
+        "gap_closed": gap_closed(world),
         "means": means,
         "categories": sorted(ap50),
         "per_category": per_category,

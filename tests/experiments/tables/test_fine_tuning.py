@@ -10,7 +10,6 @@ from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
-from experiments.tables.fine_tuning import TABLES, TRIED, VARIANTS
 from labeling.training import loop as training_loop
 
 
@@ -25,12 +24,10 @@ def test_the_experiment_runs_resumes_and_reports(
     written = tmp_path / "results" / "fine_tuning.json"
     content = json.loads(written.read_text())
     room = content["worlds"]["rooms"]
-    assert [(one["variant"], one["teacher"], one["seed"]) for one in room["runs"]] == [
-        (variant.name, teacher, 0) for variant in TRIED["smoke"] for teacher in ("labels", "truth")
-    ]
-    assert set(room["before"]) == {"dev", "photographs"}
+    assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [("labels", 0), ("truth", 0)]
+    assert set(room["before"]) == {"validation", "photographs"}
     pools = {pool.name: pool for pool in small_rooms if pool.name.startswith("rooms")}
-    assert {pool.split for pool in pools.values()} == {"train", "endless"}
+    assert {pool.split for pool in pools.values()} == {"train", "val"}
     assert {pool.detector for pool in pools.values()} == {"compact"}
     assert (pools["rooms_learn"].split, pools["rooms_choose"].split) == ("train", "train")
     assert pools["rooms_learn"].seed != pools["rooms_choose"].seed
@@ -66,27 +63,13 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
 
 def test_the_share_of_the_gap_is_that_of_means_over_seeds() -> None:
     def scored(ap50: float) -> dict:
-        return {"dev": {"mask_ap50": ap50}}
+        return {"validation": {"mask_ap50": ap50}}
 
-    runs = [("a", "labels", 0.4), ("a", "labels", 0.5), ("a", "truth", 0.7), ("a", "truth", 0.8)]
-    runs += [("b", "labels", 0.9), ("b", "truth", 0.9)]
-    named = [{"variant": variant, "teacher": name, **scored(ap50)} for variant, name, ap50 in runs]
-    world = {"before": scored(0.3), "runs": named}
-    assert gap_closed(world, "a") == pytest.approx(0.15 / 0.45)
-    assert gap_closed(world, "b") == pytest.approx(1.0)
+    runs = [("labels", 0.4), ("labels", 0.5), ("truth", 0.7), ("truth", 0.8)]
+    world = {"before": scored(0.3), "runs": [{"teacher": name, **scored(ap50)} for name, ap50 in runs]}
+    assert gap_closed(world) == pytest.approx(0.15 / 0.45)
     world["before"] = scored(0.9)
-    assert gap_closed(world, "a") is None
-
-
-def test_ways_of_training_differ_from_the_tables_in_what_they_say() -> None:
-    tables = SIZES["quick"].train
-    assert VARIANTS[0].name == TABLES
-    assert VARIANTS[0].config(tables) == tables
-    for variant in VARIANTS[1:]:
-        config = variant.config(tables)
-        config.check()
-        assert variant.train
-        assert all(getattr(tables, name) != value == getattr(config, name) for name, value in variant.train.items())
+    assert gap_closed(world) is None
 
 
 def test_every_scale_learns_and_chooses_on_something() -> None:
