@@ -1,10 +1,10 @@
 """Stages of experiments with 3-D memories: train them, score what they predict. Outcomes are kept."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,11 @@ from labeling.memory.settings.memory_spec import MemorySize, Model
 from labeling.memory.settings.train_config import TrainMemoryConfig
 from labeling.runtime.code_digest import code_digest
 
+if TYPE_CHECKING:
+    from labeling.memory.view_prediction.evaluation import Scores
+    from labeling.memory.view_prediction.scenes import SmallScene
+
+_Scene = TypeVar("_Scene")
 REPROJECTION, NO_CHANGE = "reprojection", "no change"
 """Names of methods that learn nothing: drawing points; in arithmetic, pictures of A itself."""
 
@@ -107,18 +112,29 @@ def _score(job: ViewScores) -> dict[str, Any]:
     from labeling.memory.view_prediction.scenes import read_scenes
 
     scenes, _ = read_scenes(job.episodes, job.size.spec("grnn"))
-    device, found = choose_device(), {}
+    device = choose_device()
     network = None if job.method == REPROJECTION else load_memory(Path(job.method)).to(device)
-    for inputs in job.inputs:
-        of_scenes = []
-        for scene in scenes:
-            if network is None:
-                scores = score_pictures(reproject_views, [scene], inputs, job.targets)
-            else:
-                scores = evaluate(network, [scene], inputs, job.targets, device)
-            of_scenes.append({name: float(np.mean(values)) for name, values in scores.items()})
-        mean = {name: float(np.mean([one[name] for one in of_scenes])) for name in of_scenes[0]}
-        found[str(inputs)] = {"mean": mean, "scenes": of_scenes}
+
+    def score(scene: "SmallScene", inputs: int) -> "Scores":
+        if network is None:
+            return score_pictures(reproject_views, [scene], inputs, job.targets)
+        return evaluate(network, [scene], inputs, job.targets, device)
+
+    return _by_inputs(scenes, job.inputs, score)
+
+
+def _by_inputs(
+    scenes: Sequence[_Scene], inputs: Sequence[int], score: "Callable[[_Scene, int], Scores]"
+) -> dict[str, Any]:
+    """By the number of inputs, means over views for every scene, and of these over the scenes that have them."""
+    found = {}
+    for count in inputs:
+        of_scenes = [
+            {name: float(np.mean(values)) for name, values in score(scene, count).items() if values} for scene in scenes
+        ]
+        names = of_scenes[0]
+        mean = {name: float(np.mean([one[name] for one in of_scenes if name in one])) for name in names}
+        found[str(count)] = {"mean": mean, "scenes": of_scenes}
     return found
 
 
@@ -174,13 +190,4 @@ def _score_arithmetic(job: ArithmeticScores) -> dict[str, Any]:
         network = load_memory(Path(job.method)).to(choose_device())
         assert not isinstance(network, Cn3d), "C-N3D decodes features, no pictures"
         combine = combiner(network, choose_device())
-    found = {}
-    for inputs in job.inputs:
-        of_scenes = []
-        for one in exchanges:
-            scores = score_arithmetic(combine, [one], inputs, job.targets)
-            of_scenes.append({name: float(np.mean(values)) for name, values in scores.items() if values})
-        names = of_scenes[0]
-        mean = {name: float(np.mean([one[name] for one in of_scenes if name in one])) for name in names}
-        found[str(inputs)] = {"mean": mean, "scenes": of_scenes}
-    return found
+    return _by_inputs(exchanges, job.inputs, lambda one, inputs: score_arithmetic(combine, [one], inputs, job.targets))
