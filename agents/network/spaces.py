@@ -1,11 +1,14 @@
 """Observation and action spaces as JSON, and what differs between two of them."""
 
+import math
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 PLAIN = ("uint8", "float32", "float64")
+MAX_ENTRIES = 20_000_000
+"""Of a described space; two pictures of 1920 x 1080 with depth have 17 million. A few bytes can claim gigabytes."""
 
 
 def describe(space: spaces.Space) -> dict[str, Any]:
@@ -50,15 +53,15 @@ def space_of(description: Any) -> spaces.Space:
             return spaces.Dict({str(name): space_of(part) for name, part in description["spaces"].items()})
         if description["type"] == "MultiDiscrete":
             counts = [int(count) for count in description["nvec"]]
-            if not counts or min(counts) < 1:
+            if not counts or min(counts) < 1 or max(counts) > MAX_ENTRIES:
                 raise ValueError(f"no space has the choices {counts}")
             return spaces.MultiDiscrete(counts)
         if description["type"] != "Box" or description["dtype"] not in PLAIN:
             raise ValueError(f"no space is described by {description!r}")
         dtype: Any = np.dtype(description["dtype"])
         shape = tuple(int(size) for size in description["shape"])
-        if not all(size > 0 for size in shape):
-            raise ValueError(f"no space has the shape {list(shape)}")
+        if not all(size > 0 for size in shape) or math.prod(shape) > MAX_ENTRIES:
+            raise ValueError(f"no space has the shape {list(shape)}: expected 1 to {MAX_ENTRIES:,} entries")
         low, high = (_array(description[name], shape) for name in ("low", "high"))
         return spaces.Box(low.astype(dtype), high.astype(dtype), shape, dtype)
     except (KeyError, TypeError, AttributeError, OverflowError) as error:

@@ -14,7 +14,7 @@ import numpy as np
 
 from experiments.campaign.campaign_config import CampaignConfig
 from experiments.campaign.corruptions import Job, make_corruption
-from experiments.campaign.disturbances import FAULTS, KILLS, WRITERS, Disturbance, Undisturbed, undisturbed
+from experiments.campaign.disturbances import FAULTS, KILLED, KILLS, WRITERS, Disturbance, Undisturbed, undisturbed
 from experiments.campaign.inputs import make_inputs
 from experiments.campaign.soak import growth_mb_per_1000, soak
 from experiments.campaign.trial import FINE, MOST_MEMORY_MB, PATIENCE_S
@@ -143,10 +143,11 @@ def _corruptions(kind: str, config: CampaignConfig, inputs: Path, done: set[int]
 
 def _disturbances(kind: str, config: CampaignConfig, inputs: Path, done: set[int]) -> Iterator[dict[str, Any]]:
     chosen: tuple[Disturbance, ...] = KILLS if kind == "kills" else FAULTS
+    subjects = KILLED if kind == "kills" else WRITERS
     expected: dict[str, Undisturbed] = {}
     for number in _numbers(config, done):
         rng = np.random.default_rng([config.seed, number])
-        subject = WRITERS[number % len(WRITERS)]
+        subject = subjects[number % len(subjects)]
         if subject.name not in expected:
             expected[subject.name] = undisturbed(subject, inputs)
         disturb = chosen[int(rng.integers(len(chosen)))]

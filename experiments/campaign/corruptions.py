@@ -56,7 +56,9 @@ def _corrupt(job: Job) -> Found:
         spoilt = folder.parent / f"{folder.name}_spoilt"
         shutil.copytree(given, spoilt, symlinks=True, copy_function=_copy)
         try:
-            trial = run_trial(subject.module, subject.command(given, out), folder, writes)
+            trial = run_trial(
+                subject.module, subject.command(given, out), folder, writes, subject.variables(given, out)
+            )
             if trial.outcome not in FINE:
                 target = job.failing / f"{job.number:05d}"
                 shutil.rmtree(target, ignore_errors=True)

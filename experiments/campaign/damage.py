@@ -4,6 +4,8 @@ import copy
 import json
 import os
 import struct
+import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -66,16 +68,48 @@ def _damage_file(file: Path, rng: np.random.Generator) -> str:
             content, what = damage_json(content, rng)
             file.write_text(json.dumps(content))
             return what
-    if file.suffix in (".txt", ".yaml", ".yml", ".csv") and drawn < 0.85:
+    if file.suffix in (".txt", ".yaml", ".yml", ".csv", ".obj", ".mtl", ".properties") and drawn < 0.85:
         text, what = damage_table(data.decode("utf-8", "replace"), rng)
         file.write_text(text)
         return what
+    members = _members(file) if drawn < 0.85 else {}
+    if members:
+        return _damage_member(file, members, rng)
     if file.suffix == ".png" and drawn < 0.3:
         file.write_bytes(forge_png_size(data, rng))
         return "a PNG whose header claims to be huge"
     changed, what = damage_bytes(data, rng)
     file.write_bytes(changed)
     return what
+
+
+def _members(file: Path) -> dict[str, bytes]:
+    """The files in a zip archive; none if it is no valid one."""
+    if not zipfile.is_zipfile(file):
+        return {}
+    try:
+        with zipfile.ZipFile(file) as archive:
+            return {name: archive.read(name) for name in archive.namelist()}
+    except Exception:  # spoilt already
+        return {}
+
+
+def _damage_member(file: Path, members: dict[str, bytes], rng: np.random.Generator) -> str:
+    """Spoils one file of a zip archive, which stays a valid archive; one in an archive within it likewise."""
+    name = sorted(members)[int(rng.integers(len(members)))]
+    with tempfile.TemporaryDirectory() as folder:
+        member = Path(folder) / f"member{Path(name).suffix}"
+        member.write_bytes(members[name])
+        what = _damage_file(member, rng) if rng.random() < 0.9 else "gone"
+        if what in ("gone", "a folder", "a pipe that nobody writes to", "a link to itself"):
+            what = "gone"
+            del members[name]
+        else:
+            members[name] = member.read_bytes()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for kept, data in members.items():
+            archive.writestr(kept, data)
+    return f"{name}: {what}"
 
 
 def damage_json(content: Any, rng: np.random.Generator) -> tuple[Any, str]:

@@ -16,12 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.campaign.inputs import ENV
+from experiments.campaign.inputs import ENV, TINY_BOXES, TINY_MEMORY
 from experiments.campaign.processes import Ended, kill, leftovers, start, tree_digest, wait
-from experiments.campaign.subjects import Subject
+from experiments.campaign.subjects import TUNING, Subject
 
 _LABELS = ("{in}", "--out", "{out}")
-_TUNING = ("--iterations", "4", "--validate-every", "2", "--batch-size", "1", "--device", "cpu")
 _TRAINING = ("--env", ENV, "--hyperparams", "{in}/ppo.yaml", "--scenes", "1", "--validation-scenes", "1")
 _TRAINING += ("--eval-episodes", "1", "--eval-every", "25", "--compare-episodes", "0", "--processes", "1")
 WRITERS = (
@@ -36,10 +35,83 @@ WRITERS = (
         resumes=True,
     ),
     Subject("convert", "labeling.convert", ("{in}/room", "--out", "{out}"), "tum", ()),
-    Subject("fine-tune", "labeling.finetune", ("{in}/set", *_TUNING, "--out", "{out}"), "labels", (), resumes=True),
+    Subject("fine-tune", "labeling.finetune", ("{in}/set", *TUNING, "--out", "{out}"), "labels", (), resumes=True),
     Subject("train", "agents.train", (*_TRAINING, "--out", "{out}"), "policy", (), resumes=True),
 )
 """Commands that write, with small work."""
+KILLED = (
+    *WRITERS,
+    Subject(
+        "detect",
+        "labeling.detect",
+        ("{in}", "--detector", "compact", "--device", "cpu", "--replace"),
+        "episodes",
+        (),
+        resumes=True,
+        writes_beside=True,
+    ),
+    Subject(
+        "find 3-D boxes",
+        "labeling.detect3d",
+        ("{in}/episodes", "--detector", "{in}/run", "--device", "cpu"),
+        "boxes",
+        (),
+        resumes=True,
+        writes_beside=True,
+    ),
+    Subject(
+        "evaluate labels",
+        "labeling.evaluate",
+        ("{in}/set", "--dataset", "{in}/episodes"),
+        "labels",
+        (),
+        resumes=True,
+        writes_beside=True,
+    ),
+    Subject(
+        "write labels for other tools",
+        "labeling.convert",
+        ("{in}/set", "--dataset", "{in}/episodes", "--to", "yolo-segment", "--out", "{out}"),
+        "labels",
+        (),
+    ),
+    Subject("train boxes", "labeling.train3d", ("{in}/set", *TINY_BOXES, "--out", "{out}"), "labels", (), resumes=True),
+    Subject(
+        "train a memory",
+        "labeling.train_memory",
+        ("{in}", *TINY_MEMORY, "--out", "{out}"),
+        "episodes",
+        (),
+        resumes=True,
+    ),
+    Subject(
+        "compare policies",
+        "agents.evaluate",
+        ("--policies", "ring", "random", "--env", ENV, "--scenes", "1", "--episodes", "2", "--out", "{out}"),
+        "episodes",
+        (),
+        resumes=True,
+    ),
+    Subject(
+        "take photographs",
+        "sbm_gym.photographs.__main__",
+        ("--count", "8", "--size", "64", "--builtin", "--out", "{out}"),
+        "episodes",
+        (),
+        resumes=True,
+    ),
+    Subject(
+        "install furniture",
+        "sbm_gym.assets.__main__",
+        ("install",),
+        "furniture",
+        (),
+        resumes=True,
+        environment=(("SBM_FURNITURE", "{in}/library.sh3f"), ("SBM_CACHE", "{out}")),
+    ),
+)
+"""Those that are killed; some of them write beside what they read, which a full disk or a second writer cannot be given
+to."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +147,7 @@ def undisturbed(subject: Subject, inputs: Path) -> Undisturbed:
     for _ in range(2):
         with tempfile.TemporaryDirectory(prefix="sbm_campaign_") as scratch:
             given, out = _places(Path(scratch), subject, inputs)
-            ended = wait(start(subject.module, subject.command(given, out)))
+            ended = wait(_start(subject, given, out))
             if ended.code != 0:
                 raise SbmError(f"{subject.name}: fails undisturbed: {ended.told[-500:]}")
             digests.append(tree_digest(out))
@@ -90,7 +162,7 @@ def killed(subject: Subject, inputs: Path, expected: Undisturbed, rng: np.random
         given, out = _places(Path(scratch), subject, inputs)
         moments, number = [], int(rng.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
         for _ in range(1 + int(rng.random() < 0.3)):
-            process = start(subject.module, subject.command(given, out))
+            process = _start(subject, given, out)
             moments.append(float(rng.uniform(0.2, 1.0)) * expected.seconds)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(moments[-1])
@@ -115,7 +187,7 @@ def starved(subject: Subject, inputs: Path, expected: Undisturbed, rng: np.rando
         try:
             given, out = _places(Path(scratch), subject, inputs)
             small = Path(disk) / "out"
-            ended = wait(start(subject.module, subject.command(given, small)))
+            ended = wait(_start(subject, given, small))
             problem = _refusal(ended)
             left = leftovers(small)
         finally:
@@ -133,12 +205,12 @@ def shut_out(subject: Subject, inputs: Path, expected: Undisturbed, rng: np.rand
         if rng.random() < 0.5:
             what, place = "a place below a file", Path(scratch) / "file" / "out"
             place.parent.write_text("")
-            ended = wait(start(subject.module, subject.command(given, place)))
+            ended = wait(_start(subject, given, place))
         else:
             what = "a read-only disk"
             _mount("ro", disk)
             try:
-                ended = wait(start(subject.module, subject.command(given, Path(disk) / "out")))
+                ended = wait(_start(subject, given, Path(disk) / "out"))
             finally:
                 subprocess.run(["umount", disk], check=True)
         problem = _refusal(ended, must_fail=True)
@@ -151,9 +223,9 @@ def joined(subject: Subject, inputs: Path, expected: Undisturbed, rng: np.random
     """Starts a command twice at once, with the same place to write to."""
     with tempfile.TemporaryDirectory(prefix="sbm_campaign_") as scratch:
         given, out = _places(Path(scratch), subject, inputs)
-        processes = [start(subject.module, subject.command(given, out))]
+        processes = [_start(subject, given, out)]
         time.sleep(float(rng.uniform(0.0, 0.3)) * expected.seconds)
-        processes.append(start(subject.module, subject.command(given, out)))
+        processes.append(_start(subject, given, out))
         for process in processes:
             ended = wait(process)
             if problem := _refusal(ended):
@@ -176,7 +248,7 @@ def confused(subject: Subject, inputs: Path, expected: Undisturbed, rng: np.rand
         given, out = _places(Path(scratch), subject, inputs)
         (Path(scratch) / "sitecustomize.py").write_text(CLOCK)
         paths = os.pathsep.join(filter(None, [scratch, os.environ.get("PYTHONPATH", ""), str(Path.cwd())]))
-        ended = wait(start(subject.module, subject.command(given, out), {"PYTHONPATH": paths}))
+        ended = wait(_start(subject, given, out, {"PYTHONPATH": paths}))
         if ended.code != 0:
             return Disturbed(subject.name, "a clock that jumps", f"exit code {ended.code}", ended.told[-2000:])
         return _compared(subject, out, expected, "a clock that jumps", ended)
@@ -188,11 +260,16 @@ FAULTS: tuple[Disturbance, ...] = (starved, shut_out, joined, confused)
 
 
 def _places(scratch: Path, subject: Subject, inputs: Path) -> tuple[Path, Path]:
+    """A copy of the input, and where to write."""
     given, out = scratch / "in", scratch / "results" / "out"
     if not given.exists():
         shutil.copytree(inputs / subject.inputs, given)
         out.parent.mkdir()
-    return given, out
+    return given, given if subject.writes_beside else out
+
+
+def _start(subject: Subject, given: Path, out: Path, more: dict[str, str] | None = None) -> "subprocess.Popen[str]":
+    return start(subject.module, subject.command(given, out), subject.variables(given, out) | (more or {}))
 
 
 def _mount(options: str, disk: str) -> None:
@@ -223,7 +300,7 @@ def _refusal(ended: Ended, must_fail: bool = False) -> str:
 
 def _finished(subject: Subject, given: Path, out: Path, expected: Undisturbed, what: str) -> Disturbed:
     """The same command once more, undisturbed: it must end with the same files."""
-    ended = wait(start(subject.module, subject.command(given, out)))
+    ended = wait(_start(subject, given, out))
     if ended.code != 0:
         return Disturbed(subject.name, what, f"cannot go on: exit code {ended.code}", ended.told[-2000:])
     return _compared(subject, out, expected, what, ended)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.campaign.foreign_inputs import make_furniture, make_onnx, make_outlines
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import atomic_folder
 
@@ -28,6 +29,13 @@ sbm_gym/IndoorBuiltin-v0:
   normalize: {norm_obs: false, norm_reward: true}
   policy_kwargs: {width: 8}
 """
+TINY_BOXES = ("--iterations", "4", "--validate-every", "2", "--batch-size", "2", "--num-points", "64")
+TINY_BOXES += ("--width", "0.125", "--device", "cpu")
+"""Options of a training of boxes that takes a second."""
+TINY_MEMORY = ("--iterations", "4", "--validate-every", "2", "--batch-size", "1", "--voxels", "8", "8", "8")
+TINY_MEMORY += ("--voxel-m", "0.5", "--channels", "4", "--planes", "8", "--width", "8", "--picture", "32", "32")
+TINY_MEMORY += ("--around", "scene", "--device", "cpu")
+"""Options of a training of a memory that takes a few seconds."""
 
 
 def make_inputs(folder: Path) -> None:
@@ -148,6 +156,22 @@ def _network(out: Path, inputs: Path) -> None:
     shutil.copytree(inputs / "episodes" / "0000", out / "episode")
 
 
+def _boxes(out: Path, inputs: Path) -> None:
+    run_command("labeling.train3d", str(inputs / "labels" / "set"), *TINY_BOXES, "--out", str(out / "run"))
+    shutil.copytree(inputs / "episodes", out / "episodes")
+
+
+def _memory(out: Path, inputs: Path) -> None:
+    run_command("labeling.train_memory", str(inputs / "episodes"), *TINY_MEMORY, "--out", str(out / "run"))
+    shutil.copytree(inputs / "episodes" / "0000", out / "episode")
+
+
+def _atlas(out: Path, _: Path) -> None:
+    options = ["--env", ENV, "--split", "endless", "--scenes", "2", "--detector", "simulated"]
+    run_command("sbm_gym.build_atlas", *options, "--out", str(out / "atlas"))
+    (out / "ppo.yaml").write_text(HYPERPARAMETERS)
+
+
 MAKERS: dict[str, Callable[[Path, Path], None]] = {
     "episodes": _episodes,
     "labels": _labels,
@@ -155,5 +179,11 @@ MAKERS: dict[str, Callable[[Path, Path], None]] = {
     "tum": _tum,
     "policy": _run,
     "network": _network,
+    "boxes": _boxes,
+    "memory": _memory,
+    "outlines": make_outlines,
+    "onnx": make_onnx,
+    "furniture": make_furniture,
+    "atlas": _atlas,
 }
 """Folders of inputs by name, each made from those before it."""

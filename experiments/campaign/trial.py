@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import io
+import os
 import signal
 import time
 import traceback
@@ -43,7 +44,9 @@ class _HangError(BaseException):
     """Raised by the alarm; nothing in the project catches it."""
 
 
-def run_trial(module: str, arguments: list[str], folder: Path, out: Path) -> Trial:
+def run_trial(
+    module: str, arguments: list[str], folder: Path, out: Path, variables: dict[str, str] | None = None
+) -> Trial:
     """Runs the ``main`` of a command in this process.
 
     Args:
@@ -51,6 +54,7 @@ def run_trial(module: str, arguments: list[str], folder: Path, out: Path) -> Tri
         arguments: of the command line.
         folder: holds the inputs and ``out``, and nothing else may appear in it.
         out: where the command may write.
+        variables: of the environment, set meanwhile.
     """
     before = _entries(folder, out)
     gc.collect()
@@ -58,7 +62,12 @@ def run_trial(module: str, arguments: list[str], folder: Path, out: Path) -> Tri
     said, code, broke = io.StringIO(), None, ""
     begun = time.monotonic()
     try:
-        with _alarm(), contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with (
+            _alarm(),
+            _environment(variables or {}),
+            contextlib.redirect_stderr(said),
+            contextlib.redirect_stdout(said),
+        ):
             code = import_module(module).main(arguments)
     except _HangError:
         broke = "hang"
@@ -128,6 +137,17 @@ def _memory_mb(reset: bool = False) -> float:
         Path("/proc/self/clear_refs").write_text("5")
     status = Path("/proc/self/status").read_text()
     return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))) / 1024
+
+
+@contextlib.contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 @contextlib.contextmanager

@@ -21,7 +21,7 @@ from labeling.core.errors import SbmError
 from labeling.formats.atomic import atomic_file
 from labeling.formats.checked_json import read_json
 from labeling.runtime.run_folder import claim_run_folder
-from sbm_gym.atlas.pose_grid import PoseGrid
+from sbm_gym.atlas.pose_grid import FEWEST_HEADINGS, PoseGrid
 from sbm_gym.atlas.stored_views import (
     StoredView,
     decode_depth,
@@ -101,27 +101,33 @@ class SceneAtlas:
 
         Raises:
             AtlasError: if there is none, it is unfinished or damaged, or was made of something else.
+            EpisodeFormatError: if its JSON is malformed.
         """
         folder = scene_folder(atlas, key.scene)
         if not (folder / KEY_FILE).is_file():
             raise AtlasError(f"{atlas} has no views of scene {key.scene!r}; python -m sbm_gym.build_atlas makes them")
-        content = read_json(folder / KEY_FILE).mapping()
-        check_key(folder, content, key)
+        content = read_json(folder / KEY_FILE)
+        check_key(folder, content.mapping(), key)
         self._sizes, self._unit_m = (key.image_size, key.detector_size), DEPTH_UNIT_M
         self._path = folder / VIEWS_FILE
-        self.poses = PoseGrid(np.array(content["places_m"], float).reshape(-1, 2), int(content["num_headings"]))
+        places_m = content.array("places_m", (len(content.list_of("places_m")), 2))
+        headings = content.integer("num_headings")
+        if headings < FEWEST_HEADINGS or not len(places_m):
+            raise AtlasError(f"{folder} is damaged: {len(places_m)} places, {headings} headings; build it again")
+        self.poses = PoseGrid(places_m, headings)
         """Places and headings of the views."""
         if not self._path.is_file():
             raise AtlasError(f"{folder} is not finished; the same python -m sbm_gym.build_atlas goes on with it")
         shape = (len(self.poses.places_m), _PARTS * self.poses.num_headings + 1)
         self._content = np.memmap(self._path, np.uint8, "r").data
         table_bytes = 8 * shape[0] * shape[1]
-        damaged = len(self._content) < table_bytes
+        damaged = len(self._content) <= table_bytes
         if not damaged:
             self._starts: Int64[np.ndarray, "places parts"] = np.frombuffer(
                 self._content[:table_bytes], np.int64
             ).reshape(shape)
             damaged = self._starts[-1, -1] != len(self._content) or bool((np.diff(self._starts) < 0).any())
+            damaged = damaged or bool((self._starts < table_bytes).any() or (self._starts > len(self._content)).any())
         if damaged:
             raise AtlasError(f"{self._path} is damaged; delete {folder} and build it again")
 
@@ -158,7 +164,8 @@ def check_key(folder: Path, content: Mapping[str, Any], key: AtlasKey) -> None:
     Raises:
         AtlasError: naming what differs.
     """
-    written = content.get("key", {})
+    written = content.get("key")
+    written = written if isinstance(written, dict) else {}
     differing = [
         f"{name} {written.get(name)} there, {value} asked for"
         for name, value in key.as_json().items()
@@ -172,10 +179,11 @@ def check_key(folder: Path, content: Mapping[str, Any], key: AtlasKey) -> None:
 
 def _decisive(content: Mapping[str, Any]) -> dict[str, Any]:
     """What must agree for an atlas that was begun to be gone on with, by name."""
-    places = content.get("places_m", [])
+    places, key = content.get("places_m"), content.get("key")
+    places = places if isinstance(places, list) else []
     return {
         "format": content.get("format"),
-        **content.get("key", {}),
+        **(key if isinstance(key, dict) else {}),
         "headings": content.get("num_headings"),
         "places": f"{len(places)} ({hashlib.sha256(repr(places).encode()).hexdigest()[:8]})",
     }

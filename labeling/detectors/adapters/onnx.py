@@ -21,6 +21,7 @@ from labeling.detectors.adapters.onnx_config import FAMILIES, read_config
 from labeling.detectors.adapters.onnx_layouts import DENSE_NMS_IOU, Candidates, read_candidates
 from labeling.detectors.data.augment import resize_picture
 from labeling.formats.checked_json import read_json
+from labeling.formats.pixel_limit import too_large
 from labeling.formats.regular_file import regular
 
 _TYPES: dict[str, Any] = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
@@ -43,7 +44,7 @@ class OnnxDetector:
             raise DetectorError(f"{name}: no such file")
         beside = path.with_suffix(".json")
         self._session = _session(path, name)
-        metadata = self._session.get_modelmeta().custom_metadata_map
+        metadata, inputs, self._outputs = _described(self._session, name)
         try:
             self.config = read_config(read_json(beside) if beside.is_file() else None, family, metadata)
         except EpisodeFormatError as error:
@@ -56,27 +57,31 @@ class OnnxDetector:
         self.categories = tuple(dict.fromkeys(one for one in self.config.categories if one))
         extra = regular(beside).read_bytes() if beside.is_file() else (family or "").encode()
         self.digest = hashlib.sha256(regular(path).read_bytes() + extra).hexdigest()
-        self._outputs = [one.name for one in self._session.get_outputs()]
         missing = [one for _, one in self.config.outputs if one not in self._outputs]
         if missing:
             raise DetectorError(
                 f"{name}: has no output {missing[0]!r}, only {', '.join(self._outputs)}; name them as outputs in "
                 f"{beside.name}"
             )
-        entry, *others = self._session.get_inputs()
-        self._entry, self._type, shape = entry.name, entry.type, entry.shape
+        if not inputs:
+            raise DetectorError(f"{name}: takes no input; expected pictures (1, 3, h, w) or (1, h, w, 3)")
+        (self._entry, self._type, shape), *more = inputs
+        others = [one for one, _, _ in more]
         if len(shape) != 4 or 3 not in (shape[1], shape[3]) or self._type not in _TYPES:
             raise DetectorError(
-                f"{name}: takes {entry.name} {shape} of {entry.type}; expected pictures (1, 3, h, w) or (1, h, w, 3), "
+                f"{name}: takes {self._entry} {shape} of {self._type}; expected pictures (1, 3, h, w) or (1, h, w, 3), "
                 f"one of {', '.join(_TYPES)}"
             )
         self._channels_last = shape[1] != 3
         fixed = shape[1:3] if self._channels_last else shape[2:]
         whole = all(isinstance(side, int) for side in fixed)
         self._size = self.config.size or (tuple(fixed) if whole else None)
-        self._sizes_input = SIZES_INPUT if [one.name for one in others] == [SIZES_INPUT] else None
+        why = too_large(*self._size) if self._size else None
+        if why is not None:
+            raise DetectorError(f"{name}: its pictures of {why}")
+        self._sizes_input = SIZES_INPUT if others == [SIZES_INPUT] else None
         if others and self._sizes_input is None:
-            raise DetectorError(f"{name}: wants {', '.join(one.name for one in others)} beside a picture, too")
+            raise DetectorError(f"{name}: wants {', '.join(others)} beside a picture, too")
         self._anchors = None if self.config.anchors is None else _anchors(path, self.config.anchors, name)
 
     def detect(
@@ -198,6 +203,18 @@ def _session(path: Path, name: str) -> Any:
         return onnxruntime.InferenceSession(str(path), options, providers=chosen)
     except Exception as error:  # its exceptions have no common root
         raise DetectorError(f"{name}: cannot be loaded ({first_line(error)})") from None
+
+
+def _described(session: Any, name: str) -> tuple[dict[str, str], list[tuple[str, str, list[Any]]], list[str]]:
+    """Metadata of a graph; name, type and shape of its inputs; names of its outputs."""
+    try:
+        return (
+            dict(session.get_modelmeta().custom_metadata_map),
+            [(one.name, one.type, list(one.shape)) for one in session.get_inputs()],
+            [one.name for one in session.get_outputs()],
+        )
+    except Exception as error:  # such as names that are no text
+        raise DetectorError(f"{name}: is damaged ({first_line(error)})") from None
 
 
 def _anchors(path: Path, where: str, name: str) -> Float32[np.ndarray, "n 4"]:

@@ -33,7 +33,7 @@ class FurnitureArchive:
         self.name = name
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
-        except (zipfile.BadZipFile, OSError) as error:
+        except Exception as error:  # of zipfile, struct, names that are no text
             raise ArchiveError(f"{name}: not a readable zip archive ({error})") from None
         members = self._zip.infolist()
         if len(members) > MAX_MEMBERS:
@@ -82,7 +82,7 @@ class FurnitureArchive:
         try:
             with self._zip.open(member) as file:
                 content = file.read(MAX_MEMBER_BYTES + 1)  # the header may lie about the size
-        except (zipfile.BadZipFile, OSError, RuntimeError, EOFError, NotImplementedError) as error:
+        except Exception as error:  # of zipfile, zlib, bz2, lzma, names that are no text
             raise ArchiveError(f"{self.name}: {path!r} cannot be read ({error})") from None
         if len(content) > MAX_MEMBER_BYTES:
             raise ArchiveError(f"{self.name}: {path!r} unpacks to more than {MAX_MEMBER_BYTES} bytes; refused")

@@ -11,6 +11,9 @@ from jaxtyping import Float, Int
 from labeling.core.errors import SbmError
 from sbm_gym.assets.catalog.triangulate import triangulate
 
+MAX_COORDINATE = 1e9
+"""Of a model, in its own units; beyond that triangles have no size in numbers of 32 bits."""
+
 
 class ModelFormatError(SbmError, ValueError):
     """A 3-D model cannot be read; the message names it and what is wrong."""
@@ -96,6 +99,8 @@ def parse_obj(content: bytes, name: str) -> ObjMesh:
         raise ModelFormatError(f"{name}: the OBJ file has no faces")
     if not all(np.all(np.isfinite(array)) for array in arrays.values()):
         raise ModelFormatError(f"{name}: the OBJ file has numbers that are not finite")
+    if np.abs(arrays["v"]).max(initial=0.0) > MAX_COORDINATE:
+        raise ModelFormatError(f"{name}: the OBJ file has vertices beyond {MAX_COORDINATE:g}")
     pieces = [_triangles(key, numbers, arrays, name) for key, numbers in faces.items()]
     corners, normals, texcoords, material_index = (np.concatenate(column) for column in zip(*pieces, strict=True))
     return ObjMesh(corners, normals, texcoords, material_index, tuple(materials), tuple(files))

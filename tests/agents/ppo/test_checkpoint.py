@@ -223,6 +223,19 @@ def test_spaces_survive_json(space):
     assert difference(space, again, "observation") is None
 
 
+@pytest.mark.parametrize(
+    "claim",
+    [
+        {"type": "Box", "dtype": "float32", "shape": [2**31], "low": 0.0, "high": 1.0},
+        {"type": "Box", "dtype": "uint8", "shape": [60_000, 60_000, 3], "low": 0.0, "high": 255.0},
+        {"type": "MultiDiscrete", "nvec": [3, 10**9]},
+    ],
+)
+def test_spaces_that_claim_gigabytes_are_refused_before_anything_is_made(claim):
+    with pytest.raises(ValueError, match="no space has the"):
+        space_of(claim)
+
+
 @settings(max_examples=40, deadline=None)
 @given(ANY_SPACE, ANY_SPACE)
 def test_spaces_differ_in_words_exactly_if_they_differ(wanted, given_space):

@@ -301,3 +301,18 @@ def test_inputs_that_are_no_pictures_are_refused(tmp_path, shape, kind):
         DetectorError, match=r"takes x \[1, ., 8, 8\] of tensor\(.*\); expected pictures \(1, 3, h, w\)"
     ):
         load_detector(f"onnx:torchvision:{path}")
+
+
+def test_text_that_is_no_text_is_a_damaged_file(tmp_path):
+    names = {"names": "{0: 'chair'}"}
+    path = graph(tmp_path / "odd.onnx", {"boxes": BOXES, "scores": SCORES, "labels": LABELS}, metadata=names)
+    path.write_bytes(path.read_bytes().replace(b"chair", b"ch\xb7ir"))
+    with pytest.raises(DetectorError, match="is damaged"):
+        load_detector(f"onnx:torchvision:{path}")
+
+
+def test_a_graph_that_wants_huge_pictures_is_refused(tmp_path):
+    shape = (1, 3, 60_000, 60_000)
+    path = graph(tmp_path / "huge.onnx", {"boxes": BOXES, "scores": SCORES, "labels": LABELS}, shape)
+    with pytest.raises(DetectorError, match="its pictures of 60000x60000 pixels are more than"):
+        load_detector(f"onnx:torchvision:{path}")

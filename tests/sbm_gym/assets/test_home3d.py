@@ -3,7 +3,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from labeling.core.errors import MissingAssetsError
+from labeling.core.errors import MissingAssetsError, SbmError
 from sbm_gym.assets.catalog import archive as archive_module
 from sbm_gym.assets.catalog import home3d
 from sbm_gym.assets.catalog.archive import ArchiveError, FurnitureArchive, resolve
@@ -154,7 +154,31 @@ def test_a_file_that_is_no_library_is_one_clear_error(tmp_path):
         read_library(path)
 
 
-@pytest.mark.parametrize("content", ["", "v 1 2 x\n", "v 0 0 0\nf 1 2 3\n", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"])
+def test_bytes_flipped_anywhere_are_one_clear_error_or_harmless(tmp_path):
+    whole = write_library(tmp_path / "whole.sh3f", zipped=True, model="/models/box.zip").read_bytes()
+    path, rng, refused = tmp_path / "flipped.sh3f", np.random.default_rng(0), 0
+    for _ in range(300):
+        content = bytearray(whole)
+        content[int(rng.integers(len(whole)))] ^= int(rng.integers(1, 256))
+        path.write_bytes(content)
+        try:
+            for entry in read_library(path).entries:
+                convert(entry)
+        except SbmError:
+            refused += 1
+    assert refused > 100
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "v 1 2 x\n",
+        "v 0 0 0\nf 1 2 3\n",
+        "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        "v 0 0 1e308\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    ],
+)
 def test_bad_models_are_one_clear_error(content):
     with pytest.raises(ModelFormatError, match=r"^box\.obj: "):
         parse_obj(content.encode(), "box.obj")

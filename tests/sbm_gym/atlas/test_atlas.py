@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from labeling.core.errors import UsageError
+from labeling.core.errors import SbmError, UsageError
 from labeling.core.rle import decode_mask, encode_mask
 from labeling.core.types import Detection
 from sbm_gym import build_atlas
@@ -243,7 +243,7 @@ def test_what_does_not_fit_is_refused(atlas, tmp_path):
         build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, scenes=1, detector=DETECTOR, headings=8))
 
 
-@pytest.mark.parametrize("damage", ["truncated", "table", "views", "key"])
+@pytest.mark.parametrize("damage", ["truncated", "table", "views", "key", "places", "headings", "no key"])
 def test_a_damaged_atlas_is_named(atlas, tmp_path, damage):
     folder = tmp_path / "box_0"
     shutil.copytree(atlas / "box_0", folder)
@@ -256,14 +256,20 @@ def test_a_damaged_atlas_is_named(atlas, tmp_path, damage):
         views[-len(views) // 2 :] = bytes(len(views) - len(views) // 2)
     else:
         content = json.loads((folder / "atlas.json").read_text())
-        (folder / "atlas.json").write_text(json.dumps({**content, "format": 99}))
+        content |= {
+            "key": {"format": 99},
+            "places": {"places_m": False},
+            "headings": {"num_headings": -12},
+            "no key": {"key": [1]},
+        }[damage]
+        (folder / "atlas.json").write_text(json.dumps(content))
     (folder / "views.bin").write_bytes(views)
 
     def look_around():
         for seed in range(20):
             plain(atlas=tmp_path).reset(seed=seed, options={"scene": "box_0"})
 
-    with pytest.raises(AtlasError, match=r"is damaged|format 99 there"):
+    with pytest.raises(SbmError, match=r"is damaged|format 99 there|places_m|holds other views"):
         look_around()
 
 
