@@ -1,4 +1,4 @@
-"""A hostile campaign against the project's commands: ``python -m experiments.campaign corruptions kills faults soak``.
+"""A hostile campaign against the project's commands: ``python -m experiments.campaign``.
 
 Seeded and resumable: what has been tried stands in OUT, one line a trial, and is not tried again.
 """
@@ -21,7 +21,7 @@ def _run(config: CampaignConfig) -> None:
 HELP = CommandHelp(
     examples=(
         ("corruptions kills", "two parts of it"),
-        ("corruptions kills faults soak --minutes 60", "all of it"),
+        ("--minutes 60", "all of it, an hour each"),
     ),
 )
 main = make_main("experiments.campaign", CampaignConfig, _run, about=HELP)

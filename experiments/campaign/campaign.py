@@ -16,13 +16,14 @@ from experiments.campaign.campaign_config import CampaignConfig
 from experiments.campaign.corruptions import Job, make_corruption
 from experiments.campaign.disturbances import FAULTS, KILLED, KILLS, WRITERS, Disturbance, Undisturbed, undisturbed
 from experiments.campaign.inputs import make_inputs
+from experiments.campaign.loop import Loop
 from experiments.campaign.soak import growth_mb_per_1000, soak
 from experiments.campaign.trial import FINE, MOST_MEMORY_MB, PATIENCE_S
 from labeling.formats.atomic import write_json
 from labeling.runtime.cli import progress_bar
 from labeling.runtime.process_pool import PerProcess, run_jobs
 
-KINDS = ("corruptions", "kills", "faults")
+KINDS = ("corruptions", "kills", "faults", "loop")
 """Campaigns of trials; a soak has none."""
 SURVIVED = (*FINE, "survived")
 
@@ -36,7 +37,7 @@ def run_campaign(config: CampaignConfig) -> dict[str, Any]:
     from labeling.runtime.provenance import experiment_provenance
 
     inputs = config.out / "inputs"
-    if set(config.kinds) - {"soak"}:
+    if set(config.kinds) - {"soak", "loop"}:
         make_inputs(inputs)
     for kind in config.kinds:
         if kind == "soak":
@@ -44,7 +45,7 @@ def run_campaign(config: CampaignConfig) -> dict[str, Any]:
         else:
             file = config.out / f"{kind}.jsonl"
             done = read_lines(file)
-            trials = _corruptions if kind == "corruptions" else _disturbances
+            trials = {"corruptions": _corruptions, "loop": _loops}.get(kind, _disturbances)
             with progress_bar(desc=kind, unit="trial", initial=len(done)) as bar:
                 for line in trials(kind, config, inputs, {one["number"] for one in done}):
                     with file.open("a", encoding="utf-8") as lines:  # after what a kill may have cut off
@@ -56,6 +57,7 @@ def run_campaign(config: CampaignConfig) -> dict[str, Any]:
         **experiment_provenance(),
         **{kind: summed(read_lines(config.out / f"{kind}.jsonl")) for kind in KINDS},
     }
+    summary["loop"]["kills"] = sum(line["kills"] for line in read_lines(config.out / "loop.jsonl"))
     soaked = config.out / "soak.json"
     if soaked.is_file():
         summary["soak"] = json.loads(soaked.read_text())
@@ -152,6 +154,13 @@ def _disturbances(kind: str, config: CampaignConfig, inputs: Path, done: set[int
             expected[subject.name] = undisturbed(subject, inputs)
         disturb = chosen[int(rng.integers(len(chosen)))]
         yield {"number": number, **asdict(disturb(subject, inputs, expected[subject.name], rng))}
+
+
+def _loops(kind: str, config: CampaignConfig, inputs: Path, done: set[int]) -> Iterator[dict[str, Any]]:
+    loop = Loop(config.out / "loop")
+    for number in _numbers(config, done):
+        rng = np.random.default_rng([config.seed, number])
+        yield {"number": number, **asdict(loop.disturbed(rng))}
 
 
 def _soak(config: CampaignConfig) -> None:

@@ -8,7 +8,7 @@ import tyro
 
 from labeling.runtime.ranges import Count, NonNegative
 
-Kind = Literal["corruptions", "kills", "faults", "soak"]
+Kind = Literal["corruptions", "kills", "faults", "soak", "loop"]
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,11 @@ class CampaignConfig:
     corruptions: every command on small valid inputs of which a file or two are spoilt. kills: commands that write are
     killed at random moments, then told to go on; their files must be those of a run that nothing disturbed. faults:
     full and read-only disks, two writers at once, a clock that jumps (disks are mounted, which takes root). soak:
-    episodes without end, whose memory must stay flat.
+    episodes without end, whose memory must stay flat. loop: the never-ending loop at its smallest scale, killed every
+    half minute or so and started again until it is done, as often as there is time.
     """
 
-    kinds: tyro.conf.Positional[tuple[Kind, ...]] = ("corruptions", "kills", "faults", "soak")
+    kinds: tyro.conf.Positional[tuple[Kind, ...]] = ("corruptions", "kills", "faults", "soak", "loop")
     """What to do, in this order."""
     minutes: NonNegative[float] = 10.0
     """For each kind; what has begun is finished."""

@@ -28,7 +28,10 @@ def compose(results: Path) -> tuple[str, Pictures]:
 def page(content: Mapping[str, Any]) -> str:
     """The text of the page."""
     return render(
-        "robustness.md.jinja", content=content, kinds=KINDS, tables={kind: _table(content[kind]) for kind in KINDS}
+        "robustness.md.jinja",
+        content=content,
+        kinds=KINDS,
+        tables={kind: _table(content[kind]) for kind in KINDS if kind in content},
     )
 
 
