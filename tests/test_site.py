@@ -188,7 +188,6 @@ def site(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site: Path) -> None:
     for path in site.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
@@ -202,7 +201,6 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(si
         assert all(f'id="{package}.{name}"' in page for name in reference.exported(ROOT, package))
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="needs chromium or chrome")
 def test_search_works_on_a_site_that_is_opened_from_disk(site: Path) -> None:
     assert BROWSER is not None
