@@ -185,7 +185,7 @@ def _score(task: tuple[str, Sequence[AnnotatedPicture]]) -> dict[str, Any]:
     from labeling.detectors.scoring import evaluate
 
     detector, pictures = task
-    return asdict(evaluate(load_detector(detector), pictures))
+    return asdict(evaluate(load_detector(detector), pictures, resample=True))
 
 
 def _content(pictures: Sequence[AnnotatedPicture]) -> str:

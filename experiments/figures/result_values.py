@@ -5,7 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from jaxtyping import Float
 
 _THESIS = yaml.safe_load(Path(__file__).with_name("thesis_values.yaml").read_text(encoding="utf-8"))
 MEANS: dict[str, dict[str, dict[str, float]]] = _THESIS["means"]
@@ -60,15 +62,56 @@ Gap = Sequence[str]
 
 def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> float | None:
     """Share of the way from before to the ceiling, of the means over seeds: a seed whose ceiling is low would outweigh
-    all others in a mean of shares. None where the ceiling is none.
+    all others in a mean of shares. None where the ceiling is none, or within
+    chance of none over scenes (``gap_interval``).
 
     Args:
         content: of a table's result.
         gap: one of its ``gaps``.
         figure: as of ``values``; None if one of the rows lacks it.
     """
-    rows = _gap_rows(content, gap, figure)
-    return _share(*map(statistics.fmean, rows)) if all(rows) else None
+    rows, width = _gap_rows(content, gap, figure), gap_interval(content, gap, figure)
+    if not all(rows) or (width is not None and width[0] <= 0.0):
+        return None
+    return _share(*map(statistics.fmean, rows))
+
+
+def gap_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> tuple[float, float] | None:
+    """95 % interval, over scenes drawn again, of the ceiling's lead over before, points; None where results tell of no
+    draws: those of before, and of few scenes.
+    """
+    draws = _gap_draws(content, gap, figure)
+    return None if draws is None else _interval(draws[2] - draws[0])
+
+
+def share_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> tuple[float, float] | None:
+    """95 % interval of ``gap_share`` over scenes drawn again; None where there are no draws or no gap."""
+    draws = _gap_draws(content, gap, figure)
+    if draws is None or gap_share(content, gap, figure) is None:
+        return None
+    before, ours, ceiling = draws
+    some = ceiling > before
+    return _interval((ours - before)[some] / (ceiling - before)[some])
+
+
+def _gap_draws(content: Mapping[str, Any], gap: Gap, figure: str) -> Float[np.ndarray, "3 draws"] | None:
+    """Figures of before, after and ceiling in points, means over seeds, by draw of scenes."""
+    name = figure if figure.startswith("box_") else f"mask_{figure}"
+    rows: dict[str, list[list[float] | None]] = {
+        one["name"]: [(run.get("resampled") or {}).get(name) for run in one["runs"]] for one in content["rows"]
+    }
+    means = []
+    for row in gap:
+        draws = [one for one in rows[row] if one is not None]
+        if len(draws) < len(rows[row]):
+            return None
+        means.append(np.mean(np.array(draws, float), axis=0))
+    return 100.0 * np.array(means)
+
+
+def _interval(values: Float[np.ndarray, "n"]) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.025, 0.975])
+    return float(low), float(high)
 
 
 def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.figures.result_values import gap_share, values
+from experiments.figures.result_values import gap_share, share_interval, values
 from experiments.pages.markdown import mean_std, read_result, table
 from labeling.core.errors import SbmError
 
@@ -82,5 +82,8 @@ def _values(content: Mapping[str, Any], name: str, figure: str) -> Sequence[floa
 
 
 def _gap_closed(content: Mapping[str, Any], figure: str) -> str:
-    share = gap_share(content, ("pre-trained", SHARED, TRUTH), figure)
-    return "-" if share is None else f"{share:.0%}"
+    gap = ("pre-trained", SHARED, TRUTH)
+    share, between = gap_share(content, gap, figure), share_interval(content, gap, figure)
+    if share is None:
+        return "-"
+    return f"{share:.0%}" + ("" if between is None else " ({:.0%} to {:.0%} over scenes)".format(*between))

@@ -11,10 +11,12 @@ import numpy as np
 from experiments.cache.worlds import WORLDS
 from experiments.figures.result_values import (
     MEANS,
+    gap_interval,
     gap_share,
     gap_shares,
     loop_values,
     of_category,
+    share_interval,
     thesis_gap_share,
     values,
 )
@@ -148,6 +150,7 @@ def table_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
         "fine_tuned": any(row["teacher"] is not None for row in content["rows"]),
         "means": _means(name, content),
         "has_boxes": _has_boxes(content),
+        "has_coco_ap": _has_coco_ap(content),
         "gaps": [one for gap in content["gaps"] if (one := _gap(name, content, gap))],
         "above": [compare_categories(content, *pair) for pair in content.get("above", ())],
         "categories": _categories_table(name, content),
@@ -163,6 +166,8 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
             cells += [mean_std(values(row, figure)), f"{thesis[figure]:.1f}" if figure in thesis else "-"]
         if _has_boxes(content):
             cells += [mean_std(values(row, figure)) for figure in ("box_ap50", "box_ap30")]
+        if _has_coco_ap(content):
+            cells += [mean_std(values(row, figure)) for figure in ("ap", "box_ap")]
         rows.append(cells)
     return rows
 
@@ -172,16 +177,37 @@ def _has_boxes(content: Mapping[str, Any]) -> bool:
     return any(values(row, "box_ap50") for row in content["rows"])
 
 
+def _has_coco_ap(content: Mapping[str, Any]) -> bool:
+    """Whether a table tells COCO's AP of its detectors; those of before do not."""
+    return any(values(row, "ap") for row in content["rows"])
+
+
 def _gap(name: str, content: Mapping[str, Any], gap: Sequence[str]) -> dict[str, Any] | None:
-    """What self-supervision closes of a gap to ground truth; None where there is none."""
-    share = gap_share(content, gap)
-    if share is None:
+    """What self-supervision closes of a gap to ground truth, or that none is shown; None where there is none."""
+    share, width = gap_share(content, gap), gap_interval(content, gap)
+    if share is None and width is None:
         return None
     by_seed = ["no gap" if one is None else f"{one:.2f}" for one in gap_shares(content, gap)]
     names = dict(zip(("before", "ours", "ceiling"), gap, strict=True))
     others = {called: gap_share(content, gap, figure) for figure, called in OTHER_SHARES.items()}
-    known = {called: f"{one:.2f}" for called, one in others.items() if one is not None}
-    return {**names, "share": share, "thesis": thesis_gap_share(name, gap), "by_seed": by_seed, "others": known}
+    known = {
+        called: f"{others[called]:.2f}{_between(share_interval(content, gap, figure))}"
+        for figure, called in OTHER_SHARES.items()
+        if others[called] is not None
+    }
+    return {
+        **names,
+        "share": share,
+        "between": _between(share_interval(content, gap)),
+        "width": None if width is None else "[{:.1f}, {:.1f}]".format(*width),
+        "thesis": thesis_gap_share(name, gap),
+        "by_seed": by_seed,
+        "others": known,
+    }
+
+
+def _between(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else " [{:.2f}, {:.2f}]".format(*interval)
 
 
 def compare_categories(content: Mapping[str, Any], higher: str, lower: str) -> dict[str, Any]:

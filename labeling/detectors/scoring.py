@@ -9,8 +9,13 @@ import numpy as np
 from labeling.core.detector import Detector
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
-from labeling.metrics.mask_ap import average_precision
-from labeling.metrics.matching import MaskInstance
+from labeling.metrics.average_precision import mean_of
+from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, average_precision
+from labeling.metrics.matching import Kind, MaskInstance
+from labeling.metrics.resampled_ap import MIN_SCENES, resampled_ap
+
+KINDS: tuple[Kind, ...] = ("mask", "box")
+THRESHOLDS = (0.3, *COCO_IOU_THRESHOLDS)
 
 
 @dataclass(frozen=True)
@@ -21,6 +26,9 @@ class Scores:
     mask_ap30: float | None
     box_ap50: float | None
     box_ap30: float | None
+    mask_ap: float | None
+    """Mean over the IoU thresholds .50, .55, ..., .95, COCO's main figure; so is ``box_ap``."""
+    box_ap: float | None
     per_class_ap50: dict[str, float | None]
     """Of masks, as ``per_class_ap30``."""
     per_class_ap30: dict[str, float | None]
@@ -28,10 +36,16 @@ class Scores:
     per_class_box_ap30: dict[str, float | None]
     pictures: int
     objects: int
+    resampled: dict[str, list[float]] | None = None
+    """AP at .5 and .3 of masks and boxes when scenes are drawn again, draw by draw the same for all detectors; None
+    where this was not asked for, or there are too few scenes."""
 
 
 def evaluate(
-    detector: Detector, pictures: Sequence[AnnotatedPicture], progress: Callable[[Iterable[Any]], Iterable[Any]] = iter
+    detector: Detector,
+    pictures: Sequence[AnnotatedPicture],
+    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
+    resample: bool = False,
 ) -> Scores:
     """Scores a detector: ranked AP of masks and boxes, over the categories that it and the annotations share.
 
@@ -39,10 +53,13 @@ def evaluate(
         detector: any.
         pictures: with ground truth, or whatever is to count as such.
         progress: wraps the sequence of batches, to draw a progress bar.
+        resample: draw the scenes again, to tell how much figures hang on them.
     """
     truths, found = detect_all(detector, pictures, progress)
-    masks, boxes = (average_precision(found, truths, (0.5, 0.3), kind) for kind in ("mask", "box"))
+    masks, boxes = (average_precision(found, truths, THRESHOLDS, kind) for kind in KINDS)
     return Scores(
+        mask_ap=mean_of([masks.mean[threshold] for threshold in COCO_IOU_THRESHOLDS]),
+        box_ap=mean_of([boxes.mean[threshold] for threshold in COCO_IOU_THRESHOLDS]),
         mask_ap50=masks.mean[0.5],
         mask_ap30=masks.mean[0.3],
         box_ap50=boxes.mean[0.5],
@@ -53,7 +70,21 @@ def evaluate(
         per_class_box_ap30={name: ap[0.3] for name, ap in boxes.per_class.items()},
         pictures=len(pictures),
         objects=sum(not truth.ignore for truth in truths),
+        resampled=_resampled(found, truths, pictures) if resample else None,
     )
+
+
+def _resampled(
+    found: Sequence[MaskInstance], truths: Sequence[MaskInstance], pictures: Sequence[AnnotatedPicture]
+) -> dict[str, list[float]] | None:
+    scenes = {index: picture.scene for index, picture in enumerate(pictures) if picture.scene}
+    if len(scenes) < len(pictures) or len(set(scenes.values())) < MIN_SCENES:
+        return None
+    result = {}
+    for kind in KINDS:
+        for threshold, draws in resampled_ap(found, truths, scenes, (0.5, 0.3), kind).items():
+            result[f"{kind}_ap{threshold * 100:.0f}"] = np.nan_to_num(draws).round(4).tolist()
+    return result
 
 
 def detect_all(

@@ -9,12 +9,13 @@ Sources: Lin et al. 2014 and the COCO API; all-point interpolation: Padilla et a
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from hotcoco import COCO, COCOeval
 from hotcoco import mask as coco_mask
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from labeling.metrics.average_precision import AveragePrecision, all_point_area, check_ranking, summarise
 from labeling.metrics.matching import Kind, MaskInstance
@@ -26,6 +27,27 @@ COCO_IOU_THRESHOLDS = tuple(round(0.5 + 0.05 * step, 2) for step in range(10))
 
 MAX_DETECTIONS = 100
 """Predictions of one category that count in one picture. Source: COCO."""
+
+
+@dataclass(frozen=True)
+class RankedMatches:
+    """What became of the predictions of one category, the most confident first."""
+
+    category: str
+    images: list[Any]
+    """The picture of each."""
+    right: Bool[np.ndarray, "thresholds n"]
+    """Whether it found an instance of its own."""
+    counts: Bool[np.ndarray, "thresholds n"]
+    """False where it fell on a region to ignore: neither right nor wrong."""
+    truths: dict[Any, int]
+    """How many instances there are to find in each picture."""
+
+    def all_point_areas(self) -> list[float]:
+        """AP at each threshold by the area of Padilla et al.; -1 where there is nothing to find."""
+        total = sum(self.truths.values())
+        rows = zip(self.right, self.counts, strict=True)
+        return [all_point_area(right[counts], total) if total else -1.0 for right, counts in rows]
 
 
 def average_precision(
@@ -65,7 +87,8 @@ def average_precision(
         # Axes of hotcoco's (and pycocotools') table: threshold, recall, category, area range, detections a picture.
         table = np.asarray(evaluation.eval["precision"])[:, :, :, 0, 0].mean(axis=1)
     else:
-        table = _all_point_table(evaluation, len(thresholds), len(categories))
+        found = _ranked(evaluation, categories, thresholds, {})
+        table = np.array([one.all_point_areas() for one in found]).T
     per_class = {
         name: {t: None if table[row, column] < 0 else float(table[row, column]) for row, t in enumerate(thresholds)}
         for column, name in enumerate(categories)
@@ -93,6 +116,57 @@ def precision_curves(
     evaluation = _coco_evaluate(predictions, ground_truth, categories, thresholds, "mask")
     table = np.asarray(evaluation.eval["precision"], float)[0, :, :, 0, 0]
     return {name: table[:, column] for column, name in enumerate(categories) if table[0, column] >= 0}
+
+
+def ranked_matches(
+    predictions: Sequence[MaskInstance],
+    ground_truth: Sequence[MaskInstance],
+    iou_thresholds: Sequence[float] = (0.5,),
+    kind: Kind = "mask",
+) -> list[RankedMatches]:
+    """The matches that AP is made of, of every category of ground truth or predictions, sorted by name.
+
+    Args:
+        predictions: as ``average_precision`` takes them.
+        ground_truth: likewise.
+        iou_thresholds: each in (0, 1].
+        kind: compare masks, or the tightest boxes around them.
+
+    Raises:
+        ValueError: if a threshold lies outside (0, 1] or a confidence is not finite.
+    """
+    thresholds = check_ranking(iou_thresholds, [item.confidence for item in predictions])
+    categories = sorted({item.category for item in [*predictions, *ground_truth]})
+    if not categories:
+        return []
+    images = sorted({item.image for item in [*predictions, *ground_truth]})
+    evaluation = _coco_evaluate(predictions, ground_truth, categories, thresholds, kind)
+    return _ranked(evaluation, categories, thresholds, dict(enumerate(images, start=1)))
+
+
+def _ranked(
+    evaluation: Any, categories: list[str], thresholds: list[float], images: dict[int, Any]
+) -> list[RankedMatches]:
+    """The matches of an evaluation; pictures are called by their numbers if ``images`` does not name them."""
+    pictures = [picture for picture in evaluation.eval_imgs if picture is not None]
+    found = []
+    for number, category in enumerate(categories, start=1):
+        of_category = [picture for picture in pictures if picture["category_id"] == number]
+        names = [images.get(picture["image_id"], picture["image_id"]) for picture in of_category]
+        scores = np.array([score for picture in of_category for score in picture["dtScores"]], float)
+        order = np.argsort(-scores, kind="stable")
+        right, ignored = (
+            np.array(
+                [[one for picture in of_category for one in picture[what][row]] for row in range(len(thresholds))], bool
+            ).reshape(len(thresholds), -1)[:, order]
+            for what in ("dtMatched", "dtIgnore")
+        )
+        of_each = [name for name, picture in zip(names, of_category, strict=True) for _ in picture["dtScores"]]
+        truths: dict[Any, int] = {}
+        for name, picture in zip(names, of_category, strict=True):
+            truths[name] = truths.get(name, 0) + sum(not ignored for ignored in picture["gtIgnore"])
+        found.append(RankedMatches(category, [of_each[place] for place in order], right & ~ignored, ~ignored, truths))
+    return found
 
 
 def _coco_evaluate(
@@ -156,21 +230,3 @@ def _records(
         }
         records.append({**record, "score": float(item.confidence)} if scored else record)
     return records
-
-
-def _all_point_table(evaluation: Any, num_thresholds: int, num_categories: int) -> Float[np.ndarray, "t c"]:
-    """All-point AP from the matches of an evaluation; -1 where a category has no counted ground truth."""
-    table = np.full((num_thresholds, num_categories), -1.0)
-    pictures = [picture for picture in evaluation.eval_imgs if picture is not None]
-    for column in range(num_categories):
-        of_category = [picture for picture in pictures if picture["category_id"] == column + 1]
-        num_truths = sum(not ignored for picture in of_category for ignored in picture["gtIgnore"])
-        if num_truths == 0:
-            continue
-        scores = np.array([score for picture in of_category for score in picture["dtScores"]], float)
-        order = np.argsort(-scores, kind="stable")
-        for row in range(num_thresholds):
-            matched = np.array([m for p in of_category for m in p["dtMatched"][row]], bool)[order]
-            ignored = np.array([i for p in of_category for i in p["dtIgnore"][row]], bool)[order]
-            table[row, column] = all_point_area(matched[~ignored], num_truths)
-    return table

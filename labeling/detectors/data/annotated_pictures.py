@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.formats.checked_json import read_json
 from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
-from labeling.io.file_names import MODAL_FILE, TRUTH_FILE
+from labeling.io.file_names import ABOUT_FILE, MODAL_FILE, TRUTH_FILE
 from labeling.io.label_set import read_label_set
 
 ANNOTATIONS_FILE, PICTURES_FOLDER = "annotations.json", "images"
@@ -44,6 +44,8 @@ class AnnotatedPicture:
     size: tuple[int, int]
     """Height and width in pixels."""
     annotations: tuple[Annotation, ...]
+    scene: str = ""
+    """Which scene it shows, where an episode tells; views of one scene show the same objects."""
 
     def rgb(self) -> UInt8[np.ndarray, "h w 3"]:
         """Reads the picture.
@@ -85,14 +87,14 @@ def read_pictures(path: Path, part: str = "train", dataset: Path | None = None) 
     if (path / ANNOTATIONS_FILE).is_file():
         return read_coco(path / ANNOTATIONS_FILE, _pictures_folder(path))
     if (path / TRUTH_FILE).is_file():
-        return read_coco(path / TRUTH_FILE, path)
+        return _read_episode(path)
     below = sorted(p.parent for p in path.glob(f"*/{TRUTH_FILE}") if not p.parent.name.startswith("."))
     if not below:
         raise UsageError(
             f"{path}: nothing to learn or to score here; looked for {MODAL_FILE} (label set), {ANNOTATIONS_FILE} (COCO "
             f"folder), train/{ANNOTATIONS_FILE} and val/{ANNOTATIONS_FILE} (split one), and {TRUTH_FILE} (episodes)"
         )
-    return [picture for folder in below for picture in read_coco(folder / TRUTH_FILE, folder)]
+    return [picture for folder in below for picture in _read_episode(folder)]
 
 
 def is_split(path: Path) -> bool:
@@ -126,6 +128,14 @@ def read_coco(file: Path, folder: Path) -> list[AnnotatedPicture]:
         rle, score = read_rle(record, "segmentation", size), read_score(record, 1.0)
         found[record.integer("image_id")].append(Annotation(table.name(record), rle, score, is_ignored(record)))
     return [replace(picture, annotations=tuple(found[number])) for number, picture in pictures.items()]
+
+
+def _read_episode(folder: Path) -> list[AnnotatedPicture]:
+    scene = folder.name
+    if (folder / ABOUT_FILE).is_file():
+        about = read_json(folder / ABOUT_FILE)
+        scene = about.text("scene") if about.has("scene") else scene
+    return [replace(picture, scene=scene) for picture in read_coco(folder / TRUTH_FILE, folder)]
 
 
 def _pictures_folder(folder: Path) -> Path:

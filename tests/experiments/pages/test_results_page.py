@@ -10,9 +10,11 @@ import pytest
 from experiments.figures.result_values import (
     MEANS,
     PER_CLASS,
+    gap_interval,
     gap_share,
     gap_shares,
     of_category,
+    share_interval,
     thesis_gap_share,
 )
 from experiments.pages.__main__ import main
@@ -99,6 +101,44 @@ def test_boxes_stand_beside_masks_where_a_table_has_them() -> None:
     assert "| AP30 | thesis | boxes, AP50 | boxes, AP30 |\n|---|---|---|---|---|---|---|---|\n" in text
     assert cells(text, first["name"])[0][-2:] == ["70.0 ± 0.0", "80.0 ± 0.0"]
     assert all(cells(text, row["name"])[0][-2:] == ["-", "-"] for row in others)
+
+
+def with_draws(content: dict[str, Any], spread: float) -> dict[str, Any]:
+    """The table with figures of 400 draws of scenes, in which all detectors do better and worse together, and the
+    ceiling besides by itself.
+    """
+    rng = np.random.default_rng(0)
+    together, alone = rng.normal(0.0, 0.05, 400), rng.normal(0.0, spread, 400)
+    for row in content["rows"]:
+        for one in row["runs"]:
+            own = alone if row["name"] == "GT fine-tuned" else 0.0
+            one["resampled"] = {"mask_ap50": (one["mask_ap50"] + together + own).tolist()}
+    return content
+
+
+def test_shares_have_intervals_over_scenes_and_a_gap_within_chance_has_none() -> None:
+    sure, unsure = with_draws(table(), 0.02), with_draws(table(), 0.4)
+    assert gap_interval(table(), GAP) is None
+    low, high = share_interval(sure, GAP)
+    assert 0.2 < low < gap_share(sure, GAP) < high < 0.3  # what is common to all scenes drawn leaves it as it is
+    text = page({"table_5_3": sure})
+    assert f"**0.25** [{low:.2f}, {high:.2f}] (in brackets 95 % over scenes drawn again)" in text
+    low, high = gap_interval(unsure, GAP)
+    assert low < 0 < high
+    assert gap_share(unsure, GAP) is None
+    assert share_interval(unsure, GAP) is None
+    assert f"no gap in AP50 of masks is shown: over scenes drawn again it is [{low:.1f}, {high:.1f}] points" in page(
+        {"table_5_3": unsure}
+    )
+
+
+def test_cocos_own_ap_stands_in_tables_that_have_it() -> None:
+    content = table()
+    assert "| AP | boxes, AP |" not in page({"table_5_3": content})
+    for row in content["rows"]:
+        for one in row["runs"]:
+            one |= {"mask_ap": 0.125, "box_ap": 0.25}
+    assert "12.5 ± 0.0 | 25.0 ± 0.0 |" in page({"table_5_3": content})
 
 
 def test_shares_of_the_gap_are_of_means_and_of_each_seed() -> None:

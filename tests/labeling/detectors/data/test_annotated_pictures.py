@@ -71,6 +71,11 @@ def test_episodes_give_their_ground_truth(scene):
     everything = read_pictures(scene.dataset)
     assert len(everything) == 6
     assert len(read_pictures(scene.dataset / "two")) == 2
+    about = scene.dataset / "two" / "episode.json"
+    about.write_text(json.dumps({**json.loads(about.read_text()), "scene": "my kitchen"}))
+    assert {one.scene for one in read_pictures(scene.dataset / "two")} == {"my kitchen"}
+    about.unlink()
+    assert {one.scene for one in read_pictures(scene.dataset / "two")} == {"two"}
     flags = {(p.file.parent.parent.name, one.ignore) for p in everything for one in p.annotations}
     assert flags == {("one", False), ("two", False), ("three", True), ("three", False)}
 

@@ -21,6 +21,7 @@ from labeling.detectors.networks.spec import Calibration, NetworkSpec
 from labeling.detectors.networks.weights import load_network
 from labeling.detectors.scoring import evaluate
 from labeling.metrics.matching import MaskInstance
+from labeling.metrics.resampled_ap import RESAMPLES
 from labeling.training.config import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
 from labeling.training.loop import train
 
@@ -160,7 +161,13 @@ class Oracle:
 
 
 def test_a_perfect_detector_scores_one_and_a_random_one_does_not(pictures):
-    scores = evaluate(Oracle(pictures), pictures)
+    scores = evaluate(Oracle(pictures), pictures, resample=True)
+    assert scores.resampled is None  # nobody knows of which scenes they are
+    in_scenes = [replace(picture, scene=f"home {number % 4}") for number, picture in enumerate(pictures)]
+    resampled = evaluate(Oracle(in_scenes), in_scenes, resample=True).resampled
+    assert resampled is not None
+    assert set(resampled) == {"mask_ap50", "mask_ap30", "box_ap50", "box_ap30"}
+    assert all(len(draws) == RESAMPLES and min(draws) == 1.0 for draws in resampled.values())
     assert (scores.mask_ap50, scores.mask_ap30, scores.box_ap50, scores.box_ap30) == pytest.approx((1.0,) * 4)
     assert set(scores.per_class_ap50) == set(scores.per_class_ap30) == set(CATEGORIES)
     assert scores.per_class_box_ap50 == scores.per_class_box_ap30 == dict.fromkeys(CATEGORIES, pytest.approx(1.0))
