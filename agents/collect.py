@@ -17,7 +17,7 @@ def _collect(config: CollectConfig) -> None:
 HELP = CommandHelp(
     groups={
         "common options": ("out", "env", "policy", "detector", "episodes", "seed"),
-        "scenes and pictures": ("split", "episodes-per-scene", "size"),
+        "scenes and pictures": ("split", "unseen-models", "episodes-per-scene", "size"),
         "what moves": ("moving", "shifted", "moving-speed"),
         "noise of the sensors": ("sensor-noise", "pose-noise-deg", "pose-noise-m", "pose-drift-deg", "pose-drift-m"),
         "where the work is done": ("workers", "cluster", "shared"),

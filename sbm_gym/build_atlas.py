@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -13,6 +13,7 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Count, NonNegative
+from sbm_gym.worlds.splits import Split
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +36,7 @@ class AtlasConfig:
     """Folder for the atlases; made if it does not exist."""
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of the world; rooms, since streets are arranged anew for every episode."""
-    split: Literal["train", "val", "test", "wide", "endless"] = "train"
+    split: Split = "train"
     """Split whose scenes are taken."""
     skip: NonNegative[int] = 0
     """Scenes left out at the beginning of the split: those for validation come after those for training."""

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import tyro
 
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
+from sbm_gym.worlds.splits import Split
 
 VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
 
@@ -26,7 +26,7 @@ class EvaluateConfig:
     policies that come with the project), "ppo:CHECKPOINT". Differences are to the first one."""
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of the world."""
-    split: Literal["train", "val", "test", "wide", "endless"] = "endless"
+    split: Split = "endless"
     """Scenes: of "endless" such as agents.train neither learns from nor chooses by. "test" and "wide" are for final
     figures only."""
     scenes: Count | None = 20

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import tyro
 
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
 from sbm_gym.sensors.noise_config import Sensor, SensorNoise
+from sbm_gym.worlds.splits import Split
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,12 @@ class CollectConfig:
     """How many episodes the folder holds at the end."""
     seed: NonNegative[int] = 0
     """Decides scenes, starting places and all noise."""
-    split: Literal["train", "val", "test", "wide", "endless"] = "train"
-    """Scenes to record in: named ones to learn from, to choose settings by and to test on; "wide", many more to test
-    on; or "endless", to learn from: more than a robot could ever visit."""
+    split: Split = "train"
+    """Scenes to record in: named ones to learn from, to choose settings by and to test on; "wide" and "final", many
+    more to test on; or "endless", to learn from: more than a robot could ever visit."""
+    unseen_models: bool = False
+    """Keep furniture and vehicles that validation, test and final scenes show out of all others, and final ones from
+    showing any other."""
     episodes_per_scene: Count = 1
     """How many episodes, begun in different places, before the next scene. What one of them finds can be labelled in
     the others (labeling.generate --share-scenes)."""
@@ -73,6 +77,11 @@ class CollectConfig:
         if not (self.moving or self.shifted):
             return {}
         return {"moving": self.moving, "shifted": self.shifted, "moving_speed": self.moving_speed}
+
+    @property
+    def world(self) -> dict[str, Any]:
+        """Arguments of the environment, but for split and detector; none that is as it would be without."""
+        return {**self.motion, **({"unseen_models": True} if self.unseen_models else {})}
 
     @property
     def noise(self) -> SensorNoise:

@@ -61,7 +61,7 @@ def collect_episodes(config: CollectConfig) -> list[Path]:
 
     check_ranges(config)
     make_policy(config.policy, config.env)
-    with contextlib.closing(make_env(config.env, config.split, config.detector, **config.motion)) as env:
+    with contextlib.closing(make_env(config.env, config.split, config.detector, **config.world)) as env:
         settings = dataclasses.asdict(config)
         for name in ("out", "episodes", "workers", "where"):  # none changes what an episode holds
             del settings[name]
@@ -93,7 +93,7 @@ def _folder(config: CollectConfig, number: int) -> Path:
 
 
 def _recorder(config: CollectConfig) -> Callable[[int], None]:
-    return partial(_record, config, make_env(config.env, config.split, config.detector, **config.motion))
+    return partial(_record, config, make_env(config.env, config.split, config.detector, **config.world))
 
 
 def _record(config: CollectConfig, env: gym.Env, number: int) -> None:
@@ -141,6 +141,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "confident": CONFIDENT,
                 "noise": dataclasses.asdict(config.noise),
                 **({"motion": config.motion} if config.motion else {}),
+                **({"unseen_models": True} if config.unseen_models else {}),
                 **simulation_provenance(),
                 "steps": log,
             }

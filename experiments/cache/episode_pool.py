@@ -5,11 +5,12 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from experiments.cache.stages import RunContext, Scale, digest
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
+from sbm_gym.worlds.splits import Split
 
 
 @dataclass(frozen=True)
@@ -18,9 +19,9 @@ class EpisodePool:
 
     name: str
     env: str
-    split: Literal["train", "val", "test", "wide", "endless"]
-    """Settings are chosen on "train" and reported on "val"; "endless" is to learn from, too; "test" and "wide" are for
-    final tables only."""
+    split: Split
+    """Settings are chosen on "train" and reported on "val"; "endless" is to learn from, too; "test", "wide" and
+    "final" are for final tables only."""
     episodes: int
     seed: int = 0
     detector: str = "simulated"
@@ -33,6 +34,8 @@ class EpisodePool:
     """Things that move, at most."""
     moving_speed: float = 1.0
     """Factor of their speed; with 0 the same things stand."""
+    unseen_models: bool = False
+    """In training scenes models that final ones do not show, and the other way round."""
 
 
 def ablation_pools(scale: Scale) -> tuple[EpisodePool, ...]:
@@ -66,6 +69,8 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     name, episodes = settings.pop("name"), settings.pop("episodes")
     if not pool.moving:
         del settings["moving"], settings["moving_speed"]
+    if not pool.unseen_models:
+        del settings["unseen_models"]
     depends_on = [
         {**settings, "policy": policy_key(pool.policy, pool.env)},
         experiment_versions(),

@@ -47,6 +47,8 @@ class Table:
     """Rows: before, after, and the ceiling; the share of each gap that is closed is told."""
     above: tuple[tuple[str, str], ...] = ()
     """Pairs of rows of which the first should be above the second on every category."""
+    unseen_models: bool = False
+    """Whether training scenes do without the models that final scenes show."""
 
     def run(self, context: RunContext) -> dict[str, Any]:
         """Makes what is missing and scores every row with every seed.
@@ -57,7 +59,7 @@ class Table:
         Raises:
             SbmError: if a world cannot be built, or a stage fails.
         """
-        sets = TrainingSets(self.world, context)
+        sets = TrainingSets(self.world, context, unseen_models=self.unseen_models)
         detectors = self._detectors(sets, context.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
         every = [(seed, row) for seed in context.seeds for row in self.rows]
@@ -136,7 +138,9 @@ def read_table(content: Mapping[str, Any]) -> Table:
     rows = [{**row, "new_categories": tuple(row.get("new_categories", ()))} for row in content["rows"]]
     lists = {name: tuple(map(tuple, content.get(name, ()))) for name in ("gaps", "above")}
     categories = tuple(content["categories"]) if "categories" in content else None
-    return Table(content["description"], content["world"], tuple(Row(**row) for row in rows), categories, **lists)
+    unseen = content.get("unseen_models", False)
+    made = tuple(Row(**row) for row in rows)
+    return Table(content["description"], content["world"], made, categories, **lists, unseen_models=unseen)
 
 
 _FILE = Path(__file__).with_name("thesis_tables.yaml")

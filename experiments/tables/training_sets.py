@@ -17,14 +17,14 @@ from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS
 from labeling.generator.settings.source_config import SourceConfig
+from sbm_gym.worlds.splits import Split
 
 if TYPE_CHECKING:
     from experiments.cache.detector_stages import TrainJob
     from experiments.cache.episode_pool import EpisodePool
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
-Subset = Literal["learn", "choose", "val", "dev", "test", "wide"]
-Split = Literal["train", "val", "endless", "test", "wide"]
+Subset = Literal["learn", "choose", "val", "dev", "test", "wide", "final"]
 SPLITS: dict[Subset, Split] = {
     "learn": "train",
     "choose": "train",
@@ -32,9 +32,11 @@ SPLITS: dict[Subset, Split] = {
     "dev": "endless",
     "test": "test",
     "wide": "wide",
+    "final": "final",
 }
 """To learn from, to choose the best network by; to report on: validation scenes, some of the endless ones to decide by,
-the thesis' few test scenes, and many more. Nothing learns from the last four."""
+the thesis' few test scenes, many more, and as many that nothing has been decided by. Nothing learns from the last five.
+"""
 SEEDS: dict[Subset, int] = {"choose": 1, "dev": 20}
 """Of the order of scenes, where it is not 0; that of ``dev`` differs from those of what learns in endless scenes."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
@@ -95,15 +97,16 @@ class Student:
 class TrainingSets:
     """The episodes of one world, labels of them, and detectors trained on these."""
 
-    def __init__(self, world: str, context: RunContext, policy: str = "ring") -> None:
+    def __init__(self, world: str, context: RunContext, policy: str = "ring", unseen_models: bool = False) -> None:
         """Makes nothing yet.
 
         Args:
             world: one of ``WORLDS``.
             context: scale, and where everything is kept.
             policy: who moves.
+            unseen_models: learn from scenes without the models of furniture and vehicles that final scenes show.
         """
-        self.world, self._context, self._policy = world, context, policy
+        self.world, self._context, self._policy, self._unseen_models = world, context, policy, unseen_models
         self._size = SIZES[context.scale]
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
 
@@ -269,9 +272,11 @@ class TrainingSets:
 
         learn, choose, report = self._size.episodes[self.world]
         wide, dev = self._size.wide[self.world], self._size.dev[self.world]
-        counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report, "wide": wide}
+        counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report}
+        counts |= {"wide": wide, "final": wide}
         name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
-        return EpisodePool(name, WORLDS[self.world], split, counts[subset], seed, DETECTOR, self._policy)
+        env, unseen = WORLDS[self.world], self._unseen_models
+        return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
 
 
 def ignore_unsure(pictures: "Sequence[AnnotatedPicture]", min_confidence: float) -> "list[AnnotatedPicture]":

@@ -99,9 +99,11 @@ class FixationEnv(gym.Env, EzPickle):
     ## Arguments
     - `worlds`: the name of a kind of world, or an object that builds them (`sbm_gym.scenes.compiled.WorldSource`).
     - `split`: "train", "val", "test" (the thesis' 15, 1 and 2 interiors, 3, 1 and 1 towns), "wide" (40 more
-      interiors or 12 more towns to test on), "endless" (100,000 others to learn from), or None for all of the thesis'.
+      interiors or 12 more towns to test on), "final" (as many again, for the last test of a release), "endless"
+      (100,000 others to learn from), or None for all of the thesis'.
     - `unseen_models`: keep the furniture and vehicle models that validation and test scenes show out of all other
-      scenes, so that testing is on models never seen in training. Only with a name as `worlds`.
+      scenes, and furnish final ones from them alone, so that testing is on models never seen in training. Only with a
+      name as `worlds`.
     - `detector`: "simulated", "simulated_weak" (as seldom sure as a small real one, some episodes more, some less),
       "simulated:compact" (in rooms: fitted to what `compact` says), a `SimulatedDetectorConfig`, or a real one by a
       name that `labeling.detectors.registry` knows ("compact", the folder of a fine-tuning run, ...). At every step a

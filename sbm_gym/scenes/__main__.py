@@ -11,6 +11,7 @@ from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.cli import run_command
 from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Count, check_ranges
+from sbm_gym.worlds.splits import Split
 
 if TYPE_CHECKING:
     from sbm_gym.scenes.compiled import WorldSource
@@ -22,7 +23,7 @@ class Which:
 
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of an environment that comes with sbm_gym; scenes of others are not cached."""
-    split: Literal["train", "val", "test", "wide", "endless"] = "train"
+    split: Split = "train"
     """Scenes of this split."""
     scenes: Count | None = None
     """Only the first so many of them."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import mujoco
 import numpy as np
@@ -16,10 +16,11 @@ from sbm_gym.robot.body import AgentBody, BodyConfig, add_agent
 from sbm_gym.scenes.profiles import WorldProfile
 from sbm_gym.worlds.moving.motion_config import STILL, MotionConfig
 from sbm_gym.worlds.moving.movers import moved_box
+from sbm_gym.worlds.splits import Split
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION, Arrangement, MovingStage, World, WorldContents
 
 RENDERERS = ("auto", "rays", "gl")
-SPLITS = ("train", "val", "test", "wide", "endless")
+SPLITS = get_args(Split)
 
 
 class WorldSource(Protocol):

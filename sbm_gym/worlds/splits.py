@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from typing import Literal
 
 from labeling.core.errors import UsageError
 
@@ -16,8 +17,11 @@ TRAIN_KINDS = (
     *("hotel", "flat", "living_room", "apartment", "office"),
 )
 """Kinds of homes of the training scenes, in about Replica's proportions."""
+Split = Literal["train", "val", "test", "wide", "final", "endless"]
 WIDE = "wide"
 """A further split to test on, beyond the thesis': two homes and one town tell chance from gain poorly."""
+FINAL = "final"
+"""As many further ones: no decision about the project has ever seen them, and tables look at them once a release."""
 ENDLESS = "endless"
 """A further split to learn from: so many scenes that a robot never has to come back to one."""
 
@@ -48,7 +52,7 @@ class SceneNames:
     """First word of the seed of every numbered scene."""
 
     def of_split(self, split: str | None) -> tuple[str, ...]:
-        """Names of the scenes of a split: train, val, test, wide or endless; None for all that have names.
+        """Names of the scenes of a split, a ``Split``; None for all that have names.
 
         Raises:
             UsageError: if there is no such split.
@@ -60,6 +64,16 @@ class SceneNames:
         if split not in self.named:
             raise UsageError(f"there is no split {split!r}; splits are {', '.join((*self.named, *self.numbered))}")
         return tuple(self.named[split])
+
+    def shows_held_out(self, name: str, unseen_models: bool) -> bool:
+        """Whether a scene is furnished from the models that training does without.
+
+        Args:
+            name: canonical name of a scene.
+            unseen_models: whether training does without them; otherwise final scenes show any.
+        """
+        named = any(name in self.named[split] for split in ("val", "test"))
+        return named or (unseen_models and name in _set_of_numbered(self.prefix, self.numbered[FINAL]))
 
     def resolve(self, name: str | int) -> tuple[str, SceneSeed]:
         """The canonical name of a scene and what it is made from.
@@ -91,6 +105,11 @@ def _numbered(prefix: str, numbers: range) -> tuple[str, ...]:
     return tuple(f"{prefix}{number}" for number in numbers)
 
 
+@cache
+def _set_of_numbered(prefix: str, numbers: range) -> frozenset[str]:
+    return frozenset(_numbered(prefix, numbers))
+
+
 INTERIORS = SceneNames(
     noun="scene",
     prefix="seed/",
@@ -99,8 +118,8 @@ INTERIORS = SceneNames(
         "val": {"val/00": SceneSeed((0, 2000), "flat")},
         "test": {"test/00": SceneSeed((0, 3000), "apartment"), "test/01": SceneSeed((0, 3001), "living_room")},
     },
-    # Nothing is trained, chosen or tuned on those of the wide split.
-    numbered={WIDE: range(100_000, 100_040), ENDLESS: range(100_000)},
+    # Nothing is trained on those of the wide and the final split, and nothing chosen or tuned.
+    numbered={WIDE: range(100_000, 100_040), FINAL: range(200_000, 200_040), ENDLESS: range(100_000)},
     entropy=1,
 )
 """Homes and offices."""
@@ -112,7 +131,7 @@ TOWNS = SceneNames(
         "val": {"town/val/00": SceneSeed((2, 2000))},
         "test": {"town/test/00": SceneSeed((2, 3000))},
     },
-    numbered={WIDE: range(100_000, 100_012), ENDLESS: range(100_000)},
+    numbered={WIDE: range(100_000, 100_012), FINAL: range(200_000, 200_012), ENDLESS: range(100_000)},
     entropy=3,
 )
 """Towns."""

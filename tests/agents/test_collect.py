@@ -211,6 +211,7 @@ def test_settings_are_kept_with_the_episodes(recorded):
         "detector": "simulated",
         "seed": 0,
         "split": "train",
+        "unseen_models": False,
         "episodes_per_scene": 1,
         "size": 64,
         "moving": 0,
@@ -254,6 +255,18 @@ def test_several_workers_record_the_same_bytes(tmp_path, monkeypatch):
     for workers in (1, 2):
         collect_episodes(CollectConfig(out=tmp_path / str(workers), env=env, episodes=3, size=64, workers=workers))
     assert contents(tmp_path / "1") == contents(tmp_path / "2")
+
+
+def test_final_scenes_are_furnished_from_held_out_models_where_it_is_asked_for(tmp_path, monkeypatch):
+    asked = []
+    make_env = recorder.make_env
+    monkeypatch.setattr(recorder, "make_env", lambda *given, **more: asked.append(more) or make_env(*given, **more))
+    arguments = ["--env", "sbm_gym/IndoorBuiltin-v0", "--policy", "spin", "--episodes", "1", "--size", "64"]
+    assert main(["--out", str(tmp_path), *arguments, "--split", "final", "--unseen-models"]) == 0
+    metadata = read_episode(tmp_path / "0000").metadata
+    assert metadata["unseen_models"] is True
+    assert metadata["split"] == "final"
+    assert asked == [{"unseen_models": True}]
 
 
 def test_what_moves_is_recorded_with_where_it_is(tmp_path):

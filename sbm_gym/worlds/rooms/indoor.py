@@ -66,8 +66,8 @@ def build_indoor(
     Args:
         scene: a named scene (``train/00``), ``seed/N`` or N.
         library: where the furniture comes from; the installed catalogues with builtin cushions if None.
-        unseen_models: keep the models that validation and test scenes show out of every other scene. Validation and
-            test scenes are the same either way.
+        unseen_models: keep the models that validation and test scenes show out of every other scene but final ones,
+            which show no others. Validation and test scenes are the same either way.
         movable: have some pieces of furniture stand loose; the world then has a ``stage`` that can move them.
 
     Returns:
@@ -78,7 +78,7 @@ def build_indoor(
         MissingAssetsError: if the furniture is not installed.
     """
     name, source = INTERIORS.resolve(scene)
-    library = models_of_scene(library or indoor_library(), name.startswith(("val/", "test/")), unseen_models)
+    library = models_of_scene(library or indoor_library(), INTERIORS.shows_held_out(name, unseen_models), unseen_models)
 
     # A home in which something a room needs found no place is drawn again; the attempt is part of the seed.
     def attempt(number: int) -> tuple[FloorPlan, list[Layout]]:

@@ -70,8 +70,8 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
         scene: a named town (``town/train/00``), ``town/seed/N`` or N.
         library: where vehicles, trees and street furniture come from; the installed catalogues with some builtin
             street furniture if None.
-        unseen_models: keep the vehicle models that validation and test towns show out of every other town. Validation
-            and test towns are the same either way.
+        unseen_models: keep the vehicle models that validation and test towns show out of every other town but final
+            ones, which show no others. Validation and test towns are the same either way.
 
     Returns:
         The world, without an agent. Its ``stage`` places the vehicles of an episode.
@@ -81,7 +81,7 @@ def build_outdoor(scene: str | int, *, library: FurnitureLibrary | None = None, 
         MissingAssetsError: if there are no models of vehicles.
     """
     name, source = TOWNS.resolve(scene)
-    held_out = name.startswith(("town/val/", "town/test/"))
+    held_out = TOWNS.shows_held_out(name, unseen_models)
     library = models_of_scene(library or town_library(), held_out, unseen_models)
     rng = np.random.default_rng(source.seed)
     plan = draw_plan(rng)
