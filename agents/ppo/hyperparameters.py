@@ -17,6 +17,9 @@ ENV_WRAPPERS = {name: functools.partial(MovesAndLooks, name=name) for name in WI
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
 
 
+MAX_EPOCHS = 1000
+
+
 @dataclass(frozen=True)
 class Hyperparameters:
     """Settings of PPO; names and meanings as in Stable-Baselines3."""
@@ -124,6 +127,8 @@ def checked_hyperparameters(entry: Mapping[Any, Any], source: str) -> Hyperparam
             values[name] = value if _is_default(known[name], value) else convert(value)
         except (ValueError, TypeError):
             raise UsageError(f"{source}: {name} must be {wanted}, not {value!r}") from None
+    if values.get("n_epochs", 1) > MAX_EPOCHS:
+        raise UsageError(f"{source}: n_epochs must be at most {MAX_EPOCHS}, not {values['n_epochs']}: it would not end")
     normalize = values["normalize"] = NORMALIZE | values.get("normalize", {})
     if normalize["norm_obs"] or not normalize.keys() <= {*NORMALIZE, "clip_reward"}:
         raise UsageError(f"{source}: normalize may hold norm_reward and clip_reward; observations are scaled already")

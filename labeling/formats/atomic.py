@@ -1,11 +1,20 @@
-"""Writing files so that a killed process leaves either the old file or the new one, never half of one."""
+"""Writing files so that a killed process leaves either the old file or the new one, never half of one.
+
+What is being written has a hidden name beside its place. Such names tell the process that made them, and whoever writes
+into the same folder next removes those of processes that are gone.
+"""
 
 import contextlib
 import ctypes
+import functools
+import hashlib
 import json
 import os
+import re
 import shutil
+import socket
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +33,8 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     finish_replacing(path)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    _sweep_once(path.parent)
+    temporary = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=path.parent))
     try:
         temporary.chmod(0o755)
         yield temporary
@@ -73,12 +83,60 @@ _RELATIVE_TO_HERE, _RENAME_EXCHANGE = -100, 2
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yields a temporary path beside ``path`` to write to; renamed to ``path`` when the block ends without an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    _sweep_once(path.parent)
+    temporary = path.with_name(f"{_prefix(path)}tmp")
     try:
         yield temporary
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _prefix(path: Path) -> str:
+    """How the temporary names of a file or folder begin."""
+    return f".{path.name}.{os.getpid()}-{_machine()}."
+
+
+_TEMPORARY = re.compile(r"\..+\.(\d+)-([0-9a-f]{6})\.\w+")
+_ABANDONED_S = 24 * 3600.0
+"""Of other machines it is not known which processes are gone; what has not changed for so long is taken to be left."""
+_SWEPT: set[Path] = set()
+"""Folders that this process has looked through."""
+
+
+def _sweep_once(folder: Path) -> None:
+    """Removes what killed processes have left in a folder; does nothing the second time."""
+    if folder in _SWEPT:
+        return
+    _SWEPT.add(folder)
+    with contextlib.suppress(OSError):  # nothing to look through, or not for us
+        for path in [Path(entry) for entry in os.scandir(folder) if entry.name.startswith(".")]:
+            match = _TEMPORARY.fullmatch(path.name)
+            if match is not None and _is_left(path, int(match.group(1)), match.group(2)):
+                with contextlib.suppress(OSError):
+                    shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
+def _is_left(path: Path, process: int, machine: str) -> bool:
+    if machine != _machine():
+        return time.time() - path.lstat().st_mtime > _ABANDONED_S
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it is there, and somebody else's
+        return False
+    return False
+
+
+@functools.cache
+def _machine() -> str:
+    """Changes from machine to machine, from start to start, and wherever numbers mean other processes."""
+    about = [socket.gethostname()]
+    with contextlib.suppress(OSError):
+        about.append(Path("/proc/sys/kernel/random/boot_id").read_text())
+        about.append(str(Path("/proc/self/ns/pid").readlink()))
+    return hashlib.sha256("\n".join(about).encode()).hexdigest()[:6]
 
 
 def write_json(path: Path, content: Any) -> None:

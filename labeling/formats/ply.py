@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from labeling.formats.atomic import atomic_file
+from labeling.formats.regular_file import regular
 
 _COLOUR = [(channel, "u1") for channel in ("red", "green", "blue")]
 
@@ -49,11 +50,12 @@ def read_ply(path: Path) -> np.ndarray:
 
     Raises:
         ValueError: if the file is no PLY with the properties of ``write_ply``, or is truncated.
+        OSError: if it is a pipe or a device, or cannot be read.
     """
     from plyfile import PlyData, PlyParseError
 
     try:
-        vertices = PlyData.read(str(path))["vertex"].data
+        vertices = PlyData.read(str(regular(path)))["vertex"].data
     except (PlyParseError, KeyError, UnicodeDecodeError) as error:
         problem = "truncated" if "end-of-file" in str(error) else "not a PLY of points"
         raise ValueError(f"{path}: {problem} ({error})") from None

@@ -17,7 +17,7 @@ import tyro
 from labeling.core.errors import SbmError
 from labeling.runtime.extras import missing_extra
 from labeling.runtime.help import NOTHING, CommandHelp, asks_for_help, help_text
-from labeling.runtime.interrupts import STOPPING, exit_when_told
+from labeling.runtime.interrupts import STOPPING, exit_when_told, heed_lost_stops
 from labeling.runtime.start_up import INTERRUPTED
 
 Config = TypeVar("Config")
@@ -133,7 +133,7 @@ def run_command(
             print(help_text(config_type, prog, about, words, description, given), flush=True)
             sys.exit(0)
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
-        with exit_when_told():
+        with exit_when_told(), heed_lost_stops():
             run(config)
         sys.stdout.flush()
     except (SbmError, ModuleNotFoundError) as error:

@@ -1,7 +1,9 @@
 """Ctrl-C, SIGTERM and SIGHUP: to stop at the next good moment, or at once but without half-written files."""
 
 import contextlib
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
@@ -83,6 +85,55 @@ def _handled(number: int, handler: Callable[[int, Any], None]) -> Iterator[None]
         yield
     finally:
         signal.signal(number, before)
+
+
+@contextlib.contextmanager
+def heed_lost_stops() -> Iterator[None]:
+    """Until the block ends, a signal whose exception Python can only ignore comes again.
+
+    Signals are heeded wherever the program happens to be: in a destructor or in a callback from C the exception would
+    be printed, with its traceback, and the program would go on as if nobody had told it to stop.
+    """
+    before = sys.unraisablehook
+
+    def again(lost: "sys.UnraisableHookArgs") -> None:
+        number = _signal_of(lost.exc_value)
+        if number is None:
+            before(lost)
+            return
+        if signal.getsignal(number) is signal.SIG_IGN:  # see ``exit_once``
+            signal.signal(number, exit_once)
+        timer = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+_AGAIN_S = 0.05
+
+
+def _signal_of(error: BaseException | None) -> int | None:
+    """The signal that has raised an exception; None if none has."""
+    if isinstance(error, KeyboardInterrupt):
+        return int(signal.SIGINT)
+    if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code - 128 in STOPPING:
+        return error.code - 128
+    return None
+
+
+def exit_once(number: int, frame: object = None) -> None:
+    """As ``raise_exit``, once: told again, the process goes on ending.
+
+    Raises:
+        SystemExit: with 128 and the number of the signal.
+    """
+    signal.signal(number, signal.SIG_IGN)
+    raise_exit(number)
 
 
 def raise_exit(number: int, frame: object = None) -> None:

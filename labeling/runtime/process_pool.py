@@ -25,7 +25,7 @@ from multiprocessing.reduction import ForkingPickler
 from typing import Any, Generic, TypeVar
 
 from labeling.core.errors import SbmError
-from labeling.runtime.interrupts import hold_back_interrupts, raise_exit
+from labeling.runtime.interrupts import exit_once, heed_lost_stops, hold_back_interrupts
 from labeling.runtime.threads import num_threads, threads_of_children
 
 Job = TypeVar("Job")
@@ -255,13 +255,13 @@ def _serve(work: Work[Any, Any], pipe: connection.Connection) -> None:
     # Ctrl-C, and the end of a terminal, reach all its processes; the first decides, and ends others in its own time.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, raise_exit)
+    signal.signal(signal.SIGTERM, exit_once)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import cv2
 
     cv2.setNumThreads(num_threads())
     do = function_of(work)
-    with contextlib.suppress(EOFError, ConnectionError):
+    with heed_lost_stops(), contextlib.suppress(EOFError, ConnectionError):
         while True:
             job = pipe.recv()
             try:

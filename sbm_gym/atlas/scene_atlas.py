@@ -119,6 +119,8 @@ class SceneAtlas:
         if not self._path.is_file():
             raise AtlasError(f"{folder} is not finished; the same python -m sbm_gym.build_atlas goes on with it")
         shape = (len(self.poses.places_m), _PARTS * self.poses.num_headings + 1)
+        if self._path.stat().st_size == 0:  # which cannot be mapped
+            raise AtlasError(f"{self._path} is damaged; delete {folder} and build it again")
         self._content = np.memmap(self._path, np.uint8, "r").data
         table_bytes = 8 * shape[0] * shape[1]
         damaged = len(self._content) <= table_bytes

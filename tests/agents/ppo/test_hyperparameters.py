@@ -76,6 +76,7 @@ def test_mappings_and_truth_values_of_yaml_are_read_too(tmp_path):
         ("n_timesteps: -5", "n_timesteps must be a whole number above 0, not -5"),
         ("n_timesteps: 0", "n_timesteps must be a whole number above 0"),
         ("n_timesteps: 10\nn_steps: 2.5", "n_steps must be a whole number"),
+        ("n_timesteps: 10\nn_epochs: 1000000000.0", "n_epochs must be at most 1000, not 1000000000: it would not end"),
         ("n_timesteps: 10\ngamma: high", "gamma must be a number from 0, not 'high'"),
         ("n_timesteps: 10\ngamma: lin_0.9", "gamma must be a number"),
         ("n_timesteps: 10\nent_coef: true", "ent_coef must be a number"),

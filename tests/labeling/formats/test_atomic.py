@@ -1,6 +1,7 @@
 """Files appear whole or not at all, whatever interrupts the writer."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -77,6 +78,42 @@ def test_a_killed_process_leaves_no_half_folder_nor_file(tmp_path):
     assert finished.returncode == -9
     assert [path.name for path in tmp_path.iterdir() if not path.name.startswith(".")] == ["file"]
     assert (tmp_path / "file").read_text() == "old"
+
+
+def leave_temporaries(folder: Path) -> subprocess.CompletedProcess:
+    """Has a process killed while it writes a file and a folder."""
+    program = (
+        "import os, signal, sys; from pathlib import Path\n"
+        "from labeling.formats.atomic import atomic_file, atomic_folder\n"
+        "root = Path(sys.argv[1])\n"
+        "with atomic_folder(root / 'episode') as folder, atomic_file(root / 'file') as file:\n"
+        "    (folder / 'half').write_text(''); file.write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    return subprocess.run([sys.executable, "-c", program, str(folder)], cwd=ROOT, check=False)
+
+
+@pytest.mark.parametrize("write", ["file", "folder"])
+def test_what_a_killed_process_has_left_goes_when_somebody_else_writes_there(tmp_path, write):
+    leave_temporaries(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
+    (tmp_path / ".mine.1-2.tmp").write_text("whoever this belongs to keeps it")
+    if write == "file":
+        write_json(tmp_path / "other.json", [])
+    else:
+        with atomic_folder(tmp_path / "other"):
+            pass
+    assert {path.name for path in tmp_path.iterdir()} == {".mine.1-2.tmp", "other.json" if write == "file" else "other"}
+
+
+def test_what_others_are_writing_stays(tmp_path):
+    alive = tmp_path / f".file.{os.getppid()}-{atomic._machine()}.tmp"
+    elsewhere, abandoned = tmp_path / ".file.999999999-abcdef.tmp", tmp_path / ".old.999999999-abcdef.tmp"
+    for path in (alive, elsewhere, abandoned):
+        path.write_text("half")
+    os.utime(abandoned, (0, 0))
+    write_json(tmp_path / "other.json", [])
+    assert {path.name for path in tmp_path.iterdir()} == {alive.name, elsewhere.name, "other.json"}
 
 
 def test_write_json_round_trips_and_replaces(tmp_path):

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +78,9 @@ def test_the_bytes_are_those_written_before_plyfile(tmp_path: Path) -> None:
     lines = ["ply", "format binary_little_endian 1.0", "element vertex 3", *(f"property {kind}" for kind in kinds), ""]
     assert header.decode() == "\n".join(lines)
     assert body == read_ply(tmp_path / "cloud.ply").tobytes()
+
+
+def test_a_pipe_is_refused_instead_of_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "cloud.ply")
+    with pytest.raises(OSError, match="is a pipe or a device"):
+        read_ply(tmp_path / "cloud.ply")

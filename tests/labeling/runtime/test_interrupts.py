@@ -104,3 +104,39 @@ def test_other_threads_leave_signals_alone() -> None:
     thread.start()
     thread.join()
     assert seen == [(False, *before)]
+
+
+LOST = """
+import os, signal, sys, time
+from dataclasses import dataclass
+from labeling.runtime.cli import run_command
+
+@dataclass
+class Config:
+    number: int
+
+class Dying:
+    def __init__(self, number):
+        self.number = number
+    def __del__(self):
+        signal.raise_signal(self.number)
+        for _ in range(1000):
+            pass  # where the handler raises, and nobody can catch it
+
+def run(config):
+    one = Dying(config.number)
+    del one
+    time.sleep(20)
+    print("went on")
+
+sys.exit(run_command(Config, run, "program"))
+"""
+
+
+@pytest.mark.parametrize("number", STOPPING, ids=str)
+def test_a_signal_that_meets_a_destructor_is_heeded_all_the_same(number) -> None:
+    command = [sys.executable, "-c", LOST, "--number", str(int(number))]
+    ended = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=15)
+    assert ended.returncode == 128 + number
+    assert len(ended.stderr.splitlines()) == 1
+    assert "went on" not in ended.stdout

@@ -243,13 +243,15 @@ def test_what_does_not_fit_is_refused(atlas, tmp_path):
         build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, scenes=1, detector=DETECTOR, headings=8))
 
 
-@pytest.mark.parametrize("damage", ["truncated", "table", "views", "key", "places", "headings", "no key"])
+@pytest.mark.parametrize("damage", ["truncated", "empty", "table", "views", "key", "places", "headings", "no key"])
 def test_a_damaged_atlas_is_named(atlas, tmp_path, damage):
     folder = tmp_path / "box_0"
     shutil.copytree(atlas / "box_0", folder)
     views = bytearray((folder / "views.bin").read_bytes())
     if damage == "truncated":
         views = views[: len(views) // 2]
+    elif damage == "empty":
+        views = bytearray()
     elif damage == "table":
         views[100:108] = (2**62).to_bytes(8, "little")
     elif damage == "views":
