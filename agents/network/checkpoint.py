@@ -50,7 +50,6 @@ def write_policy(
     """
     tensors = {name: value.detach().cpu().contiguous() for name, value in _tensors(policy).items()}
     save_tensors(tensors, folder / WEIGHTS_FILE)
-    (folder / WEIGHTS_FILE).chmod(0o644)  # safetensors keeps its files to their owner
     write_json(folder / POLICY_FILE, {"format": FORMAT, **description})
     write_json(folder / NORMALIZE_FILE, normalization)
 

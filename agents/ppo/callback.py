@@ -92,12 +92,13 @@ class TrainingCallback(BaseCallback):
     def _after_update(self, last: bool) -> None:
         """Between an update and the next rollout: validates if it is time to, and saves."""
         progress, now = self._progress, self.num_timesteps
-        if progress.validations and now == progress.steps:
-            return  # just restored: all of this has been done
-        progress.steps = now
         since = now - int(progress.validations[-1]["at"]) if progress.validations else self._eval_every
+        is_due = since >= self._eval_every or (last and since > 0)
+        if progress.validations and now == progress.steps and not is_due:
+            return  # just restored: all of this has been done, unless a validation was given up
+        progress.steps = now
         statistics = None
-        if since >= self._eval_every or (last and since):
+        if is_due:
             began_s = time.monotonic()
             statistics = self._validate()
             self._pace.validation_s = time.monotonic() - began_s

@@ -125,7 +125,7 @@ def _train(
         if (folder / LAST).is_dir():
             progress = restore_training(model, env, folder / LAST)
             say(f"going on from step {progress.steps}")
-        if progress.steps >= hyperparameters.n_timesteps:
+        if progress.steps >= hyperparameters.n_timesteps and progress.is_validated:
             say(f"finished at step {progress.steps} already; --steps with more goes on")
             return progress, scenes
         say(plan(settings, progress.steps, len(scenes), config.compare_episodes))
@@ -173,7 +173,7 @@ def _train(
         model.logger.close()
         for line in lines.values():
             line.close()
-    if callback.stopped:
+    if callback.stopped or not progress.is_validated:
         say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
         request.leave()
     return progress, scenes

@@ -29,6 +29,11 @@ class Progress:
     """Mean figures of the episodes that ended in each rollout."""
     validations: list[dict[str, float]] = field(default_factory=list)
 
+    @property
+    def is_validated(self) -> bool:
+        """Whether the latest step has been: the last validation may have been given up."""
+        return bool(self.validations) and self.validations[-1]["at"] == self.steps
+
 
 def normalization_of(env: VecNormalize) -> dict[str, Any]:
     """How rewards are scaled, as JSON: divided by the standard deviation of the discounted return."""

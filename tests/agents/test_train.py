@@ -202,6 +202,29 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(config, tmp_path,
     assert same(tensors(tmp_path / "straight"), tensors(tmp_path / "stopped"))
 
 
+@pytest.mark.parametrize("at", [0, 200, 600])
+def test_a_validation_that_was_given_up_is_done_when_the_run_goes_on(config, tmp_path, monkeypatch, at):
+    config = replace(config, steps=600, eval_every=200)
+    straight, _ = train(replace(config, out=tmp_path / "straight"))
+    stopped = replace(config, out=tmp_path / "stopped")
+    validate, left = training.validate, [at // 200]
+
+    def interrupted(*given):
+        if left and left[0] == 0:
+            signal.raise_signal(signal.SIGINT)
+        left[0] -= 1
+        return validate(*given)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(training, "validate", interrupted)
+        train(stopped)
+    assert at not in [one["at"] for one in json.loads(tensors(stopped.out)["progress"])["validations"]]
+    progress, _ = train(stopped)
+    assert progress == straight
+    assert same(tensors(tmp_path / "straight"), tensors(tmp_path / "stopped"))
+    assert any(line.startswith("finished at step 600 already") for line in train(stopped)[1])
+
+
 def test_the_same_command_goes_on_and_a_finished_run_takes_more_steps(config, tmp_path):
     config = replace(config, out=tmp_path / "run", steps=200)
     train(config)
