@@ -215,9 +215,10 @@ def test_a_validation_that_was_given_up_is_done_when_the_run_goes_on(config, tmp
         left[0] -= 1
         return validate(*given)
 
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(training, "validate", interrupted)
+    monkeypatch.setattr(training, "validate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
         train(stopped)
+    monkeypatch.undo()
     assert at not in [one["at"] for one in json.loads(tensors(stopped.out)["progress"])["validations"]]
     progress, _ = train(stopped)
     assert progress == straight
