@@ -6,6 +6,7 @@ import functools
 import os
 import shlex
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -133,7 +134,7 @@ def run_command(
             print(help_text(config_type, prog, about, words, description, given), flush=True)
             sys.exit(0)
         config = tyro.cli(config_type, prog=prog, args=arguments, description=description, **given)
-        with exit_when_told(), heed_lost_stops():
+        with exit_when_told(), heed_lost_stops(), _threads_in_one_line():
             run(config)
         sys.stdout.flush()
     except (SbmError, ModuleNotFoundError) as error:
@@ -160,6 +161,24 @@ def run_command(
         print(f"error: {printable(refusal(error))}", file=sys.stderr)
         return BAD_INPUT
     return 0
+
+
+@contextlib.contextmanager
+def _threads_in_one_line() -> Iterator[None]:
+    """What the system refuses to other threads, such as those that write curves, is one line and no traceback."""
+    before = threading.excepthook
+
+    def tell(given: threading.ExceptHookArgs) -> None:
+        if isinstance(given.exc_value, OSError):
+            print(f"note: {printable(refusal(given.exc_value))}", file=sys.stderr)
+        else:
+            before(given)
+
+    threading.excepthook = tell
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def refusal(error: OSError) -> str:
