@@ -105,4 +105,7 @@ def wait_up_to(process: "subprocess.Popen[str]", seconds: float, number: int) ->
     except subprocess.TimeoutExpired:
         kill(process, number)
         return wait(process)
+    except BaseException:
+        kill(process)
+        raise
     return Ended(process.returncode, told, seconds)

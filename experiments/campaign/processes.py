@@ -47,6 +47,9 @@ def wait(process: "subprocess.Popen[str]", patience_s: float = PATIENCE_S) -> En
         kill(process)
         _, told = process.communicate()
         return Ended(None, told, time.monotonic() - begun)
+    except BaseException:  # told to stop: no process of a group of its own is left behind
+        kill(process)
+        raise
     return Ended(process.returncode, told, time.monotonic() - begun)
 
 

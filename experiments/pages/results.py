@@ -24,6 +24,7 @@ from experiments.pages.boxes import MASK_SOURCES, boxes_section
 from experiments.pages.boxes import PICTURE as BOXES_PICTURE
 from experiments.pages.markdown import Pictures, mean_std, plural, points, read_result, render, table
 from experiments.pages.origin import origins
+from experiments.pages.summary import summary_table
 from labeling.core.errors import SbmError
 
 PAGE = "results.md"
@@ -126,6 +127,7 @@ def page(contents: Contents) -> str:
     return render(
         "results.md.jinja",
         made=made,
+        summary=summary_table(contents),
         tables={name: _section(name, title, contents, table_section) for name, title in TITLES.items()},
         boxes=boxes_section(contents[BOXES], pictured) if BOXES in contents else None,
         boxes_title=BOXES_TITLE,

@@ -1,0 +1,114 @@
+"""The table at the top of the page of results: the thesis' figures, those of the release before, today's, and goals."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from experiments.figures.result_values import gap_interval, gap_share, loop_values, share_interval, values
+from experiments.pages.markdown import table
+from experiments.pages.origin import of_earlier_generator
+
+ROWS: list[dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("summary.yaml").read_text(encoding="utf-8"))
+GAP = ("pre-trained", "SbM fine-tuned on shared labels", "GT fine-tuned")
+"""Whose share is told."""
+FIGURES = ("ap50", "box_ap50")
+NOT_RUN, NOT_SHOWN, EARLIER = "not run", "no gap shown", " \u2020"
+HEADINGS = (
+    "AP50 of masks / boxes; of 3-D boxes at .25 / .5",
+    "thesis",
+    "release before",
+    "now",
+    "goal",
+    "below the goal",
+)
+
+
+def summary_table(contents: Mapping[str, Mapping[str, Any]]) -> str:
+    """The table.
+
+    Args:
+        contents: of the files of results, by name.
+    """
+    named = {row["table"] for row in ROWS}
+    earlier = of_earlier_generator({name: content for name, content in contents.items() if name in named})
+    rows = []
+    for row in ROWS:
+        content = contents.get(row["table"])
+        now = None if content is None else _now(row, content)
+        told = NOT_RUN if now is None else _with_intervals(row, content or {}, now)
+        told += EARLIER if row["table"] in earlier else ""
+        thesis = "-" if "thesis" not in row else _written(row, row["thesis"])
+        rows.append(
+            [row["what"], thesis, _pair(row, row.get("earlier")), told, _pair(row, row.get("goal")), _short(row, now)]
+        )
+    return table(list(HEADINGS), rows, "---:")
+
+
+def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | None]:
+    """Today's figures: masks and boxes, or 3-D boxes at .25 and .5."""
+    if row["kind"] == "share":
+        return [gap_share(content, GAP, figure) if _has_gap(content) else None for figure in FIGURES]
+    if row["kind"] == "gain":
+        last = content["size"]["rounds"]
+        names = ("mask_ap50", "box_ap50")
+        return [_less(loop_values(content, last, "test", name), content["before"].get(name)) for name in names]
+    if row["kind"] == "ap50":
+        (runs,) = (one for one in content["rows"] if one["name"] == row["row"])
+        found = [values(runs, figure) for figure in FIGURES]
+        return [float(np.mean(one)) if one else None for one in found]
+    of_world = {one["name"]: one for one in content["worlds"][row["world"]]["rows"] if one["boxes"] == "recorded"}
+    ours, ceiling = of_world["SbM F-PointNet"], of_world["supervised F-PointNet"]
+    return [_ratio(ours, ceiling, figure) for figure in ("ap25", "ap50")]
+
+
+def _has_gap(content: Mapping[str, Any]) -> bool:
+    """Whether a table has the rows of the gap; small ones have not."""
+    return set(GAP) <= {one["name"] for one in content["rows"]}
+
+
+def _less(after: list[float], before: float | None) -> float | None:
+    return float(np.mean(after)) - 100.0 * before if after and before is not None else None
+
+
+def _ratio(ours: Mapping[str, Any], ceiling: Mapping[str, Any], figure: str) -> float | None:
+    means = [np.mean([run[figure] for run in row["runs"] if run[figure] is not None]) for row in (ours, ceiling)]
+    return float(means[0] / means[1]) if means[1] > 0 else None
+
+
+def _written(row: Mapping[str, Any], value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.1f}" if row["kind"] in ("gain", "ap50") else f"{value:.2f}"
+
+
+def _pair(row: Mapping[str, Any], pair: list[float | None] | None) -> str:
+    return "-" if pair is None else " / ".join(_written(row, one) for one in pair)
+
+
+def _with_intervals(row: Mapping[str, Any], content: Mapping[str, Any], now: list[float | None]) -> str:
+    if row["kind"] != "share" or not _has_gap(content):
+        return _pair(row, now)
+    told = []
+    for figure, value in zip(FIGURES, now, strict=True):
+        between = share_interval(content, GAP, figure)
+        if value is None and gap_interval(content, GAP, figure) is not None:
+            told.append(NOT_SHOWN)
+        else:
+            told.append(_written(row, value) + ("" if between is None else " [{:.2f}, {:.2f}]".format(*between)))
+    return " / ".join(told)
+
+
+def _short(row: Mapping[str, Any], now: list[float | None] | None) -> str:
+    """By how much today's figures are below the goals."""
+    if "goal" not in row or now is None:
+        return "-"
+    short = []
+    for value, goal in zip(now, row["goal"], strict=True):
+        if value is None or goal is None:
+            short.append("-")
+        else:
+            short.append("reached" if value >= goal - 1e-9 else _written(row, goal - value))
+    return " / ".join(short)
