@@ -1,6 +1,8 @@
 """Training with PPO: a folder that holds the best policy so far, and all it takes to go on after a kill."""
 
 import contextlib
+import math
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -8,6 +10,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
@@ -22,6 +25,7 @@ from agents.ppo.baselines import kept_baselines, play_baselines
 from agents.ppo.callback import TrainingCallback
 from agents.ppo.config import PpoConfig
 from agents.ppo.envs import EnvConfig, make_env, make_vec_env, validation_scenes
+from agents.ppo.hyperparameters import Hyperparameters
 from agents.ppo.ray_vec_env import ray_vec_env
 from agents.ppo.report import Pace, commands, comparison, plan, table
 from agents.ppo.run_settings import RunSettings, claim_run, resolve_settings
@@ -169,7 +173,15 @@ def _train(
         eval_every = settings.options.eval_every
         pace = Pace(hyperparameters.n_timesteps, eval_every)
         callback = TrainingCallback(progress, eval_every, validated, save, request, say, progress_bar, pace, baselines)
-        model.learn(hyperparameters.n_timesteps - progress.steps, callback=callback, reset_num_timesteps=False)
+        try:
+            model.learn(hyperparameters.n_timesteps - progress.steps, callback=callback, reset_num_timesteps=False)
+        except ValueError:
+            if not _has_diverged(model.policy):
+                raise
+            raise SbmError(
+                f"training has diverged after step {progress.steps}: weights are too large for any use; start anew "
+                "with a smaller learning_rate"
+            ) from None
         model.logger.close()
         for line in lines.values():
             line.close()
@@ -177,6 +189,33 @@ def _train(
         say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
         request.leave()
     return progress, scenes
+
+
+def _has_diverged(network: torch.nn.Module) -> bool:
+    return not all(bool((value.abs() < MAX_WEIGHT).all()) for value in network.state_dict().values())
+
+
+def _check_rollout_fits(hyperparameters: Hyperparameters, observation_space: spaces.Dict) -> None:
+    """Refuses rollouts whose observations no memory would hold.
+
+    Raises:
+        UsageError: telling how much they take.
+    """
+    steps = hyperparameters.n_envs * hyperparameters.n_steps
+    taken = steps * sum(
+        math.prod(space.shape or (1,)) * np.dtype(space.dtype or np.float32).itemsize
+        for space in observation_space.values()
+    )
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if taken > there:
+        raise UsageError(
+            f"observations of a rollout of n_envs * n_steps = {steps:,} steps take {taken / 1e9:,.0f} GB, more than "
+            f"the {there / 1e9:,.0f} GB of this machine; give a smaller n_steps"
+        )
+
+
+MAX_WEIGHT = 1e9
+"""Networks with larger weights, or with some that are no numbers, have diverged."""
 
 
 def _files_of(config: EnvConfig) -> list[str]:
@@ -200,6 +239,7 @@ def _check_network(settings: RunSettings, env: gym.Env) -> None:
             f"env {settings.options.env!r}: observations must be a Dict and actions a Box or MultiDiscrete"
         )
     hyperparameters = settings.hyperparameters
+    _check_rollout_fits(hyperparameters, observation_space)
     build_policy(observation_space, action_space, hyperparameters.policy, hyperparameters.policy_kwargs)
 
 

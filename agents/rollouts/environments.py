@@ -39,6 +39,12 @@ def make_env(env_id: str, split: str, detector: str, **settings: Any) -> gym.Env
         return gym.make(name, split=split, detector=detector, **settings)
     except ValueError as error:
         raise UsageError(f"env {env_id!r}: {error}") from error
+    except TypeError as error:
+        if not any(f"unexpected keyword argument {argument!r}" in str(error) for argument in ("split", "detector")):
+            raise
+        raise UsageError(
+            f"env {env_id!r} has no scenes and no detector, as those of this project: {', '.join(sorted(ENV_IDS))}"
+        ) from None
 
 
 def inner_env(env: gym.Env) -> "FixationEnv":

@@ -9,6 +9,8 @@ from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
 
 Settings = Mapping[str, Any]
+RECORDING_FILE = "transforms.json"
+"""Makes a folder a recording: ``TRANSFORMS_FILE`` of ``labeling.io``, which builds on this package."""
 
 
 def claim_run_folder(
@@ -29,8 +31,12 @@ def claim_run_folder(
         results: what the folder holds, for error messages.
 
     Raises:
-        UsageError: if the folder was begun with other settings, holds something else, or cannot be written to.
+        UsageError: if the folder was begun with other settings, holds something else, lies inside a recording, or
+            cannot be written to.
     """
+    recording = next((one for one in folder.resolve().parents if (one / RECORDING_FILE).is_file()), None)
+    if recording is not None:
+        raise UsageError(f"{folder} lies inside the recording {recording}; give an --out outside of it")
     path = folder / file_name
     earlier = read_json(path).mapping() if path.is_file() else None
     if earlier is not None:

@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from labeling.formats.pixel_limit import too_large
 from sbm_gym.env.rewards import REWARDS
 from sbm_gym.env.simulation import GAZES
 from sbm_gym.scenes.compiled import SPLITS
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
+MAX_STRIDE_M = 10.0
 RESET_OPTIONS = ("scene", "start", "reuse_scene")
 
 
@@ -38,12 +40,40 @@ def check_numbers(num_views: int | None, stride_m: float | None, episodes_per_sc
     Raises:
         ValueError: if one makes no sense, saying what would.
     """
-    if num_views is not None and num_views < 1:
-        raise ValueError(f"num_views must be at least 1, not {num_views}")
-    if stride_m is not None and not stride_m > 0.0:
-        raise ValueError(f"stride_m must be positive, not {stride_m}")
-    if episodes_per_scene < 1:
-        raise ValueError(f"episodes_per_scene must be at least 1, not {episodes_per_scene}")
+    if num_views is not None:
+        _check_count("num_views", num_views)
+    if stride_m is not None and not (_is_number(stride_m) and 0.0 < stride_m <= MAX_STRIDE_M):
+        raise ValueError(f"stride_m must be positive and at most {MAX_STRIDE_M:g} m, not {stride_m!r}")
+    _check_count("episodes_per_scene", episodes_per_scene)
+
+
+def check_sizes(**sizes: Any) -> None:
+    """Checks heights and widths of pictures, pixels; None stands for a default.
+
+    Raises:
+        ValueError: if one is not two whole numbers above 0, or a picture would have more pixels than are accepted.
+    """
+    for name, size in sizes.items():
+        if size is None:
+            continue
+        if not (isinstance(size, Sequence) and len(size) == 2 and all(_is_count(side) for side in size)):
+            raise ValueError(f"{name} must be height and width, two whole numbers above 0, not {size!r}")
+        why = too_large(*size)
+        if why is not None:
+            raise ValueError(f"{name}: {why}")
+
+
+def _check_count(name: str, value: Any) -> None:
+    if not _is_count(value):
+        raise ValueError(f"{name} must be a whole number of at least 1, not {value!r}")
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 1)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def checked_options(options: Mapping[str, Any] | None) -> dict[str, Any]:

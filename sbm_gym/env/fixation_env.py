@@ -13,7 +13,14 @@ from jaxtyping import Float
 from sbm_gym.atlas.scene_atlas import AtlasKey
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env import observations
-from sbm_gym.env.arguments import check_choices, check_numbers, checked_action, checked_options, checked_start
+from sbm_gym.env.arguments import (
+    check_choices,
+    check_numbers,
+    check_sizes,
+    checked_action,
+    checked_options,
+    checked_start,
+)
 from sbm_gym.env.atlases import Atlases
 from sbm_gym.env.recording import Capture
 from sbm_gym.env.rewards import Reward, RewardWeights, evidence_terms, reward_terms
@@ -184,6 +191,7 @@ class FixationEnv(gym.Env, EzPickle):
         EzPickle.__init__(**{name: value for name, value in locals().items() if name != "__class__"})
         check_choices(split, gaze, reward, render_mode, self.metadata["render_modes"])
         check_numbers(num_views, stride_m, episodes_per_scene)
+        check_sizes(image_size=image_size, detector_size=detector_size, render_size=render_size)
         check_renderer(renderer)
         if render_mode == "human":
             check_screen()

@@ -130,6 +130,8 @@ def make_detector(detector: str | SimulatedDetectorConfig, profile: WorldProfile
     """
     if isinstance(detector, SimulatedDetectorConfig):
         return SimulatedViewDetector(detector, SIMULATED)
+    if not isinstance(detector, str):
+        raise ValueError(f"detector is a name or a SimulatedDetectorConfig, not {detector!r}")
     fitting = profile.detector
     if detector == SIMULATED:
         return SimulatedViewDetector(fitting, SIMULATED)

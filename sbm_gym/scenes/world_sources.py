@@ -124,6 +124,11 @@ def world_source(worlds: str | WorldSource, unseen_models: bool = False, movable
     if not isinstance(worlds, str):
         if unseen_models:
             raise ValueError(f"unseen_models goes with worlds given by name ({', '.join(WORLDS)}), not with an object")
+        if not all(hasattr(worlds, name) for name in ("profile", "scenes", "canonical", "build")):
+            raise ValueError(
+                f"worlds is a name ({', '.join(WORLDS)}) or an object that builds them "
+                f"(sbm_gym.scenes.compiled.WorldSource), not {worlds!r}"
+            )
         return worlds
     if worlds not in WORLDS:
         raise ValueError(f"unknown kind of world {worlds!r}; known: {', '.join(WORLDS)}")

@@ -236,6 +236,13 @@ def test_folders_of_before_a_setting_was_there_are_gone_on_with(recorded, tmp_pa
         collect_episodes(config(out, detector="compact"))
 
 
+def test_environments_of_others_are_refused_in_one_line(tmp_path, capsys):
+    assert main(["--env", "CartPole-v1", "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: env 'CartPole-v1' has no scenes and no detector, as those of this project: sbm_gym/")
+    assert not (tmp_path / "out").exists()
+
+
 def test_unknown_detectors_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(UsageError, match="unknown detector 'yolo'"):
         collect_episodes(config(tmp_path / "episodes", detector="yolo"))

@@ -35,7 +35,7 @@ from agents.ppo.envs import (
     validation_scenes,
 )
 from agents.train import main
-from labeling.core.errors import UsageError
+from labeling.core.errors import SbmError, UsageError
 from sbm_gym.env.rewards import reward_terms
 from sbm_gym.robot.object_memory import MemoryUpdate
 from sbm_gym.worlds.splits import INTERIORS
@@ -200,6 +200,23 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(config, tmp_path,
         one, other = (tmp_path / run / LAST / name for run in ("straight", "stopped"))
         assert one.read_bytes() == other.read_bytes()
     assert same(tensors(tmp_path / "straight"), tensors(tmp_path / "stopped"))
+
+
+def test_training_that_diverges_says_so_and_keeps_what_was_before(config, hyperparams, tmp_path):
+    wild = tmp_path / "wild.yaml"
+    wild.write_text(hyperparams.read_text().replace("lin_0.003", "1.0e+30"))
+    config = replace(config, out=tmp_path / "run", steps=300, hyperparams=wild)
+    with pytest.raises(SbmError, match=r"training has diverged after step 0: .* a smaller learning_rate"):
+        train(config)
+    assert json.loads(tensors(config.out)["progress"])["steps"] == 0
+
+
+def test_rollouts_that_fit_into_no_memory_are_refused(config, hyperparams, tmp_path):
+    huge = tmp_path / "huge.yaml"
+    huge.write_text(hyperparams.read_text().replace("n_steps: 100", "n_steps: 25000000000"))
+    with pytest.raises(UsageError, match=r"of a rollout of .* = 25,000,000,000 steps take .* give a smaller n_steps"):
+        train(replace(config, out=tmp_path / "run", hyperparams=huge))
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("at", [0, 200, 600])

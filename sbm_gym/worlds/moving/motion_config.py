@@ -19,8 +19,8 @@ class MotionConfig:
 
     def __post_init__(self) -> None:
         for name, value in (("moving", self.moving), ("shifted", self.shifted)):
-            if value < 0:
-                raise UsageError(f"{name} must be at least 0, not {value}")
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                raise UsageError(f"{name} must be a whole number of at least 0, not {value!r}")
         if not 0.0 <= self.speed < 100.0:
             raise UsageError(f"moving_speed must be at least 0 and below 100, not {self.speed}")
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from labeling.core.errors import SbmError, UsageError
-from labeling.runtime.run_folder import as_options, claim_run_folder
+from labeling.io.file_names import TRANSFORMS_FILE
+from labeling.runtime.run_folder import RECORDING_FILE, as_options, claim_run_folder
 
 FILE = "settings.json"
 SETTINGS = {"env": "a", "seed": 1, "steps": 10}
@@ -60,3 +61,12 @@ def test_folders_that_cannot_be_written_to_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="cannot write to"):
         claim_run_folder(tmp_path / "file" / "run", FILE, SETTINGS)
+
+
+def test_nothing_is_begun_inside_a_recording(tmp_path):
+    assert RECORDING_FILE == TRANSFORMS_FILE
+    (tmp_path / "capture").mkdir()
+    (tmp_path / "capture" / "transforms.json").write_text("{}")
+    with pytest.raises(UsageError, match=r"lies inside the recording .*capture; give an --out outside of it"):
+        claim_run_folder(tmp_path / "capture" / "deep" / "labels", "settings.json", {})
+    assert [path.name for path in (tmp_path / "capture").iterdir()] == ["transforms.json"]
