@@ -147,7 +147,23 @@ def choose(found: FrameList, config: RecordingConfig, folder: Path) -> FrameList
     hint = _other_up(frames)
     if hint and config.up == "z":
         notes.append(f"the cameras' own up is the recording's {hint} axis; if that is so, say --up={hint}")
+    notes += _far_away(frames)
     return FrameList(found.names, frames, notes)
+
+
+FAR_M, FAR_SPREADS = 100.0, 20.0
+"""A view this far from the middle of all views, and so many times the median distance, is told of."""
+
+
+def _far_away(frames: Sequence[Frame]) -> list[str]:
+    """A note if some views stand nowhere near the others: as a rule their poses are wrong."""
+    places = np.array([frame.camera_to_world[:3, 3] for frame in frames]).reshape(-1, 3)
+    away = np.linalg.norm(places - np.median(places, axis=0), axis=1) if len(places) else np.zeros(0)
+    far = np.flatnonzero(away > max(FAR_M, FAR_SPREADS * float(np.median(away)) if len(away) else 0.0))
+    if not len(far):
+        return []
+    names = ", ".join(frames[index].name for index in far[:3]) + (", ..." if len(far) > 3 else "")
+    return [f"{len(far)} of {len(frames)} views stand up to {away[far].max():,.0f} m from the others: {names}"]
 
 
 def _floor(frames: Sequence[Frame], folder: Path) -> Float[np.ndarray, "3"]:

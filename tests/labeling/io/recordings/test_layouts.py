@@ -1,6 +1,7 @@
 """Recordings of every layout hold the same episode; malformed ones get one clear error."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,6 +136,19 @@ def test_what_is_no_direction_is_refused(up):
 def test_a_world_that_lies_on_its_side_is_noted(tmp_path, room):
     notes = read_episode(written(tmp_path, "record3d", room)).notes
     assert any("--up=y" in note for note in notes)
+
+
+def test_views_that_stand_nowhere_near_the_others_are_noted(tmp_path, room):
+    folder = written(tmp_path, "nerfstudio", room)
+    assert read_episode(folder).notes == ()
+
+    def send_away(content):
+        content["frames"][2]["transform_matrix"][0][3] += 1e6
+
+    edit(folder, send_away)
+    (note,) = read_episode(folder).notes
+    assert re.fullmatch(r"1 of 5 views stand up to (999,99\d|1,000,00\d) m from the others: .*", note)
+    assert read_episode(folder).frame_names[2] in note
 
 
 # nerfstudio, Record3D, Polycam ---------------------------------------------------------------------------------------
