@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TypeVar
 
 THREAD_VARIABLES = (
@@ -22,6 +23,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _HANDOVER_S = 3e-4
+_asked_for: ContextVar[int | None] = ContextVar("_asked_for", default=None)
+"""Threads that networks are to compute in, where somebody has said so."""
 _beside = threading.local()
 """Of this thread: whether it works beside others that have all cores to do with."""
 
@@ -33,8 +36,12 @@ def num_threads() -> int:
     """
     if getattr(_beside, "alone", False):
         return 1
-    told = os.environ.get("NUMBA_NUM_THREADS", "")
-    return int(told) if told.isdigit() and int(told) > 0 else len(os.sched_getaffinity(0))
+    return _told("NUMBA_NUM_THREADS") or len(os.sched_getaffinity(0))
+
+
+def _told(variable: str) -> int | None:
+    told = os.environ.get(variable, "")
+    return int(told) if told.isdigit() and int(told) > 0 else None
 
 
 @contextmanager
@@ -88,11 +95,28 @@ def one_network_thread() -> Iterator[None]:
     import torch
 
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    token = _asked_for.set(1)
     try:
+        settle_network_threads()
         yield
     finally:
+        _asked_for.reset(token)
         torch.set_num_threads(before)
+
+
+def settle_network_threads() -> None:
+    """Has PyTorch compute in as many threads as it should from now on, whatever runs beside it: one in the block of
+    ``one_network_thread``, else as many as ``OMP_NUM_THREADS`` says, else one for each usable core.
+
+    When numba's first parallel loop runs, it tells OpenMP how many threads there are, and PyTorch, which shares OpenMP
+    with it, follows: the last digits of what networks compute would hang on whether labels were made before, or after a
+    kill no more. So numba tells it first, here.
+    """
+    import numba
+    import torch
+
+    numba.get_num_threads()  # begins its threads
+    torch.set_num_threads(_asked_for.get() or _told("OMP_NUM_THREADS") or len(os.sched_getaffinity(0)))
 
 
 @contextmanager

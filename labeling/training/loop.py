@@ -21,6 +21,7 @@ from torch.utils.data import DataLoader, Dataset
 from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_json
 from labeling.runtime.interrupts import StopRequest
+from labeling.runtime.threads import settle_network_threads
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import CONFIG_FILE, WEIGHTS_FILE, TrainingConfig
 from labeling.training.curves import open_tensorboard
@@ -156,6 +157,7 @@ def train(
     Raises:
         SbmError: if the folder holds another run or a damaged checkpoint, or training breaks down.
     """
+    settle_network_threads()
     out.mkdir(parents=True, exist_ok=True)
     identity = json.dumps(task.identity, sort_keys=True)
     progress = load_checkpoint(out, identity, task.device, lambda state: _restore(task, state))

@@ -9,6 +9,7 @@ from labeling.core.masks import paste_mask
 from labeling.detectors.data.augment import resize_picture
 from labeling.detectors.networks.calibration import calibrated
 from labeling.detectors.networks.mask_rcnn import STRIDE, Network, fused
+from labeling.runtime.threads import settle_network_threads
 
 
 class NetworkDetector:
@@ -17,6 +18,7 @@ class NetworkDetector:
     def __init__(
         self, network: Network, name: str, digest: str = "", device: str | torch.device = "cpu", batch_size: int = 8
     ) -> None:
+        settle_network_threads()
         self.name, self.digest, self.batch_size = name, digest, batch_size
         self.spec, self.categories = network.spec, network.spec.names
         self._device = torch.device(device)

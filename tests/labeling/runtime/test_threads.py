@@ -1,4 +1,5 @@
 import os
+import subprocess
 import sys
 import threading
 import time
@@ -61,3 +62,33 @@ def test_what_has_not_begun_beside_is_dropped_at_the_end() -> None:
             other.submit(lambda number=number: (may_end.wait(), done.append(number)))
         threading.Timer(0.05, may_end.set).start()
     assert len(done) == 1
+
+
+THREADS = """
+import numba, numpy, torch
+from labeling.runtime.threads import one_network_thread, settle_network_threads
+
+@numba.njit(parallel=True)
+def total(values):
+    found = 0.0
+    for place in numba.prange(len(values)):
+        found += values[place]
+    return found
+
+seen = []
+with one_network_thread():
+    total(numpy.ones(9))
+    settle_network_threads()  # as whoever makes a detector does
+    seen.append(torch.get_num_threads())
+settle_network_threads()
+total(numpy.ones(9))
+seen.append(torch.get_num_threads())
+print(seen)
+"""
+
+
+@pytest.mark.parametrize("told", ["1", "3"])
+def test_networks_keep_their_threads_when_compiled_loops_begin_theirs(told: str) -> None:
+    environment = {**os.environ, "OMP_NUM_THREADS": told, "NUMBA_NUM_THREADS": "2"}
+    done = subprocess.run([sys.executable, "-c", THREADS], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[0] == f"[1, {told}]"
