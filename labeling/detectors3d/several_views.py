@@ -86,7 +86,7 @@ def _groups(boxes: Sequence[Box3d], scores: Sequence[float], categories: Sequenc
     """Boxes by the kept one that they overlap, which comes first; the surest first."""
     groups: list[list[int]] = []
     of_category: dict[str, list[list[int]]] = defaultdict(list)
-    for number in np.argsort([-score for score in scores], kind="stable").tolist():
+    for number in sorted(range(len(boxes)), key=lambda one: -scores[one]):
         rivals = of_category[categories[number]]
         overlaps = [box_iou_3d(boxes[members[0]], boxes[number]) for members in rivals]
         if rivals and max(overlaps) >= iou:

@@ -12,6 +12,7 @@ from labeling.core.box_overlap import box_iou_3d
 from labeling.core.types import Box3d
 from labeling.detectors3d.upright_boxes import encode_box
 from labeling.memory.boxes.box_decoding import find_boxes, in_world, peaks
+from labeling.memory.boxes.box_detector import load_box_net
 from labeling.memory.boxes.box_evaluation import evaluate, inside_grid, instances_to_find, spread_views
 from labeling.memory.boxes.box_losses import filled_loss, heat_loss, number_losses
 from labeling.memory.boxes.box_net import BoxHead, BoxOutput
@@ -23,9 +24,10 @@ from labeling.memory.networks.scene_memory import SceneMemory
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.training.config import WEIGHTS_FILE
 from labeling.training.loop import train
 
-from ..detectors3d.boxed_rooms import boxed_room, upright
+from ..detectors3d.boxed_rooms import boxed_room, known_of, upright
 
 GRID = GridSpec((8, 16, 20), 0.25)
 TINY = MemorySpec("cn3d", GridSpec((8, 16, 16), 0.3), 8, 8, 8, 8, 16, (32, 32))
@@ -64,7 +66,7 @@ def boxes_apart(draw: st.DrawFn) -> list[GridBox]:
 # Targets and decoding -------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(boxes_apart())
 def test_what_is_to_be_said_of_boxes_gives_them_back(boxes):
     found = find_boxes(*said(box_targets(boxes, 5, GRID)), GRID, STANDING)
@@ -97,11 +99,11 @@ def test_all_names_of_a_box_ask_for_the_same(sides, yaw, turn, exchanged):
     other = upright(0.1, 0.2, (sides[1], sides[0], sides[2]), yaw + turn + np.pi / 2)
     same = upright(0.1, 0.2, sides, yaw + turn)
     numbers = [encode_box(box) for box in (upright(0.1, 0.2, sides, yaw), other if exchanged else same)]
-    asked = [
+    one, another = (
         box_targets([GridBox(torch.from_numpy(one.astype(np.float32)), 0)], 1, GRID).numbers.numpy() for one in numbers
-    ]
+    )
     if sides[0] != sides[1]:
-        np.testing.assert_allclose(*asked, atol=1e-4)
+        np.testing.assert_allclose(one, another, atol=1e-4)
 
 
 def test_a_grid_that_is_turned_finds_boxes_where_they_stand():
@@ -214,7 +216,7 @@ def test_points_fill_the_voxels_that_they_lie_in():
 def test_the_truth_of_an_episode_is_asked_for_where_it_stands_and_seen_surfaces_lie_in_it():
     episode = boxed_room(2)
     labelled = true_scene(episode, TINY)
-    names = sorted({one.category for one in episode.ground_truth})
+    names = sorted({one.category for one, _ in known_of(episode)})
     for first in range(3):
         targets = scene_targets(labelled, [first, 3], names, TINY.grid)
         found = find_boxes(*said(targets), TINY.grid, labelled.scene.grid_to_world(first))
@@ -300,13 +302,14 @@ def test_the_head_says_of_a_shifted_memory_what_it_said_shifted():
 
 @pytest.mark.parametrize("model", ["cn3d", "grnn"])
 def test_two_rooms_are_learnt_by_heart(model, tmp_path):
-    scenes = [true_scene(boxed_room(seed, 4), TINY) for seed in (1, 2)]
-    config = TrainBoxesConfig(iterations=150, views=2, validate_every=150, learning_rate=5e-3, seed=1)
-    task = BoxTask(replace(TINY, model=model), scenes, scenes, config)
-    progress = train(task, tmp_path / "run", say=lambda line: None)
-    figures = {views: evaluate(task.network, scenes, views) for views in (1, 2, 4)}
-    assert progress.history[-1]["ap50"] == pytest.approx(1.0), figures
-    assert progress.history[-1]["filled"] < 0.5
+    spec = replace(TINY, model=model, width=16)
+    scenes = [true_scene(boxed_room(seed, 3), spec) for seed in (1, 2)]
+    config = TrainBoxesConfig(iterations=150, views=3, validate_every=25, learning_rate=1e-2, seed=1)
+    progress = train(BoxTask(spec, scenes, scenes, config), tmp_path / "run", say=lambda line: None)
+    best = load_box_net(tmp_path / "run" / WEIGHTS_FILE)
+    assert evaluate(best, scenes, 3)["ap50"] == pytest.approx(1.0), progress.history
+    assert evaluate(best, scenes, 1)["ap25"] == pytest.approx(1.0)
+    assert progress.history[-1]["filled"] < 0.3
 
 
 def test_heat_maps_of_untrained_networks_say_that_nearly_nothing_is_there():
