@@ -1,7 +1,7 @@
 """Stages of experiments with boxes on memories: train networks, score boxes of scenes. Outcomes are kept."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -181,7 +181,7 @@ def _score(job: SceneScores) -> dict[str, Any]:
     return {"inputs": by_inputs, "scenes": len(next(iter(found.values()))), "left_out": left_out}
 
 
-def _finder(job: SceneScores) -> Any:
+def _finder(job: SceneScores) -> "Callable[[Episode, Sequence[int]], list[SceneDetection3d]]":
     """A function of an episode and of the views that are given, which gives boxes of the scene."""
     from labeling.detectors3d.several_views import fuse_views
 

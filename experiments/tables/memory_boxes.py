@@ -41,7 +41,7 @@ SIZES: dict[Scale, Size] = {
         TrainBoxesConfig(iterations=4, validate_every=2, views=2),
         (1, 2),
     ),
-    "quick": Size(MemorySize(), TrainBoxesConfig(iterations=1200, validate_every=200, patience=0)),
+    "quick": Size(MemorySize(), TrainBoxesConfig(iterations=1000, validate_every=200, patience=0)),
     "full": Size(
         MemorySize((64, 64, 32), 0.08, 32, 48, 64, (128, 128)),
         TrainBoxesConfig(iterations=40_000, validate_every=1000, batch_size=4),

@@ -1,5 +1,6 @@
 """Training a network to find boxes in a memory, from random weights or from those of a memory that has learnt."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -78,7 +79,7 @@ class BoxTask(loop.TrainingTask[BoxSample, BoxNet]):
         self.collate = collate
         self.identity = {
             "network": asdict(spec),
-            "begun": "random" if learnt is None else _checksum(learnt),
+            "begun": "random" if learnt is None else _digest(learnt),
             "train": {name: value for name, value in asdict(config).items() if name not in ("patience", "workers")},
             "scenes": [one.scene.name for one in scenes],
             "validation": [one.scene.name for one in validation],
@@ -120,6 +121,9 @@ def _begin_with_sizes(network: BoxNet, scenes: Sequence[LabelledScene]) -> None:
         bias[SIDES] = torch.from_numpy(np.log(sides).mean(axis=0)).to(bias.dtype)
 
 
-def _checksum(memory: Memory) -> list[float]:
-    """Tells memories that have learnt something else apart: sums of their tensors."""
-    return [float(value.double().abs().sum()) for value in memory.state_dict().values()]
+def _digest(memory: Memory) -> str:
+    """Tells memories that have learnt something else apart."""
+    found = hashlib.sha256()
+    for value in memory.state_dict().values():
+        found.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()
