@@ -1,4 +1,4 @@
-"""Finds 3-D boxes in recorded episodes: ``python -m labeling.detect3d EPISODES --detector RUN --boxes DETECTOR``."""
+"""Finds 3-D boxes in recorded episodes: ``python -m labeling.detect3d EPISODES --detector RUN``."""
 
 import hashlib
 import sys
@@ -21,22 +21,26 @@ if TYPE_CHECKING:
 
     from labeling.core.detector import Detector
     from labeling.detectors3d.base import Detector3d
+    from labeling.memory.boxes.box_detector import MemoryBoxDetector
 
-RECORDED = "recorded"
+RECORDED, LDLS = "recorded", "ldls"
 
 
 @dataclass(frozen=True)
 class Detect3dCommand(DetectionCommand):
-    """Writes ``detections_3d.json`` beside the frames of each episode: boxes in the world, each found from one view.
+    """Writes ``detections_3d.json`` beside the frames of each episode: boxes in the world, each found from one view, or
+    from several views together where the detector has a memory.
 
     Episodes that already hold the results of these detectors are skipped.
     """
 
     detector: str
-    """The folder of a labeling.train3d run, or ``ldls``, which needs no training."""
+    """The folder of a labeling.train3d run (of one with --memory, too), or ``ldls``, which needs no training."""
     boxes: str = RECORDED
     """Who finds objects in pictures: a 2-D detector as for labeling.detect, or ``recorded`` for the detections.json
-    that episodes have."""
+    that episodes have. A memory needs neither."""
+    views: int | None = None
+    """Of a memory: views of each episode that go into it, spread evenly; by default as many as it was trained with."""
 
 
 def run(command: Detect3dCommand) -> None:
@@ -49,17 +53,46 @@ def run(command: Detect3dCommand) -> None:
     from labeling.runtime.process_pool import PerProcess
 
     command.recording.check()
+    _check_memory(command)
     command.run_on_episodes(
         _detecting(command) if command.where.is_local else PerProcess(partial(_detecting, command)),
         lambda counts: f"{sum(counts)} boxes in {len(counts)} episodes",
-        [name for name in (command.detector, command.boxes) if name not in (*NAMES, RECORDED, "ldls")],
+        [name for name in (command.detector, command.boxes) if name not in (*NAMES, RECORDED, LDLS)],
         DETECTIONS_3D_FILE,
     )
     print(command.dataset / "*" / DETECTIONS_3D_FILE)
 
 
+def _has_memory(command: Detect3dCommand) -> bool:
+    from labeling.memory.boxes.box_detector import is_memory_run
+
+    return command.detector != LDLS and is_memory_run(Path(command.detector))
+
+
+def _check_memory(command: Detect3dCommand) -> None:
+    """Refuses options that do not belong to the detector.
+
+    Raises:
+        UsageError: naming the option.
+    """
+    if command.views is not None and command.views < 1:
+        raise UsageError(f"--views must be above 0, not {command.views}")
+    if _has_memory(command):
+        if command.boxes != RECORDED:
+            raise UsageError(
+                f"{command.detector}: looks at several views together and needs no 2-D detector; leave out --boxes"
+            )
+    elif command.views is not None:
+        raise UsageError(f"--views is for detectors with a memory (labeling.train3d --memory), not {command.detector}")
+
+
 def _detecting(command: Detect3dCommand) -> "Callable[[Path], int | None]":
     """What detects in one episode."""
+    if _has_memory(command):
+        from labeling.memory.boxes.box_detector import load_memory_detector
+
+        memory = load_memory_detector(Path(command.detector), command.device)
+        return partial(detect_with_memory, detector=memory, views=command.views, recording=command.recording)
     from labeling.detectors.registry import load_detector
     from labeling.detectors3d.registry import load_detector_3d
 
@@ -119,6 +152,43 @@ def detect_episode(
     return len(records)
 
 
+def detect_with_memory(
+    folder: Path, detector: "MemoryBoxDetector", views: int | None = None, recording: RecordingConfig | None = None
+) -> int | None:
+    """Likewise from several views together.
+
+    Args:
+        folder: of the episode.
+        detector: finds boxes in a memory.
+        views: how many views go into it; None takes as many as it was trained with.
+        recording: how to read the episode.
+
+    Returns:
+        How many boxes; None if this detector has looked already.
+
+    Raises:
+        SbmError: if the episode is malformed, or cannot be remembered.
+    """
+    from labeling.io.episodes import box_3d_record, read_episode
+
+    path = folder / DETECTIONS_3D_FILE
+    mark = hashlib.sha256(f"{detector.digest}\0{views}".encode()).hexdigest()
+    if _mark_of_file(path) == mark:
+        return None
+    found = detector.find(read_episode(folder, recording, ground_truth=False), views)
+    records = [
+        {
+            "views": list(one.views),
+            "category": one.category,
+            "score": round(one.confidence, 6),
+            "box_3d": box_3d_record(one.box),
+        }
+        for one in found
+    ]
+    write_json(path, {"detector": detector.name, "mark": mark, "detections": records})
+    return len(records)
+
+
 def _mark(folder: Path, detector_3d: "Detector3d", detector_2d: "Detector | None") -> str:
     """Changes with both detectors, and with the detections that are lifted."""
     recorded = folder / DETECTIONS_FILE
@@ -138,6 +208,7 @@ def _mark_of_file(path: Path) -> object:
 HELP = CommandHelp(
     examples=(
         ("EPISODES --detector RUN --boxes compact", "3-D boxes by a trained network, from 2-D boxes of compact"),
+        ("EPISODES --detector MEMORY_RUN --views 4", "from four views together, by a run of labeling.train3d --memory"),
         ("EPISODES --detector ldls", "without training"),
     ),
 )

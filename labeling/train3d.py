@@ -1,40 +1,87 @@
-"""Trains a 3-D detector on labels: ``python -m labeling.train3d LABELS --out RUN``."""
+"""Trains a 3-D detector on labels: ``python -m labeling.train3d LABELS --out RUN``, of one view or on a memory."""
 
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from labeling.core.errors import UsageError
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
+from labeling.memory.settings.box_settings import BOX_MODELS, MemoryBoxOptions, TrainBoxesConfig
 from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
 from labeling.training.command import Labels, TrainingCommand, say
 
 if TYPE_CHECKING:
     from labeling.detectors3d.frustum_samples import FrustumSample
+    from labeling.memory.boxes.labelled_scenes import LabelledScene
+    from labeling.memory.networks.weights import Memory
+    from labeling.memory.settings.memory_spec import MemorySpec
 
 EVERY_HELD_OUT = 10
-"""Without --val every tenth object is held out to choose the best network by."""
+"""Without --val every tenth object, with --memory every tenth episode, is held out to choose the best network by."""
+OF_BOTH = ("iterations", "learning_rate", "validate_every", "patience", "trust_scores", "workers", "seed")
+"""Settings of training that frustum PointNets and memories share."""
+OF_RUNS = ("voxels", "voxel_m", "channels", "picture")
+"""Settings of a memory that a run of labeling.train_memory has already."""
 
 
 @dataclass(frozen=True)
 class Train3dCommand(TrainingCommand):
-    """Trains a frustum PointNet with masks and 3-D boxes that nobody has drawn, or with ground truth.
+    """Trains a 3-D detector with boxes that nobody has drawn, or with ground truth: a frustum PointNet, which looks at
+    one view, or with --memory a network that looks at several views together.
 
-    Keeps the best network, by mean IoU of its boxes on --val, in RUN/detector.safetensors; RUN is then a 3-D detector
-    by that name (labeling.detect3d). A run that was killed goes on where it stopped when the same command is given
-    again.
+    Keeps the best network on --val, by mean IoU of its boxes (of a memory: by average precision), in
+    RUN/detector.safetensors; RUN is then a 3-D detector by that name (labeling.detect3d). A run that was killed goes on
+    where it stopped when the same command is given again.
     """
 
     labels: Labels
     """What to learn from, one or several: label sets, or episodes whose ground truth has 3-D boxes."""
     val: Path | None = None
-    """What to choose the best by: label set, or episodes with ground truth. Without it some objects of LABELS are held
-    out."""
+    """What to choose the best by: label set, or episodes with ground truth. Without it some objects of LABELS (with
+    --memory: some episodes) are held out."""
+    memory: str | None = None
+    """Find boxes in a 3-D memory of several views: "grnn" or "cn3d" of random weights, or the folder of a
+    labeling.train_memory run, whose weights are begun with. Without it a frustum PointNet is trained."""
     train: tyro.conf.OmitArgPrefixes[Train3dConfig] = field(default_factory=Train3dConfig)
     augment: tyro.conf.OmitArgPrefixes[Augment3dConfig] = field(default_factory=Augment3dConfig)
+    boxes: tyro.conf.OmitArgPrefixes[MemoryBoxOptions] = field(default_factory=MemoryBoxOptions)
+
+    def check(self) -> None:
+        """Refuses settings that make no sense, or that do not belong to what is trained.
+
+        Raises:
+            UsageError: naming the option.
+        """
+        for settings in (self.train, self.augment, self.boxes):
+            settings.check()
+        self.check_sources()
+        if self.memory is None:
+            self._refuse(_changed(self.boxes), "is for --memory, which was not given")
+        else:
+            self._refuse(
+                _changed(self.train, OF_BOTH) + _changed(self.augment), "is for frustum PointNets, not --memory"
+            )
+            if self.memory not in BOX_MODELS:
+                names = [name for name in _changed(self.boxes) if name in OF_RUNS]
+                self._refuse(names, f"is for a new memory; {self.memory} has its own")
+
+    @staticmethod
+    def _refuse(names: list[str], why: str) -> None:
+        if names:
+            raise UsageError(f"--{names[0].replace('_', '-')} {why}")
+
+
+def _changed(settings: Any, besides: tuple[str, ...] = ()) -> list[str]:
+    """Names of settings that are not what they are by default."""
+    return [
+        one.name
+        for one in fields(settings)
+        if one.name not in besides and getattr(settings, one.name) != getattr(type(settings)(), one.name)
+    ]
 
 
 def run(command: Train3dCommand) -> dict[str, Any]:
@@ -46,18 +93,28 @@ def run(command: Train3dCommand) -> dict[str, Any]:
     Raises:
         SbmError: if labels or settings are at fault.
     """
+    from labeling.formats.atomic import write_json
+    from labeling.training.config import RESULTS_FILE
+
+    command.check()
+    figures = _train_frustums(command) if command.memory is None else _train_boxes(command, command.memory)
+    results = {"labels": command.sources, **figures, "seed": command.train.seed}
+    write_json(command.out / RESULTS_FILE, results)
+    print(f"detector: {command.out}")
+    say_next("find boxes with it", "labeling.detect3d", "EPISODES", "--detector", command.out)
+    return results
+
+
+def _train_frustums(command: Train3dCommand) -> dict[str, Any]:
+    """Of one view."""
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_detector import load_network
     from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
     from labeling.detectors3d.frustum_training import FrustumTask, evaluate
-    from labeling.formats.atomic import write_json
     from labeling.runtime.interrupts import graceful_interrupt
-    from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
+    from labeling.training.config import WEIGHTS_FILE
     from labeling.training.loop import train
 
-    command.train.check()
-    command.augment.check()
-    command.check_sources()
     device, seed = choose_device(command.device), command.train.seed
     samples = [one for path in command.labels for one in read_frustum_samples(path, seed, command.dataset)]
     if command.val is not None:
@@ -71,23 +128,86 @@ def run(command: Train3dCommand) -> dict[str, Any]:
         progress = train(task, command.out, say, progress_bar, stop)
     network = load_network(command.out / WEIGHTS_FILE).to(device)
     best = evaluate(network, task.validation, device) if task.validation else None
-    results = {
-        "labels": command.sources,
-        "categories": list(names),
-        "best_iteration": progress.best_iteration,
-        "iterations": progress.iteration,
-        "seed": seed,
-        "validation": None if best is None else asdict(best),
-    }
-    write_json(command.out / RESULTS_FILE, results)
     if best is not None:
         print(
             f"boxes on validation: mean IoU {best.mean_iou:.3f}; {100 * best.right_at_25:.1f} % right at .25, "
             f"{100 * best.right_at_50:.1f} % at .5"
         )
-    print(f"detector: {command.out}")
-    say_next("find boxes with it", "labeling.detect3d", "EPISODES", "--detector", command.out)
-    return results
+    return {
+        "categories": list(names),
+        "best_iteration": progress.best_iteration,
+        "iterations": progress.iteration,
+        "validation": None if best is None else asdict(best),
+    }
+
+
+def _train_boxes(command: Train3dCommand, memory: str) -> dict[str, Any]:
+    """On a memory of several views."""
+    from labeling.detectors.registry import choose_device
+    from labeling.memory.boxes.box_detector import load_box_net
+    from labeling.memory.boxes.box_evaluation import evaluate
+    from labeling.memory.boxes.box_training import BoxTask
+    from labeling.runtime.interrupts import graceful_interrupt
+    from labeling.training.config import WEIGHTS_FILE
+    from labeling.training.loop import train
+
+    device, begun = choose_device(command.device), _memory(command, memory)
+    shared = {name: getattr(command.train, name) for name in OF_BOTH}
+    options = command.boxes
+    config = TrainBoxesConfig(**shared, batch_size=options.scenes, views=options.views, around=options.around)
+    scenes, validation = _read_scenes(command, begun)
+    about = {"labels": command.sources, "memory": memory}
+    task = BoxTask(begun, scenes, validation, config, device, about)
+    names = task.network.spec.categories
+    print(f"{len(scenes)} episodes to learn from: {', '.join(names)}; {len(validation)} to choose by")
+    with graceful_interrupt() as stop:
+        progress = train(task, command.out, say, progress_bar, stop)
+    network = load_box_net(command.out / WEIGHTS_FILE).to(device)
+    best = evaluate(network, validation, config.views, device) if validation else None
+    if best is not None:
+        print(f"boxes on validation: AP {100 * best['ap25']:.1f} at .25, {100 * best['ap50']:.1f} at .5")
+    return {
+        "categories": list(names),
+        "memory": memory,
+        "best_iteration": progress.best_iteration,
+        "iterations": progress.iteration,
+        "validation": best,
+    }
+
+
+def _memory(command: Train3dCommand, memory: str) -> "MemorySpec | Memory":
+    """What training begins with."""
+    from labeling.memory.networks.weights import load_memory
+
+    if memory in BOX_MODELS:
+        return command.boxes.size().spec(BOX_MODELS[BOX_MODELS.index(memory)])
+    if not Path(memory).exists():
+        raise UsageError(
+            f"there is no memory {memory!r}; give {' or '.join(BOX_MODELS)}, or the folder of a labeling.train_memory "
+            "run"
+        )
+    return load_memory(Path(memory))
+
+
+def _read_scenes(
+    command: Train3dCommand, begun: "MemorySpec | Memory"
+) -> "tuple[list[LabelledScene], list[LabelledScene]]":
+    """Episodes to learn from and to choose by."""
+    from labeling.memory.boxes.labelled_scenes import read_labelled_scenes
+    from labeling.memory.settings.memory_spec import MemorySpec
+
+    spec, around = begun if isinstance(begun, MemorySpec) else begun.spec, command.boxes.around
+    scenes, notes = read_labelled_scenes(command.labels, spec, around, command.dataset)
+    validation: list[LabelledScene] = []
+    if command.val is not None:
+        validation, more = read_labelled_scenes([command.val], spec, around)
+        notes += more
+    for note in notes:
+        print(f"note: left out {note}")
+    if command.val is not None:
+        return scenes, validation
+    held = range(EVERY_HELD_OUT - 1, len(scenes), EVERY_HELD_OUT)
+    return [one for number, one in enumerate(scenes) if number not in held], [scenes[number] for number in held]
 
 
 def train_val_split_by_object(samples: "list[FrustumSample]") -> "tuple[list[FrustumSample], list[FrustumSample]]":
@@ -108,11 +228,23 @@ def train_val_split_by_object(samples: "list[FrustumSample]") -> "tuple[list[Fru
 
 
 HELP = CommandHelp(
+    groups={
+        "common options": (
+            "labels", "out", "val", "memory", "dataset", "device", "iterations", "learning-rate", "validate-every",
+            "patience", "trust-scores", "workers", "seed",
+        ),
+        "frustum PointNet": (
+            "batch-size", "num-points", "width", "flip", "box-shift", "box-scale", "range-shift", "noise-m",
+        ),
+        "with --memory": ("views", "scenes", "around", "voxels", "voxel-m", "channels", "picture"),
+    },
     examples=(
-        ("LABELS --out RUN", "the best network of a training without validation is the last"),
+        ("LABELS --out RUN", "a frustum PointNet; without --val some objects are held out to choose the best by"),
         ("LABELS --val EPISODES --out RUN", "choose the best by episodes with ground truth"),
+        ("LABELS --memory cn3d --out RUN", "boxes in a memory of up to eight views, from random weights"),
+        ("LABELS --memory MEMORY_RUN --out RUN", "the same, from the weights of a labeling.train_memory run"),
     ),
-)
+)  # fmt: skip
 main = make_main("labeling.train3d", Train3dCommand, run, about=HELP)
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def train_detectors_3d(jobs: Sequence[TrainJob3d], context: RunContext) -> list[
 
     def reads(task: tuple[TrainJob3d, Path]) -> list[Path]:
         job, out = task  # in which an earlier run may have left a checkpoint to go on from
-        return [*_with_dataset(job.learn), *_with_dataset(job.choose), out]
+        return [*with_dataset(job.learn), *with_dataset(job.choose), out]
 
     cached("detectors_3d", _train, keyed, context, "training 3-D detectors", reads=reads, gpus=True)
     return [str(out) for _, (_, out) in keyed]
@@ -72,7 +72,7 @@ def _content(folder: Path) -> list[str]:
     return [folder.name, *sorted(path.name for path in folder.iterdir() if path.is_dir())]
 
 
-def _with_dataset(folder: Path) -> list[Path]:
+def with_dataset(folder: Path) -> list[Path]:
     """Episodes, or a label set and the episodes that it was made from."""
     from labeling.formats.checked_json import read_json
     from labeling.io.file_names import SUMMARY_FILE
@@ -107,7 +107,7 @@ def score_box_targets(labels: Sequence[Path], episodes: Sequence[Path], context:
     jobs = [(digest(_content(one), names, code), (one, tuple(episodes))) for one in labels]
 
     def reads(task: tuple[Path, tuple[Path, ...]]) -> list[Path]:
-        return [*_with_dataset(task[0]), *task[1]]
+        return [*with_dataset(task[0]), *task[1]]
 
     return cached("box_targets", _score_targets, jobs, context, "scoring box targets", reads=reads)
 

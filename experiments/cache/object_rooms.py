@@ -107,6 +107,55 @@ def record_scene(task: tuple[ObjectRooms, int, Path]) -> None:
     _record(world, camera_poses(rooms.views, rng), folder, about)
 
 
+def record_boxed_rooms(rooms: ObjectRooms, context: RunContext) -> list[Path]:
+    """The same episodes with ground truth: which pixels are of which object, and 3-D boxes.
+
+    Returns:
+        Episodes, one for each scene, of the same names and pictures.
+    """
+    bare = record_object_rooms(rooms, context)
+    folder = context.cache / "episodes" / f"{bare[0].parent.name}-boxed-{code_digest(add_truth)[:12]}"
+    folders = [folder / path.name for path in bare]
+    missing = [
+        (rooms, number, *places)
+        for number, places in enumerate(zip(bare, folders, strict=True))
+        if not places[1].is_dir()
+    ]
+    run_tasks(add_truth, missing, context.workers, "boxes of rooms", spawn=context.workers > 1)
+    return folders
+
+
+def add_truth(task: tuple[ObjectRooms, int, Path, Path]) -> None:
+    """Builds the room of an episode again, and writes the episode with what its cameras see of which object."""
+    from dataclasses import replace
+
+    import mujoco
+
+    from labeling.core.types import GroundTruth
+    from labeling.io.episodes import read_episode, write_episode
+    from sbm_gym.rendering.rays.renderer import RaysRenderer
+
+    rooms, number, bare, folder = task
+    rng = np.random.default_rng([rooms.seed, rooms.objects, number])
+    seed = int(rng.integers(2**31))
+    name = f"objects/{rooms.objects}/{rooms.seed}/{number}"
+    world = _room(name, seed, lambda layout, library: _furnish(layout, library, rooms.objects, rng))
+    model = world.spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    renderer, instance_of_geom = RaysRenderer(model), world.instance_of_geom(model)
+    episode, truths = read_episode(bare), []
+    for view in range(episode.num_views):
+        geom_id = renderer.render(data, episode.camera(view), colours=False).geom_id
+        instances = np.where(geom_id >= 0, instance_of_geom[geom_id], 0)
+        for one in world.objects:
+            modal = instances == one.instance_id
+            if modal.any():
+                truths.append(GroundTruth(view, one.instance_id, one.category, modal, box_3d=one.box_3d))
+    categories = tuple(sorted({one.category for one in world.objects}))
+    write_episode(folder, replace(episode, ground_truth=tuple(truths), categories=categories))
+
+
 def record_exchange(task: tuple[Exchanges, int, Path]) -> None:
     """Builds the rooms of an exchange, in which the same objects stand at the same places, and records views of them.
 

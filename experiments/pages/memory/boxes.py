@@ -1,0 +1,73 @@
+"""The page about boxes on memories, of the experiments ``memory_boxes`` and ``label_fraction``."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from experiments.pages.markdown import Pictures, mean_std, read_result, render, table
+from labeling.core.errors import SbmError
+
+PAGE, VIEWS_PICTURE, LABELS_PICTURE = "memory-boxes.md", "memory_boxes.png", "label_fraction.png"
+FIGURES = {"ap25": "AP .25", "ap50": "AP .5"}
+KINDS = ("all", "shown")
+
+
+def compose(results: Path) -> tuple[str, Pictures]:
+    """The page and its pictures."""
+    from experiments.figures.memory_boxes import draw_by_labels, draw_by_views
+
+    views, labels = (read_result(results / f"{name}.json") for name in ("memory_boxes", "label_fraction"))
+    if views is None and labels is None:
+        raise SbmError(f"{results}: neither memory_boxes.json nor label_fraction.json; run one of them first")
+    pictures: Pictures = {}
+    if views is not None:
+        pictures[VIEWS_PICTURE] = partial(draw_by_views, views)
+    if labels is not None:
+        pictures[LABELS_PICTURE] = partial(draw_by_labels, labels)
+    return page(views, labels), pictures
+
+
+def page(views: Mapping[str, Any] | None, labels: Mapping[str, Any] | None) -> str:
+    """The text of the page.
+
+    Args:
+        views: of ``memory_boxes.json``, if there is one.
+        labels: of ``label_fraction.json``, likewise.
+    """
+    return render(
+        "memory-boxes.md.jinja",
+        views=views and {**views, "tables": {kind: _by_views(views, kind) for kind in KINDS}},
+        labels=labels and {**labels, "tables": {str(n): _by_labels(labels, n) for n in labels["settings"]["inputs"]}},
+        views_picture=VIEWS_PICTURE,
+        labels_picture=LABELS_PICTURE,
+    )
+
+
+def percents(rows: Sequence[Mapping[str, Any]], inputs: int, kind: str, figure: str) -> list[float]:
+    """A figure of rows in percent, one for each seed; rows of which nothing was to be found have none."""
+    values = [row["inputs"][str(inputs)][kind][figure] for row in rows]
+    return [100 * value for value in values if value is not None]
+
+
+def _by_views(content: Mapping[str, Any], kind: str) -> str:
+    inputs, rows = content["settings"]["inputs"], []
+    for figure, title in FIGURES.items():
+        for name, labels in dict.fromkeys((row["name"], row["labels"]) for row in content["rows"]):
+            runs = [row for row in content["rows"] if (row["name"], row["labels"]) == (name, labels)]
+            cells = [mean_std(percents(runs, count, kind, figure)) for count in inputs]
+            rows.append([f"{title}: {name}, {labels}", *cells])
+    return table(["views given", *map(str, inputs)], rows, "---:")
+
+
+def _by_labels(content: Mapping[str, Any], inputs: int) -> str:
+    shares, rows = content["settings"]["shares"], []
+    for figure, title in FIGURES.items():
+        for name, beginning in dict.fromkeys((row["name"], row["beginning"]) for row in content["rows"]):
+            runs = [row for row in content["rows"] if (row["name"], row["beginning"]) == (name, beginning)]
+            cells = [
+                mean_std(percents([row for row in runs if row["share"] == share], inputs, "shown", figure))
+                for share in shares
+            ]
+            rows.append([f"{title}: {name} {beginning}", *cells])
+    return table(["scenes labelled", *(f"{100 * share:g} %" for share in shares)], rows, "---:")
