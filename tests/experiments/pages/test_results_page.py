@@ -119,11 +119,16 @@ def with_draws(content: dict[str, Any], spread: float) -> dict[str, Any]:
 def test_shares_have_intervals_over_scenes_and_a_gap_within_chance_has_none() -> None:
     sure, unsure = with_draws(table(), 0.02), with_draws(table(), 0.4)
     assert gap_interval(table(), GAP) is None
-    low, high = share_interval(sure, GAP)
-    assert 0.2 < low < gap_share(sure, GAP) < high < 0.3  # what is common to all scenes drawn leaves it as it is
+    share, between = gap_share(sure, GAP), share_interval(sure, GAP)
+    assert share is not None
+    assert between is not None
+    low, high = between
+    assert 0.2 < low < share < high < 0.3  # what is common to all scenes drawn leaves it as it is
     text = page({"table_5_3": sure})
     assert f"**0.25** [{low:.2f}, {high:.2f}] (in brackets 95 % over scenes drawn again)" in text
-    low, high = gap_interval(unsure, GAP)
+    width = gap_interval(unsure, GAP)
+    assert width is not None
+    low, high = width
     assert low < 0 < high
     assert gap_share(unsure, GAP) is None
     assert share_interval(unsure, GAP) is None
