@@ -47,8 +47,8 @@ def summary_table(contents: Mapping[str, Mapping[str, Any]]) -> str:
     return table(list(HEADINGS), rows, "---:")
 
 
-def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | None]:
-    """Today's figures: masks and boxes, or 3-D boxes at .25 and .5."""
+def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | None] | None:
+    """Today's figures: masks and boxes, or 3-D boxes at .25 and .5; None for a world that is not among the results."""
     if row["kind"] == "share":
         return [gap_share(content, GAP, figure) if _has_gap(content) else None for figure in FIGURES]
     if row["kind"] == "gain":
@@ -59,6 +59,8 @@ def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | Non
         (runs,) = (one for one in content["rows"] if one["name"] == row["row"])
         found = [values(runs, figure) for figure in FIGURES]
         return [float(np.mean(one)) if one else None for one in found]
+    if row["world"] not in content["worlds"]:
+        return None
     of_world = {one["name"]: one for one in content["worlds"][row["world"]]["rows"] if one["boxes"] == "recorded"}
     ours, ceiling = of_world["SbM F-PointNet"], of_world["supervised F-PointNet"]
     return [_ratio(ours, ceiling, figure) for figure in ("ap25", "ap50")]

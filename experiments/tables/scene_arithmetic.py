@@ -22,7 +22,7 @@ UNCHANGED = "A as it is"
 @experiment(
     "scene_arithmetic",
     "memories of rooms A - B + C, decoded: GRNN, a 2-D network, coloured points, and A as it is",
-    pages=("view_prediction",),
+    pages=("memory.view_prediction",),
 )
 def run(context: RunContext) -> dict[str, Any]:
     """Records, trains what has not been trained, and scores.

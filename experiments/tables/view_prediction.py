@@ -59,7 +59,7 @@ SIZES: dict[Scale, Size] = {
 @experiment(
     "view_prediction",
     "views of rooms of two and four objects from 1 to 8 others: GRNN, C-N3D, a 2-D network, depth reprojection",
-    pages=("view_prediction",),
+    pages=("memory.view_prediction",),
 )
 def run(context: RunContext) -> dict[str, Any]:
     """Records, trains and scores.

@@ -9,7 +9,7 @@ import pytest
 from experiments.cache import object_rooms
 from experiments.cache.object_rooms import Exchanges, ObjectRooms, camera_poses, record_exchanges, record_object_rooms
 from experiments.cache.stages import RunContext
-from experiments.pages.view_prediction import page
+from experiments.pages.memory.view_prediction import page
 from experiments.run import main
 from labeling.io.episodes import read_episode
 
