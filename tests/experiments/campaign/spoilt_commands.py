@@ -23,6 +23,10 @@ def main(arguments: list[str]) -> int:
         (out.parent / ".out.1234").write_text("")
     if what == "silent":
         return 2
+    if what == "tells":
+        import os
+
+        print(os.environ["SBM_CAMPAIGN"])
     if what == "refused":
         import sys
 
