@@ -26,7 +26,11 @@ from ...labeling.synthetic_room import make_episode
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
-    write_episode(folder / "episodes" / "0000", make_episode(0, num_views=3, size=(24, 32), num_objects=2))
+    episode = folder / "episodes" / "0000"
+    write_episode(episode, make_episode(0, num_views=3, size=(48, 64), num_objects=2))
+    truths = json.loads((episode / "ground_truth.json").read_text())["annotations"]
+    found = [{name: one[name] for name in ("image_id", "category_id", "segmentation")} for one in truths]
+    (episode / "detections.json").write_text(json.dumps([{**one, "score": 0.95} for one in found]))
     return folder
 
 
