@@ -15,9 +15,8 @@ LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
 ENV_WRAPPERS = {name: functools.partial(MovesAndLooks, name=name) for name in WITHOUT}
 NORMALIZE = {"norm_obs": False, "norm_reward": True}
-
-
 MAX_EPOCHS = 1000
+"""Times that a rollout may be learnt from; more would not end."""
 
 
 @dataclass(frozen=True)

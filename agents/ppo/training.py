@@ -42,6 +42,9 @@ from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.threads import num_threads, one_network_thread
 from labeling.training.curves import open_tensorboard
 
+MAX_WEIGHT = 1e9
+"""Networks with larger weights, or with some that are no numbers, have diverged."""
+
 
 def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Callable[..., Any]) -> Progress:
     """Trains a policy; goes on where a stopped run was.
@@ -212,10 +215,6 @@ def _check_rollout_fits(hyperparameters: Hyperparameters, observation_space: spa
             f"observations of a rollout of n_envs * n_steps = {steps:,} steps take {taken / 1e9:,.0f} GB, more than "
             f"the {there / 1e9:,.0f} GB of this machine; give a smaller n_steps"
         )
-
-
-MAX_WEIGHT = 1e9
-"""Networks with larger weights, or with some that are no numbers, have diverged."""
 
 
 def _files_of(config: EnvConfig) -> list[str]:

@@ -115,6 +115,7 @@ def heed_lost_stops() -> Iterator[None]:
 
 
 _AGAIN_S = 0.05
+"""By then whatever swallowed the signal is over."""
 
 
 def _signal_of(error: BaseException | None) -> int | None:
