@@ -14,7 +14,9 @@ from experiments.tables.policies import views_of
 from labeling.core.errors import SbmError
 
 PAGE = "policies-results.md"
-EVALUATION, TEACHING, ABLATION = "policy_evaluation.json", "policies.json", "reward_ablation.json"
+EVALUATION = ("policy_evaluation.json", "policy_evaluation_streets.json")
+"""A file for each world."""
+TEACHING, ABLATION = "policies.json", "reward_ablation.json"
 BOUND = "policy_bound.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
@@ -59,14 +61,15 @@ def read_results(results: Path) -> dict[str, Any]:
     Raises:
         SbmError: if there is none, or a file is damaged.
     """
-    files = {"evaluation": EVALUATION, "teaching": TEACHING, "ablation": ABLATION, "bound": BOUND}
+    files = {"teaching": TEACHING, "ablation": ABLATION, "bound": BOUND}
     found: dict[str, Any] = {name: read_result(results / file) for name, file in files.items()}
+    found["evaluation"] = _together([read_result(results / file) for file in EVALUATION])
     for name, pattern in {"training": TRAINING, "ways": WAYS}.items():
         paths = sorted(results.glob(pattern))
         found[name] = {path.stem[pattern.index("*") :]: read_result(path) for path in paths}
     if not any(found.values()):
         raise SbmError(
-            f"{results}: no {EVALUATION}, {TEACHING}, {ABLATION} or {TRAINING}; python -m experiments.run "
+            f"{results}: no {', '.join(EVALUATION)}, {TEACHING}, {ABLATION} or {TRAINING}; python -m experiments.run "
             "policy_evaluation makes the first"
         )
     return found
@@ -99,6 +102,15 @@ def _with_worlds(
 
 
 # Comparison ----------------------------------------------------------------------------------------------------------
+
+
+def _together(contents: Sequence[Mapping[str, Any] | None]) -> dict[str, Any] | None:
+    """Records of single worlds as one; each world says the scale it was run at."""
+    there = [content for content in contents if content is not None]
+    worlds = {
+        world: {**found, "scale": content["scale"]} for content in there for world, found in content["worlds"].items()
+    }
+    return {**there[0], "worlds": worlds} if there else None
 
 
 def _compared(world: Mapping[str, Any], base: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Policies against each other in both worlds, with a real detector in the loop: what they earn and bring home."""
+"""Policies against each other, with a real detector in the loop: what they earn and bring home, in each world."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,35 +38,44 @@ class Size:
 
 SIZES: dict[Scale, Size] = {
     "smoke": Size((1, 1), (1, 1), 64),
-    "quick": Size((40, 40), (10, 1)),
+    "quick": Size((40, 40), (40, 15)),
     "full": Size((140, 140), (140, 140)),
 }
 
 
-@experiment(
-    "policy_evaluation",
-    "what policies earn, and how good the labels of their views are, in unseen scenes with compact",
-    pages=("policies",),
-)
+ABOUT = "what policies earn, and how good the labels of their views are, in unseen {} with compact"
+
+
+@experiment("policy_evaluation", ABOUT.format("homes"), pages=("policies",))
 def run(context: RunContext) -> dict[str, Any]:
+    """Plays what has not been played in rooms, and sums up; see ``evaluate_world``."""
+    return evaluate_world("rooms", context)
+
+
+@experiment("policy_evaluation_streets", ABOUT.format("towns"), pages=("policies",))
+def run_streets(context: RunContext) -> dict[str, Any]:
+    """The same in streets."""
+    return evaluate_world("streets", context)
+
+
+def evaluate_world(world: str, context: RunContext) -> dict[str, Any]:
     """Plays what has not been played, and sums up.
 
+    Args:
+        world: one of ``WORLDS``.
+        context: seeds, workers and cache.
+
     Returns:
-        For each world: settings and figures of all policies, who is left out and why, where trained weights come from.
+        The policy that others are compared with; for the world, settings and figures of all policies, who is left out
+        and why, where trained weights come from; and the protocol.
 
     Raises:
-        SbmError: if a world cannot be built, or a trained policy is not for this version of it.
+        SbmError: if the world cannot be built, or a trained policy is not for this version of it.
     """
-    worlds = {world: _one_world(env_id, context) for world, env_id in WORLDS.items()}
-    protocols = [world.pop("protocol") for world in worlds.values()]
-    return {"compared_with": POLICIES[0], "worlds": worlds, "protocol": protocols[0]}
-
-
-def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
     from agents.evaluation.run import evaluate_policies
 
-    size = SIZES[context.scale]
-    num_episodes, num_labelled = size.streets if env_id == WORLDS.get("streets") else size.rooms
+    env_id, size = WORLDS[world], SIZES[context.scale]
+    num_episodes, num_labelled = size.streets if world == "streets" else size.rooms
     policies, left_out = available_policies(env_id, POLICIES)
     chosen = tuple(policy for policy in policies if policy in LABELLED)
     config = evaluate_config("policy_evaluation", env_id, policies, num_episodes, DETECTOR, context)
@@ -79,15 +88,15 @@ def _one_world(env_id: str, context: RunContext) -> dict[str, Any]:
         content["policies"][policy] |= {"labels": found["labels"], "early": found["early"]}
     for pair, found in labelled["pairs"].items():
         content["pairs"][pair] |= {name: value for name, value in found.items() if "@" in name}
-    return {
+    figures = {
         "settings": content["settings"],
         "labelled": {"episodes": num_labelled, "picture_px": size.picture_px},
         "left_out": left_out,
         "trained": training_of(policies, env_id),
         "policies": content["policies"],
         "pairs": content["pairs"],
-        "protocol": labelled["protocol"],
     }
+    return {"compared_with": POLICIES[0], "worlds": {world: figures}, "protocol": labelled["protocol"]}
 
 
 def available_policies(env_id: str, policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:

@@ -17,8 +17,8 @@ def figure(numbers: Iterator[int], sure: bool, first: bool) -> dict[str, Any]:
     return {"mean": mean, "std": mean / 10, "per_seed": [mean, mean], "difference": None if first else difference}
 
 
-def evaluation(scale: str = "quick") -> dict[str, Any]:
-    """As ``policy_evaluation.json``, without a trained policy in streets."""
+def evaluation(only: str | None = None) -> dict[str, Any]:
+    """As ``policy_evaluation.json``, of one world or both; without a trained policy in streets."""
     numbers = itertools.count(101)
     worlds = {}
     for world, policies in (("rooms", ("ring", "random", "ppo", "spin")), ("streets", ("ring", "random"))):
@@ -49,7 +49,8 @@ def evaluation(scale: str = "quick") -> dict[str, Any]:
             "trained": {"ppo": trained} if "ppo" in policies else {},
             "policies": found,
         }
-    return {"scale": scale, "seeds": [0, 1], "compared_with": "ring", "worlds": worlds}
+    kept = {world: found for world, found in worlds.items() if only in (None, world)}
+    return {"scale": "quick", "seeds": [0, 1], "compared_with": "ring", "worlds": kept}
 
 
 def teaching() -> dict[str, Any]:

@@ -15,7 +15,8 @@ from labeling.core.errors import SbmError
 from . import made_up_policies as made_up
 
 FILES = {
-    "policy_evaluation.json": made_up.evaluation,
+    "policy_evaluation.json": lambda: made_up.evaluation("rooms"),
+    "policy_evaluation_streets.json": lambda: made_up.evaluation("streets"),
     "policies.json": made_up.teaching,
     "reward_ablation.json": made_up.ablation,
     "policy_training_Some-v0.json": made_up.training,

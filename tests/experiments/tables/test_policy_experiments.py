@@ -31,13 +31,13 @@ def run(name: str, folder: Path, seeds: int = 1) -> int:
 def test_policies_are_compared_and_results_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(policy_evaluation, "WORLDS", {"boxes": ENV_ID})
+    monkeypatch.setattr(policy_evaluation, "WORLDS", {"rooms": ENV_ID})
     monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
     monkeypatch.setattr(policy_evaluation, "POLICIES", ("ring", "random", "spin", "ppo"))
     monkeypatch.setattr(policy_evaluation, "LABELLED", ("ring", "random", "ppo"))
     assert run("policy_evaluation", tmp_path) == 0
     content = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
-    boxes = content["worlds"]["boxes"]
+    boxes = content["worlds"]["rooms"]
     assert boxes["settings"]["split"] == "endless"
     assert boxes["settings"]["scenes"] == ["box_3"]
     assert list(boxes["policies"]) == ["ring", "random", "spin"]
