@@ -1,6 +1,6 @@
-"""AP50 before and after fine-tuning."""
+"""AP50 of detectors that learnt from labels, with one kind of error after the other mended."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,39 +10,45 @@ from matplotlib.axes import Axes
 
 from experiments.figures.style import BLUE, GREEN, GREY, save, seed_dots, tidy
 
-COLOURS = {"before": GREY, "labels": GREEN, "truth": BLUE}
-SETS = {"validation": "validation scenes", "photographs": "photographs"}
+COLOURS = (GREEN, "#5a9e74", "#6f8fbf", BLUE)
+"""Of what is learnt from, from labels to ground truth."""
+FIGURES = {"mask_ap50": "masks", "box_ap50": "boxes"}
 
 
-def draw_fine_tuning(content: Mapping[str, Any], teachers: Mapping[str, str], path: Path) -> None:
-    """Draws AP50 before and after: a panel for each world, bars for means, dots for seeds.
+def draw_fine_tuning(contents: Sequence[Mapping[str, Any]], teachers: Mapping[str, str], path: Path) -> None:
+    """Draws AP50 in dev scenes: a row for each world, masks beside boxes.
+
+    Bars are means, dots seeds, a line the detector before.
 
     Args:
-        content: of ``fine_tuning.json``.
-        teachers: what a detector was fine-tuned on, and its name in the legend.
+        contents: of ``fine_tuning.json`` and ``fine_tuning_streets.json``.
+        teachers: what a detector was fine-tuned on, and what its bar is called.
         path: PNG to write.
     """
-    worlds = content["worlds"]
-    figure, panels = plt.subplots(1, len(worlds), figsize=(4.6 * len(worlds), 3.4), dpi=100, sharey=True, squeeze=False)
-    names = {"before": "before", **{teacher: f"after {name}" for teacher, name in teachers.items()}}
-    for axes, (world, found) in zip(panels[0], worlds.items(), strict=True):
-        _panel(axes, found, names)
-        axes.set_title(world, fontsize=10)
-    panels[0][0].set_ylabel("AP50, per cent")
-    panels[0][0].legend(frameon=False, fontsize=8, loc="upper left")
+    figure, panels = plt.subplots(
+        len(contents), len(FIGURES), figsize=(9.6, 2.9 * len(contents)), dpi=100, sharey="row", squeeze=False
+    )
+    for row, content in zip(panels, contents, strict=True):
+        for axes, (key, name) in zip(row, FIGURES.items(), strict=True):
+            _panel(axes, content, teachers, key)
+            axes.set_title(f"{content['world']}: {name}", fontsize=10)
+        row[0].set_ylabel("AP50, points")
+        row[0].legend(frameon=False, fontsize=8, loc="lower right")
     figure.tight_layout()
     save(figure, path)
 
 
-def _panel(axes: Axes, world: Mapping[str, Any], names: Mapping[str, str]) -> None:
-    for group, part in enumerate(SETS):
-        for place, (teacher, name) in enumerate(names.items()):
-            runs = [world["before"]] if teacher == "before" else [r for r in world["runs"] if r["teacher"] == teacher]
-            values = [100 * run[part]["mask_ap50"] for run in runs]
-            x, mean = group + 0.26 * (place - 1), float(np.mean(values))
-            axes.bar(x, mean, 0.24, color=COLOURS[teacher], label=name if group == 0 else None)
-            seed_dots(axes, x, values)
-            axes.annotate(f"{mean:.1f}", (x, max(values)), ha="center", va="bottom", fontsize=7.5)
-    axes.set_xticks(range(len(SETS)), list(SETS.values()))
-    axes.set_ylim(0, 105)
+def _panel(axes: Axes, content: Mapping[str, Any], teachers: Mapping[str, str], key: str) -> None:
+    before = 100 * content["before"]["dev"][key]
+    shown = [before]
+    for x, (teacher, colour) in enumerate(zip(teachers, COLOURS, strict=True)):
+        values = [100 * run["dev"][key] for run in content["runs"] if run["teacher"] == teacher]
+        axes.bar(x, float(np.mean(values)), 0.7, color=colour)
+        seed_dots(axes, x, values)
+        axes.annotate(f"{np.mean(values):.1f}", (x, max(values)), ha="center", va="bottom", fontsize=8)
+        shown += values
+    axes.axhline(before, color=GREY, lw=1.2, ls="--", label="before")
+    axes.set_xticks(range(len(teachers)), [name.replace(", ", ",\n") for name in teachers.values()], fontsize=8)
+    lowest = 5 * np.floor(max(0.0, min(shown) - 5) / 5)
+    axes.set_ylim(lowest, lowest + 1.15 * max(max(shown) - lowest, 1.0))
     tidy(axes)

@@ -1,72 +1,97 @@
-"""The page about fine-tuning, of ``fine_tuning.json``."""
+"""The page about fine-tuning, of ``fine_tuning.json`` and ``fine_tuning_streets.json``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.pages.markdown import Pictures, mean_range, points, read_result, render
+from experiments.pages.markdown import Pictures, mean_std, points, read_result, render
+from experiments.tables.fine_tuning import LABELS, TRUE_MASKS, WITHOUT_FALSE
+from experiments.tables.training_sets import TRUTH
 from labeling.core.errors import SbmError
 
-RESULTS, PAGE, PICTURE = "fine_tuning.json", "fine-tuning.md", "fine_tuning.png"
-TEACHERS = {"labels": "SbM labels", "truth": "ground truth"}
-COLUMNS = (("validation", "mask_ap50"), ("validation", "mask_ap30"), ("photographs", "mask_ap50"))
-"""Of the table of means: which pictures, and which figure."""
+RESULTS, PAGE, PICTURE = ("fine_tuning.json", "fine_tuning_streets.json"), "fine-tuning.md", "fine_tuning.png"
+TEACHERS = {
+    LABELS: "labels",
+    WITHOUT_FALSE: "labels, no false ones",
+    TRUE_MASKS: "labels, no false ones, true masks",
+    TRUTH: "ground truth",
+}
+FIGURES = {"mask_ap50": "masks AP50", "box_ap50": "boxes AP50", "mask_ap30": "masks AP30", "box_ap30": "boxes AP30"}
+"""In dev scenes."""
 
 
 def compose(results: Path) -> tuple[str, Pictures]:
-    """The page and its picture, from ``fine_tuning.json``."""
+    """The page and its picture, of the worlds that there are results of.
+
+    Raises:
+        SbmError: if there are none, or a file is damaged.
+    """
     from experiments.figures.fine_tuning import draw_fine_tuning
 
-    content = read_result(results / RESULTS)
-    if content is None:
-        raise SbmError(f"{results / RESULTS} is missing; python -m experiments.run fine_tuning makes it")
-    return page(content), {PICTURE: partial(draw_fine_tuning, content, TEACHERS)}
+    contents = [content for name in RESULTS if (content := read_result(results / name)) is not None]
+    if not contents:
+        raise SbmError(f"{results / RESULTS[0]} is missing; python -m experiments.run fine_tuning makes it")
+    return page(contents), {PICTURE: partial(draw_fine_tuning, contents, TEACHERS)}
 
 
-def page(content: Mapping[str, Any]) -> str:
+def page(contents: Sequence[Mapping[str, Any]]) -> str:
     """The text of the page."""
-    worlds = [_world(name, world) for name, world in content["worlds"].items()]
     return render(
-        "fine-tuning.md.jinja", **{**content, "worlds": worlds, "train": content["settings"]["train"]}, picture=PICTURE
+        "fine-tuning.md.jinja",
+        **contents[0],
+        worlds=[_world(content) for content in contents],
+        train=contents[0]["settings"]["train"],
+        figures=list(FIGURES.values()),
+        picture=PICTURE,
     )
 
 
-def gap_closed(world: Mapping[str, Any], figure: str = "mask_ap50") -> float | None:
+def gap_closed(content: Mapping[str, Any], figure: str = "mask_ap50") -> float | None:
     """Share of the way from the detector before to ground-truth fine-tuning that learning from labels goes, by means
     over seeds; None where ground truth does not help.
     """
-    before = world["before"]["validation"][figure]
-    labels, truth = (np.mean([run["validation"][figure] for run in _runs(world, teacher)]) for teacher in TEACHERS)
+    before = content["before"]["dev"][figure]
+    labels, truth = (np.mean([run["dev"][figure] for run in _runs(content, one)]) for one in (LABELS, TRUTH))
     return float((labels - before) / (truth - before)) if truth > before else None
 
 
-def _runs(world: Mapping[str, Any], teacher: str) -> list[Mapping[str, Any]]:
-    return [run for run in world["runs"] if run["teacher"] == teacher]
+def _runs(content: Mapping[str, Any], teacher: str) -> list[Mapping[str, Any]]:
+    return [run for run in content["runs"] if run["teacher"] == teacher]
 
 
-def _world(name: str, world: Mapping[str, Any]) -> dict[str, Any]:
-    before = world["before"]
-    ap50 = {category: ap for category, ap in before["validation"]["per_class_ap50"].items() if ap is not None}
-    means = [["before", *(points(before[part][figure]) for part, figure in COLUMNS)]]
-    per_category = [["before", *(points(ap50[category]) for category in sorted(ap50))]]
+def _world(content: Mapping[str, Any]) -> dict[str, Any]:
+    before, pools = content["before"], content["pools"].items()
+    boxes = {name: ap for name, ap in before["dev"]["per_class_box_ap50"].items() if ap is not None}
+    means = [["before", *(points(before["dev"][one]) for one in FIGURES), points(before["photographs"]["mask_ap50"])]]
+    per_category = [["before", *(points(boxes[category]) for category in sorted(boxes))]]
     for teacher, words in TEACHERS.items():
-        runs = _runs(world, teacher)
-        figures = [[100 * run[part][figure] for run in runs] for part, figure in COLUMNS]
-        means.append([f"after {words}", *map(mean_range, figures)])
-        of_category = {c: np.mean([run["validation"]["per_class_ap50"][c] for run in runs]) for c in sorted(ap50)}
-        per_category.append([f"after {words}", *(points(float(ap)) for ap in of_category.values())])
-    pools = world["pools"].items()
+        runs = _runs(content, teacher)
+        cells = [mean_std([100 * run["dev"][one] for run in runs]) for one in FIGURES]
+        means.append([words, *cells, mean_std([100 * run["photographs"]["mask_ap50"] for run in runs])])
+        of_each = [[100 * run["dev"]["per_class_box_ap50"][name] for run in runs] for name in sorted(boxes)]
+        per_category.append([words, *map(mean_std, of_each)])
+    gaps = [gap_closed(content, one) for one in FIGURES]
     return {
-        "name": name,
+        "name": content["world"],
         "episodes": {part: pool["episodes"] for part, pool in pools},
         "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
-        "detector_ap50": points(world["labels"][0]["detector"]["mask_ap50"]),
-        "labels_ap50": mean_range([100 * one["pseudo_labels"]["mask_ap50"] for one in world["labels"]]),
-        "gap_closed": gap_closed(world),
         "means": means,
-        "categories": sorted(ap50),
+        "gaps": ["-" if share is None else f"{share:.2f}" for share in gaps],
+        "categories": sorted(boxes),
         "per_category": per_category,
+        "false_weight": mean_std([100 * one["false_weight"] for one in content["labels"]]),
+        "errors": _errors(content["labels"]),
     }
+
+
+def _errors(labels: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Rows of counts by category, means over seeds."""
+    names = sorted({name for one in labels for name in one["categories"]})
+    nothing = {"labels": 0, "false": 0, "objects": 0, "missing": 0}
+    return [
+        [name, *(f"{np.mean([one['categories'].get(name, nothing)[kind] for one in labels]):.0f}" for kind in nothing)]
+        for name in names
+    ]

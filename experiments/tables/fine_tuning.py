@@ -1,47 +1,144 @@
-"""``compact`` before and after it learned from labels that an agent made itself, beside ground truth as the ceiling."""
+"""What errors of labels cost a detector that learns from them: its own labels, with one kind of error after the other
+mended by ground truth, up to ground truth itself.
+"""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES
 from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
 
-TEACHERS = {"labels": "sbm", "truth": TRUTH}
-"""What a run learns from, the label generator's output or what the simulator knows, as training sets name it."""
-SUBSETS: tuple[Subset, ...] = ("learn", "choose", "val")
+if TYPE_CHECKING:
+    from experiments.cache.detector_stages import TrainJob
+    from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
+
+LABELS, WITHOUT_FALSE, TRUE_MASKS = "shared", "without false labels", "with true masks"
+TEACHERS = (LABELS, WITHOUT_FALSE, TRUE_MASKS, TRUTH)
+"""What a detector learns from, from the labels of the generator to what the simulator knows. Each mends one kind of
+error of the one before it; the last lacks no object, believes all and ignores what nobody could tell."""
+SUBSETS: tuple[Subset, ...] = ("learn", "choose", "dev")
+SAME_OBJECT = 0.5
+"""A label stands for an object of its category whose mask has at least this IoU with it."""
 
 
 @experiment(
     "fine_tuning",
-    "compact fine-tuned on pseudo-labels and on ground truth of training scenes, tested on validation scenes",
+    "what false labels and wrong masks cost compact, which learns from them in rooms; tested on dev homes",
     pages=("fine_tuning",),
 )
 def run(context: RunContext) -> dict[str, Any]:
+    """Records, labels, trains and scores in rooms; see ``cost_of_errors``."""
+    return cost_of_errors("rooms", context)
+
+
+@experiment("fine_tuning_streets", "the same in streets; tested on dev towns", pages=("fine_tuning",))
+def run_streets(context: RunContext) -> dict[str, Any]:
+    """The same in streets."""
+    return cost_of_errors("streets", context)
+
+
+def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
     """Records, labels, trains and scores.
 
+    Args:
+        world: one of ``experiments.cache.worlds.WORLDS``.
+        context: scale, seeds and cache.
+
     Returns:
-        For each world: the episodes, how good the labels are, the detector before, and every run by teacher and seed.
+        The episodes, how many labels are false and how many objects have none, the detector before, and every run by
+        teacher and seed.
     """
-    size = SIZES[context.scale]
-    return {
-        "detector": DETECTOR,
-        "settings": size.settings(*size.episodes),
-        "worlds": {world: _one_world(TrainingSets(world, context), context.seeds) for world in size.episodes},
-    }
-
-
-def _one_world(sets: TrainingSets, seeds: Sequence[int]) -> dict[str, Any]:
-    from experiments.cache.detector_stages import score_labels
-
+    sets = TrainingSets(world, context)
     runs = [
-        ({"teacher": name, "seed": seed}, sets.train_job(teacher, seed))
-        for seed in seeds
-        for name, teacher in TEACHERS.items()
+        ({"teacher": teacher, "seed": seed}, mended_job(sets, teacher, seed))
+        for teacher in TEACHERS
+        for seed in context.seeds
     ]
     return {
+        "world": world,
+        "detector": DETECTOR,
+        "settings": SIZES[context.scale].settings(world),
         "pools": {subset: sets.pool_record(subset) for subset in SUBSETS},
-        "labels": [{"seed": seed, **score_labels(sets.labels("learn", "sbm", seed))} for seed in seeds],
-        **sets.train_and_score(runs),
+        "labels": [
+            {"seed": seed, **count_errors(sets.training_pictures("learn", LABELS, seed), sets.pictures("learn"))}
+            for seed in context.seeds
+        ],
+        **sets.train_and_score(runs, "dev"),
     }
+
+
+def mended_job(sets: TrainingSets, teacher: str, seed: int) -> "TrainJob":
+    """The fine-tuning on one of ``TEACHERS``; a network is chosen by what is mended in the same way."""
+    if teacher in (LABELS, TRUTH):
+        return sets.train_job(teacher, seed)
+    job = sets.train_job(LABELS, seed)
+    learn, choose = (
+        mended(pictures, sets.pictures(subset), teacher == TRUE_MASKS)
+        for subset, pictures in (("learn", job.learn), ("choose", job.choose))
+    )
+    return replace(job, learn=learn, choose=choose, title=f"labels {teacher} in {sets.world}")
+
+
+def mended(
+    labels: "Sequence[AnnotatedPicture]", truths: "Sequence[AnnotatedPicture]", true_masks: bool
+) -> "list[AnnotatedPicture]":
+    """Labels without those that stand for no object.
+
+    Args:
+        labels: pictures with labels. Regions to ignore stay as they are.
+        truths: the same pictures, in any order, with ground truth.
+        true_masks: give labels the masks of the objects that they stand for. Their weights stay.
+    """
+    known, found = {_name(picture): picture for picture in truths}, []
+    for picture in labels:
+        kept = [one for one in picture.annotations if one.ignore]
+        for label, truth in objects_of(picture, known[_name(picture)]):
+            kept.append(replace(label, rle=truth.rle) if true_masks else label)
+        found.append(replace(picture, annotations=tuple(kept)))
+    return found
+
+
+def count_errors(labels: "Sequence[AnnotatedPicture]", truths: "Sequence[AnnotatedPicture]") -> dict[str, Any]:
+    """How many labels there are by category, how many of them are false, and how many objects have none.
+
+    Only categories that are labelled count. ``false_weight`` is the share of false labels in the weight of all.
+    """
+    known = {_name(picture): picture for picture in truths}
+    names = sorted({one.category for picture in labels for one in picture.annotations if not one.ignore})
+    counts = {name: {"labels": 0, "false": 0, "objects": 0, "missing": 0} for name in names}
+    weights = {"right": 0.0, "all": 0.0}
+    for picture in labels:
+        truth = known[_name(picture)]
+        pairs = objects_of(picture, truth)
+        weights["right"] += sum(label.weight for label, _ in pairs)
+        weights["all"] += sum(one.weight for one in picture.annotations if not one.ignore)
+        for all_of, errors, annotations, right in (
+            ("labels", "false", picture.annotations, [label.category for label, _ in pairs]),
+            ("objects", "missing", truth.annotations, [one.category for _, one in pairs]),
+        ):
+            for name in names:
+                count = sum(one.category == name and not one.ignore for one in annotations)
+                counts[name][all_of] += count
+                counts[name][errors] += count - right.count(name)
+    return {"categories": counts, "false_weight": 1 - weights["right"] / max(weights["all"], 1e-9)}
+
+
+def objects_of(picture: "AnnotatedPicture", truth: "AnnotatedPicture") -> "list[tuple[Annotation, Annotation]]":
+    """Labels of a picture with the objects that they stand for, one to one; false labels are left out."""
+    from labeling.metrics.matching import MaskInstance, assign, pairwise_iou
+
+    labels, objects = ([one for one in both.annotations if not one.ignore] for both in (picture, truth))
+    ours, theirs = ([MaskInstance(0, one.category, one.rle) for one in some] for some in (labels, objects))
+    iou = pairwise_iou(ours, theirs)
+    same = np.array([[a.category == b.category for b in objects] for a in labels], bool).reshape(iou.shape)
+    return [(labels[p], objects[g]) for p, g in assign(np.where(same & (iou >= SAME_OBJECT), iou, 0.0))]
+
+
+def _name(picture: "AnnotatedPicture") -> tuple[str, ...]:
+    """Of a picture within its dataset: folder of the episode, and file."""
+    return picture.file.parts[-3:]

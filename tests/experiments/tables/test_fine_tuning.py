@@ -1,15 +1,20 @@
-"""The fine-tuning experiment: runs, resumes, never looks at test scenes, and its page says what its figures say."""
+"""What errors of labels cost: runs, resumes, never looks at test scenes, and its page says what its figures say."""
 
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
+from experiments.tables.fine_tuning import LABELS, TEACHERS, count_errors, mended
+from experiments.tables.training_sets import TRUTH
+from labeling.core.rle import encode_mask
+from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
 from labeling.training import loop as training_loop
 
 
@@ -23,21 +28,46 @@ def test_the_experiment_runs_resumes_and_reports(
     assert run() == 0
     written = tmp_path / "results" / "fine_tuning.json"
     content = json.loads(written.read_text())
-    room = content["worlds"]["rooms"]
-    assert [(one["teacher"], one["seed"]) for one in room["runs"]] == [("labels", 0), ("truth", 0)]
-    assert set(room["before"]) == {"validation", "photographs"}
+    assert [(one["teacher"], one["seed"]) for one in content["runs"]] == [(teacher, 0) for teacher in TEACHERS]
+    assert set(content["before"]) == {"dev", "photographs"}
     pools = {pool.name: pool for pool in small_rooms if pool.name.startswith("rooms")}
-    assert {pool.split for pool in pools.values()} == {"train", "val"}
+    assert {name: pool.split for name, pool in pools.items()} == {
+        "rooms_learn": "train",
+        "rooms_choose": "train",
+        "rooms_dev": "endless",
+    }
     assert {pool.detector for pool in pools.values()} == {"compact"}
-    assert (pools["rooms_learn"].split, pools["rooms_choose"].split) == ("train", "train")
     assert pools["rooms_learn"].seed != pools["rooms_choose"].seed
     page = (tmp_path / "docs" / "fine-tuning.md").read_text()
-    assert f"AP50 of the detector is {100 * room['labels'][0]['detector']['mask_ap50']:.1f}" in page
+    for category, counts in content["labels"][0]["categories"].items():
+        assert "| " + " | ".join([category, *map(str, counts.values())]) + " |" in page
     assert (tmp_path / "docs" / "pictures" / "fine_tuning.png").stat().st_size > 1000
     monkeypatch.setattr(training_loop, "train_one_epoch", None)  # a second run has nothing left to do
     assert run() == 0
     assert json.loads(written.read_text()) == content
     capsys.readouterr()
+
+
+def square(left: int, side: int, category: str, weight: float = 1.0, ignore: bool = False) -> Annotation:
+    mask = np.zeros((20, 40), bool)
+    mask[2 : 2 + side, left : left + side] = True
+    return Annotation(category, encode_mask(mask), weight, ignore)
+
+
+def test_labels_are_mended_in_one_respect_after_the_other() -> None:
+    file = Path("data/0001/rgb/000.png")
+    chair, far = square(0, 10, "chair"), square(25, 6, "chair")
+    truth = AnnotatedPicture(file, (20, 40), (chair, far, square(12, 8, "table")))
+    near_chair, twice = square(0, 9, "chair", 0.8), square(0, 8, "chair", 0.2)
+    wrong_name, unknown = square(12, 8, "chair", 0.6), square(32, 4, "chair", ignore=True)
+    labels = AnnotatedPicture(file, (20, 40), (near_chair, twice, wrong_name, unknown))
+    (without,) = mended([labels], [truth], true_masks=False)
+    assert without.annotations == (unknown, near_chair)
+    (exact,) = mended([labels], [truth], true_masks=True)
+    assert exact.annotations == (unknown, replace(near_chair, rle=chair.rle))
+    errors = count_errors([labels], [truth])
+    assert errors["categories"] == {"chair": {"labels": 3, "false": 2, "objects": 2, "missing": 1}}
+    assert errors["false_weight"] == pytest.approx(0.8 / 1.6)
 
 
 def test_every_policy_teaches_from_as_many_episodes_of_its_own(
@@ -63,13 +93,13 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
 
 def test_the_share_of_the_gap_is_that_of_means_over_seeds() -> None:
     def scored(ap50: float) -> dict:
-        return {"validation": {"mask_ap50": ap50}}
+        return {"dev": {"mask_ap50": ap50}}
 
-    runs = [("labels", 0.4), ("labels", 0.5), ("truth", 0.7), ("truth", 0.8)]
-    world = {"before": scored(0.3), "runs": [{"teacher": name, **scored(ap50)} for name, ap50 in runs]}
-    assert gap_closed(world) == pytest.approx(0.15 / 0.45)
-    world["before"] = scored(0.9)
-    assert gap_closed(world) is None
+    runs = [(LABELS, 0.4), (LABELS, 0.5), (TRUTH, 0.7), (TRUTH, 0.8)]
+    content = {"before": scored(0.3), "runs": [{"teacher": name, **scored(ap50)} for name, ap50 in runs]}
+    assert gap_closed(content) == pytest.approx(0.15 / 0.45)
+    content["before"] = scored(0.9)
+    assert gap_closed(content) is None
 
 
 def test_every_scale_learns_and_chooses_on_something() -> None:
