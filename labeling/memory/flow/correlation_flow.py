@@ -14,12 +14,12 @@ from torch.nn import functional
 from labeling.memory.flow.warping import warp_back
 from labeling.memory.settings.grid_spec import GridSpec
 
-STRIDES = (4, 2, 1, 1)
+STRIDES = (4, 2, 1, 1, 1)
 """Voxels that are averaged into one, level by level; each level reaches one of them further."""
 BLOCK = 5
 """Edge of the blocks that are compared, in voxels of the level."""
-STAY = 1e-3
-"""By how much of its energy another place must fit better than the same place, so that noise does not move."""
+STAY = 2e-4
+"""A block stays where it is if it differs by less than this share of its energy from what is there later."""
 
 
 def shifts() -> list[tuple[int, int, int]]:
@@ -74,14 +74,15 @@ def _averaged(volume: Tensor, stride: int) -> Tensor:
 
 def _block(squares: Float[Tensor, "b c z y x"]) -> Float[Tensor, "b z y x"]:
     """Sums over channels, means over blocks."""
-    return functional.avg_pool3d(squares.sum(dim=1, keepdim=True), BLOCK, stride=1, padding=BLOCK // 2)[:, 0]
+    padded = functional.pad(squares.sum(dim=1, keepdim=True), [BLOCK // 2] * 6)
+    return functional.avg_pool3d(padded, BLOCK, stride=1)[:, 0]
 
 
 def _best(cost: Float[Tensor, "27 b z y x"], energy: Float[Tensor, "b z y x"]) -> Float[Tensor, "b 3 z y x"]:
-    """The shift of least cost, voxels; none where staying is as good."""
+    """The shift of least cost, voxels; none where nothing differs."""
     table = cost.unflatten(0, (3, 3, 3))
-    least, at = cost.min(dim=0)
-    stays = cost[13] <= least + STAY * energy
+    at = cost.argmin(dim=0)
+    stays = cost[13] <= STAY * energy
     found = []
     for axis in range(3):
         others = [one for one in range(3) if one != axis]

@@ -5,6 +5,7 @@ Source: PWC-Net (Sun et al. 2018: pyramid, warping, cost volume) in 3-D, as Harl
 sees through or finds again, which the papers leave out: what is seen through has moved, what is hidden may not have.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -15,7 +16,8 @@ from torch.nn import functional
 from labeling.memory.flow.correlation_flow import cost_volume, shifts
 from labeling.memory.flow.seen_through import seen_through
 from labeling.memory.flow.warping import warp_back
-from labeling.memory.networks.blocks import ConvBlock3d
+from labeling.memory.lifting.voxel_grid import crop
+from labeling.memory.networks.blocks import SLOPE
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.grnn import Grnn
 from labeling.memory.networks.tower import Tower
@@ -38,7 +40,7 @@ class Remembered:
     occupied: Float[Tensor, "b 1 z y x"]
     """1 where a surface was seen."""
     free: Float[Tensor, "b 1 z y x"]
-    """1 where views saw through."""
+    """1 where views saw through and there is no surface."""
     checked: Float[Tensor, "b 2 z y x"]
     """Shares of points that the other time sees through, and that it finds again."""
 
@@ -46,6 +48,10 @@ class Remembered:
     def known(self) -> Float[Tensor, "b 4 z y x"]:
         """All but the features."""
         return torch.cat([self.occupied, self.free, self.checked], dim=1)
+
+    def cropped(self, places: Sequence[tuple[slice, slice, slice]]) -> "Remembered":
+        """A part of each scene of the batch, by slices along z, y, x."""
+        return Remembered(*(crop(one, places) for one in (self.features, self.occupied, self.free, self.checked)))
 
 
 @dataclass(frozen=True)
@@ -58,13 +64,22 @@ class FlowOutput:
     """Logits: whether what is there moves."""
 
 
+class FlowBlock(nn.Sequential):
+    """3x3x3 convolution and leaky ReLU. Nothing is normalised: most of a volume is empty, and parts are learnt on."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__(nn.Conv3d(inputs, outputs, 3, stride, 1), nn.LeakyReLU(SLOPE, inplace=True))
+        nn.init.kaiming_normal_(self[0].weight, SLOPE)  # type: ignore[arg-type]
+        nn.init.zeros_(self[0].bias)  # type: ignore[arg-type]
+
+
 class FlowLevel(nn.Module):
     """One level: what is left of the flow once the later time is warped by what is known of it."""
 
     def __init__(self, channels: int, width: int, coarser: int) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            ConvBlock3d(len(shifts()) + 2 * channels + 3 + coarser, width), ConvBlock3d(width, width)
+            FlowBlock(len(shifts()) + 2 * channels + 3 + coarser, width), FlowBlock(width, width)
         )
         self.flow = nn.Conv3d(width, 3, 3, padding=1)
         nn.init.zeros_(self.flow.weight)
@@ -98,10 +113,10 @@ class FlowHead(nn.Module):
         """
         super().__init__()
         self.pyramid = nn.ModuleList(
-            [ConvBlock3d(channels + KNOWN, width), *(ConvBlock3d(width, width, stride=2) for _ in range(LEVELS - 1))]
+            [FlowBlock(channels + KNOWN, width), *(FlowBlock(width, width, stride=2) for _ in range(LEVELS - 1))]
         )
         self.levels = nn.ModuleList(FlowLevel(width, width, width) for _ in range(LEVELS))
-        self.moves = nn.Sequential(ConvBlock3d(width + 2 * KNOWN + 3, width), nn.Conv3d(width, 1, 1))
+        self.moves = nn.Sequential(FlowBlock(width + 2 * KNOWN + 3, width), nn.Conv3d(width, 1, 1))
 
     def forward(self, before: Remembered, after: Remembered, spec: GridSpec) -> FlowOutput:
         """Flow from ``before`` to ``after``.

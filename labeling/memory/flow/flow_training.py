@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from labeling.core.errors import UsageError
@@ -15,15 +16,44 @@ from labeling.memory.flow.flow_evaluation import VoxelCounts, endpoint_errors, m
 from labeling.memory.flow.flow_losses import flow_losses, matching_loss
 from labeling.memory.flow.flow_net import FlowNet
 from labeling.memory.flow.flow_samples import FlowSample, FlowSamples, collate, made_up
+from labeling.memory.flow.moved_pieces import FlowTruth
 from labeling.memory.networks.tower import Tower
 from labeling.memory.networks.weights import Memory, memory_digest
 from labeling.memory.settings.flow_settings import FlowSpec, TrainFlowConfig
+from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.view_prediction.scenes import SmallScene
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
 
+PART, MOVING_SHARE = (12, 16, 16), 0.7
+"""Voxels along z, y, x of a scene that a batch looks at: most of the rest stands still. And how often that is where
+something moves."""
 VALIDATION_PAIRS = 48
 """At most; the same made-up motion each time."""
+
+
+def drawn_places(
+    truth: FlowTruth, occupied: Float[Tensor, "b 1 z y x"], rng: np.random.Generator
+) -> list[tuple[slice, slice, slice]]:
+    """Where a batch is looked at: parts of at most ``PART`` voxels around one that moves, or else is occupied.
+
+    Args:
+        truth: of the batch.
+        occupied: 1 where there is a surface.
+        rng: draws voxels; half of the time of those that move, if any do.
+
+    Returns:
+        Slices along z, y, x, of each scene.
+    """
+    places = []
+    for moves, filled in zip(truth.moves[:, 0] >= 0.5, occupied[:, 0] > 0, strict=True):
+        chosen = torch.nonzero(moves if bool(moves.any()) and rng.random() < MOVING_SHARE else filled).numpy()
+        shape = np.array(moves.shape)
+        size = np.minimum(PART, shape)
+        middle = chosen[int(rng.integers(len(chosen)))] if len(chosen) else shape // 2
+        low = np.clip(middle - size // 2 + rng.integers(-3, 4, 3), 0, shape - size)
+        places.append(tuple(slice(int(one), int(one + edge)) for one, edge in zip(low, size, strict=True)))
+    return places
 
 
 class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
@@ -84,11 +114,18 @@ class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
     def losses(self, batch: FlowSample, step: int) -> dict[str, Tensor]:
         """Of flow and of what moves where it is known, and of features everywhere."""
         before, after = self.network.both(batch.before.to(self.device), batch.after.to(self.device))
-        output = self.network.head(before, after, self.grid)
-        found = flow_losses(output, batch.truth.to(self.device), self.grid)
+        places = drawn_places(batch.truth, before.occupied.cpu(), self._rng(step))
+        before, after = before.cropped(places), after.cropped(places)
+        z, y, x = before.occupied.shape[2:]
+        part = GridSpec((z, y, x), self.grid.voxel_m)
+        output = self.network.head(before, after, part)
+        found = flow_losses(output, batch.truth.cropped(places).to(self.device), part)
         if self.config.matching:
-            found["matching"] = self.config.matching * matching_loss(before, after, output.flow_m, self.grid)
+            found["matching"] = self.config.matching * matching_loss(before, after, output.flow_m, part)
         return found
+
+    def _rng(self, step: int) -> np.random.Generator:
+        return np.random.default_rng([self.config.seed, 2, step])
 
     def learning_rate(self, progress: Progress) -> float:
         """Falls along a cosine."""

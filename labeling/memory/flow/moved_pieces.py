@@ -6,7 +6,7 @@ and the piece is drawn where it has been moved to. So the gaps and shadows of vi
 places stay in. Source: Harley et al. 2020, section 3.3, "synthetic rigid motion", where volumes are moved.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -19,7 +19,7 @@ from labeling.core.geometry import transform_points, unproject_depth
 from labeling.core.splatting import splat
 from labeling.core.views import Camera
 from labeling.generator.cloud.connected_components import label_cells
-from labeling.memory.lifting.voxel_grid import voxel_of
+from labeling.memory.lifting.voxel_grid import crop, voxel_of
 from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.view_prediction.scenes import SmallScene
@@ -52,6 +52,10 @@ class FlowTruth:
     def to(self, device: torch.device | str) -> "FlowTruth":
         """On another device."""
         return FlowTruth(self.flow_m.to(device), self.moves.to(device), self.known.to(device))
+
+    def cropped(self, places: Sequence[tuple[slice, slice, slice]]) -> "FlowTruth":
+        """A part of each scene of the batch, by slices along z, y, x."""
+        return FlowTruth(*(crop(one, places) for one in (self.flow_m, self.moves, self.known)))
 
 
 def voxel_truth(

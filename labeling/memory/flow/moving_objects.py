@@ -115,7 +115,7 @@ def boxes_of_groups(
     return sorted(found, key=lambda one: -one.confidence)
 
 
-def _above_floor(points: Float[np.ndarray, "n 3"], grid: GridSpec) -> Float[np.ndarray, "n 3"]:
+def _above_floor(points: Float[np.ndarray, "n 3"], grid: GridSpec) -> Float[np.ndarray, "_ 3"]:
     """Without those of the floor, which lies a voxel above the bottom of the grid, if enough are left."""
     high = points[points[:, 2] > -0.5 * grid.extent_m[2] + grid.voxel_m + 0.03]
     return high if len(high) >= FEWEST_POINTS else points

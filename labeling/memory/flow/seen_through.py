@@ -12,13 +12,16 @@ from labeling.memory.settings.grid_spec import GridSpec
 
 TOLERANCE_M, TOLERANCE_SHARE = 0.04, 0.01
 """A surface is where it was if depth says so within this, plus this share of its distance."""
+ONE_SURFACE_M = 0.3
+"""Pixels side by side whose depth differs by less see one surface."""
 
 
 def seen_through(views: Views, other: Views, grid: GridSpec) -> Float[Tensor, "b 2 z y x"]:
     """Of the points that lie in each voxel, which share another time sees through, and which share it finds again.
 
     What it cannot see, because something hides it or it lies out of the picture, is neither. Outlines are treated with
-    care: a point is seen through if all nine pixels around it see further, found again if any of them sees it.
+    care: a point is seen through if all nine pixels around it see further, found again if its own sees it, or if
+    they see one surface that passes through it.
 
     Args:
         views: of one time, in the frame of the grid.
@@ -63,11 +66,11 @@ def compare_points(points: Float[Tensor, "b n 3"], other: Views) -> tuple[Bool[T
         missing = depth_m <= 0
         nearest = -functional.max_pool2d(-torch.where(missing, 0.0, depth_m), 3, stride=1, padding=1)
         nearest = nearest.flatten(1).gather(1, place)  # 0 beside pixels without a return: nothing is known there
-        around = functional.pad(depth_m, (1, 1, 1, 1))[:, 0]
+        farthest = functional.max_pool2d(depth_m, 3, stride=1, padding=1).flatten(1).gather(1, place)
         tolerance_m = TOLERANCE_M + TOLERANCE_SHARE * z_m
-        for dy in range(3):
-            for dx in range(3):
-                there_m = around[:, dy : dy + height, dx : dx + width].flatten(1).gather(1, place)
-                found |= shown & (there_m > 0) & ((there_m - z_m).abs() < tolerance_m)
+        within = (nearest - tolerance_m < z_m) & (z_m < farthest + tolerance_m)
+        there_m = depth_m.flatten(1).gather(1, place)
+        exact = (there_m > 0) & ((there_m - z_m).abs() < tolerance_m)
+        found |= shown & (exact | (within & (nearest > 0) & (farthest - nearest < ONE_SURFACE_M)))
         gone |= shown & (nearest > z_m + tolerance_m)
     return gone & ~found, found
