@@ -18,6 +18,9 @@ STRIDES = (4, 2, 1, 1, 1)
 """Voxels that are averaged into one, level by level; each level reaches one of them further."""
 BLOCK = 5
 """Edge of the blocks that are compared, in voxels of the level."""
+MATCHED, SHARPNESS = 3, 0.05
+"""Likewise of what networks compare; and of the energy of a block, which difference makes another place e times less
+likely."""
 STAY = 2e-4
 """A block stays where it is if it differs by less than this share of its energy from what is there later."""
 
@@ -35,9 +38,26 @@ def shifted(volume: Float[Tensor, "b c z y x"], shift: tuple[int, int, int]) -> 
     return padded[:, :, by_z : by_z + z, by_y : by_y + y, by_x : by_x + x]
 
 
-def cost_volume(first: Float[Tensor, "b c z y x"], second: Float[Tensor, "b c z y x"]) -> Float[Tensor, "b 27 z y x"]:
-    """Means over channels of the products of every voxel with those around it at the other time, by ``shifts``."""
-    return torch.stack([(first * shifted(second, one)).mean(dim=1) for one in shifts()], dim=1)
+def matched(
+    first: Float[Tensor, "b c z y x"], second: Float[Tensor, "b c z y x"]
+) -> tuple[Float[Tensor, "b 27 z y x"], Float[Tensor, "b 3 z y x"]]:
+    """How alike blocks around every voxel are to those around its neighbours at the other time, and which match.
+
+    Args:
+        first: features of one time.
+        second: of the other time.
+
+    Returns:
+        Shares of likeness of all ``shifts`` (a softmax), and their mean shift along x, y, z, voxels: 0 where all is
+        empty.
+    """
+    differences = [(first - shifted(second, one)).square().mean(dim=1) for one in shifts()]
+    energy = 0.5 * (first.square() + second.square()).mean(dim=1, keepdim=True)
+    volume = torch.cat([torch.stack(differences, dim=1), energy], dim=1)
+    volume = functional.avg_pool3d(functional.pad(volume, [MATCHED // 2] * 6), MATCHED, stride=1)
+    alike = torch.softmax(-volume[:, :-1] / (SHARPNESS * volume[:, -1:] + 1e-6), dim=1)
+    steps = torch.tensor(shifts(), dtype=first.dtype, device=first.device)
+    return alike, torch.einsum("bkzyx,ka->bazyx", alike, steps)
 
 
 def correlation_flow(

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labeling.memory.flow.correlation_flow import cost_volume, shifts
+from labeling.memory.flow.correlation_flow import matched, shifts
 from labeling.memory.flow.seen_through import seen_through
 from labeling.memory.flow.warping import warp_back
 from labeling.memory.lifting.voxel_grid import crop
@@ -74,14 +74,17 @@ class FlowBlock(nn.Sequential):
 
 
 class FlowLevel(nn.Module):
-    """One level: what is left of the flow once the later time is warped by what is known of it."""
+    """One level: what is left of the flow once the later time is warped by what is known of it.
+
+    The place that matches best is a part of the answer, as far as it is trusted, so that there is little to learn.
+    """
 
     def __init__(self, channels: int, width: int, coarser: int) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            FlowBlock(len(shifts()) + 2 * channels + 3 + coarser, width), FlowBlock(width, width)
+            FlowBlock(len(shifts()) + 2 * channels + 6 + coarser, width), FlowBlock(width, width)
         )
-        self.flow = nn.Conv3d(width, 3, 3, padding=1)
+        self.flow = nn.Conv3d(width, 4, 3, padding=1)
         nn.init.zeros_(self.flow.weight)
         nn.init.zeros_(self.flow.bias)  # type: ignore[arg-type]
 
@@ -96,9 +99,10 @@ class FlowLevel(nn.Module):
         """Flow and hidden channels of this level, from those of the coarser one at this level's size."""
         edge_m = spec.extent_m[0] / first.shape[-1]
         warped = warp_back(second, flow_m, spec)
-        cost = cost_volume(first, warped)
-        found = self.layers(torch.cat([cost, first, warped, flow_m / edge_m, hidden], dim=1))
-        return flow_m + self.flow(found) * edge_m, found
+        likeness, best = matched(first, warped)
+        found = self.layers(torch.cat([likeness, best, first, warped, flow_m / edge_m, hidden], dim=1))
+        step, trust = self.flow(found).split([3, 1], dim=1)
+        return flow_m + (step + trust.sigmoid() * best) * edge_m, found
 
 
 class FlowHead(nn.Module):

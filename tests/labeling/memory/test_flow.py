@@ -11,7 +11,7 @@ from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.geometry import intrinsics_from_fov, look_at
 from labeling.core.types import Box3d, GroundTruth, ObjectMotion
-from labeling.memory.flow.correlation_flow import correlation_flow, shifted, shifts
+from labeling.memory.flow.correlation_flow import correlation_flow, matched, shifted, shifts
 from labeling.memory.flow.flow_evaluation import endpoint_errors, moving_truths, true_flow
 from labeling.memory.flow.flow_losses import flow_losses, matching_loss
 from labeling.memory.flow.flow_net import FlowHead, FlowOutput, Remembered
@@ -126,8 +126,6 @@ def test_the_network_learns_shifts_of_volumes_and_zero_for_identical_ones():
         target = constant_flow((0.0, 0.0, 0.0), spec) + torch.from_numpy(step.astype(np.float32)).reshape(1, 3, 1, 1, 1)
         return remembered(first), remembered(second), target, first.amax(dim=1, keepdim=True) > 0.3
 
-    first, second, _, _ = drawn(still=False)
-    assert head(first, second, spec).flow_m.abs().max() == 0  # nothing is said before anything has been learnt
     for number in range(250):
         first, second, target, inside = drawn(still=number % 4 == 0)
         loss = ((head(first, second, spec).flow_m - target).abs() * inside).sum() / inside.sum()
@@ -143,6 +141,18 @@ def test_the_network_learns_shifts_of_volumes_and_zero_for_identical_ones():
         errors[still].append(float(error[inside].mean()))
     assert np.mean(errors[True]) < 0.02
     assert np.mean(errors[False]) < 0.05  # half a voxel; the shifts are 0.14 long on average
+
+
+def test_the_best_match_is_where_a_volume_went_and_nowhere_for_what_is_empty():
+    centre = np.array([[0.1, -0.2, 0.0]])
+    first, second = blobs(centre), blobs(centre + np.array([0.1, 0.0, -0.1]))
+    alike, best = matched(first, second)
+    inside = first[0, 0] > 0.5
+    assert torch.allclose(alike.sum(dim=1), torch.ones(1, *SPEC.shape), atol=1e-5)
+    assert torch.allclose(best[0][:, inside].mean(dim=1), torch.tensor([1.0, 0.0, -1.0]), atol=0.35)
+    _, none = matched(first, first)
+    assert none[0][:, inside].mean(dim=1).abs().max() < 0.05
+    assert matched(0 * first, 0 * first)[1].abs().max() < 1e-5
 
 
 def test_losses_vanish_where_everything_is_right_and_where_nothing_is_known():
