@@ -27,7 +27,7 @@ STAY = 2e-4
 
 def shifts() -> list[tuple[int, int, int]]:
     """All shifts by up to one voxel along x, y, z; the one by none is in the middle."""
-    return list(itertools.product((-1, 0, 1), repeat=3))
+    return list(itertools.product((-1, 0, 1), (-1, 0, 1), (-1, 0, 1)))
 
 
 def shifted(volume: Float[Tensor, "b c z y x"], shift: tuple[int, int, int]) -> Float[Tensor, "b c z y x"]:

@@ -197,8 +197,9 @@ def _redrawn(
     colours = large.reshape(-1, 3)[taken]
     hole = np.zeros((height, width), bool)
     hole.flat[taken] = True
-    hole = ndimage.binary_dilation(hole) & (depth_m > 0)
-    rows, columns = ndimage.distance_transform_edt(hole, return_distances=False, return_indices=True)
+    hole = np.asarray(ndimage.binary_dilation(hole), bool) & (depth_m > 0)
+    nearest = ndimage.distance_transform_edt(hole, return_distances=False, return_indices=True)
+    rows, columns = np.asarray(nearest)
     # What lies around the piece is continued behind it, but never before it.
     behind = np.maximum(depth_m[rows, columns], depth_m + BEHIND_M)
     behind[hole & (depth_m[rows, columns] == 0)] = 0
