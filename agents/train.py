@@ -27,7 +27,7 @@ HELP = CommandHelp(
         "common options": ("out", "env", "steps", "seed", "reward", "detector", "hyperparams", "resume"),
         "scenes": ("scenes", "validation-scenes", "atlas"),
         "validation": ("eval-every", "eval-episodes", "compare-episodes"),
-        "where the work is done": ("envs", "processes", "device"),
+        "where the work is done": ("envs", "processes", "device", "cluster", "shared"),
         "code of others": ("allow-code",),
     },
     examples=(

@@ -29,6 +29,7 @@ VERBS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "memories": {
         "train-memory": ("labeling.train_memory", "teach a 3-D memory to predict views"),
+        "train-flow": ("labeling.train_flow", "teach a 3-D memory to see what moves"),
         "imagine": ("labeling.imagine", "draw what a memory predicts"),
     },
     "agents": {

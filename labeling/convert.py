@@ -80,7 +80,10 @@ def _convert_recording(config: ConvertConfig) -> None:
         print(f"note: {note}")
     height_px, width_px = episode.size
     print(f"{episode.num_views} views of {width_px}x{height_px} pixels: {config.out}")
-    say_next("find things in it", "labeling.detect", config.out, "--detector", "compact")
+    if episode.detections is None:
+        say_next("find things in it", "labeling.detect", config.out, "--detector", "compact")
+    else:
+        say_next("label what was detected in it", "labeling.generate", config.out, "--out", "LABELS")
 
 
 def _export(config: ConvertConfig) -> None:

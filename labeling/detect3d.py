@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from labeling.core.detector import Detector
     from labeling.detectors3d.base import Detector3d
     from labeling.memory.boxes.box_detector import MemoryBoxDetector
+    from labeling.memory.flow.flow_detector import MovingDetector
 
 RECORDED, LDLS = "recorded", "ldls"
 
@@ -29,13 +30,14 @@ RECORDED, LDLS = "recorded", "ldls"
 @dataclass(frozen=True)
 class Detect3dCommand(DetectionCommand):
     """Writes ``detections_3d.json`` beside the frames of each episode: boxes in the world, each found from one view, or
-    from several views together where the detector has a memory.
+    from several views together where the detector has a memory; or of what moves from one view to the next.
 
     Episodes that already hold the results of these detectors are skipped.
     """
 
     detector: str
-    """The folder of a labeling.train3d run (of one with --memory, too), or ``ldls``, which needs no training."""
+    """The folder of a labeling.train3d run (of one with --memory, too) or of a labeling.train_flow run, which finds
+    what moves; or ``ldls``, which needs no training."""
     boxes: str = RECORDED
     """Who finds objects in pictures: a 2-D detector as for labeling.detect, or ``recorded`` for the detections.json
     that episodes have. A memory needs neither."""
@@ -69,6 +71,12 @@ def _has_memory(command: Detect3dCommand) -> bool:
     return command.detector != LDLS and is_memory_run(Path(command.detector))
 
 
+def _sees_motion(command: Detect3dCommand) -> bool:
+    from labeling.memory.flow.flow_detector import is_flow_run
+
+    return command.detector != LDLS and is_flow_run(Path(command.detector))
+
+
 def _check_memory(command: Detect3dCommand) -> None:
     """Refuses options that do not belong to the detector.
 
@@ -77,12 +85,11 @@ def _check_memory(command: Detect3dCommand) -> None:
     """
     if command.views is not None and command.views < 1:
         raise UsageError(f"--views must be above 0, not {command.views}")
-    if _has_memory(command):
-        if command.boxes != RECORDED:
-            raise UsageError(
-                f"{command.detector}: looks at several views together and needs no 2-D detector; leave out --boxes"
-            )
-    elif command.views is not None:
+    if (_has_memory(command) or _sees_motion(command)) and command.boxes != RECORDED:
+        raise UsageError(
+            f"{command.detector}: looks at several views together and needs no 2-D detector; leave out --boxes"
+        )
+    if command.views is not None and not _has_memory(command):
         raise UsageError(f"--views is for detectors with a memory (labeling.train3d --memory), not {command.detector}")
 
 
@@ -93,6 +100,11 @@ def _detecting(command: Detect3dCommand) -> "Callable[[Path], int | None]":
 
         memory = load_memory_detector(Path(command.detector), command.device)
         return partial(detect_with_memory, detector=memory, views=command.views, recording=command.recording)
+    if _sees_motion(command):
+        from labeling.memory.flow.flow_detector import load_moving_detector
+
+        flow = load_moving_detector(Path(command.detector), command.device)
+        return partial(detect_moving, detector=flow, recording=command.recording)
     from labeling.detectors.registry import load_detector
     from labeling.detectors3d.registry import load_detector_3d
 
@@ -189,6 +201,43 @@ def detect_with_memory(
     return len(records)
 
 
+def detect_moving(folder: Path, detector: "MovingDetector", recording: RecordingConfig | None = None) -> int | None:
+    """Likewise what moves from each view to the next.
+
+    Args:
+        folder: of the episode.
+        detector: tells flow on a memory.
+        recording: how to read the episode.
+
+    Returns:
+        How many boxes, each where its object is in the first of two views; None if this detector has looked already.
+
+    Raises:
+        SbmError: if the episode is malformed, or no two of its views can be compared.
+    """
+    from labeling.io.episodes import box_3d_record, read_episode
+    from labeling.memory.flow.moving_objects import MOVING
+
+    path = folder / DETECTIONS_3D_FILE
+    mark = hashlib.sha256(f"{detector.digest}\0moving".encode()).hexdigest()
+    if _mark_of_file(path) == mark:
+        return None
+    episode = read_episode(folder, recording, ground_truth=False)
+    records = [
+        {
+            "views": list(pair.view_index),
+            "category": MOVING,
+            "score": round(one.confidence, 6),
+            "box_3d": box_3d_record(one.box),
+            "displacement_m": one.displacement_m.tolist(),
+        }
+        for pair, found in detector.find(episode.name, episode)
+        for one in found
+    ]
+    write_json(path, {"detector": detector.name, "mark": mark, "detections": records})
+    return len(records)
+
+
 def _mark(folder: Path, detector_3d: "Detector3d", detector_2d: "Detector | None") -> str:
     """Changes with both detectors, and with the detections that are lifted."""
     recorded = folder / DETECTIONS_FILE
@@ -209,6 +258,7 @@ HELP = CommandHelp(
     examples=(
         ("EPISODES --detector RUN --boxes compact", "3-D boxes by a trained network, from 2-D boxes of compact"),
         ("EPISODES --detector MEMORY_RUN --views 4", "from four views together, by a run of labeling.train3d --memory"),
+        ("EPISODES --detector FLOW_RUN", "what moves from each view to the next, by a run of labeling.train_flow"),
         ("EPISODES --detector ldls", "without training"),
     ),
 )

@@ -27,6 +27,13 @@ if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
     share = max(1, len(os.sched_getaffinity(0)) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"]))
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, str(share))
+# Many tests start programs: what the first has compiled to bytecode serves the others and the next run, also where the
+# shell is told to keep none, as containers often are. Workers inherit it.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+# C's allocator keeps what threads of tests have freed in pools of their own; two of them hold less than one for each
+# thread. Read when a process starts, and so by workers and programs.
+os.environ.setdefault("MALLOC_ARENA_MAX", "2")
 # Compiled scenes go to a folder of this session, which all its processes share; converted furniture is the user's.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     from sbm_gym.store.cache_folder import cache_folder

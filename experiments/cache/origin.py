@@ -1,28 +1,43 @@
 """When results were made and by which label generator, so that pages can tell which of them are of an earlier one."""
 
+import hashlib
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
-from labeling.runtime.code_digest import code_digest
+from labeling.runtime.code_digest import ROOT, reached_files
 from labeling.runtime.provenance import experiment_provenance
 
 MADE_ON, GENERATOR = "made_on", "label_generator"
-"""What results call the day and the digest."""
+"""What results call the time (UTC, ISO 8601, to the minute; earlier results have the day only) and the digest."""
 DIGITS = 16
+ENTRANCES = ("labeling.generator.propagate", "labeling.generator.sharing.joined_episodes")
+DECIDES = ("labeling/generator/", "labeling/core/")
+"""Folders of what counts, of all that the entrances import."""
 
 
 def label_generator_digest() -> str:
-    """Changes with the code of the label generator, and with what it has been calibrated to."""
-    from labeling.generator.propagate import propagate
-    from labeling.generator.sharing.joined_episodes import join_episodes
+    """Changes with the code that decides labels, and with what that has been calibrated to."""
+    found = hashlib.sha256()
+    for path in label_generator_files():
+        found.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()[:DIGITS]
 
-    return code_digest(propagate, join_episodes)[:DIGITS]
+
+def label_generator_files() -> list[Path]:
+    """The files that decide labels, sorted.
+
+    How programs are run and files are written (``labeling.runtime``, ``labeling.formats``, ``labeling.io``) does not
+    count.
+    """
+    reached = reached_files(ENTRANCES)
+    return sorted(path for path in reached if path.relative_to(ROOT).as_posix().startswith(DECIDES))
 
 
 def origin() -> dict[str, Any]:
     """What every file of results says of where it comes from."""
     return {
-        MADE_ON: datetime.now(UTC).date().isoformat(),
+        MADE_ON: datetime.now(UTC).strftime("%Y-%m-%dT%H:%M"),
         GENERATOR: label_generator_digest(),
         **experiment_provenance(),
     }

@@ -36,6 +36,8 @@ TINY_MEMORY = ("--iterations", "4", "--validate-every", "2", "--batch-size", "1"
 TINY_MEMORY += ("--voxel-m", "0.5", "--channels", "4", "--planes", "8", "--width", "8", "--picture", "32", "32")
 TINY_MEMORY += ("--around", "scene", "--device", "cpu")
 """Options of a training of a memory that takes a few seconds."""
+TINY_FLOW = ("--iterations", "4", "--validate-every", "2", "--batch-size", "1", "--width", "4", "--device", "cpu")
+"""Likewise of flow on it."""
 
 
 def make_inputs(folder: Path) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.campaign.inputs import ENV, TINY_BOXES, TINY_MEMORY
+from experiments.campaign.inputs import ENV, TINY_BOXES, TINY_FLOW, TINY_MEMORY
 
 
 @dataclass(frozen=True)
@@ -212,6 +212,15 @@ SUBJECTS = (
         ("{in}", *TINY_MEMORY, "--out", "{out}"),
         "episodes",
         _EPISODE,
+        1.0,
+        True,
+    ),
+    Subject(
+        "learn flow",
+        "labeling.train_flow",
+        ("{in}/episode", "--memory", "{in}/run", *TINY_FLOW, "--out", "{out}"),
+        "memory",
+        ("run/memory.safetensors", "episode/*.json", "episode/depth/000.png"),
         1.0,
         True,
     ),

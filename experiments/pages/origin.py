@@ -6,6 +6,8 @@ from typing import Any
 from experiments.cache.origin import GENERATOR, MADE_ON
 
 COMMIT_DIGITS = 7
+DAY = len("2026-11-26")
+"""Characters of a time that say the day."""
 
 
 def origins(contents: Mapping[str, Mapping[str, Any]], titles: Mapping[str, str]) -> dict[str, str]:
@@ -20,7 +22,7 @@ def origins(contents: Mapping[str, Mapping[str, Any]], titles: Mapping[str, str]
     found, earlier = {}, of_earlier_generator(known)
     for name, content in known.items():
         commit = (content.get("git_commit") or "unknown")[:COMMIT_DIGITS]
-        when = f"on {content[MADE_ON]}, " if MADE_ON in content else ""
+        when = f"on {content[MADE_ON][:DAY]}, " if MADE_ON in content else ""
         sentence = f"Made {when}at commit {commit}."
         if newest is not None and name in earlier:
             later = titles[newest]

@@ -38,7 +38,7 @@ class Size:
 
 SIZES: dict[Scale, Size] = {
     "smoke": Size((1, 1), (1, 1), 64),
-    "quick": Size((40, 40), (40, 15)),
+    "quick": Size((40, 40), (40, 10)),
     "full": Size((140, 140), (140, 140)),
 }
 

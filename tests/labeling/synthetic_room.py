@@ -3,6 +3,7 @@
 Independent of every renderer of the project, so that it can serve as an oracle.
 """
 
+import functools
 from dataclasses import dataclass, replace
 
 import cv2
@@ -137,23 +138,28 @@ def _cast(origin, rays, parts, room_m, height_m):
             a, b, k = (r * r).sum(1), r @ o, o @ o - 1
             root = b * b - a * k
             t = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
-            normal = o + np.where(np.isfinite(t), t, 0)[:, None] * r
         else:
+            # Axis by axis: of rows of three numbers the least is found slowly.
             with np.errstate(divide="ignore", invalid="ignore"):
-                near, far = np.minimum((1 - o) / r, (-1 - o) / r), np.maximum((1 - o) / r, (-1 - o) / r)
-            t = near.max(axis=1)
-            t = np.where((t < far.min(axis=1)) & (t > 0), t, np.inf)
-            normal = np.zeros((n, 3))
-            face = near.argmax(axis=1)
-            normal[np.arange(n), face] = -np.sign(r[np.arange(n), face])
-        nearer = (t > 0.05) & (t < best)
-        if not nearer.any():
+                sides = [((1 - o[i]) / r[:, i], (-1 - o[i]) / r[:, i]) for i in range(3)]
+            nears = [np.minimum(*side) for side in sides]
+            t = functools.reduce(np.maximum, nears)
+            far = functools.reduce(np.minimum, [np.maximum(*side) for side in sides])
+            t = np.where((t < far) & (t > 0), t, np.inf)
+        nearer = np.flatnonzero((t > 0.05) & (t < best))
+        if not len(nearer):
             continue
         best[nearer], instance[nearer] = t[nearer], part.instance
-        on = (o + t[nearer, None] * r[nearer]) * part.half
-        world_normal = normal[nearer] / np.linalg.norm(normal[nearer], axis=1, keepdims=True) @ turn.T
+        on = o + t[nearer, None] * r[nearer]
+        if part.round:
+            normal = on
+        else:
+            normal, rows = np.zeros((len(nearer), 3)), np.arange(len(nearer))
+            face = np.stack([near[nearer] for near in nears], axis=1).argmax(axis=1)
+            normal[rows, face] = -np.sign(r[nearer, face])
+        world_normal = normal / np.linalg.norm(normal, axis=1, keepdims=True) @ turn.T
         light = 0.65 + 0.35 * np.clip(world_normal @ [0.4, 0.3, 0.87], -0.6, 1)
-        colour[nearer] = np.array(part.colour) * (light * _texture(on * 2, number))[:, None]
+        colour[nearer] = np.array(part.colour) * (light * _texture(on * part.half * 2, number))[:, None]
     return best, instance, colour
 
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,14 @@ def test_a_converted_recording_is_the_same_episode(tmp_path, room, layout, capsy
     np.testing.assert_array_equal(found.rgb, room.rgb)
     np.testing.assert_allclose(found.depth_m, room.depth_m, atol=0.0006)
     np.testing.assert_allclose(found.camera_to_world, room.camera_to_world, atol=1e-7)
+
+
+@pytest.mark.parametrize("detected", [True, False])
+def test_what_comes_next_depends_on_whether_there_are_detections(tmp_path, room, capsys, detected):
+    write_episode(tmp_path / "in", room if detected else replace(room, detections=None))
+    assert main([str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert ("labeling.generate" in said, "labeling.detect" in said) == (detected, not detected)
 
 
 def test_an_existing_folder_is_left_alone(tmp_path, room, capsys):

@@ -1,6 +1,5 @@
 """Training a network to find boxes in a memory, from random weights or from those of a memory that has learnt."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +18,7 @@ from labeling.memory.boxes.box_net import BoxNet
 from labeling.memory.boxes.box_samples import BoxSample, BoxSamples, collate
 from labeling.memory.boxes.box_targets import SIDES
 from labeling.memory.boxes.labelled_scenes import LabelledScene, category_names
-from labeling.memory.networks.weights import Memory
+from labeling.memory.networks.weights import Memory, memory_digest
 from labeling.memory.settings.box_settings import BoxSpec, TrainBoxesConfig
 from labeling.memory.settings.memory_spec import MemorySpec
 from labeling.training import loop
@@ -79,7 +78,7 @@ class BoxTask(loop.TrainingTask[BoxSample, BoxNet]):
         self.collate = collate
         self.identity = {
             "network": asdict(spec),
-            "begun": "random" if learnt is None else _digest(learnt),
+            "begun": "random" if learnt is None else memory_digest(learnt),
             "train": {name: value for name, value in asdict(config).items() if name not in ("patience", "workers")},
             "scenes": [one.scene.name for one in scenes],
             "validation": [one.scene.name for one in validation],
@@ -119,11 +118,3 @@ def _begin_with_sizes(network: BoxNet, scenes: Sequence[LabelledScene]) -> None:
     assert isinstance(bias, Tensor)
     with torch.no_grad():
         bias[SIDES] = torch.from_numpy(np.log(sides).mean(axis=0)).to(bias.dtype)
-
-
-def _digest(memory: Memory) -> str:
-    """Tells memories that have learnt something else apart."""
-    found = hashlib.sha256()
-    for value in memory.state_dict().values():
-        found.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return found.hexdigest()

@@ -4,6 +4,8 @@ The frame of a grid has its origin in the middle of the grid and +Z up. Tensors 
 3-D convolutions and ``grid_sample`` take them as they are; points and extents are x, y, z, metres.
 """
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -60,3 +62,10 @@ def invert(matrix: Float[Tensor, "*b 4 4"]) -> Float[Tensor, "*b 4 4"]:
     inverse[..., :3, 3] = -(rotation @ matrix[..., :3, 3:])[..., 0]
     inverse[..., 3, 3] = 1.0
     return inverse
+
+
+def crop(
+    volume: Float[Tensor, "b c z y x"], places: Sequence[tuple[slice, slice, slice]]
+) -> Float[Tensor, "b c d h w"]:
+    """A part of each volume of a batch, by slices along z, y, x; all of one size."""
+    return torch.stack([one[:, z, y, x] for one, (z, y, x) in zip(volume, places, strict=True)])

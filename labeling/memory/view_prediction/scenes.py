@@ -48,6 +48,20 @@ class SmallScene:
         """Where the grid stands if view ``first`` is the first that goes into the memory."""
         return place_grid(self.centre_m, self.camera_to_world[first])
 
+    def chosen(self, views: Sequence[int]) -> "SmallScene":
+        """Some of the views, in this order, around the same middle."""
+        kept = list(views)
+        return SmallScene(
+            self.name,
+            self.rgb[kept],
+            self.depth_m[kept],
+            self.intrinsics[kept],
+            self.depth_intrinsics[kept],
+            self.camera_to_world[kept],
+            self.centre_m,
+            tuple(self.view_index[view] for view in kept),
+        )
+
     def views(self, chosen: Sequence[int], first: int) -> Views:
         """Some views, as a batch of one scene, in the frame of the grid that view ``first`` gives."""
         chosen = list(chosen)
@@ -89,20 +103,36 @@ def small_scene(name: str, views: RgbdViews, spec: MemorySpec, around: Around = 
             f"{name}: {len(looking)} of its {views.num_views} views look at the middle of the grid, fewer than the "
             f"{MIN_VIEWS} that it takes"
         )
+    return shrunk(name, views, looking, spec, centre)
+
+
+def shrunk(
+    name: str, views: RgbdViews, chosen: Sequence[int], spec: MemorySpec, centre_m: Float[np.ndarray, "3"]
+) -> SmallScene:
+    """Some views, made small.
+
+    Args:
+        name: of the episode.
+        views: of any size.
+        chosen: which of them.
+        spec: of the network.
+        centre_m: middle of the grid, world.
+    """
+    chosen = list(chosen)
     height, width = spec.size
-    rgb = np.stack([cv2.resize(views.rgb[one], (width, height), interpolation=cv2.INTER_AREA) for one in looking])
+    rgb = np.stack([cv2.resize(views.rgb[one], (width, height), interpolation=cv2.INTER_AREA) for one in chosen])
     rows, row_scale, row_offset = _strides(views.size[0], DEPTH_FACTOR * height)
     columns, column_scale, column_offset = _strides(views.size[1], DEPTH_FACTOR * width)
-    depth_m = views.depth_m[looking][:, rows][:, :, columns]
-    intrinsics, of_depth = views.intrinsics[looking].astype(float), views.intrinsics[looking].astype(float)
+    depth_m = views.depth_m[chosen][:, rows][:, :, columns]
+    intrinsics, of_depth = views.intrinsics[chosen].astype(float), views.intrinsics[chosen].astype(float)
     for axis, scale in ((0, width / views.size[1]), (1, height / views.size[0])):
         intrinsics[:, axis, axis] *= scale
         intrinsics[:, axis, 2] = (intrinsics[:, axis, 2] + 0.5) * scale - 0.5
     for axis, scale, offset in ((0, column_scale, column_offset), (1, row_scale, row_offset)):
         of_depth[:, axis, axis] /= scale
         of_depth[:, axis, 2] = (of_depth[:, axis, 2] - offset) / scale
-    poses = views.camera_to_world[looking]
-    return SmallScene(name, rgb, depth_m, intrinsics, of_depth, poses, centre, tuple(looking))
+    poses = views.camera_to_world[chosen]
+    return SmallScene(name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, tuple(chosen))
 
 
 def _looks_at(views: RgbdViews, view: int, point: Float[np.ndarray, "3"]) -> bool:

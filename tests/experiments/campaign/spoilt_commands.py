@@ -14,7 +14,7 @@ def main(arguments: list[str]) -> int:
         while True:
             time.sleep(0.01)
     if what == "greedy":
-        HELD.append(bytearray(300 * 2**20))
+        HELD.append(bytearray(100 * 2**20))
         HELD.clear()
     if what == "outside":
         (folder / "elsewhere.txt").write_text("")

@@ -48,7 +48,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 def test_each_fault_is_found(what: str, outcome: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "PATIENCE_S", 1)
-    monkeypatch.setattr(trial, "MOST_MEMORY_MB", 200)
+    monkeypatch.setattr(trial, "MOST_MEMORY_MB", 60)
     out = tmp_path / "results" / "out"
     out.parent.mkdir()
     found = trial.run_trial(FAULTY, [what, str(tmp_path), str(out)], tmp_path, out)

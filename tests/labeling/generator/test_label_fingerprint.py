@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ ROOT = Path(__file__).parents[3]
 LOADED = """
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from labeling.generate import main
 main([sys.argv[1], "--out", sys.argv[2], "--confident", "0.5"])
@@ -40,15 +42,23 @@ NOT_LABELLING = (
 label_set says what a finished set holds."""
 
 
-@pytest.fixture
-def copied_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A copy of the code that fingerprints are taken of, to be changed."""
-    shutil.copytree(ROOT / "labeling", tmp_path / "labeling", ignore=shutil.ignore_patterns("__pycache__", "weights"))
-    monkeypatch.setattr(code_digest_module, "ROOT", tmp_path)
+@contextmanager
+def code_in(folder: Path) -> Iterator[None]:
+    """Within, fingerprints are those of the code that lies in a folder."""
+    with pytest.MonkeyPatch.context() as settings:
+        settings.setattr(code_digest_module, "ROOT", folder)
+        code_digest_module.code_digest.cache_clear()
+        yield
     code_digest_module.code_digest.cache_clear()
-    yield tmp_path / "labeling"
-    monkeypatch.undo()
-    code_digest_module.code_digest.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def copied_code(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Where a copy of the code lies, to be changed and changed back, and its fingerprint."""
+    folder = tmp_path_factory.mktemp("code")
+    shutil.copytree(ROOT / "labeling", folder / "labeling", ignore=shutil.ignore_patterns("__pycache__", "weights"))
+    with code_in(folder):
+        return folder, fingerprint(folder / "no_episode", LabelConfig())
 
 
 def test_every_module_that_labels_counts(tmp_path: Path) -> None:
@@ -77,13 +87,18 @@ def test_every_module_that_labels_counts(tmp_path: Path) -> None:
         ("inspect.py", False),
     ],
 )
-def test_a_change_of_code_counts_where_labels_depend_on_it(copied_code: Path, changed: str, counts: bool) -> None:
-    folder, config = copied_code.parent / "no_episode", LabelConfig()
-    before = fingerprint(folder, config)
-    with (copied_code / changed).open("a") as file:
-        file.write("\n")
-    code_digest_module.code_digest.cache_clear()
-    assert (fingerprint(folder, config) != before) is counts
+def test_a_change_of_code_counts_where_labels_depend_on_it(
+    copied_code: tuple[Path, str], changed: str, counts: bool
+) -> None:
+    folder, before = copied_code
+    module = folder / "labeling" / changed
+    sound = module.read_bytes()
+    module.write_bytes(sound + b"\n")
+    try:
+        with code_in(folder):
+            assert (fingerprint(folder / "no_episode", LabelConfig()) != before) is counts
+    finally:
+        module.write_bytes(sound)
 
 
 def test_files_settings_and_sources_count(tmp_path: Path) -> None:

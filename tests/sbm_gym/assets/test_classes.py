@@ -35,9 +35,8 @@ def test_the_eight_classes_have_models(library):
     assert all(categories.count(category) >= 3 for category in COCO_CATEGORIES)
 
 
-@pytest.mark.parametrize("use", list(USES))
-def test_converted_models_have_the_catalogues_size(library, use):
-    for card in library.models(use)[:3]:
+def assert_sizes_of_the_catalogue(library, use, cards):
+    for card in cards:
         model = library.load(card)
         vertices = np.concatenate([surface.vertices_m for surface in model.surfaces])
         low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -54,6 +53,17 @@ def test_converted_models_have_the_catalogues_size(library, use):
             assert (surface.texture is None) == (surface.texcoords is None)
             if surface.texture is not None:
                 assert max(surface.texture.shape[:2]) <= 512
+
+
+@pytest.mark.parametrize("use", list(USES))
+def test_converted_models_have_the_catalogues_size(library, use):
+    assert_sizes_of_the_catalogue(library, use, library.models(use)[:1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("use", list(USES))
+def test_all_converted_models_have_the_catalogues_size(library, use):
+    assert_sizes_of_the_catalogue(library, use, library.models(use))
 
 
 @pytest.mark.parametrize("use", ["dining_chair", "office_chair", "lounge_chair", "couch", "double_bed", "toilet"])

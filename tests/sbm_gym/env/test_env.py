@@ -26,6 +26,7 @@ from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
 
 from ..box_rooms import BoxRooms
+from ..rollouts import rollout_digest
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -38,23 +39,6 @@ def env():
 
 def make(**kwargs) -> gym.Env:
     return gym.make("sbm_gym:sbm_gym/Indoor-v0", **{"worlds": BoxRooms(), **kwargs})
-
-
-def rollout_digest(seed: int, **kwargs) -> str:
-    """Everything a rollout returns, as one hash."""
-    digest = hashlib.sha256()
-    env = make(**kwargs)
-    observation, info = env.reset(seed=seed)
-    env.action_space.seed(seed)
-    truncated, reward = False, 0.0
-    while not truncated:
-        for name in sorted(observation):
-            digest.update(observation[name].tobytes())
-        digest.update(repr((reward, info["reward_terms"], info["collided"], info["scene"])).encode())
-        for detection in info["detections"]:
-            digest.update(repr((detection.category, detection.confidence)).encode() + detection.mask.tobytes())
-        observation, reward, _, truncated, info = env.step(env.action_space.sample())
-    return digest.hexdigest()
 
 
 IN_SHORT = {"sbm_gym/Indoor-v0", "sbm_gym/OutdoorBuiltin-v0"}
@@ -122,7 +106,7 @@ def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process(kwargs)
     if not kwargs:
         assert rollout_digest(3) == here
         assert rollout_digest(4) != here
-    program = f"from tests.sbm_gym.env.test_env import rollout_digest; print(rollout_digest(3, **{kwargs!r}))"
+    program = f"from tests.sbm_gym.rollouts import rollout_digest; print(rollout_digest(3, **{kwargs!r}))"
     fresh = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert fresh.stdout.strip() == here
 

@@ -95,7 +95,10 @@ def test_colours_do_not_depend_on_pictures_without_them(make):
     second.close()
 
 
-@pytest.mark.parametrize(("kind", "scene"), [("indoor", "train/12"), ("outdoor", "town/train/00")])
+@pytest.mark.parametrize(
+    ("kind", "scene"),
+    [("indoor", "train/12"), pytest.param("outdoor", "town/train/00", marks=pytest.mark.slow)],
+)
 def test_furnished_rooms_and_towns_are_the_same_without_colours(kind, scene):
     world = world_source(kind).build(scene)
     model = world.spec.compile()

@@ -4,6 +4,7 @@ import gc
 import subprocess
 import sys
 import weakref
+from functools import cache
 from pathlib import Path
 
 import gymnasium as gym
@@ -25,24 +26,25 @@ from sbm_gym.store.cache_folder import SceneFolder
 from ..box_rooms import BoxRooms
 from ..rollouts import rollout
 
-HOME, TOWN = ("sbm_gym/IndoorBuiltin-v0", "train/02"), ("sbm_gym/OutdoorBuiltin-v0", "town/train/00")
+HOME, TOWN = ("sbm_gym/IndoorBuiltin-v0", "train/04"), ("sbm_gym/OutdoorBuiltin-v0", "town/train/00")
+"""A town, and of homes one of the smallest: it is built many times."""
 ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture
-def cache(tmp_path, monkeypatch) -> SceneFolder:
+def kept_scenes(tmp_path, monkeypatch) -> SceneFolder:
     """An empty cache, and nothing taken for whole that was whole before."""
     monkeypatch.setenv("SBM_CACHE", str(tmp_path))
     monkeypatch.setattr(packed_file, "_checked", set())
     return SceneFolder(tmp_path / "scenes")
 
 
-@pytest.fixture(scope="module")
-def fresh() -> dict[tuple[str, str], str]:
-    """Rollouts without any cache."""
+@cache
+def rolled_out_afresh(which: tuple[str, str]) -> str:
+    """A rollout without any cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SBM_SCENE_CACHE", "off")
-        return {which: rollout(*which) for which in (HOME, TOWN)}
+        return rollout(*which)
 
 
 def another_process(which: tuple[str, str]) -> subprocess.Popen:
@@ -50,25 +52,25 @@ def another_process(which: tuple[str, str]) -> subprocess.Popen:
     return subprocess.Popen(program, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
 
-@pytest.mark.parametrize("which", [HOME, TOWN], ids=["home", "town"])
-def test_rollouts_are_the_same_to_the_last_bit(which, cache, fresh):
+@pytest.mark.parametrize("which", [HOME, pytest.param(TOWN, marks=pytest.mark.slow)], ids=["home", "town"])
+def test_rollouts_are_the_same_to_the_last_bit(which, kept_scenes):
     """Built and kept here, opened again here, opened by another process."""
-    assert rollout(*which) == fresh[which]
-    (kept,) = cache.scenes()
+    assert rollout(*which) == rolled_out_afresh(which)
+    (kept,) = kept_scenes.scenes()
     modified = kept.path.stat().st_ino
-    assert rollout(*which) == fresh[which]
+    assert rollout(*which) == rolled_out_afresh(which)
     other = another_process(which)
-    assert other.communicate()[0].strip() == fresh[which]
+    assert other.communicate()[0].strip() == rolled_out_afresh(which)
     # Nobody has written it again.
     assert kept.path.stat().st_ino == modified
 
 
-def test_two_processes_may_race_for_a_scene(cache, fresh):
+def test_two_processes_may_race_for_a_scene(kept_scenes):
     racers = [another_process(HOME) for _ in range(2)]
-    assert {racer.communicate()[0].strip() for racer in racers} == {fresh[HOME]}
-    assert len(cache.scenes()) == 1
-    assert rollout(*HOME) == fresh[HOME]
-    assert not [path for path in cache.folder.rglob("*") if path.suffix == ".tmp"]
+    assert {racer.communicate()[0].strip() for racer in racers} == {rolled_out_afresh(HOME)}
+    assert len(kept_scenes.scenes()) == 1
+    assert rollout(*HOME) == rolled_out_afresh(HOME)
+    assert not [path for path in kept_scenes.folder.rglob("*") if path.suffix == ".tmp"]
 
 
 def _cut(path: Path) -> None:
@@ -81,58 +83,68 @@ def _flip(path: Path) -> None:
     path.write_bytes(bytes(content))
 
 
-@pytest.mark.parametrize("what", ["scene", "texture"])
-@pytest.mark.parametrize("damage", [_cut, _flip, Path.unlink], ids=["cut", "flipped", "removed"])
-def test_what_is_damaged_is_made_again(what, damage, cache, monkeypatch):
+FIRST = [("scene", _cut), ("texture", _flip), ("texture", Path.unlink)]
+"""What every run tries: each kind of damage, and both kinds of file."""
+
+
+@pytest.mark.parametrize(
+    ("what", "damage"),
+    [
+        pytest.param(what, damage, marks=() if (what, damage) in FIRST else pytest.mark.slow, id=f"{how}-{what}")
+        for what in ("scene", "texture")
+        for damage, how in ((_cut, "cut"), (_flip, "flipped"), (Path.unlink, "removed"))
+    ],
+)
+def test_what_is_damaged_is_made_again(what, damage, kept_scenes, monkeypatch):
     source, body = IndoorWorlds(builtin=True), BodyConfig()
-    open_scene(source, "train/02", "rays", body)
-    files = {path: path.read_bytes() for path in cache.folder.rglob("*") if path.is_file()}
-    (scene,) = cache.scenes()
-    largest = max(cache.textures.iterdir(), key=lambda path: path.stat().st_size)
+    open_scene(source, HOME[1], "rays", body)
+    files = {path: path.read_bytes() for path in kept_scenes.folder.rglob("*") if path.is_file()}
+    (scene,) = kept_scenes.scenes()
+    largest = max(kept_scenes.textures.iterdir(), key=lambda path: path.stat().st_size)
     damage(scene.path if what == "scene" else largest)
     monkeypatch.setattr(packed_file, "_checked", set())
     built = []
     build = IndoorWorlds.build
     monkeypatch.setattr(IndoorWorlds, "build", lambda *asked: built.append(asked) or build(*asked))
-    open_scene(source, "train/02", "rays", body)
+    open_scene(source, HOME[1], "rays", body)
     assert len(built) == 1
     # What was made again is what there was, byte by byte.
-    assert {path: path.read_bytes() for path in cache.folder.rglob("*") if path.is_file()} == files
-    open_scene(source, "train/02", "rays", body)
+    assert {path: path.read_bytes() for path in kept_scenes.folder.rglob("*") if path.is_file()} == files
+    open_scene(source, HOME[1], "rays", body)
     assert len(built) == 1
 
 
-def test_scenes_in_use_outlive_their_files(cache, fresh):
+def test_scenes_in_use_outlive_their_files(kept_scenes):
     with gym.make(f"sbm_gym:{HOME[0]}") as env:
         env.reset(seed=0, options={"scene": HOME[1]})
         before = env.get_wrapper_attr("capture")(64, 64).rgb
-        cache.shrink(0, just_used_s=0.0)
-        assert not list(cache.textures.iterdir())
+        kept_scenes.shrink(0, just_used_s=0.0)
+        assert not list(kept_scenes.textures.iterdir())
         assert np.array_equal(env.get_wrapper_attr("capture")(64, 64).rgb, before)
-    assert rollout(*HOME) == fresh[HOME]
+    assert rollout(*HOME) == rolled_out_afresh(HOME)
 
 
-def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch, fresh):
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("not a folder")
     monkeypatch.setenv("SBM_CACHE", str(tmp_path / "file"))
     with pytest.warns(UserWarning, match="compiled scenes cannot be kept in"):
-        assert rollout(*HOME) == fresh[HOME]
+        assert rollout(*HOME) == rolled_out_afresh(HOME)
 
 
 @pytest.mark.slow
-def test_old_scenes_make_room(cache, monkeypatch):
+def test_old_scenes_make_room(kept_scenes, monkeypatch):
     source, body = IndoorWorlds(builtin=True), BodyConfig()
-    open_scene(source, "train/02", "rays", body)
-    one = cache.total_bytes()
+    open_scene(source, HOME[1], "rays", body)
+    one = kept_scenes.total_bytes()
     monkeypatch.setenv("SBM_SCENE_CACHE", str(0.5 * one / 1e9))
-    open_scene(source, "train/02", "rays", body)
-    assert len(cache.scenes()) == 1  # only who writes makes room
+    open_scene(source, HOME[1], "rays", body)
+    assert len(kept_scenes.scenes()) == 1  # only who writes makes room
     open_scene(source, "train/05", "rays", body)
-    assert not cache.scenes()
+    assert not kept_scenes.scenes()
 
 
 @pytest.mark.parametrize(
-    ("source", "scene"), [(IndoorWorlds(builtin=True), "train/02"), (OutdoorWorlds(builtin=True), "town/train/00")]
+    ("source", "scene"), [(IndoorWorlds(builtin=True), HOME[1]), (OutdoorWorlds(builtin=True), "town/train/00")]
 )
 def test_a_model_without_looks_moves_as_the_whole_one(source, scene):
     world = source.build(scene)
@@ -170,10 +182,17 @@ def test_a_model_without_looks_moves_as_the_whole_one(source, scene):
         assert names[0] == names[1]
 
 
-@pytest.mark.parametrize("source", [IndoorWorlds(builtin=True), OutdoorWorlds(builtin=True)], ids=["home", "town"])
-def test_what_a_model_does_without_looks_as_in_the_whole_one(source):
+@pytest.mark.parametrize(
+    ("source", "scene"),
+    [
+        (IndoorWorlds(builtin=True), HOME[1]),
+        pytest.param(IndoorWorlds(builtin=True), "train/00", marks=pytest.mark.slow),
+        pytest.param(OutdoorWorlds(builtin=True), TOWN[1], marks=pytest.mark.slow),
+    ],
+)
+def test_what_a_model_does_without_looks_as_in_the_whole_one(source, scene):
     """Poses of meshes differ by rounding: MuJoCo gives them the axes of their inertia."""
-    scene, body = source.scenes("train")[0], source.profile.body
+    body = source.profile.body
     light, whole = (compile_scene(scene, source.build(scene), "rays", body, made) for made in (False, True))
     assert light.model.nmesh == 0 < whole.model.nmesh
     np.testing.assert_allclose(light.surfaces.points_m, whole.surfaces.points_m, atol=1e-5)
@@ -188,7 +207,7 @@ def test_what_a_model_does_without_looks_as_in_the_whole_one(source):
 
 
 @pytest.mark.slow
-def test_pictures_from_outside_are_the_same(cache, monkeypatch):
+def test_pictures_from_outside_are_the_same(kept_scenes, monkeypatch):
     pictures = []
     for _ in range(2):
         with gym.make(f"sbm_gym:{TOWN[0]}", render_mode="third_person", render_size=(48, 64)) as env:
@@ -219,42 +238,42 @@ def test_keys_tell_apart_what_differs(monkeypatch):
     assert len(set(keys)) == len(keys)
 
 
-def test_worlds_of_which_nothing_is_known_are_not_kept(cache):
+def test_worlds_of_which_nothing_is_known_are_not_kept(kept_scenes):
     class Mine(IndoorWorlds):
         pass
 
     for source in (BoxRooms(), Mine()):
         assert scene_key(source, "train/00", "rays", BodyConfig()) is None
     open_scene(BoxRooms(), "box_0", "rays", BodyConfig())
-    assert not cache.scenes()
+    assert not kept_scenes.scenes()
 
 
-def test_nothing_is_kept_once_the_code_has_changed(cache, monkeypatch, fresh):
+def test_nothing_is_kept_once_the_code_has_changed(kept_scenes, monkeypatch):
     """What runs is then no longer what the files say, and so the key is not that of what is built."""
     monkeypatch.setattr(scene_keys, "_AT_START", "as it was")
     monkeypatch.setattr(scene_keys, "_surroundings", lambda: ("as it was",))
-    assert rollout(*HOME) == fresh[HOME]
-    assert not cache.scenes()
+    assert rollout(*HOME) == rolled_out_afresh(HOME)
+    assert not kept_scenes.scenes()
 
 
-def test_gl_draws_kept_scenes_as_fresh_ones(cache, monkeypatch):
+def test_gl_draws_kept_scenes_as_fresh_ones(kept_scenes, monkeypatch):
     pictures = []
     for limit in ("1", "1", "off"):
         monkeypatch.setenv("SBM_SCENE_CACHE", limit)
         with gym.make(f"sbm_gym:{HOME[0]}", renderer="gl") as env:
             observation, _ = env.reset(seed=0, options={"scene": HOME[1]})
             pictures.append(observation["rgb"])
-    assert len(cache.scenes()) == 1
+    assert len(kept_scenes.scenes()) == 1
     assert all(np.array_equal(picture, pictures[-1]) for picture in pictures)
 
 
-def test_the_digest_of_code_is_found_out_once(cache, monkeypatch):
+def test_the_digest_of_code_is_found_out_once(kept_scenes, monkeypatch):
     found = scene_keys._code()
     monkeypatch.setattr(scene_keys, "code_digest", None)
     assert scene_keys._code() == found
 
 
-def test_a_scene_that_is_left_is_freed_at_once(cache):
+def test_a_scene_that_is_left_is_freed_at_once(kept_scenes):
     """Not when the garbage collector comes to it: scenes hold tens of megabytes that it knows nothing of."""
     env = FixationEnv(BoxRooms(), split=None, scene_cache=1)
     first, second = env.scene_names[:2]

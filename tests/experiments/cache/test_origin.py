@@ -1,0 +1,25 @@
+"""What tells results of one label generator from those of another."""
+
+from datetime import UTC, datetime
+
+from experiments.cache.origin import GENERATOR, MADE_ON, label_generator_digest, label_generator_files, origin
+from labeling.runtime.code_digest import ROOT
+
+
+def test_all_that_decides_labels_counts_and_nothing_else() -> None:
+    names = {path.relative_to(ROOT).as_posix() for path in label_generator_files()}
+    assert {
+        "labeling/generator/propagate.py",
+        "labeling/generator/segment/mean_field.py",
+        "labeling/generator/sharing/joined_episodes.py",
+        "labeling/generator/settings/label_config.py",
+        "labeling/core/geometry.py",
+    } <= names
+    assert any(name.startswith("labeling/generator/calibration/") and name.endswith(".json") for name in names)
+    assert {"/".join(name.split("/")[:2]) for name in names} == {"labeling/generator", "labeling/core"}
+
+
+def test_results_say_when_they_were_made_and_by_which_generator() -> None:
+    found = origin()
+    assert found[GENERATOR] == label_generator_digest()
+    assert abs((datetime.fromisoformat(found[MADE_ON] + "Z") - datetime.now(UTC)).total_seconds()) < 120
