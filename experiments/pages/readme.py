@@ -9,8 +9,8 @@ from experiments.figures.result_values import gap_share, share_interval, values
 from experiments.pages.markdown import mean_std, read_result, table
 from labeling.core.errors import SbmError
 
-WORLDS = {"table_5_3_wide": "unseen homes", "table_5_1_wide": "unseen towns"}
-"""Experiment -> what its column is called."""
+WORLDS = {"table_5_3_final": "unseen homes", "table_5_1_wide": "unseen towns"}
+"""Experiment -> what its column is called. Homes are those that no decision has seen; such towns have not been run."""
 ROWS = {
     "pre-trained": "before",
     "SbM fine-tuned": "taught by labels of each episode alone, as in the thesis",
@@ -72,7 +72,8 @@ def results_section(contents: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _episodes(content: Mapping[str, Any]) -> int:
     """Scenes that the detectors are tested in."""
-    return len(set(content["pools"]["wide"]["scenes"]))
+    (part,) = {row["part"] for row in content["rows"]}
+    return len(set(content["pools"][part]["scenes"]))
 
 
 def _values(content: Mapping[str, Any], name: str, figure: str) -> Sequence[float]:

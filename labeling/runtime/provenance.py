@@ -42,9 +42,13 @@ def experiment_versions() -> dict[str, str | None]:
     return {"python": platform.python_version(), **package_versions(EXPERIMENT_PACKAGES)}
 
 
+SOURCES = (".py", ".toml", ".yaml")
+"""Ends of the names of files, anywhere in the checkout, whose changes may change figures."""
+
+
 def experiment_provenance() -> dict[str, Any]:
     """Versions, commit and machine that figures were measured with; the commit is None outside a checkout."""
-    changes = _git("status", "--porcelain", "--untracked-files=normal", "--", "*.py")
+    changes = _git("status", "--porcelain", "--untracked-files=normal", "--", *(f":(top)*{kind}" for kind in SOURCES))
     return {
         "versions": experiment_versions(),
         "git_commit": git_commit(),
