@@ -13,6 +13,8 @@ from experiments.figures.style import BLUE, GREEN, GREY, save, seed_dots, tidy
 COLOURS = (GREEN, "#5a9e74", "#6f8fbf", BLUE)
 """Of what is learnt from, from labels to ground truth."""
 FIGURES = {"mask_ap50": "masks", "box_ap50": "boxes"}
+STEP = 5.0
+"""The axis begins at the last multiple of this below the detector before."""
 
 
 def draw_fine_tuning(contents: Sequence[Mapping[str, Any]], teachers: Mapping[str, str], path: Path) -> None:
@@ -32,6 +34,9 @@ def draw_fine_tuning(contents: Sequence[Mapping[str, Any]], teachers: Mapping[st
         for axes, (key, name) in zip(row, FIGURES.items(), strict=True):
             _panel(axes, content, teachers, key)
             axes.set_title(f"{content['world']}: {name}", fontsize=10)
+        shown = [value for axes in row for value in axes.dataLim.intervaly if value > 0]
+        lowest = STEP * np.floor(max(0.0, min(_before(content)) - STEP / 2) / STEP)
+        row[0].set_ylim(lowest, lowest + 1.15 * max(max(shown) - lowest, 1.0))
         row[0].set_ylabel("AP50, points")
         row[0].legend(frameon=False, fontsize=8, loc="lower right")
     figure.tight_layout()
@@ -39,16 +44,15 @@ def draw_fine_tuning(contents: Sequence[Mapping[str, Any]], teachers: Mapping[st
 
 
 def _panel(axes: Axes, content: Mapping[str, Any], teachers: Mapping[str, str], key: str) -> None:
-    before = 100 * content["before"]["dev"][key]
-    shown = [before]
     for x, (teacher, colour) in enumerate(zip(teachers, COLOURS, strict=True)):
         values = [100 * run["dev"][key] for run in content["runs"] if run["teacher"] == teacher]
         axes.bar(x, float(np.mean(values)), 0.7, color=colour)
         seed_dots(axes, x, values)
         axes.annotate(f"{np.mean(values):.1f}", (x, max(values)), ha="center", va="bottom", fontsize=8)
-        shown += values
-    axes.axhline(before, color=GREY, lw=1.2, ls="--", label="before")
+    axes.axhline(100 * content["before"]["dev"][key], color=GREY, lw=1.2, ls="--", label="before")
     axes.set_xticks(range(len(teachers)), [name.replace(", ", ",\n") for name in teachers.values()], fontsize=8)
-    lowest = 5 * np.floor(max(0.0, min(shown) - 5) / 5)
-    axes.set_ylim(lowest, lowest + 1.15 * max(max(shown) - lowest, 1.0))
     tidy(axes)
+
+
+def _before(content: Mapping[str, Any]) -> list[float]:
+    return [100 * content["before"]["dev"][key] for key in FIGURES]
