@@ -77,10 +77,8 @@ def mended_job(sets: TrainingSets, teacher: str, seed: int) -> "TrainJob":
     if teacher in (LABELS, TRUTH):
         return sets.train_job(teacher, seed)
     job = sets.train_job(LABELS, seed)
-    learn, choose = (
-        mended(pictures, sets.pictures(subset), teacher == TRUE_MASKS)
-        for subset, pictures in (("learn", job.learn), ("choose", job.choose))
-    )
+    learn = mended(job.learn, sets.pictures("learn"), teacher == TRUE_MASKS)
+    choose = mended(job.choose, sets.pictures("choose"), teacher == TRUE_MASKS)
     return replace(job, learn=learn, choose=choose, title=f"labels {teacher} in {sets.world}")
 
 
