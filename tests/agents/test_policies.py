@@ -135,7 +135,7 @@ def test_ring_spins_until_it_knows_an_object_then_stays_on_its_ring():
 def test_ring_and_next_best_view_see_more_sides_than_random_and_never_bump_into_things():
     sectors, bumps = {}, {}
     for name in ("ring", "next_best_view", "random"):
-        ends = [roll_out(name, seed) for seed in range(3)]
+        ends = [roll_out(name, seed) for seed in range(4)]
         sectors[name] = np.mean([sum(len(o["azimuths"]) for o in steps[-1][2]["confirmed_objects"]) for steps in ends])
         bumps[name] = sum(info["collided"] for steps in ends for *_, info in steps)
     for name in ("ring", "next_best_view"):
@@ -145,7 +145,7 @@ def test_ring_and_next_best_view_see_more_sides_than_random_and_never_bump_into_
 
 def test_a_planner_gets_more_of_what_it_values():
     def earned(goal: str) -> dict[str, float]:
-        terms = [info["reward_terms"] for seed in range(2) for *_, info in roll_out(f"next_best_view:{goal}", seed)]
+        terms = [info["reward_terms"] for seed in range(4) for *_, info in roll_out(f"next_best_view:{goal}", seed)]
         return {name: sum(one[name] for one in terms) for name in ("discovery", "diversity")}
 
     both, discovery, diversity, neither = map(earned, ("both", "discovery", "diversity", "neither"))

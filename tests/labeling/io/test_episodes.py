@@ -444,7 +444,7 @@ def spoil(data: st.DataObject, content: Any) -> Any:
     return content["root"]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=400, deadline=None)
 @given(
     data=st.data(), name=st.sampled_from(["transforms.json", "detections.json", "ground_truth.json", "episode.json"])
 )

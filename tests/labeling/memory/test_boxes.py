@@ -304,7 +304,7 @@ def test_the_head_says_of_a_shifted_memory_what_it_said_shifted():
 def test_two_rooms_are_learnt_by_heart(model, tmp_path):
     spec = replace(TINY, model=model, width=16)
     scenes = [true_scene(boxed_room(seed, 3), spec) for seed in (1, 2)]
-    config = TrainBoxesConfig(iterations=100, views=3, validate_every=50, learning_rate=1e-2, seed=1)
+    config = TrainBoxesConfig(iterations=150, views=3, validate_every=25, learning_rate=1e-2, seed=1)
     progress = train(BoxTask(spec, scenes, scenes, config), tmp_path / "run", say=lambda line: None)
     best = load_box_net(tmp_path / "run" / WEIGHTS_FILE)
     assert evaluate(best, scenes, 3)["ap50"] == pytest.approx(1.0), progress.history

@@ -20,7 +20,7 @@ from .recording_writers import written
 
 @pytest.fixture(scope="module")
 def room() -> Episode:
-    return make_episode(3, num_views=5, size=(240, 320), num_objects=6)
+    return make_episode(3, num_views=8, size=(240, 320), num_objects=6)
 
 
 def shifted(room: Episode, right_px: int, down_px: int) -> Episode:
