@@ -59,19 +59,13 @@ class LabelRecipe:
     those recorded with the episodes, of the pre-trained detector."""
     with_recorded: bool = False
     """From the recorded detections as well."""
-    min_confidence: float = 0.0
-    """Labels whose expected IoU is less are regions to ignore in training."""
 
 
-MIN_CONFIDENCE = 0.5
-"""Of labels in rooms whose expected IoU is less, about half are wrong."""
 LABEL_RECIPES: dict[str, LabelRecipe] = {
     "sbm": LabelRecipe(),
     "shared": LabelRecipe(shared=True),
     "second round": LabelRecipe(shared=True, detector_recipe="shared"),
-    "both detectors": LabelRecipe(
-        shared=True, detector_recipe="shared", with_recorded=True, min_confidence=MIN_CONFIDENCE
-    ),
+    "both detectors": LabelRecipe(shared=True, detector_recipe="shared", with_recorded=True),
     "weak": LabelRecipe(weak=True),
     "consistent": LabelRecipe(LabelConfig(consistency=True)),
     "paper": LabelRecipe(PRESETS["paper"]),
@@ -209,9 +203,7 @@ class TrainingSets:
             return self.pictures(subset)
         if teacher == ANNOTATED:
             return annotated_views(self.episodes(subset), seed)
-        pictures = read_pictures(self.labels(subset, teacher, seed))
-        min_confidence = LABEL_RECIPES[teacher].min_confidence
-        return ignore_unsure(pictures, min_confidence) if min_confidence else pictures
+        return read_pictures(self.labels(subset, teacher, seed))
 
     def pictures(self, subset: Subset) -> "list[AnnotatedPicture]":
         """The views of episodes with their ground truth."""
@@ -277,13 +269,6 @@ class TrainingSets:
         name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
         env, unseen = WORLDS[self.world], self._unseen_models
         return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
-
-
-def ignore_unsure(pictures: "Sequence[AnnotatedPicture]", min_confidence: float) -> "list[AnnotatedPicture]":
-    """Pictures whose unsure labels have become regions to ignore, as ``labeling.finetune --least-confidence`` does."""
-    from labeling.detectors.data.annotated_pictures import with_annotations
-
-    return with_annotations(pictures, lambda one: replace(one, ignore=one.ignore or one.weight < min_confidence))
 
 
 def annotated_views(episodes: Sequence[Path], seed: int) -> "list[AnnotatedPicture]":

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import statistics
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +22,8 @@ from experiments.tables.training_sets import (
     Student,
     TrainingSets,
     annotated_views,
-    ignore_unsure,
 )
 from labeling.core.rle import decode_mask
-from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation, read_pictures
 from labeling.io.episodes import read_episode, write_episode
 from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
@@ -95,27 +92,7 @@ def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taug
     both = sets.labels("learn", "both detectors", 0)
     sources = read_label_set(both).provenance["sources"]
     assert (sources["detector"], sources["with_recorded"]) == (first[0], True)
-    weights = [one.weight for picture in read_pictures(both) for one in picture.annotations]
-    for min_confidence in (0.0, statistics.median_high(weights), 2.0):
-        recipe = dataclasses.replace(LABEL_RECIPES["both detectors"], min_confidence=min_confidence)
-        monkeypatch.setitem(LABEL_RECIPES, "both detectors", recipe)
-        taught = [
-            one for picture in sets.training_pictures("learn", "both detectors", 0) for one in picture.annotations
-        ]
-        assert [one.ignore for one in taught] == [weight < min_confidence for weight in weights]
     capsys.readouterr()
-
-
-def test_unsure_labels_are_neither_objects_nor_background() -> None:
-    labels = ("chair", 0.8, False), ("table", 0.49, False), ("couch", 0.9, True), ("bed", 0.5, False)
-    annotations = tuple(Annotation(name, {}, weight, ignore) for name, weight, ignore in labels)
-    (found,) = ignore_unsure([AnnotatedPicture(Path("view.png"), (4, 4), annotations)], 0.5)
-    assert [(one.category, one.weight, one.ignore) for one in found.annotations] == [
-        ("chair", 0.8, False),
-        ("table", 0.49, True),
-        ("couch", 0.9, True),
-        ("bed", 0.5, False),
-    ]
 
 
 def test_labels_of_test_scenes_are_refused_as_training_sets(tmp_path: Path) -> None:
