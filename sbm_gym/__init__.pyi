@@ -1,6 +1,5 @@
 from .detection.simulated import SimulatedDetectorConfig as SimulatedDetectorConfig
 from .env.fixation_env import FixationEnv as FixationEnv
-from .env.record_film import RecordFilm as RecordFilm
 from .env.rewards import RewardWeights as RewardWeights
 from .registration import ENV_IDS as ENV_IDS
 from .registration import register_envs as register_envs

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import cv2
 import pytest
 
 from ..imports import ROOT
@@ -17,8 +18,12 @@ def block(word: str) -> str:
 
 def test_an_episode_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    exec(block("RecordFilm"), {})
-    assert [path.name for path in Path("FILMS").iterdir()] == ["rl-video-episode-0.gif"]
+    names: dict = {}
+    exec(block("RecordVideo"), names)
+    film = cv2.VideoCapture(str(Path("FILMS") / "rl-video-episode-0.mp4"))
+    frames = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
+    assert frames == 1 + 25  # of reset and of every step
+    assert film.read()[1].shape == (240, 320, 3)
 
 
 def test_several_environments_step_at_once() -> None:
