@@ -27,8 +27,9 @@ from labeling.runtime.help import CommandHelp
 class GenerateConfig:
     """Turns the confident detections of each episode into masks and boxes of every object in all of its views.
 
-    Writes COCO JSON (modal and amodal masks), 3-D boxes and segmented clouds. Episodes that are already labelled are
-    passed over unless their files, the settings or the program have changed.
+    Takes the detections that are recorded with the episodes (labeling.detect adds them), unless --detector or
+    --detections gives others. Writes COCO JSON (modal and amodal masks), 3-D boxes and segmented clouds. Episodes that
+    are already labelled are passed over unless their files, the settings or the program have changed.
     """
 
     dataset: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="DATASET")]]

@@ -20,7 +20,8 @@ class ClusterConfig:
     cluster: str = LOCAL
     """Where the work is done: "local" (processes of this machine), or a Ray cluster (extra 'cluster'): "auto" (the one
     that runs on this machine), "HOST:PORT" (one that this machine is a node of) or "ray://HOST:PORT" (from outside). On
-    a cluster --workers bounds the processes of all nodes together; 1 stands for all cores. See docs/scale.md."""
+    a cluster --workers (--processes of agents.train) counts the processes of all nodes together, and one worker stands
+    for all cores. See docs/scale.md."""
     shared: Path | None = None
     """A folder that all nodes of the cluster share: files below it do not travel."""
 
