@@ -15,11 +15,12 @@ from labeling.runtime.code_digest import code_digest
 if TYPE_CHECKING:
     from labeling.core.episode import Episode
     from labeling.detectors3d.several_views import SceneDetection3d
+    from labeling.memory.boxes.box_detector import MemoryBoxDetector
     from labeling.memory.boxes.labelled_scenes import LabelledScene
 
-Looks = Literal["memory", "one view", "fused views"]
-"""How boxes of a scene are found: by a memory of all given views, by a frustum PointNet from the first of them, or by
-one from each of them, fused."""
+Looks = Literal["memory", "memory, poses by ICP", "one view", "fused views"]
+"""How boxes of a scene are found: by a memory of all given views, with recorded poses or with those of ICP from view to
+view; by a frustum PointNet from the first of them, or by one from each of them, fused."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def _score(job: SceneScores) -> dict[str, Any]:
         scene, most = labelled.scene, spread_views(labelled.scene.num_views, max(job.inputs))
         for count in job.inputs:
             chosen = spread_views(scene.num_views, count)
-            boxes = find(episode, [scene.view_index[view] for view in chosen])
+            boxes = find(episode, scene.view_index, chosen)
             inside = [one for one in boxes if inside_grid(one.box, scene, chosen[0], spec.grid)]
             found[count].append((scene.name, [one for one in inside if one.category in job.categories]))
             for kind, shown_by in (("shown", chosen), ("all", most)):
@@ -181,23 +182,39 @@ def _score(job: SceneScores) -> dict[str, Any]:
     return {"inputs": by_inputs, "scenes": len(next(iter(found.values()))), "left_out": left_out}
 
 
-def _finder(job: SceneScores) -> "Callable[[Episode, Sequence[int]], list[SceneDetection3d]]":
-    """A function of an episode and of the views that are given, which gives boxes of the scene."""
+def _finder(job: SceneScores) -> "Callable[[Episode, Sequence[int], Sequence[int]], list[SceneDetection3d]]":
+    """A function of an episode, its views that look at the grid, and which of those are given; boxes of the scene."""
     from labeling.detectors3d.several_views import fuse_views
 
-    if job.looks == "memory":
+    if job.looks in ("memory", "memory, poses by ICP"):
         from labeling.memory.boxes.box_detector import load_memory_detector
 
         memory = load_memory_detector(Path(job.detector))
-        return lambda episode, views: memory.find(episode, views=views)
+        if job.looks == "memory":
+            return lambda episode, looking, given: memory.find(episode, views=[looking[one] for one in given])
+        return lambda episode, looking, given: _with_icp_poses(memory, episode, looking, given)
 
     from experiments.cache.box_stages import detections, load_detector_3d
 
     frustums = load_detector_3d(job.detector)
 
-    def find(episode: "Episode", views: Sequence[int]) -> "list[SceneDetection3d]":
-        used = views[:1] if job.looks == "one view" else views
+    def find(episode: "Episode", looking: Sequence[int], given: Sequence[int]) -> "list[SceneDetection3d]":
+        used = [looking[one] for one in (given[:1] if job.looks == "one view" else given)]
         recorded = [one for one in detections(episode, "recorded", job.categories) if one.view_index in used]
         return fuse_views(frustums.lift(episode, recorded), len(used))
 
     return find
+
+
+def _with_icp_poses(
+    memory: "MemoryBoxDetector", episode: "Episode", looking: Sequence[int], given: Sequence[int]
+) -> "list[SceneDetection3d]":
+    """With the pose of the first given view, and those of the others as ICP has them; none if these are hopeless."""
+    from experiments.cache.egomotion import with_icp_poses
+    from labeling.core.errors import EpisodeFormatError, UsageError
+
+    estimated = with_icp_poses(episode, looking, looking[given[0]])
+    try:
+        return memory.find(estimated, views=given)
+    except (EpisodeFormatError, UsageError):  # the views do not look at one place, if these poses were true
+        return []

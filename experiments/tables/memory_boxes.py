@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from experiments.cache.box_stages import train_detectors_3d
+from experiments.cache.egomotion import PairsToAlign, motion_errors
 from experiments.cache.memory_box_stages import BoxJob, Looks, SceneScores, score_scenes, train_box_nets
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
@@ -23,7 +24,10 @@ LOOKS: dict[Looks, str] = {
     "one view": "F-PointNet, one view",
     "fused views": "F-PointNet, views fused",
     "memory": "memory of views",
+    "memory, poses by ICP": "memory of views, poses by ICP",
 }
+PAIRS = 4
+"""Of each episode to be tested on, in which the motion of the camera is estimated."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ def run(context: RunContext) -> dict[str, Any]:
     """Records, labels, trains and scores.
 
     Returns:
-        Settings, the episodes, and by method, labels and seed the figures by the number of views given.
+        Settings, the episodes, by method, labels and seed the figures by the number of views given, and errors of the
+        motion of the camera where it is estimated.
     """
     size, sets = SIZES[context.scale], TrainingSets(WORLD, context)
     subsets: tuple[Subset, ...] = ("learn", "choose", table_5_5.TEST_SUBSET)
@@ -78,6 +83,7 @@ def run(context: RunContext) -> dict[str, Any]:
         ("one view", frustums),
         ("fused views", frustums),
         ("memory", memories),
+        ("memory, poses by ICP", memories),
     ]
     test = tuple(episodes[table_5_5.TEST_SUBSET])
     wanted = [
@@ -87,6 +93,7 @@ def run(context: RunContext) -> dict[str, Any]:
     ]
     named = [(LOOKS[looks], labels, seed) for looks, _ in methods for labels, _, seed in learners]
     scores = score_scenes(wanted, context)
+    motion = motion_errors([PairsToAlign(path, size.memory, size.train.around, PAIRS) for path in test], context)
     return {
         "settings": {
             "memory": asdict(size.memory),
@@ -102,6 +109,7 @@ def run(context: RunContext) -> dict[str, Any]:
             {"name": name, "labels": labels, "seed": seed, **found}
             for (name, labels, seed), found in zip(named, scores, strict=True)
         ],
+        "motion": motion,
         "training": histories(box_jobs, memories),
     }
 

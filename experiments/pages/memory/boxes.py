@@ -2,15 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
+from experiments.cache.egomotion import METHODS
 from experiments.pages.markdown import Pictures, mean_std, read_result, render, table
 from labeling.core.errors import SbmError
 
 PAGE, VIEWS_PICTURE, LABELS_PICTURE = "memory-boxes.md", "memory_boxes.png", "label_fraction.png"
 FIGURES = {"ap25": "AP .25", "ap50": "AP .5"}
 KINDS = ("all", "shown")
+TURNS_DEG = (0, 10, 20, 30, 180)
+"""Bounds between pairs of views that are told apart by how far the camera has turned."""
 
 
 def compose(results: Path) -> tuple[str, Pictures]:
@@ -37,7 +42,8 @@ def page(views: Mapping[str, Any] | None, labels: Mapping[str, Any] | None) -> s
     """
     return render(
         "memory-boxes.md.jinja",
-        views=views and {**views, "tables": {kind: _by_views(views, kind) for kind in KINDS}},
+        views=views
+        and {**views, "tables": {kind: _by_views(views, kind) for kind in KINDS}, "motions": _motions(views)},
         labels=labels and {**labels, "tables": {str(n): _by_labels(labels, n) for n in labels["settings"]["inputs"]}},
         views_picture=VIEWS_PICTURE,
         labels_picture=LABELS_PICTURE,
@@ -58,6 +64,22 @@ def _by_views(content: Mapping[str, Any], kind: str) -> str:
             cells = [mean_std(percents(runs, count, kind, figure)) for count in inputs]
             rows.append([f"{title}: {name}, {labels}", *cells])
     return table(["views given", *map(str, inputs)], rows, "---:")
+
+
+def _motions(content: Mapping[str, Any]) -> str:
+    """Median errors of the motion between views, by how far the camera has turned."""
+    rows = []
+    for low, high in pairwise(TURNS_DEG):
+        pairs = [pair for pair in content["motion"] if low <= pair["none"]["turn_deg"] < high]
+        if pairs:
+            cells = [
+                f"{median(pair[name]['turn_deg'] for pair in pairs):.1f}°, "
+                f"{median(pair[name]['shift_cm'] for pair in pairs):.1f} cm"
+                for name in METHODS
+            ]
+            turn = f"{low} to {high}°" if high < TURNS_DEG[-1] else f"{low}° and more"
+            rows.append([turn, str(len(pairs)), *cells])
+    return table(["turn", "pairs", "the motion itself", "alignment of volumes", "ICP"], rows, "---:")
 
 
 def _by_labels(content: Mapping[str, Any], inputs: int) -> str:

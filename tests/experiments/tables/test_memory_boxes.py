@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import experiments.cache.episode_pool
+from experiments.cache.egomotion import METHODS
 from experiments.cache.memory_box_stages import SceneScores, score_scenes
 from experiments.cache.object_rooms import ObjectRooms, record_boxed_rooms, record_object_rooms
 from experiments.cache.stages import RunContext
@@ -96,6 +97,10 @@ def made_up() -> tuple[dict, dict]:
             for labels in memory_boxes.LABELS
             for seed in (0, 1)
         ],
+        "motion": [
+            {"none": {"turn_deg": 12, "shift_cm": 30}, **{key: {"turn_deg": by, "shift_cm": 2} for key in METHODS[1:]}}
+            for by in (1, 2, 6)
+        ],
     }
     labels = {
         **common,
@@ -122,6 +127,7 @@ def test_the_page_says_what_was_found_by_views_and_by_labels():
     assert "| AP .25: memory of views, SbM labels | 45.0 ± 7.1 | 45.0 ± 7.1 |" in text
     assert "| AP .5: GRNN after view prediction | 23.8 ± 0.0 | 30.0 ± 0.0 |" in text
     assert "within 5.1 x 5.1 m" in text
+    assert "| 10 to 20° | 3 | 12.0°, 30.0 cm | 2.0°, 2.0 cm | 2.0°, 2.0 cm |" in text
     assert "From 8 views" in text
     assert "By the share of labels" not in page(views, None)
     assert "By the number of views" not in page(None, labels)

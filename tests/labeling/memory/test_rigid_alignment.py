@@ -1,12 +1,14 @@
 """Coarse-to-fine alignment with six degrees of freedom, against brute force and true poses."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from labeling.memory.lifting import rigid_alignment
+from labeling.memory.lifting.egomotion import motion_between
 from labeling.memory.lifting.rigid_alignment import align
 from labeling.memory.lifting.voxel_grid import invert
 
@@ -63,3 +65,16 @@ def test_a_view_is_found_within_a_voxel_and_a_few_degrees(seed, between_rad):
     assert after[0] < 3
     assert after[1] < SPEC.voxel_m
     assert found.correlation > 0.4
+
+
+def test_the_motion_between_two_views_of_a_room_is_found():
+    """In the frame of the first camera, from no more than pictures and depth: the second pose is made wrong."""
+    poses = [orbit_pose(azimuth, 0.4, 2.0, MIDDLE) for azimuth in (1.0, 1.35)]
+    episode = orbit_episode(2, poses, (96, 96))
+    wrong = replace(episode, camera_to_world=np.stack([poses[0], orbit_pose(4.0, 0.1, 3.0, MIDDLE)]))
+    found = tensor(motion_between(wrong, 0, 1, SPEC))
+    truth = tensor(np.linalg.inv(poses[0]) @ poses[1])
+    assert apart(torch.eye(4), truth)[0] > 15
+    turn_deg, shift_m = apart(found, truth)
+    assert turn_deg < 5
+    assert shift_m < SPEC.voxel_m

@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
+from labeling.memory.lifting.egomotion import coloured_volume
 from labeling.memory.lifting.rotation_search import camera_in_gaze_grid, gaze_rotation, search_rotation
-from labeling.memory.lifting.unprojection import free_space, occupancy, unproject_features
 from labeling.memory.settings.grid_spec import GridSpec
 
 from .orbits import orbit_episode, orbit_pose, tensor
@@ -18,14 +18,9 @@ WORLD_TO_GRID[:3, 3] = -tensor(MIDDLE)
 
 
 def coloured(episode, view: int, camera_to_grid: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Colours about grey and occupancy, what a network sees before it has learnt anything; and what was seen."""
-    rgb = tensor(episode.rgb[view]).permute(2, 0, 1)[None] / 255
-    camera = tensor(episode.intrinsics[view])[None], camera_to_grid[None], SPEC
-    depth_m = tensor(episode.depth_m[view])[None]
-    occupied = occupancy(depth_m, *camera)
-    free = free_space(depth_m, *camera) * (1 - occupied)
-    colours = unproject_features(rgb - 0.45, *camera)
-    return torch.cat([colours * occupied, 0.5 * occupied - 0.2 * free], dim=1), occupied + free
+    """A batch of one."""
+    volume, seen = coloured_volume(episode, view, camera_to_grid, SPEC)
+    return volume[None], seen[None]
 
 
 def test_a_gaze_grid_is_the_memory_turned_back():
