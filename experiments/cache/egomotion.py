@@ -17,14 +17,14 @@ from labeling.memory.settings.memory_spec import MemorySize
 from labeling.runtime.code_digest import code_digest
 
 if TYPE_CHECKING:
-    from open3d.geometry import PointCloud
-
     from labeling.core.episode import Episode
 
 CELL_M, NORMALS_M = 0.05, 0.25
 """Of points in one cell of this edge one is kept; how far neighbours lie that tell a point's normal."""
 REACHES_M = (1.0, 0.5, 0.25, 0.12)
 """How far neighbours are looked for, coarse to fine."""
+Cloud = Any
+"""``open3d.geometry.PointCloud``, of which type checkers know nothing."""
 METHODS = ("none", "alignment", "ICP")
 """The camera stands still; C-N3D's alignment of volumes; point-to-plane ICP of clouds."""
 
@@ -92,7 +92,7 @@ def error(found: Float[np.ndarray, "4 4"], true: Float[np.ndarray, "4 4"]) -> di
     }
 
 
-def cloud(views: RgbdViews, view: int) -> "PointCloud":
+def cloud(views: RgbdViews, view: int) -> Cloud:
     """What a view has measured, in the frame of its camera, thinned out and with normals."""
     import open3d as o3d
 
@@ -102,7 +102,7 @@ def cloud(views: RgbdViews, view: int) -> "PointCloud":
     return thin
 
 
-def icp_motion(first: "PointCloud", second: "PointCloud") -> Float[np.ndarray, "4 4"]:
+def icp_motion(first: Cloud, second: Cloud) -> Float[np.ndarray, "4 4"]:
     """Where the second camera stands in the frame of the first: point-to-plane ICP, begun where it has not moved."""
     import open3d as o3d
 

@@ -40,10 +40,10 @@ def page(views: Mapping[str, Any] | None, labels: Mapping[str, Any] | None) -> s
         views: of ``memory_boxes.json``, if there is one.
         labels: of ``label_fraction.json``, likewise.
     """
+    by_views = views and {kind: _by_views(views, kind) for kind in KINDS}
     return render(
         "memory-boxes.md.jinja",
-        views=views
-        and {**views, "tables": {kind: _by_views(views, kind) for kind in KINDS}, "motions": _motions(views)},
+        views=views and {**views, "tables": by_views, "motions": _motions(views)},
         labels=labels and {**labels, "tables": {str(n): _by_labels(labels, n) for n in labels["settings"]["inputs"]}},
         views_picture=VIEWS_PICTURE,
         labels_picture=LABELS_PICTURE,
