@@ -15,6 +15,7 @@ FOLDER, BEFORE = "bench", "before"
 TITLES = {
     "scenes": "Resets and whole episodes",
     "env": "Steps",
+    "policies": "Policies",
     "atlas": "Steps on a view atlas",
     "render": "Pictures",
     "labels": "Labels",

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from experiments import bench
-from experiments.benchmarks import label_stages, rows
+from experiments.benchmarks import label_stages, policies, rows
 from experiments.benchmarks.rows import Row, as_json, row_of, table
 from experiments.pages.benchmarks import page
 
@@ -69,6 +69,16 @@ def test_render_bench_measures_every_promise(tmp_path):
     assert {row["wanted"] for row in rows} >= {"12x", "6x", "2x", "< 2 s", "< 50 ms"}
     assert all(row["seconds"] > 0 for row in rows)
     assert all((row["ratio"] is None) == (row["rival_seconds"] is None) for row in rows)
+
+
+@pytest.mark.slow
+def test_policies_are_timed_beside_the_planner(monkeypatch):
+    monkeypatch.setattr(policies, "ENVS", {"rooms": "sbm_gym/IndoorBuiltin-v0"})
+    found = list(policies.measure(quick=True))
+    assert [row.what.rpartition(" ")[2] for row in found] == list(policies.POLICIES)
+    assert {row.baseline for row in found} == {"next_best_view"}
+    assert all(row.seconds > 0 for row in found)
+    assert [row.holds is None for row in found] == [False, True, True]
 
 
 @pytest.mark.bench
