@@ -15,7 +15,7 @@ from labeling.runtime.help import CommandHelp
 
 BENCHES = {
     name: f"experiments.benchmarks.{name}"
-    for name in ("render", "labels", "detect", "env", "policies", "scenes", "atlas", "boxes", "cluster")
+    for name in ("render", "labels", "detect", "env", "policies", "scenes", "atlas", "boxes", "memory", "cluster")
 }
 """Modules with a function ``measure(quick)`` that yields rows as they are measured, by the name of the bench. One
 with a function ``draw(rows, folder)`` also makes pictures of them."""

@@ -20,6 +20,7 @@ TITLES = {
     "render": "Pictures",
     "labels": "Labels",
     "boxes": "3-D boxes",
+    "memory": "A memory in 3-D",
     "detect": "Detectors",
     "cluster": "Clusters",
 }

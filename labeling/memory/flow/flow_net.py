@@ -17,7 +17,7 @@ from labeling.memory.flow.correlation_flow import matched, shifts
 from labeling.memory.flow.seen_through import seen_through
 from labeling.memory.flow.warping import warp_back
 from labeling.memory.lifting.voxel_grid import crop
-from labeling.memory.networks.blocks import SLOPE
+from labeling.memory.networks.blocks import SLOPE, Conv3d
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.grnn import Grnn
 from labeling.memory.networks.tower import Tower
@@ -68,7 +68,7 @@ class FlowBlock(nn.Sequential):
     """3x3x3 convolution and leaky ReLU. Nothing is normalised: most of a volume is empty, and parts are learnt on."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
-        super().__init__(nn.Conv3d(inputs, outputs, 3, stride, 1), nn.LeakyReLU(SLOPE, inplace=True))
+        super().__init__(Conv3d(inputs, outputs, 3, stride, 1), nn.LeakyReLU(SLOPE, inplace=True))
         nn.init.kaiming_normal_(self[0].weight, SLOPE)  # type: ignore[arg-type]
         nn.init.zeros_(self[0].bias)  # type: ignore[arg-type]
 
@@ -84,7 +84,7 @@ class FlowLevel(nn.Module):
         self.layers = nn.Sequential(
             FlowBlock(len(shifts()) + 2 * channels + 6 + coarser, width), FlowBlock(width, width)
         )
-        self.flow = nn.Conv3d(width, 4, 3, padding=1)
+        self.flow = Conv3d(width, 4, 3, padding=1)
         nn.init.zeros_(self.flow.weight)
         nn.init.zeros_(self.flow.bias)  # type: ignore[arg-type]
 

@@ -4,6 +4,7 @@ Source: Ronneberger et al. 2015 (the thesis' [52]); residual sums at skips inste
 cost of the widest layers.
 """
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
@@ -15,6 +16,16 @@ SLOPE = 0.1
 def _norm(channels: int) -> nn.Module:
     """Of groups of channels: batches are small."""
     return nn.GroupNorm(min(4, channels), channels)
+
+
+class Conv3d(nn.Conv3d):
+    """``torch.nn.Conv3d``, as fast for one volume as for several: in one thread only batches go to oneDNN."""
+
+    def forward(self, input: Float[Tensor, "b c z y x"]) -> Float[Tensor, "b d z2 y2 x2"]:
+        """A single volume on a single thread is convolved twice over, in a fifth of the time."""
+        if len(input) == 1 and input.device.type == "cpu" and torch.get_num_threads() == 1:
+            return super().forward(input.expand(2, -1, -1, -1, -1))[:1]
+        return super().forward(input)
 
 
 class ConvBlock2d(nn.Sequential):
@@ -31,7 +42,7 @@ class ConvBlock3d(nn.Sequential):
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
         super().__init__(
-            nn.Conv3d(inputs, outputs, 3, stride, 1, bias=False), _norm(outputs), nn.LeakyReLU(SLOPE, inplace=True)
+            Conv3d(inputs, outputs, 3, stride, 1, bias=False), _norm(outputs), nn.LeakyReLU(SLOPE, inplace=True)
         )
 
 
@@ -69,7 +80,7 @@ class UNet3d(nn.Module):
         )
         self.up_2 = nn.Conv3d(3 * outputs, 2 * outputs, 1)
         self.up_1 = nn.Conv3d(2 * outputs, outputs, 1)
-        self.last = nn.Conv3d(outputs, outputs, 3, padding=1)
+        self.last = Conv3d(outputs, outputs, 3, padding=1)
         self.around = nn.Conv3d(inputs, outputs, 1)
 
     def forward(self, volumes: Float[Tensor, "b c z y x"]) -> Float[Tensor, "b d z y x"]:

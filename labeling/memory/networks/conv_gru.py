@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from labeling.memory.networks.blocks import Conv3d
+
 
 class ConvGru(nn.Module):
     """One cell.
@@ -18,7 +20,7 @@ class ConvGru(nn.Module):
 
     def __init__(self, inputs: int, state: int, dimensions: Literal[2, 3], kernel: int = 3) -> None:
         super().__init__()
-        convolution = nn.Conv3d if dimensions == 3 else nn.Conv2d
+        convolution = Conv3d if dimensions == 3 else nn.Conv2d
         self.gates = convolution(inputs + state, 2 * state, kernel, padding=kernel // 2)
         self.candidate = convolution(inputs + state, state, kernel, padding=kernel // 2)
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from labeling.core.detector import DetectorError
 from labeling.core.errors import EpisodeFormatError, UsageError
+from labeling.memory.networks.blocks import Conv3d
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.conv_gru import ConvGru
 from labeling.memory.networks.feature_queue import FeatureQueue
@@ -57,6 +58,26 @@ def test_a_gru_of_kernels_of_one_pixel_is_the_formula_at_every_pixel(dimensions)
             z, r = torch.sigmoid(gates @ torch.cat([x, h]) + cell.gates.bias.detach()).chunk(2)
             c = torch.tanh(candidate @ torch.cat([x, r * h]) + cell.candidate.bias.detach())
             assert torch.allclose(found[b, :, place], (1 - z) * h + z * c, atol=1e-5)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("batch", [1, 3])
+@pytest.mark.parametrize("stride", [1, 2])
+def test_volumes_are_convolved_as_by_pytorch(batch, stride, threads, monkeypatch):
+    """However many there are, and with one thread or several: outputs and gradients."""
+    monkeypatch.setattr(torch, "get_num_threads", lambda: threads)
+    torch.manual_seed(0)
+    theirs, ours = torch.nn.Conv3d(4, 5, 3, stride, 1), Conv3d(4, 5, 3, stride, 1)
+    ours.load_state_dict(theirs.state_dict())
+    volume, found = torch.randn(batch, 4, 5, 6, 7), []
+    for network in (theirs, ours):
+        given = volume.clone().requires_grad_()
+        output = network(given)
+        output.square().sum().backward()
+        found.append([output, given.grad, *(one.grad for one in network.parameters())])
+    for one, other in zip(*found, strict=True):
+        assert one.shape == other.shape
+        assert torch.allclose(one, other, rtol=1e-4, atol=1e-4)
 
 
 @settings(max_examples=20, deadline=None)
