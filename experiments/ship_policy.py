@@ -142,8 +142,42 @@ def training_record(folder: Path, origin: dict[str, Any], files: Sequence[Path])
             "sha256": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},
             "bytes": sum(file.stat().st_size for file in files),
         },
+        "unseen": unseen_returns(folder),
         "shipped_with": experiment_provenance(),
     }
+
+
+def unseen_returns(folder: Path) -> dict[str, Any] | None:
+    """Returns from the unseen starts that a run ends with; None of a run that was not compared.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        How many starts and scenes; and by policy its mean return, and by how much the trained one is above it, with an
+        interval. The run's own checkpoints go by their names.
+
+    Raises:
+        SbmError: if the file is damaged.
+    """
+    from agents.evaluation.run import RESULT_FILE
+    from agents.network.files import UNSEEN_FOLDER
+    from labeling.formats.checked_json import read_json
+
+    path = folder / UNSEEN_FOLDER / RESULT_FILE
+    if not path.is_file():
+        return None
+    content = read_json(path).mapping()
+    trained, settings = content["compared_with"], content["settings"]
+    policies = {}
+    for name, found in content["policies"].items():
+        kind, _, checkpoint = name.partition(":")
+        above = content["pairs"].get(f"{name} minus {trained}", {}).get("return")
+        policies[Path(checkpoint).name if kind == "ppo" else name] = {
+            "return": round(found["figures"]["return"]["mean"], 4),
+            "above": above and {**above, "mean": -above["mean"], "low": -above["high"], "high": -above["low"]},
+        }
+    return {"starts": settings["episodes"], "scenes": len(settings["scenes"]), "policies": policies}
 
 
 def thinned(points: Sequence[Any], count: int) -> list[Any]:

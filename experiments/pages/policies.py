@@ -22,6 +22,8 @@ TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
 SPLITS = {"train": "training", "val": "validation", "test": "test", "endless": "unseen endless"}
 PERCENT = 100
+COMPARED = ("random", "ring", "next_best_view")
+"""Beside which ``agents.train`` puts what it has trained."""
 SEED = re.compile(r"[-_]seed[-_]\d+$")
 """How names of records end that differ in the seed of training."""
 EARNED = {
@@ -317,7 +319,13 @@ def _training(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     headings = ["", "steps", "validation return before", "best, at step", "shipped, at step"]
     headings += [*(f"`{name}`" for name in references), "episodes", "detector"]
     commands = {env: (content["command"], content.get("remark", "")) for env, content in contents.items()}
-    return {"table": table(headings, rows), "commands": commands, "seeds": _seeds(seeds_of(contents))}
+    of_seeds = seeds_of(contents)
+    return {
+        "table": table(headings, rows),
+        "commands": commands,
+        "seeds": _seeds(of_seeds),
+        "unseen": _unseen(of_seeds),
+    }
 
 
 def seeds_of(contents: Mapping[str, Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
@@ -354,3 +362,18 @@ def _seeds(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> str | None:
         "in standard deviations of seeds",
     ]
     return table(headings, rows) if rows else None
+
+
+def _unseen(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> str | None:
+    """What trained policies earn from unseen starts, and by how much they are above others; one row for each run."""
+    rows = []
+    for name, runs in groups.items():
+        for run in runs:
+            unseen = run.get("unseen")
+            if unseen:
+                found = unseen["policies"]
+                above = [interval(found[other]["above"]) if other in found else "-" for other in ("first", *COMPARED)]
+                earned = f"{found['best']['return']:.2f}"
+                rows.append([f"{name}, seed {run['settings']['seed']}", str(unseen["starts"]), earned, *above])
+    others = ["untrained", *(f"`{other}`" for other in COMPARED)]
+    return table(["", "starts", "return", *(f"above {other}" for other in others)], rows) if rows else None

@@ -75,6 +75,34 @@ def test_the_best_policy_is_shipped_and_acts_like_it(
     assert np.array_equal(*actions)
 
 
+def test_what_unseen_starts_showed_is_kept(trained: Path, tmp_path: Path) -> None:
+    assert ship_policy.unseen_returns(trained) is None  # this run compares nothing
+    run = tmp_path / "run"
+    shutil.copytree(trained, run)
+    (run / "unseen").mkdir()
+    names = [f"ppo:{run}/best", f"ppo:{run}/first", "ring"]
+    content = {
+        "compared_with": names[0],
+        "settings": {"episodes": 8, "scenes": ["a", "b"]},
+        "policies": {name: {"figures": {"return": {"mean": 3.0 - at}}} for at, name in enumerate(names)},
+        "pairs": {
+            f"{names[1]} minus {names[0]}": {"return": {"mean": -1.0, "low": -1.5, "high": -0.5, "episodes": 8}},
+            f"ring minus {names[0]}": {"return": {"mean": -2.0, "low": -4.5, "high": 0.5}},
+            f"ring minus {names[1]}": {"return": {"mean": -1.0, "low": -3.0, "high": 1.0}},
+        },
+    }
+    (run / "unseen" / "evaluation.json").write_text(json.dumps(content))
+    assert ship_policy.unseen_returns(run) == {
+        "starts": 8,
+        "scenes": 2,
+        "policies": {
+            "best": {"return": 3.0, "above": None},
+            "first": {"return": 2.0, "above": {"mean": 1.0, "low": 0.5, "high": 1.5, "episodes": 8}},
+            "ring": {"return": 1.0, "above": {"mean": 2.0, "low": -0.5, "high": 4.5}},
+        },
+    }
+
+
 def test_a_training_from_another_seed_is_shipped_beside_it(
     trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
