@@ -16,11 +16,12 @@ from labeling.core.errors import SbmError
 PAGE = "policies-results.md"
 EVALUATION = ("policy_evaluation.json", "policy_evaluation_streets.json")
 """A file for each world."""
+WIDE = "policy_evaluation_wide.json"
 TEACHING, ABLATION = "policies.json", "reward_ablation.json"
 BOUND = "policy_bound.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
-SPLITS = {"train": "training", "val": "validation", "test": "test", "endless": "unseen endless"}
+SPLITS = {"train": "training", "val": "validation", "test": "test", "wide": "wide", "endless": "unseen endless"}
 PERCENT = 100
 COMPARED = ("random", "ring", "next_best_view")
 """Beside which ``agents.train`` puts what it has trained."""
@@ -63,7 +64,7 @@ def read_results(results: Path) -> dict[str, Any]:
     Raises:
         SbmError: if there is none, or a file is damaged.
     """
-    files = {"teaching": TEACHING, "ablation": ABLATION, "bound": BOUND}
+    files = {"wide": WIDE, "teaching": TEACHING, "ablation": ABLATION, "bound": BOUND}
     found: dict[str, Any] = {name: read_result(results / file) for name, file in files.items()}
     found["evaluation"] = _together([read_result(results / file) for file in EVALUATION])
     for name, pattern in {"training": TRAINING, "ways": WAYS}.items():
@@ -82,6 +83,7 @@ def page(results: Mapping[str, Any]) -> str:
     return render(
         "policies-results.md.jinja",
         evaluation=_with_worlds(results["evaluation"], _compared),
+        wide=_with_worlds(results["wide"], lambda world, base: {"earned": _earned(world), "pair_table": _pairs(world)}),
         teaching=_with_worlds(results["teaching"], _taught),
         ways=results["ways"],
         training=results["training"] and _training(results["training"]),

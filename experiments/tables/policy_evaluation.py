@@ -1,13 +1,14 @@
 """Policies against each other, with a real detector in the loop: what they earn and bring home, in each world."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale, digest
 from experiments.cache.worlds import DETECTOR, WORLDS
 from labeling.runtime.code_digest import code_digest
+from sbm_gym.worlds.splits import WIDE
 
 if TYPE_CHECKING:
     from agents.evaluation.evaluate_config import EvaluateConfig
@@ -18,6 +19,7 @@ TRAINED = ("ppo", "ppo_evidence")
 """Those that come with the project, where there are any."""
 POLICIES = ("ring", "next_best_view", *(f"{name}{seed}" for name in TRAINED for seed in ("", "_seed_1", "_seed_2")))
 """Differences are to the first. Each training has three seeds."""
+WIDE_POLICIES = tuple(policy for policy in POLICIES if "evidence" not in policy)
 LABELLED = POLICIES
 """Whose views labels are made of, which takes several times as long as the views do."""
 LABEL_VIEWS = (12, 25)
@@ -56,6 +58,27 @@ def run(context: RunContext) -> dict[str, Any]:
 def run_streets(context: RunContext) -> dict[str, Any]:
     """The same in streets."""
     return evaluate_world("streets", context)
+
+
+@experiment(
+    "policy_evaluation_wide", "what policies earn in the homes of the split wide with compact", pages=("policies",)
+)
+def run_wide(context: RunContext) -> dict[str, Any]:
+    """The same in the homes that detectors are reported on, without labels: to be looked at once for each release."""
+    from agents.evaluation.run import evaluate_policies
+
+    env_id, episodes = WORLDS["rooms"], SIZES[context.scale].rooms[0]
+    policies, left_out = available_policies(env_id, WIDE_POLICIES)
+    config = evaluate_config("policy_evaluation_wide", env_id, policies, episodes, DETECTOR, context)
+    content = evaluate_policies(replace(config, split=WIDE))
+    figures = {
+        "settings": content["settings"],
+        "left_out": left_out,
+        "trained": training_of(policies, env_id),
+        "policies": content["policies"],
+        "pairs": content["pairs"],
+    }
+    return {"compared_with": POLICIES[0], "worlds": {"rooms": figures}, "protocol": content["protocol"]}
 
 
 def evaluate_world(world: str, context: RunContext) -> dict[str, Any]:

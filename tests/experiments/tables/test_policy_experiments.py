@@ -70,6 +70,20 @@ def test_policies_are_compared_and_results_kept(
     capsys.readouterr()
 
 
+def test_the_homes_of_wide_have_a_record_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policy_evaluation, "WORLDS", {"rooms": SHORT_ENV_ID})
+    monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
+    monkeypatch.setattr(policy_evaluation, "WIDE_POLICIES", ("ring", "random"))
+    monkeypatch.setattr(policy_evaluation, "WIDE", "test")
+    assert run("policy_evaluation_wide", tmp_path) == 0
+    content = json.loads((tmp_path / "results" / "policy_evaluation_wide.json").read_text())
+    boxes = content["worlds"]["rooms"]
+    assert boxes["settings"]["split"] == "test"
+    returns = [boxes["policies"][policy]["figures"]["return"]["mean"] for policy in ("random", "ring")]
+    assert boxes["pairs"]["random minus ring"]["return"]["mean"] == pytest.approx(returns[0] - returns[1], abs=1e-4)
+    assert "## The homes of `wide`" in (tmp_path / "docs" / "policies-results.md").read_text()
+
+
 def test_parts_of_the_reward_are_compared_from_the_same_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
