@@ -1,6 +1,7 @@
 """Trains flow on a 3-D memory: ``python -m labeling.train_flow EPISODES --memory RUN --out FLOW``."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +15,7 @@ from labeling.runtime.help import CommandHelp
 from labeling.training.command import say
 
 if TYPE_CHECKING:
+    from labeling.memory.flow.flow_samples import Pair
     from labeling.memory.networks.weights import Memory
     from labeling.memory.view_prediction.scenes import SmallScene
 
@@ -35,7 +37,8 @@ class TrainFlowCommand:
     """
 
     episodes: Episodes
-    """What to learn from: episodes with depth and poses, one or several folders of them. Nothing in them may move."""
+    """What to learn from: episodes with depth and poses, one or several folders of them. Nothing in them may move, but
+    with --supervised."""
     memory: Path
     """Folder of a labeling.train_memory run (grnn or cn3d). Its weights stay as they are."""
     out: Path
@@ -45,6 +48,9 @@ class TrainFlowCommand:
     flow there, too."""
     val: Path | None = None
     """Episodes to choose the best by, as EPISODES. Without it every tenth of these is held out."""
+    supervised: bool = False
+    """Learn from what really moves in EPISODES, by their ground truth of masks and motion, instead of motion that is
+    made up: for comparisons, as robots know no such truth."""
     device: str | None = None
     """cpu, cuda, ...; by default a GPU if there is one."""
     train: tyro.conf.OmitArgPrefixes[TrainFlowConfig] = field(default_factory=TrainFlowConfig)
@@ -96,23 +102,22 @@ def run(command: TrainFlowCommand) -> dict[str, Any]:
     return results
 
 
-def _count(episodes: "list[list[SmallScene]]") -> int:
+def _count(episodes: "Sequence[Sequence[Pair]]") -> int:
     return sum(map(len, episodes))
 
 
 def _read(
     command: TrainFlowCommand, memory: "Memory"
-) -> "tuple[list[list[SmallScene]], list[list[SmallScene]], list[list[SmallScene]]]":
+) -> "tuple[Sequence[Sequence[Pair]], Sequence[Sequence[Pair]], Sequence[Sequence[SmallScene]]]":
     """Pairs of views to learn from, to choose by, and in which things move."""
+    from labeling.memory.flow.true_pairs import read_true_pairs
     from labeling.memory.flow.view_pairs import read_view_pairs
 
-    pairs, notes = read_view_pairs(command.episodes, memory.spec)
-    others: list[list[list[SmallScene]]] = []
-    for path in (command.val, command.moving):
-        found, more = read_view_pairs([path], memory.spec) if path is not None else ([], [])
-        others.append(found)
-        notes += more
-    validation, moving = others
+    read = read_true_pairs if command.supervised else read_view_pairs
+    pairs, notes = read(command.episodes, memory.spec)
+    validation, notes_of_val = read([command.val], memory.spec) if command.val else ([], [])
+    moving, notes_of_moving = read_view_pairs([command.moving], memory.spec) if command.moving else ([], [])
+    notes += [*notes_of_val, *notes_of_moving]
     for note in notes:
         print(f"note: left out {note}")
     if command.val is None:
@@ -124,7 +129,7 @@ def _read(
 
 HELP = CommandHelp(
     groups={
-        "common options": ("episodes", "memory", "out", "moving", "val", "iterations", "seed", "device"),
+        "common options": ("episodes", "memory", "out", "moving", "val", "iterations", "seed", "supervised", "device"),
         "motion that is made up": ("pieces", "furthest-m", "furthest-turn-deg"),
     },
     examples=(

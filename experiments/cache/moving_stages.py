@@ -43,6 +43,8 @@ class FlowJob:
     """Its seed is replaced."""
     seed: int
     title: str
+    supervised: bool = False
+    """Whether true motion of ``standing`` and ``choose``, which then move, is learnt from."""
 
 
 def train_flows(jobs: Sequence[FlowJob], context: RunContext) -> list[str]:
@@ -54,7 +56,8 @@ def train_flows(jobs: Sequence[FlowJob], context: RunContext) -> list[str]:
     code, keyed = code_digest(_train), []
     for job in jobs:
         episodes = [[_name(path) for path in paths] for paths in (job.standing, job.moving, job.choose)]
-        key = digest(episodes, Path(job.memory).name, asdict(replace(job.train, seed=job.seed)), code)
+        settings = asdict(replace(job.train, seed=job.seed)), job.supervised
+        key = digest(episodes, Path(job.memory).name, *settings, code)
         keyed.append((key, (job, context.cache / "flows" / key)))
 
     def reads(task: tuple[FlowJob, Path]) -> list[Path]:
@@ -72,15 +75,16 @@ def _name(episode: Path) -> str:
 def _train(task: tuple[FlowJob, Path]) -> dict[str, Any]:
     from labeling.detectors.registry import choose_device
     from labeling.memory.flow.flow_training import FlowTask
+    from labeling.memory.flow.true_pairs import read_true_pairs
     from labeling.memory.flow.view_pairs import read_view_pairs
     from labeling.memory.networks.weights import load_memory
     from labeling.training.loop import train
 
     job, out = task
     title, memory = f"{job.title}, seed {job.seed}", load_memory(Path(job.memory))
-    standing, moving, choose = (
-        read_view_pairs(paths, memory.spec)[0] if paths else [] for paths in (job.standing, job.moving, job.choose)
-    )
+    read = read_true_pairs if job.supervised else read_view_pairs
+    standing, choose = (read(paths, memory.spec)[0] if paths else [] for paths in (job.standing, job.choose))
+    moving = read_view_pairs(job.moving, memory.spec)[0] if job.moving else []
     config = replace(job.train, seed=job.seed)
     flow = FlowTask(memory, standing, moving, choose, config, choose_device(), {"episodes": title})
     progress = train(flow, out, lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True))

@@ -15,6 +15,8 @@ ENV, MODEL = "sbm_gym/Indoor-v0", "cn3d"
 LEARN_SEED, TEST_SEED, MOVERS = 51, 52, 6
 """Of endless scenes. Settings were chosen on such scenes of other seeds."""
 MADE_UP, MATCHED = "flow, made-up motion", "flow, made-up motion and matching"
+SUPERVISED = "flow, supervised: true motion"
+"""The same network in as many batches, from ground truth of the episodes in which things move."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Size:
 SIZES: dict[Scale, Size] = {
     "smoke": Size(
         3,
-        1,
+        2,
         2,
         MemorySize((16, 16, 8), 0.32, 8, 8, 8, (32, 32)),
         TrainMemoryConfig(iterations=4, validate_every=2, inputs=2),
@@ -88,6 +90,11 @@ def run(context: RunContext) -> dict[str, Any]:
     jobs = [
         FlowJob(memory, learn, moving, choose, size.train, seed, name)
         for name, moving in ((MADE_UP, ()), (MATCHED, episodes["moving"]))
+        for memory, seed in zip(memories, context.seeds, strict=True)
+    ]
+    held = max(1, size.moving // 10)
+    jobs += [
+        FlowJob(memory, episodes["moving"][held:], (), episodes["moving"][:held], size.train, seed, SUPERVISED, True)
         for memory, seed in zip(memories, context.seeds, strict=True)
     ]
     named = [(RESIDUALS, None, RESIDUALS), (CLUSTERS, None, CLUSTERS)]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -26,6 +27,23 @@ class FlowSample:
     truth: FlowTruth
 
 
+@runtime_checkable
+class KnownPair(Protocol):
+    """A pair of views whose motion is known, and need not be made up."""
+
+    @property
+    def name(self) -> str:
+        """Of the episode."""
+        ...
+
+    def sample(self, backwards: bool = False) -> FlowSample:
+        """As it is learnt from, begun from either of the views."""
+        ...
+
+
+Pair = SmallScene | KnownPair
+
+
 def untouched(pair: SmallScene, grid: GridSpec) -> FlowSample:
     """A pair as it was recorded, of which no flow is known."""
     nothing = [torch.zeros(1, channels, *grid.shape) for channels in (3, 1, 1)]
@@ -38,12 +56,21 @@ def made_up(pair: SmallScene, grid: GridSpec, config: TrainFlowConfig, rng: np.r
     return FlowSample(moved.views([0], 0), moved.views([1], 0), truth)
 
 
+def with_motion(
+    pair: Pair, backwards: bool, grid: GridSpec, config: TrainFlowConfig, rng: np.random.Generator
+) -> FlowSample:
+    """A pair with the motion that it is known to have, or with one that is made up."""
+    if not isinstance(pair, SmallScene):
+        return pair.sample(backwards)
+    return made_up(pair.chosen((1, 0)) if backwards else pair, grid, config, rng)
+
+
 class FlowSamples(Dataset):
     """Samples to learn from: number -> ``FlowSample``."""
 
     def __init__(
         self,
-        standing: Sequence[SmallScene],
+        learn: Sequence[Pair],
         moving: Sequence[SmallScene],
         grid: GridSpec,
         config: TrainFlowConfig,
@@ -51,22 +78,22 @@ class FlowSamples(Dataset):
         """Draws nothing yet.
 
         Args:
-            standing: pairs of views of recordings in which nothing moves; pieces of them are moved.
-            moving: pairs of views of others, which are left as they are; may be empty.
+            learn: pairs of views of recordings in which nothing moves, pieces of which are moved; or pairs whose motion
+                is known.
+            moving: pairs of views of others, of which no motion is known; may be empty.
             grid: of the memory.
             config: how pieces are moved, and the seed.
         """
-        self.standing, self.moving, self.grid, self.config = list(standing), list(moving), grid, config
+        self.learn, self.moving, self.grid, self.config = list(learn), list(moving), grid, config
 
     def __getitem__(self, number: int) -> FlowSample:
         """One pair, begun from either of its views."""
         rng = np.random.default_rng([self.config.seed, number])
-        real = bool(self.moving) and rng.random() < REAL_SHARE
-        pairs = self.moving if real else self.standing
-        pair = pairs[int(rng.integers(len(pairs)))]
-        if rng.random() < 0.5:
-            pair = pair.chosen((1, 0))
-        return untouched(pair, self.grid) if real else made_up(pair, self.grid, self.config, rng)
+        if self.moving and rng.random() < REAL_SHARE:
+            pair = self.moving[int(rng.integers(len(self.moving)))]
+            return untouched(pair.chosen((1, 0)) if rng.random() < 0.5 else pair, self.grid)
+        pair = self.learn[int(rng.integers(len(self.learn)))]
+        return with_motion(pair, bool(rng.random() < 0.5), self.grid, self.config, rng)
 
 
 def collate(samples: Sequence[FlowSample]) -> FlowSample:

@@ -15,7 +15,7 @@ from labeling.memory.flow.flow_detector import save_flow_net
 from labeling.memory.flow.flow_evaluation import VoxelCounts, endpoint_errors, mean_or_zero
 from labeling.memory.flow.flow_losses import flow_losses, matching_loss
 from labeling.memory.flow.flow_net import FlowNet
-from labeling.memory.flow.flow_samples import FlowSample, FlowSamples, collate, made_up
+from labeling.memory.flow.flow_samples import FlowSample, FlowSamples, Pair, collate, with_motion
 from labeling.memory.flow.moved_pieces import FlowTruth
 from labeling.memory.networks.tower import Tower
 from labeling.memory.networks.weights import Memory, memory_digest
@@ -65,9 +65,9 @@ class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
     def __init__(
         self,
         memory: Memory,
-        standing: Sequence[Sequence[SmallScene]],
+        learn: Sequence[Sequence[Pair]],
         moving: Sequence[Sequence[SmallScene]],
-        validation: Sequence[Sequence[SmallScene]],
+        validation: Sequence[Sequence[Pair]],
         config: TrainFlowConfig,
         device: str = "cpu",
         about: Mapping[str, Any] | None = None,
@@ -76,9 +76,10 @@ class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
 
         Args:
             memory: that has learnt; it is copied.
-            standing: pairs of views, by episode, in which nothing moves: what motion is made up in.
+            learn: pairs of views, by episode, in which nothing moves: what motion is made up in; or pairs whose motion
+                ground truth tells (``labeling.memory.flow.true_pairs``).
             moving: likewise of episodes in which things move, of which no motion is known; may be empty.
-            validation: as ``standing``, to choose the best by; if empty, the last is kept.
+            validation: as ``learn``, to choose the best by; if empty, the last is kept.
             config: settings of training.
             device: where to train.
             about: written into the weights: where they come from.
@@ -89,7 +90,8 @@ class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
         config.check()
         spec = FlowSpec(memory.spec, config.width)
         assert not isinstance(memory, Tower), "FlowSpec refuses memories without a volume"
-        pairs, real, held = ([one for own in part for one in own] for part in (standing, moving, validation))
+        pairs, held = ([one for own in part for one in own] for part in (learn, validation))
+        real = [one for own in moving for one in own]
         if not pairs:
             raise UsageError("nothing to learn flow from: no pair of views of an episode in which nothing moves")
         self.config, self.about, self.grid = config, about or {}, spec.memory.grid
@@ -101,14 +103,15 @@ class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
         self.dataset, self.collate = FlowSamples(pairs, real, self.grid, config), collate
         chosen = held[:: max(1, len(held) // VALIDATION_PAIRS)][:VALIDATION_PAIRS]
         self.validation = [
-            made_up(one, self.grid, config, np.random.default_rng([config.seed, 1, number]))
+            with_motion(one, False, self.grid, config, np.random.default_rng([config.seed, 1, number]))
             for number, one in enumerate(chosen)
         ]
         self.identity = {
             "network": asdict(spec),
             "memory": memory_digest(memory),
             "train": asdict(config),
-            "episodes": [[one[0].name for one in part if one] for part in (standing, moving, validation)],
+            "episodes": [[one[0].name for one in part if one] for part in (learn, moving, validation)],
+            "motion": "made up" if isinstance(pairs[0], SmallScene) else "true",
         }
 
     def losses(self, batch: FlowSample, step: int) -> dict[str, Tensor]:

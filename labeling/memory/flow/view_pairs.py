@@ -1,16 +1,20 @@
 """Pairs of views that were taken one after the other: a time each, in a grid around what both of them see."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.views import RgbdViews
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.memory.lifting.placement import grid_centre
 from labeling.memory.settings.memory_spec import MemorySpec
 from labeling.memory.view_prediction.scenes import SmallScene, shrunk
+
+Pair = TypeVar("Pair")
 
 WIDEST_TURN_DEG, FURTHEST_M = 40.0, 1.5
 """Views further apart than this, of gaze or place, are no pair: they see too little in common."""
@@ -62,13 +66,32 @@ def read_view_pairs(datasets: Sequence[Path], spec: MemorySpec) -> tuple[list[li
     Raises:
         EpisodeFormatError: if a dataset is none, or no episode of all is left.
     """
+    return read_pairs(datasets, lambda episode: view_pairs(episode.name, episode, spec))
+
+
+def read_pairs(
+    datasets: Sequence[Path], pairs_of: Callable[[Episode], list[Pair]], ground_truth: bool = False
+) -> tuple[list[list[Pair]], list[str]]:
+    """Pairs of any kind of all episodes of some datasets.
+
+    Args:
+        datasets: folders of episodes, or episodes.
+        pairs_of: the pairs of an episode.
+        ground_truth: read it, too.
+
+    Returns:
+        The pairs of each episode, and a sentence about each episode that had to be left out.
+
+    Raises:
+        EpisodeFormatError: if a dataset is none, or no episode of all is left.
+    """
     from labeling.runtime.cli import progress_bar
 
     folders = [folder for dataset in datasets for folder in find_episodes(dataset)]
     found, notes = [], []
     for folder in progress_bar(folders, desc="reading episodes"):
         try:
-            found.append(view_pairs(folder.name, read_episode(folder, ground_truth=False), spec))
+            found.append(pairs_of(read_episode(folder, ground_truth=ground_truth)))
         except EpisodeFormatError as error:
             notes.append(str(error))
     if not found:

@@ -18,6 +18,7 @@ from labeling.memory.flow.flow_net import FlowHead, FlowOutput, Remembered
 from labeling.memory.flow.moved_pieces import FlowTruth, voxel_truth, with_moved_pieces
 from labeling.memory.flow.moving_objects import boxes_of_groups, group_flow
 from labeling.memory.flow.seen_through import compare_points, seen_through
+from labeling.memory.flow.true_pairs import TruePair
 from labeling.memory.flow.view_pairs import view_pairs
 from labeling.memory.flow.warping import warp_back
 from labeling.memory.lifting.voxel_grid import voxel_centres
@@ -262,6 +263,19 @@ def test_true_flow_is_that_of_objects_and_zero_elsewhere():
     assert errors[1].max() == 0
     with pytest.raises(UsageError, match=r"has no motion\.json"):
         true_flow(replace(episode, motion=None), pair, MEMORY.grid)
+
+
+def test_pairs_with_truth_are_learnt_from_in_either_order():
+    episode = moving_episode()
+    (pair,) = view_pairs("one", episode, MEMORY)
+    known = TruePair.of(episode, pair, MEMORY.grid)
+    for backwards, one in ((False, pair), (True, pair.chosen((1, 0)))):
+        sample, truth = known.sample(backwards), true_flow(episode, one, MEMORY.grid)
+        for name in ("flow_m", "moves", "known"):
+            assert torch.equal(getattr(sample.truth, name), getattr(truth, name))
+        assert truth.moves.sum() > 0
+        assert torch.equal(sample.before.depth_m[0, 0], torch.from_numpy(one.depth_m[0]))
+        assert torch.equal(sample.after.depth_m[0, 0], torch.from_numpy(one.depth_m[1]))
 
 
 def test_what_is_to_be_found_moves_is_shown_and_lies_in_the_grid():

@@ -114,6 +114,15 @@ def test_recordings_in_which_things_move_are_learnt_from_too(recorded, tmp_path,
     assert "1 of episodes in which things move" in capsys.readouterr().out
 
 
+def test_a_supervised_rival_learns_from_what_really_moves(memory, moving, recorded, tmp_path, capsys):
+    options = ("--memory", str(memory), "--supervised", "--val", str(moving), "--out", str(tmp_path / "run"), *QUICK)
+    assert train_flow.main([str(moving), *options]) == 0
+    assert "1 pairs of views of 1 episodes to learn from, 1 to choose by" in capsys.readouterr().out
+    load_moving_detector(tmp_path / "run")
+    error = refused(capsys, train_flow.main, recorded, *options)
+    assert "has no motion.json: its scene flow is not known" in error
+
+
 def test_what_moves_is_found_once(moving, trained, capsys):
     assert detect3d.main([str(moving), "--detector", str(trained)]) == 0
     file = moving / "one" / "detections_3d.json"
