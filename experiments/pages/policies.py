@@ -17,7 +17,8 @@ PAGE = "policies-results.md"
 EVALUATION = ("policy_evaluation.json", "policy_evaluation_streets.json")
 """A file for each world."""
 WIDE = "policy_evaluation_wide.json"
-TEACHING, ABLATION = "policies.json", "reward_ablation.json"
+TEACHING = ("policies.json", "policies_streets.json")
+ABLATION = "reward_ablation.json"
 BOUND = "policy_bound.json"
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
@@ -64,15 +65,16 @@ def read_results(results: Path) -> dict[str, Any]:
     Raises:
         SbmError: if there is none, or a file is damaged.
     """
-    files = {"wide": WIDE, "teaching": TEACHING, "ablation": ABLATION, "bound": BOUND}
+    files = {"wide": WIDE, "ablation": ABLATION, "bound": BOUND}
     found: dict[str, Any] = {name: read_result(results / file) for name, file in files.items()}
-    found["evaluation"] = _together([read_result(results / file) for file in EVALUATION])
+    for name, of_worlds in (("evaluation", EVALUATION), ("teaching", TEACHING)):
+        found[name] = _together([read_result(results / file) for file in of_worlds])
     for name, pattern in {"training": TRAINING, "ways": WAYS}.items():
         paths = sorted(results.glob(pattern))
         found[name] = {path.stem[pattern.index("*") :]: read_result(path) for path in paths}
     if not any(found.values()):
         raise SbmError(
-            f"{results}: no {', '.join(EVALUATION)}, {TEACHING}, {ABLATION} or {TRAINING}; python -m experiments.run "
+            f"{results}: no {', '.join((*EVALUATION, *TEACHING))}, {ABLATION} or {TRAINING}; python -m experiments.run "
             "policy_evaluation makes the first"
         )
     return found

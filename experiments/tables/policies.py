@@ -21,23 +21,36 @@ TEACHERS = {"labels": "shared", "truth": TRUTH}
 SUBSETS: tuple[Subset, ...] = ("learn", "choose")
 
 
-@experiment(
-    "policies",
-    "compact fine-tuned on the labels of each policy's views of training scenes, tested on unseen endless scenes",
-    pages=("policies",),
-)
+ABOUT = "compact fine-tuned on the labels of each policy's views of training {}, tested on unseen endless ones"
+
+
+@experiment("policies", ABOUT.format("homes"), pages=("policies",))
 def run(context: RunContext) -> dict[str, Any]:
-    """Records, labels, trains and scores; settings are those of ``fine_tuning``.
+    """Records, labels, trains and scores in rooms; see ``teach``."""
+    return teach("rooms", context)
+
+
+@experiment("policies_streets", ABOUT.format("towns"), pages=("policies",))
+def run_streets(context: RunContext) -> dict[str, Any]:
+    """The same in streets."""
+    return teach("streets", context)
+
+
+def teach(world: str, context: RunContext) -> dict[str, Any]:
+    """Settings are those of ``fine_tuning``.
+
+    Args:
+        world: one of ``WORLDS``.
+        context: seeds, workers and cache.
 
     Returns:
-        For each world: the episodes, how good the labels are, the detector before, and every run by policy and seed.
+        For the world: the episodes, how good the labels are, the detector before, and every run by policy and seed.
     """
-    size = SIZES[context.scale]
     return {
         "compared_with": POLICIES[0],
         "detector": DETECTOR,
-        "settings": size.settings(*size.episodes),
-        "worlds": {world: _one_world(world, context) for world in size.episodes},
+        "settings": SIZES[context.scale].settings(world),
+        "worlds": {world: _one_world(world, context)},
     }
 
 
