@@ -240,6 +240,7 @@ def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
         "rows": rows,
         "by_category": _by_category(world, base),
         "by_views": _by_views(world, base),
+        "differences": _differences(world, base),
         "episodes": pools[f"{base}_learn"]["episodes"],
         "scenes": len(set(pools["dev"]["scenes"])),
     }
@@ -271,6 +272,34 @@ def _by_category(world: Mapping[str, Any], base: str) -> str:
         ]
         rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     return table(["", *known], rows)
+
+
+def _differences(world: Mapping[str, Any], base: str) -> str | None:
+    """By how much more is learnt than from the first policy's views, with intervals over scenes; None in results whose
+    scenes were not drawn again.
+    """
+    runs, figures = _runs(world), {"mask_ap50": "mask AP50", "box_ap50": "box AP50"}
+    if any("resampled" not in run["dev"] for found in runs.values() for run in found):
+        return None
+    rows = []
+    for (teacher, policy), ours in runs.items():
+        if policy != base:
+            cells = [_above(ours, runs[teacher, base], figure) for figure in figures]
+            rows.append([LEARNT_FROM[teacher].format(policy), *cells])
+    for policy in dict.fromkeys(policy for _, policy in runs):
+        if ("truth", policy) in runs:
+            cells = [_above(runs["truth", policy], runs["labels", policy], figure) for figure in figures]
+            rows.append([f"ground truth instead of labels of the views of `{policy}`", *cells])
+    return table(["", *figures.values()], rows)
+
+
+def _above(ours: Sequence[Mapping[str, Any]], theirs: Sequence[Mapping[str, Any]], figure: str) -> str:
+    """Difference of means over seeds, points, and its 95 % interval over scenes drawn again, the same for both."""
+    drawn = [np.mean([run["dev"]["resampled"][figure] for run in runs], axis=0) for runs in (ours, theirs)]
+    low, high = np.quantile(PERCENT * (drawn[0] - drawn[1]), (0.025, 0.975))
+    means = [np.mean([run["dev"][figure] for run in runs]) for runs in (ours, theirs)]
+    text = f"{PERCENT * (means[0] - means[1]):+.1f}"
+    return f"{f'**{text}**' if low * high > 0 else text} [{low:+.1f}, {high:+.1f}]"
 
 
 def _by_views(world: Mapping[str, Any], base: str) -> str | None:

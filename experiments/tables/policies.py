@@ -71,12 +71,16 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
                 runs.append((about, views[policy].train_job(teacher, seed)))
     # The scenes to be tested in as each policy sees them: who learns from one's views is tested on all others' as well.
     seen = {views_of(policy): views[policy].pictures("dev") for policy in policies}
+    scores = sets.train_and_score(runs, "dev", seen)
+    for run in (scores["before"], *scores["runs"]):
+        for name in seen:
+            run[name].pop("resampled", None)  # large, and intervals are told of the dev scenes alone
     return {
         "pools": {"dev": sets.pool_record("dev"), **pools},
         "left_out": left_out,
         "trained": training_of(policies, WORLDS[world]),
         "labels": labels,
-        **sets.train_and_score(runs, "dev", seen),
+        **scores,
     }
 
 
