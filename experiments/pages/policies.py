@@ -279,7 +279,7 @@ def _differences(world: Mapping[str, Any], base: str) -> str | None:
     scenes were not drawn again.
     """
     runs, figures = _runs(world), {"mask_ap50": "mask AP50", "box_ap50": "box AP50"}
-    if any("resampled" not in run["dev"] for found in runs.values() for run in found):
+    if any(run["dev"].get("resampled") is None for found in runs.values() for run in found):
         return None
     rows = []
     for (teacher, policy), ours in runs.items():

@@ -198,3 +198,23 @@ def test_spread_and_bold_follow_the_figure() -> None:
 def test_trainings_of_several_seeds_are_one_policy_in_the_table_of_pairs(pair: str, told: bool) -> None:
     names = ("ring", "next_best_view", "ppo", "ppo_seed_1", "ppo_evidence", "ppo of 3 trainings")
     assert _is_told(pair, names) == told
+
+
+def test_differences_of_what_is_learnt_have_intervals_over_scenes(tmp_path: Path) -> None:
+    """Of means over seeds, from scenes that are drawn alike for all: what all scenes share drops out."""
+    rng = np.random.default_rng(0)
+    shared, own = rng.uniform(0.2, 0.6, 200), rng.normal(0, 0.01, 200)
+    content = made_up.teaching()
+    world = content["worlds"]["rooms"]
+    base = content["compared_with"]
+    for run in world["runs"]:
+        above = 0.03 + own if run["policy"] != base else np.zeros(200)
+        drawn = (shared + above).tolist()
+        run["dev"] |= {"mask_ap50": float(np.mean(drawn)), "box_ap50": 0.5}
+        run["dev"]["resampled"] = {"mask_ap50": drawn, "box_ap50": shared.tolist()}
+    (tmp_path / "policies.json").write_text(json.dumps(content))
+    text = page(read_results(tmp_path))
+    low, high = np.quantile(100 * (0.03 + own), (0.025, 0.975))
+    cells = f"**{100 * np.mean(0.03 + own):+.1f}** [{low:+.1f}, {high:+.1f}] | +0.0 [+0.0, +0.0]"
+    for other in {run["policy"] for run in world["runs"]} - {base}:
+        assert f"| after labels of `{other}` | {cells} |" in text
