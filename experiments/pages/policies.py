@@ -241,6 +241,7 @@ def _taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
         "by_category": _by_category(world, base),
         "by_views": _by_views(world, base),
         "differences": _differences(world, base),
+        "errors": _errors(world, base),
         "episodes": pools[f"{base}_learn"]["episodes"],
         "scenes": len(set(pools["dev"]["scenes"])),
     }
@@ -272,6 +273,27 @@ def _by_category(world: Mapping[str, Any], base: str) -> str:
         ]
         rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     return table(["", *known], rows)
+
+
+def _errors(world: Mapping[str, Any], base: str) -> str | None:
+    """How many labels are false, in all and of each category; None in results that do not tell."""
+    if any("errors" not in one for one in world["labels"]):
+        return None
+    of_policy: dict[str, list[Mapping[str, Any]]] = {}
+    for one in world["labels"]:
+        of_policy.setdefault(one["policy"], []).append(one["errors"])
+    known = [name for name, value in world["before"]["dev"]["per_class_ap50"].items() if value is not None]
+    rows = []
+    for policy, found in of_policy.items():
+        weights = ([one["false_weight"] for one in some] for some in (found, of_policy[base]))
+        rows.append([f"`{policy}`", _beside(*weights), *(_false_of_all(found, name) for name in known)])
+    return table(["", "of all, by weight", *known], rows)
+
+
+def _false_of_all(found: Sequence[Mapping[str, Any]], category: str) -> str:
+    """Mean counts over seeds of false labels of a category, and of all."""
+    counts = [one["categories"].get(category, {"false": 0, "labels": 0}) for one in found]
+    return " of ".join(f"{np.mean([one[what] for one in counts]):.0f}" for what in ("false", "labels"))
 
 
 def _differences(world: Mapping[str, Any], base: str) -> str | None:

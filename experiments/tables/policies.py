@@ -9,6 +9,7 @@ from typing import Any
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
+from experiments.tables.fine_tuning import count_errors
 from experiments.tables.policy_evaluation import available_policies, training_of
 from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
 
@@ -62,13 +63,14 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
     pools = {f"{policy}_{subset}": views[policy].pool_record(subset) for policy in policies for subset in SUBSETS}
     labels, runs = [], []
     for policy in policies:
-        for seed in context.seeds:
-            about = {"policy": policy, "seed": seed}
-            labels.append({**about, **score_labels(views[policy].labels("learn", TEACHERS["labels"], seed))})
         for name, teacher in TEACHERS.items():
             for seed in context.seeds:
-                about = {"policy": policy, "teacher": name, "seed": seed}
-                runs.append((about, views[policy].train_job(teacher, seed)))
+                job = views[policy].train_job(teacher, seed)
+                runs.append(({"policy": policy, "teacher": name, "seed": seed}, job))
+                if name == "labels":
+                    scores = score_labels(views[policy].labels("learn", teacher, seed))
+                    errors = count_errors(job.learn, views[policy].pictures("learn"))
+                    labels.append({"policy": policy, "seed": seed, **scores, "errors": errors})
     # The scenes to be tested in as each policy sees them: who learns from one's views is tested on all others' as well.
     seen = {views_of(policy): views[policy].pictures("dev") for policy in policies}
     scores = sets.train_and_score(runs, "dev", seen)

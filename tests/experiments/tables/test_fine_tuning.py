@@ -87,7 +87,11 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     }
     assert all(one.keys() >= {"views of ring", "views of random"} for one in (room["before"], *room["runs"]))
     assert asked["ring", "rooms_learn"] == replace(asked["random", "rooms_learn"], policy="ring")
+    for one in room["labels"]:
+        assert 0 <= one["errors"]["false_weight"] <= 1
+        assert all(counts["false"] <= counts["labels"] for counts in one["errors"]["categories"].values())
     page = (tmp_path / "docs" / "policies-results.md").read_text()
+    assert "False labels, those that lie on no object of their category" in page
     assert page.index("after labels of `random`") < page.index("after ground truth of the views of `random`")
     capsys.readouterr()
 
