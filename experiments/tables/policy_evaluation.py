@@ -40,7 +40,7 @@ class Size:
 
 SIZES: dict[Scale, Size] = {
     "smoke": Size((1, 1), (1, 1), 64),
-    "quick": Size((40, 40), (40, 10)),
+    "quick": Size((40, 40), (40, 20)),
     "full": Size((140, 140), (140, 140)),
 }
 
