@@ -1,6 +1,6 @@
 """Policies against each other, with a real detector in the loop: what they earn and bring home, in each world."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -71,13 +71,7 @@ def run_wide(context: RunContext) -> dict[str, Any]:
     policies, left_out = available_policies(env_id, WIDE_POLICIES)
     config = evaluate_config("policy_evaluation_wide", env_id, policies, episodes, DETECTOR, context)
     content = evaluate_policies(replace(config, split=WIDE))
-    figures = {
-        "settings": content["settings"],
-        "left_out": left_out,
-        "trained": training_of(policies, env_id),
-        "policies": content["policies"],
-        "pairs": content["pairs"],
-    }
+    figures = _figures(content, env_id, policies, left_out)
     return {"compared_with": POLICIES[0], "worlds": {"rooms": figures}, "protocol": content["protocol"]}
 
 
@@ -112,14 +106,23 @@ def evaluate_world(world: str, context: RunContext) -> dict[str, Any]:
     for pair, found in labelled["pairs"].items():
         content["pairs"][pair] |= {name: value for name, value in found.items() if "@" in name}
     figures = {
-        "settings": content["settings"],
+        **_figures(content, env_id, policies, left_out),
         "labelled": {"episodes": num_labelled, "picture_px": size.picture_px},
+    }
+    return {"compared_with": POLICIES[0], "worlds": {world: figures}, "protocol": labelled["protocol"]}
+
+
+def _figures(
+    content: Mapping[str, Any], env_id: str, policies: Sequence[str], left_out: Mapping[str, str]
+) -> dict[str, Any]:
+    """What the record says of a world."""
+    return {
+        "settings": content["settings"],
         "left_out": left_out,
         "trained": training_of(policies, env_id),
         "policies": content["policies"],
         "pairs": content["pairs"],
     }
-    return {"compared_with": POLICIES[0], "worlds": {world: figures}, "protocol": labelled["protocol"]}
 
 
 def available_policies(env_id: str, policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
