@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from experiments.cache.memory_box_stages import BoxJob, SceneScores, score_scenes, train_box_nets
-from experiments.cache.memory_stages import train_memories
+from experiments.cache.memory_stages import machines, train_memories
 from experiments.cache.object_rooms import ObjectRooms, record_boxed_rooms
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
@@ -79,6 +79,7 @@ def run(context: RunContext) -> dict[str, Any]:
             "shares": list(size.fractions),
         },
         "categories": list(categories),
+        "machines": machines([*memories, *runs]),
         "rows": [{**row, **found} for row, found in zip(rows, scores, strict=True)],
     }
 

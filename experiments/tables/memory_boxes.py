@@ -10,6 +10,7 @@ from typing import Any
 from experiments.cache.box_stages import train_detectors_3d
 from experiments.cache.egomotion import PairsToAlign, motion_errors
 from experiments.cache.memory_box_stages import BoxJob, Looks, SceneScores, score_scenes, train_box_nets
+from experiments.cache.memory_stages import machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables import table_5_5
@@ -105,6 +106,7 @@ def run(context: RunContext) -> dict[str, Any]:
         "finder": table_5_5.DETECTOR,
         "categories": list(categories),
         "pools": {subset: sets.pool_record(subset) for subset in subsets},
+        "machines": machines([*frustums, *memories]),
         "rows": [
             {"name": name, "labels": labels, "seed": seed, **found}
             for (name, labels, seed), found in zip(named, scores, strict=True)

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from experiments.cache.memory_stages import MemoryJob, train_memories
+from experiments.cache.memory_stages import MemoryJob, machines, train_memories
 from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, FlowJob, MovingScores, score_moving, train_flows
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
@@ -97,8 +97,9 @@ def run(context: RunContext) -> dict[str, Any]:
         FlowJob(memory, episodes["moving"][held:], (), episodes["moving"][:held], size.train, seed, SUPERVISED, True)
         for memory, seed in zip(memories, context.seeds, strict=True)
     ]
+    flows = train_flows(jobs, context)
     named = [(RESIDUALS, None, RESIDUALS), (CLUSTERS, None, CLUSTERS)]
-    named += [(job.title, job.seed, run) for job, run in zip(jobs, train_flows(jobs, context), strict=True)]
+    named += [(job.title, job.seed, run) for job, run in zip(jobs, flows, strict=True)]
     scores = score_moving([MovingScores(run, episodes["test"], size.memory) for _, _, run in named], context)
     return {
         "settings": {
@@ -108,5 +109,6 @@ def run(context: RunContext) -> dict[str, Any]:
             "train": asdict(size.train),
         },
         "pools": {name: pool_record(pool, list(episodes[name])) for name, pool in pools.items()},
+        "machines": machines([*memories, *flows]),
         "rows": [{"name": name, "seed": seed, **found} for (name, seed, _), found in zip(named, scores, strict=True)],
     }

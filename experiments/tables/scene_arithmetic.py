@@ -7,7 +7,14 @@ The thesis' claim (2.6): memories in 3-D do it, a network without geometry does 
 from dataclasses import asdict
 from typing import Any
 
-from experiments.cache.memory_stages import NO_CHANGE, REPROJECTION, ArithmeticScores, score_arithmetics, train_memories
+from experiments.cache.memory_stages import (
+    NO_CHANGE,
+    REPROJECTION,
+    ArithmeticScores,
+    machines,
+    score_arithmetics,
+    train_memories,
+)
 from experiments.cache.object_rooms import Exchanges, record_exchanges
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
@@ -46,6 +53,7 @@ def run(context: RunContext) -> dict[str, Any]:
             "inputs": list(size.inputs),
             "targets": size.targets,
         },
+        "machines": machines(runs),
         "rows": [
             {"name": name, "seed": seed, "inputs": found}
             for (name, seed, _), found in zip(methods, scores, strict=True)

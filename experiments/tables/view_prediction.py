@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from experiments.cache.memory_stages import REPROJECTION, MemoryJob, ViewScores, score_views, train_memories
+from experiments.cache.memory_stages import REPROJECTION, MemoryJob, ViewScores, machines, score_views, train_memories
 from experiments.cache.object_rooms import ObjectRooms, record_object_rooms
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
@@ -95,6 +95,7 @@ def run(context: RunContext) -> dict[str, Any]:
             "inputs": list(size.inputs),
             "targets": size.targets,
         },
+        "machines": machines(runs),
         "rows": rows,
         "training": histories(jobs, runs),
     }

@@ -163,7 +163,8 @@ def train(
     progress = load_checkpoint(out, identity, task.device, lambda state: _restore(task, state))
     if progress.iteration:
         say(f"going on from step {progress.iteration}")
-    write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(task.about)})
+    machine = {"device": device_name(task.device), "torch": torch.__version__}
+    write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(task.about), "machine": machine})
     writer = open_tensorboard(out / "tensorboard", progress.iteration, say)
 
     def draw(group: str, figures: Mapping[str, Any], step: int) -> None:
@@ -217,6 +218,11 @@ def train(
     if writer is not None:
         writer.close()
     return progress
+
+
+def device_name(device: torch.device) -> str:
+    """What a device is: the name of a GPU, or ``cpu``."""
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else device.type
 
 
 def duration(seconds: float) -> str:

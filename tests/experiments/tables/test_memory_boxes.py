@@ -91,6 +91,7 @@ def made_up() -> tuple[dict, dict]:
         "settings": {"inputs": [1, 8], "memory": {"voxels": [32, 32, 16], "voxel_m": 0.16}},
         "finder": "compact",
         "pools": {name: {"episodes": 7} for name in ("learn", "choose", "wide")},
+        "machines": ["cpu (PyTorch 2.0)"],
         "rows": [
             {"name": name, "labels": labels, "seed": seed, "inputs": figures(ap + 0.1 * seed)}
             for name, ap in (("F-PointNet, one view", 0.3), ("memory of views", 0.5))
@@ -110,6 +111,7 @@ def made_up() -> tuple[dict, dict]:
             "scenes": {"learn": 150, "test": 24},
             "train": {"iterations": 5},
         },
+        "machines": ["cpu (PyTorch 2.0)"],
         "rows": [
             {"name": "GRNN", "beginning": beginning, "share": share, "seed": seed, "inputs": figures(ap * share**0.1)}
             for beginning, ap in ((label_fraction.SCRATCH, 0.4), ("after view prediction", 0.6))

@@ -98,7 +98,8 @@ def test_the_page_says_what_was_found():
         ),
     ]
     pools = {name: {"episodes": 7, "moving": 6} for name in ("standing", "moving", "test")}
-    text = page({"scale": "smoke", "seeds": [0, 1], "settings": {"model": "cn3d"}, "pools": pools, "rows": rows})
+    about = {"scale": "smoke", "seeds": [0, 1], "machines": ["cpu (PyTorch 2.0)"], "settings": {"model": "cn3d"}}
+    text = page({**about, "pools": pools, "rows": rows})
     assert "| ICP residuals | 10.0 | 5.0 | 20.0 | 10.0 | 0.5 |" in text
     assert "| flow | 35.0 ± 7.1 |" in text
     assert "| flow | 5.0 ± 0.0 | 5.0 ± 0.0 | 5.0 ± 0.0 |" in text

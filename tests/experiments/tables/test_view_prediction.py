@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from experiments.cache import object_rooms
 from experiments.cache.object_rooms import Exchanges, ObjectRooms, camera_poses, record_exchanges, record_object_rooms
 from experiments.cache.stages import RunContext
 from experiments.pages.memory.view_prediction import page
 from experiments.run import main
+from labeling.detectors.registry import choose_device
 from labeling.io.episodes import read_episode
+from labeling.training.loop import device_name
 
 
 def test_cameras_look_at_the_middle_from_all_around():
@@ -78,7 +81,8 @@ def made_up(seeds: int = 2) -> dict:
         ]
     scenes = {"learn": 9, "choose": 3, "test": 6}
     settings = {"scenes": scenes, "inputs": [1, 8], "targets": 5}
-    return {"scale": "smoke", "seeds": list(range(seeds)), "settings": settings, "rows": rows}
+    about = {"scale": "smoke", "seeds": list(range(seeds)), "machines": ["cpu (PyTorch 2.0)"]}
+    return {**about, "settings": settings, "rows": rows}
 
 
 def test_the_page_says_who_errs_less_and_where_chance_is():
@@ -107,6 +111,8 @@ def test_the_table_is_made_from_recording_to_page(tmp_path: Path, capsys):
     assert main(["view_prediction", "--scale", "smoke", "--workers", "1", *places]) == 0
     content = json.loads((tmp_path / "results" / "view_prediction.json").read_text())
     assert [row["name"] for row in content["rows"]] == ["depth reprojection", "GRNN", "C-N3D", "2-D tower"]
+    device = device_name(torch.device(choose_device()))
+    assert content["machines"] == [f"{device} (PyTorch {torch.__version__})"]
     for row in content["rows"]:
         for objects in ("2", "4"):
             assert set(row["objects"][objects]) == {"1", "2"}
