@@ -128,6 +128,7 @@ def test_what_moves_is_made_from_episodes_to_page(tmp_path: Path, monkeypatch: p
         CLUSTERS,
         moving_objects.MADE_UP,
         moving_objects.MATCHED,
+        moving_objects.SUPERVISED,
     ]
     assert all(row["objects"] == 2 for row in content["rows"])
     assert "## By speed" in (tmp_path / "docs" / "moving-objects.md").read_text()
