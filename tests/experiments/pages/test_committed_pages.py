@@ -19,6 +19,7 @@ from experiments.pages import (
     sensor_noise,
 )
 from experiments.pages.markdown import write_page
+from experiments.pages.memory import boxes, view_prediction
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = ROOT / "docs"
@@ -36,10 +37,12 @@ DOCS = ROOT / "docs"
         robustness,
         detector_labels,
         moving_labels,
+        view_prediction,
+        boxes,
     ],
 )
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
-    page, *pictures = write_page(module.__name__.rpartition(".")[2], ROOT / "experiments" / "results", tmp_path)
+    page, *pictures = write_page(module.__name__.removeprefix("experiments.pages."), ROOT / "experiments" / "results", tmp_path)
     text = (DOCS / module.PAGE).read_text(encoding="utf-8")
     assert page.read_text(encoding="utf-8") == text
     for picture in pictures:
