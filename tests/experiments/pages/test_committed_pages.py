@@ -19,7 +19,7 @@ from experiments.pages import (
     sensor_noise,
 )
 from experiments.pages.markdown import write_page
-from experiments.pages.memory import boxes, view_prediction
+from experiments.pages.memory import boxes, moving_objects, view_prediction
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = ROOT / "docs"
@@ -39,6 +39,7 @@ DOCS = ROOT / "docs"
         moving_labels,
         view_prediction,
         boxes,
+        moving_objects,
     ],
 )
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
