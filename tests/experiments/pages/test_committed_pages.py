@@ -43,7 +43,8 @@ DOCS = ROOT / "docs"
     ],
 )
 def test_pages_and_pictures_are_those_of_the_results(module, tmp_path: Path) -> None:
-    page, *pictures = write_page(module.__name__.removeprefix("experiments.pages."), ROOT / "experiments" / "results", tmp_path)
+    name = module.__name__.removeprefix("experiments.pages.")
+    page, *pictures = write_page(name, ROOT / "experiments" / "results", tmp_path)
     text = (DOCS / module.PAGE).read_text(encoding="utf-8")
     assert page.read_text(encoding="utf-8") == text
     for picture in pictures:
