@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -210,11 +211,18 @@ def _with_icp_poses(
     memory: "MemoryBoxDetector", episode: "Episode", looking: Sequence[int], given: Sequence[int]
 ) -> "list[SceneDetection3d]":
     """With the pose of the first given view, and those of the others as ICP has them; none if these are hopeless."""
-    from experiments.cache.egomotion import with_icp_poses
     from labeling.core.errors import EpisodeFormatError, UsageError
 
-    estimated = with_icp_poses(episode, looking, looking[given[0]])
+    estimated = _icp_poses(episode, tuple(looking), looking[given[0]])
     try:
         return memory.find(estimated, views=given)
     except (EpisodeFormatError, UsageError):  # the views do not look at one place, if these poses were true
         return []
+
+
+@lru_cache(maxsize=1)
+def _icp_poses(episode: "Episode", looking: tuple[int, ...], anchor: int) -> "Episode":
+    """The same for every number of given views, which take turns before the next episode."""
+    from experiments.cache.egomotion import with_icp_poses
+
+    return with_icp_poses(episode, looking, anchor)
