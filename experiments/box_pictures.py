@@ -3,29 +3,34 @@
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from experiments.cache.stages import Scale
 from experiments.figures.boxes_on_views import MIN_CONFIDENCE, RECORD, busiest_view, draw, true_boxes
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 
+if TYPE_CHECKING:
+    from experiments.cache.stages import RunContext
+
 
 @dataclass(frozen=True)
 class PictureConfig:
-    """Draws the boxes of LDLS and of the SbM frustum PointNet on views of test scenes, and from above.
+    """Draws the boxes of LDLS and of the SbM frustum PointNet on views of test scenes, and from above. Or, of rooms in
+    which things move, flow and the boxes of what moves, from above.
 
-    The network is that of table 5.5: trained if it is not in the cache yet.
+    The networks are those of table 5.5 and of moving_objects (from made-up motion): trained if they are not in the
+    cache yet.
     """
 
-    world: Literal["rooms", "streets"] = "streets"
-    """Which world."""
+    world: Literal["rooms", "streets", "moving"] = "streets"
+    """Which world; ``moving`` are rooms in which things do."""
     scale: Scale = "quick"
-    """Of the table."""
+    """Of the experiment."""
     seed: int = 0
     """Of labels and training."""
     views: int = 4
-    """How many: of so many episodes that one each with the most objects."""
+    """How many: of so many episodes that one each with the most objects; of what moves the first of two."""
     cache: Path = Path("out/experiments")
     """Folder for recorded episodes and intermediate results."""
     results: Path = Path("experiments/results")
@@ -38,16 +43,34 @@ def run(config: PictureConfig) -> None:
     """Draws the picture.
 
     Raises:
-        SbmError: if a world cannot be built.
+        SbmError: if a world cannot be built, or nothing moves where it should.
     """
-    from experiments.cache.box_stages import detections, load_detector_3d
     from experiments.cache.stages import RunContext
-    from experiments.tables import table_5_5
-    from experiments.tables.training_sets import TrainingSets
     from labeling.formats.atomic import write_json
-    from labeling.io.episodes import read_episode
 
     context = RunContext(config.scale, (config.seed,), 1, config.cache)
+    picture = config.docs / "pictures" / f"{RECORD.format(config.world)}.png"
+    drawn = (_moving if config.world == "moving" else _boxes)(config, context, picture)
+    record = config.results / f"{RECORD.format(config.world)}.json"
+    settings = {name: value for name, value in asdict(config).items() if not isinstance(value, Path)}
+    write_json(record, {**settings, "views": drawn})
+    print(f"{picture}\n{record}")
+
+
+def _moving(config: PictureConfig, context: "RunContext", picture: Path) -> list[dict[str, Any]]:
+    from experiments.figures import moving_flow
+    from experiments.tables.moving_objects import made_up_flow
+
+    flow, folders = made_up_flow(config.seed, context)
+    return moving_flow.draw(Path(flow), folders, config.views, picture)
+
+
+def _boxes(config: PictureConfig, context: "RunContext", picture: Path) -> list[dict[str, Any]]:
+    from experiments.cache.box_stages import detections, load_detector_3d
+    from experiments.tables import table_5_5
+    from experiments.tables.training_sets import TrainingSets
+    from labeling.io.episodes import read_episode
+
     sets = TrainingSets(config.world, context)
     network, categories = table_5_5.sbm_network(config.world, config.seed, context)
     ldls_ap25 = table_5_5.ldls_ap25_by_scale(config.world, sets.episodes("choose"), categories, context)
@@ -65,16 +88,12 @@ def run(config: PictureConfig) -> None:
         panels.append((episode, view, found, true_boxes(episode, view, categories)))
         counts = {name: len(some) for name, some in found.items()}
         drawn.append({"episode": episode.name, "view": view, "boxes": counts})
-    picture = config.docs / "pictures" / f"{RECORD.format(config.world)}.png"
     draw(panels, picture)
-    record = config.results / f"{RECORD.format(config.world)}.json"
-    settings = {name: value for name, value in asdict(config).items() if not isinstance(value, Path)}
-    write_json(record, {**settings, "views": drawn})
-    print(f"{picture}\n{record}")
+    return drawn
 
 
 HELP = CommandHelp(
-    examples=(("", "draw docs/pictures anew"),),
+    examples=(("", "draw boxes in streets anew"), ("--world moving", "flow, and what moves in rooms")),
 )
 main = make_main("experiments.box_pictures", PictureConfig, run, resumes=False, about=HELP)
 

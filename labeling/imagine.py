@@ -1,4 +1,4 @@
-"""Shows what a memory predicts of an episode: ``python -m labeling.imagine RUN EPISODE --out PICTURES``."""
+"""Shows what a memory predicts, or what moves: ``python -m labeling.imagine RUN EPISODE --out PICTURES``."""
 
 import sys
 from collections.abc import Sequence
@@ -28,19 +28,23 @@ DEFAULT_INPUTS, DEFAULT_VIEWS = 4, 6
 class ImagineCommand:
     """Draws views that a memory predicts beside the true ones, as a picture and as a film of all views.
 
-    Of cn3d it draws features as colours: those predicted from the memory beside those of the view itself.
+    Of cn3d it draws features as colours: those predicted from the memory beside those of the view itself. Of a
+    labeling.train_flow run it draws pairs of views with their flow from above: arrows in blue, what was found to move
+    in orange, and in green what does, where the episode knows it.
     """
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
-    """Folder of a labeling.train_memory run."""
+    """Folder of a labeling.train_memory or a labeling.train_flow run."""
     episode: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="EPISODE")]]
     """An episode with depth and poses, best one that RUN has not learnt from."""
     out: Path
-    """Folder for EPISODE_views.png and EPISODE_film.gif."""
+    """Folder for EPISODE_views.png and EPISODE_film.gif; of flow EPISODE_flow.png and EPISODE_flow.gif."""
     inputs: tuple[int, ...] = ()
-    """Numbers of the views that go into the memory; by default four of those that look at its middle."""
+    """Numbers of the views that go into the memory; by default four of those that look at its middle. Of
+    flow there are none."""
     views: tuple[int, ...] = ()
-    """Numbers of the views that are predicted; by default six others."""
+    """Numbers of the views that are predicted; by default six others. Of flow the first views of the pairs that are
+    drawn; by default six pairs, those with the surest objects."""
     device: str | None = None
     """cpu, cuda, ...; by default a GPU if there is one."""
 
@@ -50,6 +54,23 @@ def run(command: ImagineCommand) -> list[Path]:
 
     Returns:
         The files.
+
+    Raises:
+        SbmError: if there is no such run, episode or view.
+    """
+    from labeling.memory.flow.flow_detector import is_flow_run
+
+    picture, film = draw_flow(command) if is_flow_run(command.run) else draw_predictions(command)
+    print(picture)
+    print(film)
+    return [picture, film]
+
+
+def draw_predictions(command: ImagineCommand) -> tuple[Path, Path]:
+    """Draws predicted views.
+
+    Returns:
+        Picture and film.
 
     Raises:
         SbmError: if there is no such run, episode or view.
@@ -82,9 +103,40 @@ def run(command: ImagineCommand) -> list[Path]:
         for number in range(scene.num_views)
     ]
     write_film(frames, film)
-    print(picture)
-    print(film)
-    return [picture, film]
+    return picture, film
+
+
+def draw_flow(command: ImagineCommand) -> tuple[Path, Path]:
+    """Draws pairs of views with their flow from above.
+
+    Returns:
+        Picture of some pairs and film of all.
+
+    Raises:
+        SbmError: if there is no such run, episode or pair.
+    """
+    from labeling.formats.atomic import write_png
+    from labeling.formats.film import write_film
+    from labeling.io.episodes import read_episode
+    from labeling.memory.flow.flow_detector import load_moving_detector
+    from labeling.memory.flow.flow_pictures import draw_pairs, pair_pictures
+
+    if command.inputs:
+        raise UsageError(f"{command.run}: tells flow between two views; give the first ones with --views, no --inputs")
+    detector, episode = load_moving_detector(command.run, command.device), read_episode(command.episode)
+    pairs = detector.find(command.episode.name, episode)
+    starts = [pair.view_index[0] for pair, _ in pairs]
+    for one in command.views:
+        if one not in starts:
+            raise UsageError(f"view {one} has no view after it to compare; those that do are {_listed(starts)}")
+    surest = sorted(range(len(pairs)), key=lambda one: -max((found.confidence for found in pairs[one][1]), default=0))
+    shown = [starts.index(one) for one in command.views] or sorted(surest[:DEFAULT_VIEWS])
+    drawn = [pair_pictures(detector, episode, pair, found) for pair, found in pairs]
+    name = command.episode.resolve().name
+    picture, film = command.out / f"{name}_flow.png", command.out / f"{name}_flow.gif"
+    write_png(picture, draw_pairs([drawn[one] for one in shown], f"views {_listed([starts[one] for one in shown])}"))
+    write_film([draw_pairs([drawn[one]], f"view {starts[one]}") for one in range(len(pairs))], film)
+    return picture, film
 
 
 def choose_views(scene: "SmallScene", inputs: Sequence[int], views: Sequence[int]) -> tuple[list[int], list[int]]:
@@ -102,7 +154,7 @@ def choose_views(scene: "SmallScene", inputs: Sequence[int], views: Sequence[int
         if one not in scene.view_index:
             raise UsageError(
                 f"view {one} does not look at the middle of the memory, or is not there; those that do are "
-                f"{', '.join(map(str, scene.view_index))}"
+                f"{_listed(scene.view_index)}"
             )
     given = [scene.view_index.index(one) for one in inputs]
     asked = [scene.view_index.index(one) for one in views]
@@ -113,6 +165,10 @@ def choose_views(scene: "SmallScene", inputs: Sequence[int], views: Sequence[int
         raise UsageError("all views are to be predicted, none is left to remember; give fewer --views")
     others = [one for one in range(scene.num_views) if one not in given]
     return given, asked or _spread(others, DEFAULT_VIEWS)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def _spread(numbers: Sequence[int], count: int) -> list[int]:
@@ -167,6 +223,7 @@ HELP = CommandHelp(
     examples=(
         ("RUN EPISODE --out PICTURES", "four views given, six predicted"),
         ("RUN EPISODE --inputs 3 9 --views 15 20 --out PICTURES", "views by their numbers"),
+        ("FLOW EPISODE --out PICTURES", "what moves, from above"),
     ),
 )
 main = make_main("labeling.imagine", ImagineCommand, run, about=HELP, resumes=False)

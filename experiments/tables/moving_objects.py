@@ -1,7 +1,9 @@
 """What moves between two views of unseen rooms, found without a label: flow on a memory beside ICP residuals."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from experiments.cache.memory_stages import MemoryJob, machines, train_memories
 from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, FlowJob, MovingScores, score_moving, train_flows
@@ -10,6 +12,9 @@ from experiments.cache.stages import RunContext, Scale
 from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.memory.settings.memory_spec import MemorySize
 from labeling.memory.settings.train_config import TrainMemoryConfig
+
+if TYPE_CHECKING:
+    from experiments.cache.episode_pool import EpisodePool
 
 ENV, MODEL = "sbm_gym/Indoor-v0", "cn3d"
 LEARN_SEED, TEST_SEED, MOVERS = 51, 52, 6
@@ -73,20 +78,12 @@ def run(context: RunContext) -> dict[str, Any]:
         Settings, the episodes, and for every method and seed the figures of ``score_moving``; methods that learn
         nothing have no seed.
     """
-    from experiments.cache.episode_pool import EpisodePool, pool_record, record
+    from experiments.cache.episode_pool import pool_record, record
 
-    size = SIZES[context.scale]
-    pools = {
-        "standing": EpisodePool("rooms_flow_standing", ENV, "endless", size.standing, LEARN_SEED),
-        "moving": EpisodePool("rooms_flow_moving", ENV, "endless", size.moving, LEARN_SEED, moving=MOVERS),
-        "test": EpisodePool("rooms_flow_test", ENV, "endless", size.test, TEST_SEED, moving=MOVERS),
-    }
+    size, pools = SIZES[context.scale], episode_pools(context.scale)
     episodes = {name: tuple(record(pool, context)) for name, pool in pools.items()}
-    held = max(1, size.standing // 10)
-    learn, choose = episodes["standing"][:-held], episodes["standing"][-held:]
-    memories = train_memories(
-        [MemoryJob(MODEL, learn, choose, size.memory, size.train_memory, seed) for seed in context.seeds], context
-    )
+    learn, choose = _split(episodes["standing"])
+    memories = train_memories([_memory_job(learn, choose, seed, size) for seed in context.seeds], context)
     jobs = [
         FlowJob(memory, learn, moving, choose, size.train, seed, name)
         for name, moving in ((MADE_UP, ()), (MATCHED, episodes["moving"]))
@@ -112,3 +109,40 @@ def run(context: RunContext) -> dict[str, Any]:
         "machines": machines([*memories, *flows]),
         "rows": [{"name": name, "seed": seed, **found} for (name, seed, _), found in zip(named, scores, strict=True)],
     }
+
+
+def made_up_flow(seed: int, context: RunContext) -> tuple[str, tuple[Path, ...]]:
+    """Flow that has learnt from made-up motion, trained if it is not in the cache.
+
+    Returns:
+        Folder of its run, and the episodes to test on.
+    """
+    from experiments.cache.episode_pool import record
+
+    size, pools = SIZES[context.scale], episode_pools(context.scale)
+    learn, choose = _split(record(pools["standing"], context))
+    (memory,) = train_memories([_memory_job(learn, choose, seed, size)], context)
+    (flow,) = train_flows([FlowJob(memory, learn, (), choose, size.train, seed, MADE_UP)], context)
+    return flow, tuple(record(pools["test"], context))
+
+
+def episode_pools(scale: Scale) -> "dict[str, EpisodePool]":
+    """Episodes in which things stand, in which they move, and to test on."""
+    from experiments.cache.episode_pool import EpisodePool
+
+    size = SIZES[scale]
+    return {
+        "standing": EpisodePool("rooms_flow_standing", ENV, "endless", size.standing, LEARN_SEED),
+        "moving": EpisodePool("rooms_flow_moving", ENV, "endless", size.moving, LEARN_SEED, moving=MOVERS),
+        "test": EpisodePool("rooms_flow_test", ENV, "endless", size.test, TEST_SEED, moving=MOVERS),
+    }
+
+
+def _split(standing: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Episodes to learn from, and to choose by."""
+    held = max(1, len(standing) // 10)
+    return tuple(standing[:-held]), tuple(standing[-held:])
+
+
+def _memory_job(learn: tuple[Path, ...], choose: tuple[Path, ...], seed: int, size: Size) -> MemoryJob:
+    return MemoryJob(MODEL, learn, choose, size.memory, size.train_memory, seed)

@@ -10,6 +10,7 @@ import torch
 
 import experiments.cache.episode_pool
 import labeling.memory.flow.flow_detector
+from experiments import box_pictures
 from experiments.cache.icp_residuals import IcpSettings, icp_residuals
 from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, MovingScores, score_moving
 from experiments.cache.stages import RunContext
@@ -132,3 +133,8 @@ def test_what_moves_is_made_from_episodes_to_page(tmp_path: Path, monkeypatch: p
     ]
     assert all(row["objects"] == 2 for row in content["rows"])
     assert "## By speed" in (tmp_path / "docs" / "moving-objects.md").read_text()
+    folders = (tmp_path / name for name in ("cache", "results", "docs"))
+    box_pictures.run(box_pictures.PictureConfig("moving", "smoke", 0, 1, *folders))
+    assert (tmp_path / "docs" / "pictures" / "boxes_moving.png").is_file()
+    drawn = json.loads((tmp_path / "results" / "boxes_moving.json").read_text())["views"]
+    assert [(one["episode"], one["view"], one["to_find"]) for one in drawn] == [("0000", [0, 1], 1)]

@@ -5,15 +5,17 @@ import os
 import signal
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
-from labeling import detect3d, train_flow, train_memory
+from labeling import detect3d, imagine, train_flow, train_memory
 from labeling.core.detector import DetectorError
 from labeling.formats.checked_json import read_json
 from labeling.io.coco import read_valid_box_3d
-from labeling.io.episodes import write_episode
+from labeling.io.episodes import read_episode, write_episode
 from labeling.memory.flow.flow_detector import SPEC_KEY, load_flow_net, load_moving_detector, save_flow_net
 from labeling.memory.flow.flow_net import FlowNet
 from labeling.memory.flow.flow_training import FlowTask
@@ -138,9 +140,27 @@ def test_what_moves_is_found_once(moving, trained, capsys):
     assert "0 boxes in 0 episodes; 1 were done already" in capsys.readouterr().out
 
 
-def test_the_detector_gives_every_pair_of_views(recorded, trained):
-    from labeling.io.episodes import read_episode
+def test_flow_is_drawn_from_above_and_filmed(recorded, trained, moving, tmp_path, capsys):
+    out = tmp_path / "pictures"
+    assert imagine.main([str(trained), str(recorded / "toys_1"), "--out", str(out), "--views", "0", "2"]) == 0
+    said = capsys.readouterr().out
+    assert str(out / "toys_1_flow.png") in said
+    picture = cv2.imread(str(out / "toys_1_flow.png"))
+    assert picture is not None
+    assert picture.shape[:2] == (3 * (256 + 18), 2 * 256 + 4)
+    shown = cv2.resize(picture[18:274, :256, ::-1], (48, 48), interpolation=cv2.INTER_AREA).astype(int)
+    expected = cv2.resize(read_episode(recorded / "toys_1").rgb[0], (48, 48), interpolation=cv2.INTER_AREA)
+    assert np.abs(shown - expected).mean() < 10
+    with Image.open(out / "toys_1_flow.gif") as film:
+        assert film.n_frames == 3  # type: ignore[attr-defined]
+    assert imagine.main([str(trained), str(moving / "one"), "--out", str(out)]) == 0
+    error = refused(capsys, imagine.main, trained, recorded / "toys_1", "--out", out, "--views", 3)
+    assert "view 3 has no view after it to compare; those that do are 0, 1, 2" in error
+    error = refused(capsys, imagine.main, trained, recorded / "toys_1", "--out", out, "--inputs", 1)
+    assert "give the first ones with --views, no --inputs" in error
 
+
+def test_the_detector_gives_every_pair_of_views(recorded, trained):
     detector, episode = load_moving_detector(trained, "cpu"), read_episode(recorded / "toys_1")
     pairs = [pair.view_index for pair, _ in detector.find(episode.name, episode)]
     assert pairs == [(0, 1), (1, 2), (2, 3)]
