@@ -56,7 +56,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     Episode i depends on the settings and on i alone, so that pools of different sizes share their first episodes.
 
     Returns:
-        The folders of its episodes.
+        The folders of its episodes, in a dataset of these alone.
 
     Raises:
         SbmError: if the world cannot be built.
@@ -64,6 +64,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     from agents.evaluation.results import policy_key
     from agents.rollouts.collect_config import CollectConfig
     from agents.rollouts.recorder import collect_episodes
+    from labeling.io.episodes import find_episodes
 
     settings = asdict(pool)
     name, episodes = settings.pop("name"), settings.pop("episodes")
@@ -79,7 +80,11 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     ]
     out = context.cache / "episodes" / f"{name}-{digest(*depends_on)}"
     more = {"workers": context.workers, "where": context.where}
-    return collect_episodes(CollectConfig(out=out, episodes=episodes, **more, **settings))
+    found = collect_episodes(CollectConfig(out=out, episodes=episodes, **more, **settings))
+    if len(find_episodes(out)) == len(found):
+        return found
+    # A larger pool has been here: whoever reads this one as a dataset must not get that one's episodes.
+    return link_dataset(f"{out.name}-first-{episodes}", {folder.name: folder for folder in found}, context)
 
 
 def link_dataset(name: str, episodes: Mapping[str, Path], context: RunContext) -> list[Path]:

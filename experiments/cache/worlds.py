@@ -34,6 +34,8 @@ class Size:
     new: dict[str, Any] = field(default_factory=dict)
     """Settings of training that differ where categories are learnt that no photograph has shown: that takes more than
     getting better at those that one knows."""
+    new_episodes: int | None = None
+    """Episodes to learn such categories from; None as many as else."""
 
     def train_new(self) -> FinetuneConfig:
         """Settings of training with such categories."""
@@ -75,7 +77,15 @@ SIZES: dict[Scale, Size] = {
         },
         {"rooms": 40, "streets": 16},
         {"rooms": 20, "streets": 8},
-        {"learning_rate": 6e-4, "replay_share": 0.3},
+        # Chosen on dev homes: 240 batches are too few to know even the pictures that were learnt from.
+        {
+            "learning_rate": 6e-4,
+            "replay_share": 0.3,
+            "repeat_threshold": 0.5,
+            "iterations": 720,
+            "validate_every": 240,
+        },
+        new_episodes=120,
     ),
     "full": Size(
         {"rooms": (60, 12, 20), "streets": (40, 8, 16)},

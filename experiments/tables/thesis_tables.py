@@ -59,7 +59,8 @@ class Table:
         Raises:
             SbmError: if a world cannot be built, or a stage fails.
         """
-        sets = TrainingSets(self.world, context, unseen_models=self.unseen_models)
+        new = any(row.new_categories for row in self.rows)
+        sets = TrainingSets(self.world, context, unseen_models=self.unseen_models, new_categories=new)
         detectors = self._detectors(sets, context.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
         every = [(seed, row) for seed in context.seeds for row in self.rows]
@@ -73,7 +74,7 @@ class Table:
             "gaps": self.gaps,
             "above": self.above,
             "pools": {subset: sets.pool_record(subset) for subset in subsets},
-            "settings": sets.settings(any(row.new_categories for row in self.rows)),
+            "settings": sets.settings(new),
             "rows": [
                 {"name": one.name, "part": one.subset, "labels": one.labels, "teacher": one.teacher, "runs": runs}
                 for one, runs in zip(self.rows, rows.values(), strict=True)

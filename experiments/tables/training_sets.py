@@ -91,7 +91,14 @@ class Student:
 class TrainingSets:
     """The episodes of one world, labels of them, and detectors trained on these."""
 
-    def __init__(self, world: str, context: RunContext, policy: str = "ring", unseen_models: bool = False) -> None:
+    def __init__(
+        self,
+        world: str,
+        context: RunContext,
+        policy: str = "ring",
+        unseen_models: bool = False,
+        new_categories: bool = False,
+    ) -> None:
         """Makes nothing yet.
 
         Args:
@@ -99,8 +106,10 @@ class TrainingSets:
             context: scale, and where everything is kept.
             policy: who moves.
             unseen_models: learn from scenes without the models of furniture and vehicles that final scenes show.
+            new_categories: learn from as many episodes as categories take that no photograph has shown.
         """
         self.world, self._context, self._policy, self._unseen_models = world, context, policy, unseen_models
+        self._new_categories = new_categories
         self._size = SIZES[context.scale]
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
 
@@ -263,6 +272,8 @@ class TrainingSets:
         from experiments.cache.episode_pool import EpisodePool
 
         learn, choose, report = self._size.episodes[self.world]
+        if self._new_categories and self._size.new_episodes:
+            learn = self._size.new_episodes
         wide, dev = self._size.wide[self.world], self._size.dev[self.world]
         counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report}
         counts |= {"wide": wide, "final": wide}

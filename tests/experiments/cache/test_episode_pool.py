@@ -1,12 +1,14 @@
 """Episodes of several pools as one dataset."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from experiments.cache import episode_pool
-from experiments.cache.episode_pool import link_dataset
+from experiments.cache.episode_pool import EpisodePool, link_dataset, record
 from experiments.cache.stages import RunContext
+from labeling.io.episodes import find_episodes
 
 
 @pytest.fixture
@@ -53,3 +55,15 @@ def test_what_is_not_asked_for_goes_and_what_was_cut_short_is_made_anew(
     assert contents(folders) == {"new": "second"}
     assert [path.name for path in first.parent.iterdir()] == ["new"]
     assert contents([sources["first"]]) == {"0000": "first"}
+
+
+@pytest.mark.slow
+def test_a_small_pool_is_a_dataset_of_its_own_where_a_larger_one_has_been(tmp_path: Path) -> None:
+    context = RunContext("smoke", (0,), 1, tmp_path / "cache")
+    pool = EpisodePool("rooms", "sbm_gym/IndoorBuiltin-v0", "train", 1, policy="spin")
+    before = record(pool, context)
+    larger = record(replace(pool, episodes=2), context)
+    assert [folder.parent for folder in larger] == [before[0].parent] * 2
+    (after,) = record(pool, context)
+    assert [one.name for one in find_episodes(after.parent)] == [after.name] == [before[0].name]
+    assert (after / "episode.json").read_bytes() == (before[0] / "episode.json").read_bytes()
