@@ -172,7 +172,7 @@ def _explanation(action: argparse.Action, flags: Mapping[str, str]) -> str:
         value = default.group(1)
         if action.nargs == 0:
             value = {"True": "on", "False": "off"}.get(value, value)
-        text = text[: default.start()] + ("" if value == "None" else f" (default: {value})")
+        text = text[: default.start()] + ("" if value in ("None", "") else f" (default: {value})")
     return _plain(text, flags)
 
 
