@@ -24,7 +24,7 @@ EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 40, "full": 140}
 @experiment(
     "reward_ablation",
     "next_best_view with parts of the reward only, measured by the whole in unseen scenes",
-    pages=("policies",),
+    pages=("policies.results",),
 )
 def run(context: RunContext) -> dict[str, Any]:
     """Plays what has not been played, and sums up.

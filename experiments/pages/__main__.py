@@ -12,6 +12,8 @@ from labeling.runtime.help import CommandHelp
 
 Page = Literal["results", "policies", "benchmarks", "robustness", "detector_labels", "readme"]
 PAGES: tuple[Page, ...] = get_args(Page)
+MODULES = {"policies": "policies.results"}
+"""Where a page has several modules, the one that composes it."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ def _run(config: PagesConfig) -> None:
             write_readme(readme := config.docs.parent / "README.md", config.results)
             print(readme)
             continue
-        print(*write_page(name, config.results, config.docs), sep="\n")
+        print(*write_page(MODULES.get(name, name), config.results, config.docs), sep="\n")
 
 
 HELP = CommandHelp(

@@ -25,13 +25,13 @@ SUBSETS: tuple[Subset, ...] = ("learn", "choose")
 ABOUT = "compact fine-tuned on the labels of each policy's views of training {}, tested on unseen endless ones"
 
 
-@experiment("policies", ABOUT.format("homes"), pages=("policies",))
+@experiment("policies", ABOUT.format("homes"), pages=("policies.results",))
 def run(context: RunContext) -> dict[str, Any]:
     """Records, labels, trains and scores in rooms; see ``teach``."""
     return teach("rooms", context)
 
 
-@experiment("policies_streets", ABOUT.format("towns"), pages=("policies",))
+@experiment("policies_streets", ABOUT.format("towns"), pages=("policies.results",))
 def run_streets(context: RunContext) -> dict[str, Any]:
     """The same in streets."""
     return teach("streets", context)

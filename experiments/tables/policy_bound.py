@@ -40,7 +40,7 @@ SIZES: dict[Scale, tuple[int, int]] = {"smoke": (1, 2), "quick": (10, 32), "full
 @experiment(
     "policy_bound",
     "rooms: the best of many ways from one start, beside their mean and the ring: what is left for any policy to gain",
-    pages=("policies",),
+    pages=("policies.results",),
 )
 def run(context: RunContext) -> dict[str, Any]:
     """Plays every start many times, and labels what each way has seen.

@@ -48,20 +48,22 @@ SIZES: dict[Scale, Size] = {
 ABOUT = "what policies earn, and how good the labels of their views are, in unseen {} with compact"
 
 
-@experiment("policy_evaluation", ABOUT.format("homes"), pages=("policies",))
+@experiment("policy_evaluation", ABOUT.format("homes"), pages=("policies.results",))
 def run(context: RunContext) -> dict[str, Any]:
     """Plays what has not been played in rooms, and sums up; see ``evaluate_world``."""
     return evaluate_world("rooms", context)
 
 
-@experiment("policy_evaluation_streets", ABOUT.format("towns"), pages=("policies",))
+@experiment("policy_evaluation_streets", ABOUT.format("towns"), pages=("policies.results",))
 def run_streets(context: RunContext) -> dict[str, Any]:
     """The same in streets."""
     return evaluate_world("streets", context)
 
 
 @experiment(
-    "policy_evaluation_wide", "what policies earn in the homes of the split wide with compact", pages=("policies",)
+    "policy_evaluation_wide",
+    "what policies earn in the homes of the split wide with compact",
+    pages=("policies.results",),
 )
 def run_wide(context: RunContext) -> dict[str, Any]:
     """The same in the homes that detectors are reported on, without labels: to be looked at once for each release."""

@@ -13,13 +13,13 @@ from experiments.pages import (
     fine_tuning,
     label_generator,
     moving_labels,
-    policies,
     results,
     robustness,
     sensor_noise,
 )
 from experiments.pages.markdown import write_page
 from experiments.pages.memory import boxes, moving_objects, view_prediction
+from experiments.pages.policies import results as policies
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = ROOT / "docs"

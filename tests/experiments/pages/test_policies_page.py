@@ -9,7 +9,9 @@ import pytest
 
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
-from experiments.pages.policies import PAGE, _is_told, cell, interval, page, read_results
+from experiments.pages.policies.cells import cell, interval
+from experiments.pages.policies.comparison import is_told
+from experiments.pages.policies.results import PAGE, page, read_results
 from labeling.core.errors import SbmError
 
 from . import made_up_policies as made_up
@@ -162,7 +164,7 @@ def test_without_any_figures_there_is_no_page(tmp_path: Path, capsys: pytest.Cap
 def test_pictures_are_drawn_and_named(tmp_path: Path) -> None:
     results, docs = tmp_path / "results", tmp_path / "docs"
     results.mkdir()
-    written = write_page("policies", write(results), docs)
+    written = write_page("policies.results", write(results), docs)
     text = (docs / PAGE).read_text()
     for path in written[1:]:
         assert path.read_bytes().startswith(b"\x89PNG")
@@ -197,7 +199,7 @@ def test_spread_and_bold_follow_the_figure() -> None:
 )
 def test_trainings_of_several_seeds_are_one_policy_in_the_table_of_pairs(pair: str, told: bool) -> None:
     names = ("ring", "next_best_view", "ppo", "ppo_seed_1", "ppo_evidence", "ppo of 3 trainings")
-    assert _is_told(pair, names) == told
+    assert is_told(pair, names) == told
 
 
 def test_differences_of_what_is_learnt_have_intervals_over_scenes(tmp_path: Path) -> None:

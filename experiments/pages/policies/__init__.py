@@ -1,0 +1,1 @@
+"""The page about policies, a module for each of its parts."""
