@@ -26,8 +26,8 @@ class RunConfig:
     name: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="NAME")]]
     """Which experiment; "list" names them all."""
     scale: Scale = "quick"
-    """How many episodes and settings: "smoke" to see that it runs, "quick" to see whether anything has changed, "full"
-    to decide by."""
+    """How many episodes and settings: "smoke" to see that it runs, "quick" to see whether anything has changed (three
+    quarters of an hour), "standard" to decide by (hours), "full" as the thesis."""
     seeds: int = 1
     """How many seeds each setting is run with (0, 1, ...)."""
     report: bool = False

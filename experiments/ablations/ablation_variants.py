@@ -52,4 +52,6 @@ NOT_STUDIED: dict[str, str] = _CONTENT["not_studied"]
 
 def variants(scale: Scale) -> list[tuple[Factor, Variant]]:
     """All variants of a scale."""
-    return [(factor, one) for factor in FACTORS for one in factor.variants if one.quick or scale == "full"]
+    return [
+        (factor, one) for factor in FACTORS for one in factor.variants if one.quick or scale not in ("smoke", "quick")
+    ]

@@ -69,7 +69,7 @@ def run(context: RunContext) -> dict[str, Any]:
 def modes(scale: Scale) -> dict[str, LabelConfig]:
     """The settings compared."""
     found: dict[str, LabelConfig] = {**PRESETS}
-    if scale == "full":
+    if scale in ("standard", "full"):
         for one in fields(PublishedDefects):
             found[f"paper, {one.name}"] = replace(PRESETS["paper"], published=PublishedDefects(**{one.name: True}))
     return found

@@ -17,7 +17,7 @@ POLICIES = (
 """Differences are to the first, which values both."""
 
 
-EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 40, "full": 140}
+EPISODES: dict[Scale, int] = {"smoke": 1, "quick": 40, "standard": 80, "full": 140}
 """Of each world, policy and seed."""
 
 

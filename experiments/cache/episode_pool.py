@@ -40,7 +40,7 @@ class EpisodePool:
 
 def ablation_pools(scale: Scale) -> tuple[EpisodePool, ...]:
     """Of the ablation of the label generator: rooms and streets to choose settings on, and to report them on."""
-    counts = {"smoke": (2, 1, 1, 1), "quick": (10, 6, 4, 3), "full": (30, 12, 12, 8)}[scale]
+    counts = {"smoke": (2, 1, 1, 1), "quick": (10, 6, 4, 3), "standard": (20, 9, 8, 5), "full": (30, 12, 12, 8)}[scale]
     rooms, streets = "sbm_gym/Indoor-v0", "sbm_gym/Outdoor-v0"
     return (
         EpisodePool("rooms_train", rooms, "train", counts[0]),

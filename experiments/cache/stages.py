@@ -24,7 +24,7 @@ from labeling.formats.atomic import write_json
 
 Task = TypeVar("Task")
 Job = TypeVar("Job")
-Scale = Literal["smoke", "quick", "full"]
+Scale = Literal["smoke", "quick", "standard", "full"]
 
 
 def digest(*parts: Any) -> str:

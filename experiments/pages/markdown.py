@@ -12,7 +12,8 @@ from labeling.metrics.bootstrap import significant_sign
 SCALES = {
     "smoke": "a handful of episodes, to see that it runs: no figure here means anything",
     "quick": "a few episodes, to see whether anything has changed",
-    "full": "the full number of episodes",
+    "standard": "enough episodes and training to decide by",
+    "full": "as many episodes as the thesis",
 }
 """What the scales of experiments mean, for readers."""
 Pictures = dict[str, Callable[[Path], None]]

@@ -34,6 +34,7 @@ class Size:
 SIZES: dict[Scale, Size] = {
     "smoke": Size(TrainBoxesConfig(iterations=4, validate_every=4, views=2), (2,), (0.3, 1.0)),
     "quick": Size(TrainBoxesConfig(iterations=300, validate_every=300, views=2), (2,)),
+    "standard": Size(TrainBoxesConfig(iterations=1500, validate_every=1500, views=4), (1, 4)),
     "full": Size(TrainBoxesConfig(iterations=10_000, validate_every=10_000, views=8, batch_size=4), (1, 4, 8)),
 }
 

@@ -47,6 +47,7 @@ SIZES: dict[Scale, Size] = {
         (1, 2),
     ),
     "quick": Size(MemorySize(), TrainBoxesConfig(iterations=1000, validate_every=200, patience=0)),
+    "standard": Size(MemorySize(), TrainBoxesConfig(iterations=6000, validate_every=500)),
     "full": Size(
         MemorySize((64, 64, 32), 0.08, 32, 48, 64, (128, 128)),
         TrainBoxesConfig(iterations=40_000, validate_every=1000, batch_size=4),

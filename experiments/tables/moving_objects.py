@@ -55,6 +55,14 @@ SIZES: dict[Scale, Size] = {
         TrainMemoryConfig(iterations=400, validate_every=100),
         TrainFlowConfig(iterations=1000, validate_every=250, batch_size=4),
     ),
+    "standard": Size(
+        100,
+        60,
+        80,
+        MemorySize(),
+        TrainMemoryConfig(iterations=4000, validate_every=500),
+        TrainFlowConfig(iterations=5000, validate_every=500, batch_size=4),
+    ),
     "full": Size(
         300,
         200,

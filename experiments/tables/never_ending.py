@@ -57,6 +57,7 @@ class LoopSize:
 SIZES: dict[Scale, LoopSize] = {
     "smoke": LoopSize(2, {"rooms": (1, 1), "streets": (1, 1)}),
     "quick": LoopSize(10, {"rooms": (12, 2), "streets": (8, 1)}),
+    "standard": LoopSize(15, {"rooms": (20, 4), "streets": (12, 2)}),
     "full": LoopSize(10, {"rooms": (40, 8), "streets": (30, 5)}),
 }
 

@@ -33,7 +33,7 @@ class SampledEvidence(Ppo):
 
 POLICIES = ("ring", "next_best_view", f"{__name__}:{SampledEvidence.__name__}")
 """The first is what the others are compared with."""
-SIZES: dict[Scale, tuple[int, int]] = {"smoke": (1, 2), "quick": (10, 32), "full": (40, 200)}
+SIZES: dict[Scale, tuple[int, int]] = {"smoke": (1, 2), "quick": (10, 32), "standard": (20, 64), "full": (40, 200)}
 """Starts, in as many homes, and draws from each."""
 
 

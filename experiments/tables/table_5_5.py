@@ -31,6 +31,7 @@ SCALES_M = (0.03, 0.1, 0.3, 1.0)
 TRAIN: dict[Scale, Train3dConfig] = {
     "smoke": Train3dConfig(iterations=4, batch_size=4, num_points=64, width=0.1, validate_every=2),
     "quick": Train3dConfig(iterations=1000, num_points=512, width=0.5, validate_every=100, patience=0),
+    "standard": Train3dConfig(iterations=4000, width=0.5, validate_every=400),
     "full": Train3dConfig(iterations=20_000, validate_every=500),
 }
 AUGMENT = Augment3dConfig()

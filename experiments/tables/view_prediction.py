@@ -46,6 +46,13 @@ SIZES: dict[Scale, Size] = {
         3, 1, 2, MemorySize((16, 16, 8), 0.32, 8, 8, 8, (32, 32)), dict.fromkeys(MODELS, SMALLEST), (1, 2), targets=2
     ),
     "quick": Size(150, 8, 24, MemorySize(), TRAIN),
+    "standard": Size(
+        500,
+        16,
+        48,
+        MemorySize(),
+        {name: replace(one, iterations=5 * one.iterations) for name, one in TRAIN.items()},
+    ),
     "full": Size(
         1000,
         16,

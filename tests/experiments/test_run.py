@@ -1,6 +1,8 @@
 import json
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -11,6 +13,7 @@ from experiments.ablations.label_modes import modes
 from experiments.cache.episode_pool import EpisodePool, ablation_pools
 from experiments.cache.origin import MADE_ON
 from experiments.cache.registry import experiments as known_experiments
+from experiments.cache.stages import Scale
 from experiments.run import main
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.io.episodes import write_episode
@@ -47,10 +50,24 @@ def test_modes_are_checked_presets_and_at_full_scale_each_defect_alone() -> None
 
 
 def test_settings_are_never_chosen_on_test_scenes() -> None:
-    for scale in ("smoke", "quick", "full"):
+    for scale in get_args(Scale):
         found = ablation_pools(scale)
         assert {pool.split for pool in found} == {"train", "val"}
         assert all(pool.name.endswith(pool.split) for pool in found)
+
+
+def test_whatever_has_a_size_for_one_scale_has_one_for_each() -> None:
+    known_experiments()
+    sizes = {
+        f"{name}.{variable}": value
+        for name, module in list(sys.modules.items())
+        if name.startswith("experiments.") and module is not None
+        for variable, value in vars(module).items()
+        if isinstance(value, dict) and "smoke" in value
+    }
+    assert len(sizes) > 10
+    for name, value in sizes.items():
+        assert tuple(value) == get_args(Scale), name
 
 
 def test_list_names_every_experiment(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ def square(number: int) -> int:
 
 
 def run_squares(context: RunContext) -> dict[str, Any]:
-    count = {"smoke": 2, "quick": 4, "full": 8}[context.scale]
+    count = {"smoke": 2, "quick": 4, "standard": 6, "full": 8}[context.scale]
     jobs = [(digest(seed * 10 + number), seed * 10 + number) for seed in context.seeds for number in range(count)]
     return {"squares": cached("squares", square, jobs, context, "squares")}
 
