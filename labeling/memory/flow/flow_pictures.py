@@ -64,12 +64,22 @@ def draw_pairs(pairs: Sequence[PairPictures], title: str) -> UInt8[np.ndarray, "
         title: of the first views.
     """
     titles = title, "next view", "from above: flow (blue), found (orange), true (green)"
-    rows = []
-    for row_title, pictures in zip(titles, zip(*pairs, strict=True), strict=True):
-        height, width = max(one.shape[:2] for one in pictures)
-        same = [cv2.resize(one, (width, height), interpolation=cv2.INTER_NEAREST) for one in pictures]
-        rows.append((row_title, np.stack(same)))
+    high = [[_of_height(one) for one in pictures] for pictures in zip(*pairs, strict=True)]
+    widest = max(one.shape[1] for row in high for one in row)
+    rows = [(title, np.stack([_of_width(one, widest) for one in row])) for title, row in zip(titles, high, strict=True)]
     return draw_rows(rows, HEIGHT_PX)
+
+
+def _of_height(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "height w2 3"]:
+    width = max(1, round(HEIGHT_PX * picture.shape[1] / picture.shape[0]))
+    return cv2.resize(picture, (width, HEIGHT_PX), interpolation=cv2.INTER_NEAREST)
+
+
+def _of_width(picture: UInt8[np.ndarray, "h w 3"], width: int) -> UInt8[np.ndarray, "h width 3"]:
+    """In the middle of white."""
+    left = (width - picture.shape[1]) // 2
+    sides = (0, 0), (left, width - picture.shape[1] - left), (0, 0)
+    return np.pad(picture, sides, constant_values=PAPER)
 
 
 def draw_from_above(

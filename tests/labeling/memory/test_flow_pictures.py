@@ -113,6 +113,10 @@ def test_columns_that_move_have_the_mean_flow_of_their_voxels(seed):
 
 
 def test_pairs_of_any_size_stand_beside_each_other():
-    small, large, above = (np.zeros((size, size, 3), np.uint8) for size in (32, 64, 256))
-    picture = draw_pairs([(small, small, above), (large, large, above)], "views 1, 2")
-    assert picture.shape == (3 * (256 + 18), 2 * 256 + 4, 3)
+    small, wide, above = (np.zeros((*size, 3), np.uint8) for size in ((32, 32), (60, 80), (256, 128)))
+    picture = draw_pairs([(small, small, above), (wide, wide, above)], "views 1, 2")
+    width = 256 * 80 // 60
+    assert picture.shape == (3 * (256 + 18), 2 * width + 4, 3)
+    dark = [(picture[row * 274 + 18 : (row + 1) * 274] == 0).all(axis=(0, 2)) for row in range(3)]
+    assert [int(one[:width].sum()) for one in dark] == [256, 256, 128]
+    assert [int(one[width + 4 :].sum()) for one in dark] == [width, width, 128]
