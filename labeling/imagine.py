@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     Rows = list[tuple[str, UInt8[np.ndarray, "n h w 3"]]]
 
 DEFAULT_INPUTS, DEFAULT_VIEWS = 4, 6
+FILMED_PAIRS = 30
+"""At most, of a long recording spread evenly: a film should stay small."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def draw_flow(command: ImagineCommand) -> tuple[Path, Path]:
     """Draws pairs of views with their flow from above.
 
     Returns:
-        Picture of some pairs and film of all.
+        Picture of some pairs, and film of all or of ``FILMED_PAIRS``.
 
     Raises:
         SbmError: if there is no such run, episode or pair.
@@ -120,22 +122,29 @@ def draw_flow(command: ImagineCommand) -> tuple[Path, Path]:
     from labeling.io.episodes import read_episode
     from labeling.memory.flow.flow_detector import load_moving_detector
     from labeling.memory.flow.flow_pictures import draw_pairs, pair_pictures
+    from labeling.memory.flow.view_pairs import view_pairs
+    from labeling.runtime.cli import progress_bar
 
     if command.inputs:
         raise UsageError(f"{command.run}: tells flow between two views; give the first ones with --views, no --inputs")
     detector, episode = load_moving_detector(command.run, command.device), read_episode(command.episode)
-    pairs = detector.find(command.episode.name, episode)
-    starts = [pair.view_index[0] for pair, _ in pairs]
+    pairs = view_pairs(command.episode.name, episode, detector.spec.memory)
+    starts = [pair.view_index[0] for pair in pairs]
     for one in command.views:
         if one not in starts:
             raise UsageError(f"view {one} has no view after it to compare; those that do are {_listed(starts)}")
-    surest = sorted(range(len(pairs)), key=lambda one: -max((found.confidence for found in pairs[one][1]), default=0))
+    drawn, sure = [], []
+    for pair in progress_bar(pairs, desc="telling flow"):
+        found = detector.find_in(pair)
+        drawn.append(pair_pictures(detector, episode, pair, found))
+        sure.append(max((one.confidence for one in found), default=0.0))
+    surest = sorted(range(len(pairs)), key=lambda one: -sure[one])
     shown = [starts.index(one) for one in command.views] or sorted(surest[:DEFAULT_VIEWS])
-    drawn = [pair_pictures(detector, episode, pair, found) for pair, found in pairs]
     name = command.episode.resolve().name
     picture, film = command.out / f"{name}_flow.png", command.out / f"{name}_flow.gif"
     write_png(picture, draw_pairs([drawn[one] for one in shown], f"views {_listed([starts[one] for one in shown])}"))
-    write_film([draw_pairs([drawn[one]], f"view {starts[one]}") for one in range(len(pairs))], film)
+    filmed = _spread(range(len(pairs)), FILMED_PAIRS)
+    write_film([draw_pairs([drawn[one]], f"view {starts[one]}") for one in filmed], film)
     return picture, film
 
 

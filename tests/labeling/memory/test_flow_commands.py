@@ -140,7 +140,7 @@ def test_what_moves_is_found_once(moving, trained, capsys):
     assert "0 boxes in 0 episodes; 1 were done already" in capsys.readouterr().out
 
 
-def test_flow_is_drawn_from_above_and_filmed(recorded, trained, moving, tmp_path, capsys):
+def test_flow_is_drawn_from_above_and_filmed(recorded, trained, moving, tmp_path, monkeypatch, capsys):
     out = tmp_path / "pictures"
     assert imagine.main([str(trained), str(recorded / "toys_1"), "--out", str(out), "--views", "0", "2"]) == 0
     said = capsys.readouterr().out
@@ -154,6 +154,11 @@ def test_flow_is_drawn_from_above_and_filmed(recorded, trained, moving, tmp_path
     with Image.open(out / "toys_1_flow.gif") as film:
         assert film.n_frames == 3  # type: ignore[attr-defined]
     assert imagine.main([str(trained), str(moving / "one"), "--out", str(out)]) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(imagine, "FILMED_PAIRS", 2)
+        assert imagine.main([str(trained), str(recorded / "toys_1"), "--out", str(out)]) == 0
+    with Image.open(out / "toys_1_flow.gif") as film:
+        assert film.n_frames == 2  # type: ignore[attr-defined]
     error = refused(capsys, imagine.main, trained, recorded / "toys_1", "--out", out, "--views", 3)
     assert "view 3 has no view after it to compare; those that do are 0, 1, 2" in error
     error = refused(capsys, imagine.main, trained, recorded / "toys_1", "--out", out, "--inputs", 1)
