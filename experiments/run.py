@@ -27,7 +27,7 @@ class RunConfig:
     """Which experiment; "list" names them all."""
     scale: Scale = "quick"
     """How many episodes and settings: "smoke" to see that it runs, "quick" to see whether anything has changed (three
-    quarters of an hour), "standard" to decide by (hours), "full" as the thesis."""
+    quarters of an hour), "standard" to decide by (hours), "full" with the thesis' own training."""
     seeds: int = 1
     """How many seeds each setting is run with (0, 1, ...)."""
     report: bool = False

@@ -135,8 +135,8 @@ def draw_flow(command: ImagineCommand) -> tuple[Path, Path]:
             raise UsageError(f"view {one} has no view after it to compare; those that do are {_listed(starts)}")
     drawn, sure = [], []
     for pair in progress_bar(pairs, desc="telling flow"):
-        found = detector.find_in(pair)
-        drawn.append(pair_pictures(detector, episode, pair, found))
+        pictures, found = pair_pictures(detector, episode, pair)
+        drawn.append(pictures)
         sure.append(max((one.confidence for one in found), default=0.0))
     surest = sorted(range(len(pairs)), key=lambda one: -sure[one])
     shown = [starts.index(one) for one in command.views] or sorted(surest[:DEFAULT_VIEWS])

@@ -47,6 +47,21 @@ class Size:
         return {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
 
 
+QUICK_TRAIN = FinetuneConfig(
+    iterations=240,
+    batch_size=8,
+    optimizer="adamw",
+    learning_rate=3e-4,
+    weight_decay=0.01,
+    schedule="cosine",
+    warmup=20,
+    validate_every=120,
+    average=0.97,
+    replay_share=0.5,
+    frozen_stages=4,
+)
+STREET_WINDOWS = AugmentConfig(window_px=256, scale=(0.7, 1.1))
+"""Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tested at."""
 SIZES: dict[Scale, Size] = {
     "smoke": Size(
         dict.fromkeys(WORLDS, (1, 1, 1)),
@@ -57,23 +72,10 @@ SIZES: dict[Scale, Size] = {
     "quick": Size(
         {"rooms": (40, 8, 16), "streets": (20, 5, 10)},
         (1200, 600),
-        FinetuneConfig(
-            iterations=240,
-            batch_size=8,
-            optimizer="adamw",
-            learning_rate=3e-4,
-            weight_decay=0.01,
-            schedule="cosine",
-            warmup=20,
-            validate_every=120,
-            average=0.97,
-            replay_share=0.5,
-            frozen_stages=4,
-        ),
-        # Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tested at.
+        QUICK_TRAIN,
         {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
-            "streets": AugmentConfig(window_px=256, scale=(0.7, 1.1)),
+            "streets": STREET_WINDOWS,
         },
         {"rooms": 40, "streets": 16},
         {"rooms": 20, "streets": 8},
@@ -90,23 +92,10 @@ SIZES: dict[Scale, Size] = {
     "standard": Size(
         {"rooms": (120, 12, 20), "streets": (60, 8, 16)},
         (3000, 600),
-        FinetuneConfig(
-            iterations=1440,
-            batch_size=8,
-            optimizer="adamw",
-            learning_rate=3e-4,
-            weight_decay=0.01,
-            schedule="cosine",
-            warmup=40,
-            validate_every=240,
-            average=0.98,
-            replay_share=0.5,
-            repeat_threshold=0.5,
-            frozen_stages=4,
-        ),
+        replace(QUICK_TRAIN, iterations=1440, warmup=40, validate_every=240, average=0.98, repeat_threshold=0.5),
         {
             "rooms": AugmentConfig(short_side_px=(160, 288), scale=(0.7, 1.1)),
-            "streets": AugmentConfig(window_px=256, scale=(0.7, 1.1)),
+            "streets": STREET_WINDOWS,
         },
         {"rooms": 40, "streets": 24},
         {"rooms": 20, "streets": 12},

@@ -29,20 +29,21 @@ def draw(flow: Path, folders: Sequence[Path], count: int, path: Path) -> list[di
     from labeling.memory.flow.flow_detector import load_moving_detector
     from labeling.memory.flow.flow_evaluation import moving_truths
     from labeling.memory.flow.flow_pictures import draw_pairs, pair_pictures
+    from labeling.memory.flow.view_pairs import view_pairs
 
     detector = load_moving_detector(flow)
+    memory = detector.spec.memory
     panels, drawn = [], []
     for folder in folders:
         episode = read_episode(folder)
-        pairs = detector.find(folder.name, episode)
-        to_find = [
-            sum(not one.ignore for one in moving_truths(episode, pair, detector.spec.memory.grid)) for pair, _ in pairs
-        ]
+        pairs = view_pairs(folder.name, episode, memory)
+        to_find = [sum(not one.ignore for one in moving_truths(episode, pair, memory.grid)) for pair in pairs]
         most = max(to_find)
         if most == 0:
             continue
-        pair, found = pairs[to_find.index(most)]
-        panels.append(pair_pictures(detector, episode, pair, found))
+        pair = pairs[to_find.index(most)]
+        pictures, found = pair_pictures(detector, episode, pair)
+        panels.append(pictures)
         drawn.append({"episode": folder.name, "view": list(pair.view_index), "found": len(found), "to_find": most})
         if len(drawn) == count:
             break

@@ -13,7 +13,7 @@ SCALES = {
     "smoke": "a handful of episodes, to see that it runs: no figure here means anything",
     "quick": "a few episodes, to see whether anything has changed",
     "standard": "enough episodes and training to decide by",
-    "full": "as many episodes as the thesis",
+    "full": "the full number of episodes",
 }
 """What the scales of experiments mean, for readers."""
 Pictures = dict[str, Callable[[Path], None]]

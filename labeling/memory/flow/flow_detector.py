@@ -55,20 +55,25 @@ class MovingDetector:
 
     def find_in(self, pair: SmallScene) -> list[MovingObject]:
         """What moves between the two views of a pair, the surest first."""
-        output, before = self.flow(pair)
+        return self.objects(pair, *self.flow(pair))
+
+    def objects(self, pair: SmallScene, output: FlowOutput, before: Remembered) -> list[MovingObject]:
+        """The same from what ``flow`` has told of the pair."""
         flow_m, moves = output.flow_m[0].cpu().double().numpy(), output.moves[0, 0].sigmoid().cpu().double().numpy()
         grid, grid_to_world = self.spec.memory.grid, pair.grid_to_world(0)
         groups = group_flow(flow_m, moves, before.occupied[0, 0].cpu().double().numpy(), grid)
-        points = points_of(pair, 0)
+        points, _ = points_of(pair, 0)
         return boxes_of_groups(groups, flow_m, moves, points, grid, grid_to_world)
 
 
-def points_of(pair: SmallScene, view: int) -> np.ndarray:
-    """(n, 3) points that one view of a pair has measured, in the grid of the first one, metres."""
-    points, _ = unproject_depth(
+def points_of(pair: SmallScene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) points that one view of a pair has measured, in the grid of the first one, metres; and the flat indices
+    (n,) of their pixels.
+    """
+    points, pixels = unproject_depth(
         pair.depth_m[view], pair.depth_intrinsics[view].astype(float), pair.camera_to_world[view].astype(float)
     )
-    return transform_points(invert_rigid(pair.grid_to_world(0)), points)
+    return transform_points(invert_rigid(pair.grid_to_world(0)), points), pixels
 
 
 def is_flow_run(path: Path) -> bool:

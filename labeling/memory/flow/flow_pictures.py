@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float, Float64, Int, UInt8
 
 from labeling.core.episode import Episode
-from labeling.core.geometry import invert_rigid, transform_points, unproject_depth
+from labeling.core.geometry import invert_rigid, transform_points
 from labeling.core.types import Box3d
-from labeling.memory.flow.flow_detector import MovingDetector
+from labeling.memory.flow.flow_detector import MovingDetector, points_of
 from labeling.memory.flow.flow_evaluation import moving_truths
-from labeling.memory.flow.moving_objects import LEAST_FLOW, LEAST_SHARE, MovingObject
+from labeling.memory.flow.moving_objects import MovingObject, moving_voxels
 from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.view_prediction.pictures import draw_rows
 from labeling.memory.view_prediction.scenes import SmallScene
@@ -32,28 +32,28 @@ PairPictures = tuple[UInt8[np.ndarray, "_ _ 3"], UInt8[np.ndarray, "_ _ 3"], UIn
 
 
 def pair_pictures(
-    detector: MovingDetector, episode: Episode, pair: SmallScene, found: Sequence[MovingObject]
-) -> PairPictures:
+    detector: MovingDetector, episode: Episode, pair: SmallScene
+) -> tuple[PairPictures, list[MovingObject]]:
     """The views of a pair as they were recorded, and its flow from above.
 
     Args:
         detector: tells the flow.
         episode: that the pair is of; with ground truth of motion, what there is to find is drawn, too.
         pair: of two of its views.
-        found: what the detector found to move.
+
+    Returns:
+        The pictures, and what the detector finds to move.
     """
     grid = detector.spec.memory.grid
     output, before = detector.flow(pair)
+    found = detector.objects(pair, output, before)
     flow_m, moves, occupied = (
         one[0].cpu().double().numpy() for one in (output.flow_m, output.moves.sigmoid(), before.occupied)
     )
     true = [one.box for one in moving_truths(episode, pair, grid) if not one.ignore]
     first, second = pair.view_index
-    return (
-        episode.rgb[first],
-        episode.rgb[second],
-        draw_from_above(pair, flow_m, moves[0], occupied[0], grid, found, true),
-    )
+    above = draw_from_above(pair, flow_m, moves[0], occupied[0], grid, found, true)
+    return (episode.rgb[first], episode.rgb[second], above), found
 
 
 def draw_pairs(pairs: Sequence[PairPictures], title: str) -> UInt8[np.ndarray, "height width 3"]:
@@ -155,8 +155,7 @@ def moving_columns(
     Returns:
         Middles of the columns in the frame of the grid, and steps; x, y, metres.
     """
-    chosen = (occupied > 0) & (moves >= LEAST_SHARE)
-    chosen &= np.linalg.norm(flow_m, axis=0) >= LEAST_FLOW * grid.voxel_m
+    chosen = moving_voxels(flow_m, moves, occupied, grid)
     count = chosen.sum(axis=0)
     rows, columns = np.nonzero(count)
     total = (flow_m[:2] * chosen).sum(axis=1)[:, rows, columns]
@@ -167,12 +166,9 @@ def moving_columns(
 
 def _coloured_points(pair: SmallScene, view: int) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"]]:
     """What a view has measured, in the grid of the first one, with the colour of the pixel that saw it."""
-    depth_m = pair.depth_m[view]
-    points, pixels = unproject_depth(
-        depth_m, pair.depth_intrinsics[view].astype(float), pair.camera_to_world[view].astype(float)
-    )
-    colours = cv2.resize(pair.rgb[view], depth_m.shape[::-1], interpolation=cv2.INTER_NEAREST).reshape(-1, 3)
-    return transform_points(invert_rigid(pair.grid_to_world(0)), points), colours[pixels]
+    points, pixels = points_of(pair, view)
+    size = pair.depth_m[view].shape[::-1]
+    return points, cv2.resize(pair.rgb[view], size, interpolation=cv2.INTER_NEAREST).reshape(-1, 3)[pixels]
 
 
 def _pixels(points: Float[np.ndarray, "n 2"], grid: GridSpec, scale: float) -> Float[np.ndarray, "n 2"]:

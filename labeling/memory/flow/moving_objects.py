@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from labeling.core.boxes3d import fit_box
 from labeling.core.geometry import transform_points
@@ -36,6 +36,24 @@ class MovingObject:
     """In [0, 1]."""
 
 
+def moving_voxels(
+    flow_m: Float[np.ndarray, "3 z y x"],
+    moves: Float[np.ndarray, "z y x"],
+    occupied: Float[np.ndarray, "z y x"],
+    grid: GridSpec,
+) -> Bool[np.ndarray, "z y x"]:
+    """Which voxels are said to move, and by enough.
+
+    Args:
+        flow_m: x, y, z, metres.
+        moves: probabilities.
+        occupied: 1 where there is a surface.
+        grid: of the voxels.
+    """
+    chosen = (occupied > 0) & (moves >= LEAST_SHARE)
+    return chosen & (np.linalg.norm(flow_m, axis=0) >= LEAST_FLOW * grid.voxel_m)
+
+
 def group_flow(
     flow_m: Float[np.ndarray, "3 z y x"],
     moves: Float[np.ndarray, "z y x"],
@@ -56,8 +74,7 @@ def group_flow(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    chosen = (occupied > 0) & (moves >= LEAST_SHARE)
-    chosen &= np.linalg.norm(flow_m, axis=0) >= LEAST_FLOW * grid.voxel_m
+    chosen = moving_voxels(flow_m, moves, occupied, grid)
     voxels = np.argwhere(chosen)
     if len(voxels) == 0:
         return []
