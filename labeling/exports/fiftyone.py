@@ -45,7 +45,7 @@ def write_fiftyone(out: Path, views: Iterable[LabelledView], categories: Sequenc
                 "label": categories.index(one["label"]),
                 "bounding_box": one["bounding_box"],
                 "confidence": one["confidence"],
-                "attributes": {"instance_id": one["index"]},
+                "attributes": {"index": one["index"]},  # FiftyOne keeps instance_id for itself
             }
             for one in found
         ]

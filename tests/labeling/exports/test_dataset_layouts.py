@@ -86,6 +86,8 @@ def test_boxes_of_fiftyone_are_those_of_its_samples(fiftyone: Path, views: list[
         assert [one["bounding_box"] for one in boxes] == [one["bounding_box"] for one in detections]
         assert [content["classes"][one["label"]] for one in boxes] == [label.category for label in view.labels]
         assert [one["confidence"] for one in boxes] == [label.confidence for label in view.labels]
+        # instance_id is a word that FiftyOne keeps for itself, and refuses.
+        assert [one["attributes"] for one in boxes] == [{"index": label.instance_id} for label in view.labels]
 
 
 def test_rows_of_hugging_face_hold_objects_and_cameras(
