@@ -219,7 +219,9 @@ def test_rollouts_that_fit_into_no_memory_are_refused(config, hyperparams, tmp_p
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("at", [0, 200, 600])
+@pytest.mark.parametrize(
+    "at", [pytest.param(0, marks=pytest.mark.slow), 200, pytest.param(600, marks=pytest.mark.slow)]
+)
 def test_a_validation_that_was_given_up_is_done_when_the_run_goes_on(config, tmp_path, monkeypatch, at):
     config = replace(config, steps=600, eval_every=200)
     straight, _ = train(replace(config, out=tmp_path / "straight"))

@@ -71,6 +71,7 @@ def test_labels_are_mended_in_one_respect_after_the_other() -> None:
     assert errors["false_weight"] == pytest.approx(0.8 / 1.6)
 
 
+@pytest.mark.slow
 def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -135,6 +135,7 @@ def test_bootstrap_interval_by_brute_force() -> None:
     assert found.high == pytest.approx(np.quantile(means, 0.975), abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_best_of_many_ways_is_that_of_the_episodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

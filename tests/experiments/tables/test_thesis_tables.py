@@ -78,6 +78,7 @@ def test_only_training_scenes_teach(name: str) -> None:
     assert set(MEANS.get(name, {})) <= set(names), "the thesis' figures stand beside rows that there are"
 
 
+@pytest.mark.slow
 def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taught(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -227,7 +227,7 @@ def test_finetuning_writes_a_detector_and_prints_what_changed(scene, start, tmp_
     assert (out / WEIGHTS_FILE).read_bytes() == before
 
 
-@pytest.mark.parametrize("told", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_a_finetuning_told_to_stop_loses_no_batch_and_says_how_to_go_on(
     scene, start, tmp_path, monkeypatch, capsys, told
 ):

@@ -139,7 +139,7 @@ def test_an_episode_whose_worker_dies_is_told_and_the_others_are_labelled(
     assert [state["status"] for state in states] == ["labelled", "failed", "labelled"]
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("how", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
 def test_no_worker_and_no_half_file_outlives_the_program(
     dataset: Path, tmp_path: Path, detector: str, how: int
 ) -> None:

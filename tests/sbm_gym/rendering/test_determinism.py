@@ -46,7 +46,7 @@ def picture_hash(glass: bool = False) -> str:
     return digest.hexdigest()
 
 
-@pytest.mark.parametrize("threads", ["1", "2"])
+@pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.slow)])
 def test_other_processes_and_thread_counts_give_the_same_bytes(threads):
     environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "PYTHONPATH": os.pathsep.join(sys.path)}
     result = subprocess.run(

@@ -99,7 +99,9 @@ def test_category_and_kind_leave_only_what_they_name(report: Path) -> None:
     assert said(report, "set('kind', 'duplicate'); say(seen('.view').length);") == ["0"]
 
 
-@pytest.mark.parametrize("tab", ["figures", "views", "scene"])
+@pytest.mark.parametrize(
+    "tab", [pytest.param("figures", marks=pytest.mark.slow), "views", pytest.param("scene", marks=pytest.mark.slow)]
+)
 def test_a_phone_needs_no_scrolling_to_the_side(report: Path, tab: str) -> None:
     script = "say(document.documentElement.scrollWidth, window.innerWidth, seen('.tab').length, seen('.tab')[0].id);"
     wide, window, *open_tabs = said(report, script, 500, tab)
@@ -107,7 +109,15 @@ def test_a_phone_needs_no_scrolling_to_the_side(report: Path, tab: str) -> None:
     assert open_tabs == ["1", f"tab-{tab}"]
 
 
-@pytest.mark.parametrize(("confidence", "category"), [(0, ""), (0.5, ""), (0.35, "chair"), (1, "")])
+@pytest.mark.parametrize(
+    ("confidence", "category"),
+    [
+        pytest.param(0, "", marks=pytest.mark.slow),
+        pytest.param(0.5, "", marks=pytest.mark.slow),
+        (0.35, "chair"),
+        (1, ""),
+    ],
+)
 def test_figures_are_those_of_the_confidence_and_category_asked_for(report: Path, confidence, category) -> None:
     evaluation = evaluate_label_set(report.parent / "labels")
     wanted = [f"[data-method='{method}'][data-error='{kind}']" for method in ("detector", "labels") for kind in KINDS]
