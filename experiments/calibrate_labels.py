@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from experiments.calibration.label_samples import Samples
     from labeling.generator.calibration.detector_calibration import DetectorCalibration
+    from labeling.generator.quality.label_quality import LabelQualityModel
 
 RIGHT_IOU = 0.5
 """Labels that overlap what they name less are wrong."""
@@ -83,7 +84,7 @@ def run(config: CalibrateConfig) -> None:
         calibration, figures = calibration_of(detector), read_json(results).value if results.exists() else {}
     if config.check:
         figures["checked_on"] = {
-            name: _figures(some, calibration.labels.expected_iou(some.features))
+            name: _figures(some, calibration.labels.expected_iou(some.features, some.categories))
             for name, some in _labels_of(config.check, config.seed, calibration).items()
         }
         figures["checked_with"] = experiment_provenance()
@@ -112,7 +113,6 @@ def _fit(config: CalibrateConfig, detector: str) -> tuple["DetectorCalibration",
     from labeling.generator.calibration.detector_calibration import FOLDER, calibration_of, file_name, is_calibrated
     from labeling.generator.objects.object_posterior import fit_object_model
     from labeling.generator.objects.object_sizes import fit_size_model
-    from labeling.generator.quality.label_quality import fit_model
 
     file = config.out / file_name(detector)
     if config.keep_objects:
@@ -134,7 +134,7 @@ def _fit(config: CalibrateConfig, detector: str) -> tuple["DetectorCalibration",
     counted = ~fitted.ignored
     if not counted.any():
         raise UsageError("no label of these episodes can be compared with ground truth")
-    calibration = replace(calibration, labels=fit_model(fitted.features[counted], fitted.iou[counted]))
+    calibration = replace(calibration, labels=_fitted([fitted], [counted]))
     provenance = {
         "command": "python -m experiments.calibrate_labels",
         "episodes": fitted.origins,
@@ -145,7 +145,7 @@ def _fit(config: CalibrateConfig, detector: str) -> tuple["DetectorCalibration",
     }
     write_json(file, {**calibration.as_json(), "fitted_to": provenance})
     print(f"calibration: {file}, from {provenance['objects']} objects and {provenance['labels']} labels")
-    expected = {name: calibration.labels.expected_iou(some.features) for name, some in parts.items()}
+    expected = {name: calibration.labels.expected_iou(some.features, some.categories) for name, some in parts.items()}
     figures = {"fitted_to": {name: _figures(some, expected[name]) for name, some in parts.items()}}
     if len(set(fitted.scene)) > 1:
         figures["held_out"] = _held_out(parts)
@@ -166,22 +166,29 @@ def _held_out(parts: "Mapping[str, Samples]") -> dict[str, Any]:
     """The figures of training scenes, each part of which is judged by a model that is fitted to the others."""
     import numpy as np
 
-    from labeling.generator.quality.label_quality import fit_model
-
     scenes = sorted({scene for some in parts.values() for scene in some.scene})
     fold = dict(zip(scenes, np.random.default_rng(0).permutation(len(scenes)) % FOLDS, strict=True))
     of_part = {name: np.array([fold[scene] for scene in some.scene]) for name, some in parts.items()}
     confidence = {name: np.zeros(len(some.iou)) for name, some in parts.items()}
     for k in sorted(set(fold.values())):
-        learnt = {name: ~some.ignored & (of_part[name] != k) for name, some in parts.items()}
-        features, iou = (
-            np.concatenate([getattr(some, column)[learnt[name]] for name, some in parts.items()])
-            for column in ("features", "iou")
-        )
-        model = fit_model(features, iou)
+        model = _fitted([*parts.values()], [~some.ignored & (of_part[name] != k) for name, some in parts.items()])
         for name, some in parts.items():
-            confidence[name][of_part[name] == k] = model.expected_iou(some.features[of_part[name] == k])
+            own = of_part[name] == k
+            confidence[name][own] = model.expected_iou(some.features, some.categories)[own]
     return {name: _figures(some, confidence[name]) for name, some in parts.items()}
+
+
+def _fitted(parts: "Sequence[Samples]", chosen: "Sequence[np.ndarray]") -> "LabelQualityModel":
+    """The model of labels that is fitted to those chosen of each part."""
+    import numpy as np
+
+    from labeling.generator.quality.label_quality import fit_model
+
+    features, iou, categories = (
+        np.concatenate([np.asarray(getattr(some, column))[own] for some, own in zip(parts, chosen, strict=True)])
+        for column in ("features", "iou", "categories")
+    )
+    return fit_model(features, iou, categories.tolist())
 
 
 def _figures(samples: "Samples", expected: "np.ndarray") -> dict[str, Any]:

@@ -47,6 +47,11 @@ class Samples:
     origins: list[str]
     """World, scene and seed of the episodes."""
 
+    @property
+    def categories(self) -> list[str]:
+        """Of each label."""
+        return [one.category for one in self.masks]
+
     def predictions(self, confidence: Float[np.ndarray, "n"]) -> list[MaskInstance]:
         """The labels, ranked by these confidences."""
         return [

@@ -19,7 +19,7 @@ from labeling.generator.quality.label_quality import LabelQualityModel
 
 FOLDER = Path(__file__).parent
 DEFAULT = "compact"
-"""Detectors without a file get the calibration of this one, without its biases for categories."""
+"""Detectors without a file get the calibration of this one, without what it says of single categories."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def is_calibrated(detector: str | None) -> bool:
 
 @cache
 def calibration_of(detector: str | None = None) -> DetectorCalibration:
-    """The calibration of a detector by its name; that of ``DEFAULT``, without biases, for others.
+    """The calibration of a detector by its name; that of ``DEFAULT``, without what is of categories, for others.
 
     Raises:
         UsageError: if its file was written by a version with other models.
@@ -64,7 +64,10 @@ def calibration_of(detector: str | None = None) -> DetectorCalibration:
         raise UsageError(
             f"{file}: holds no calibration of this version; make it anew: python -m experiments.calibrate_labels"
         ) from None
-    return found if known else replace(found, objects=replace(found.objects, category_bias={}))
+    if known:
+        return found
+    objects, labels = replace(found.objects, category_bias={}), replace(found.labels, lines={})
+    return replace(found, objects=objects, labels=labels)
 
 
 def _with_arrays(content: dict[str, Any]) -> dict[str, Any]:

@@ -56,7 +56,8 @@ def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[Labell
 
 def _calibrated(labels: EpisodeLabels, detections: Sequence[Detection], model: LabelQualityModel) -> EpisodeLabels:
     """The labels with their expected IoU as confidence."""
-    expected = model.expected_iou(features_of(labels, detections))
+    categories = [one.category for one in labels.labels]
+    expected = model.expected_iou(features_of(labels, detections), categories)
     found = tuple(replace(one, confidence=float(iou)) for one, iou in zip(labels.labels, expected, strict=True))
     return replace(labels, labels=found, objects=tuple(_with_mean_confidence(one, found) for one in labels.objects))
 

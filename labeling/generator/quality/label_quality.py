@@ -1,13 +1,14 @@
 """The quality of a label: its expected IoU, from the detections of its object in all views and from its own mask.
 
 The model is a logistic function of a sum of monotone functions of a few features, in the direction that ``FEATURES``
-gives; it is fitted to ground truth of training episodes of each detector by
+gives; each category then has a line of its own in the log-odds, for what is said of a chair may be worth less than what
+is said of a bed. It is fitted to ground truth of training episodes of each detector by
 ``python -m experiments.calibrate_labels``.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,11 +55,21 @@ best on training homes left out of the fit: error of calibration .045 of episode
 one (a line) has .061 and .056."""
 
 
+LEAST_LABELS = 20
+"""Categories with fewer labels have no line of their own."""
+LINE_PRIOR = np.array([20.0, 5.0])
+"""Weights of the squared distances of a scale from 1 and of a bias from 0, beside the loss of a category's labels."""
+MAX_ODDS = 30.0
+"""Bound of log-odds."""
+
+
 @dataclass(frozen=True)
 class LabelQualityModel:
-    """Expected IoU of a label: a logistic function of a sum of one monotone, piecewise linear function of each feature.
+    """Expected IoU of a label: a logistic function of a sum of one monotone, piecewise linear function of each feature,
+    followed by a line for each category.
 
-    Source: Hastie and Tibshirani, "Generalized Additive Models" (1986).
+    Sources: Hastie and Tibshirani, "Generalized Additive Models" (1986); Platt, "Probabilistic outputs for support
+    vector machines" (1999), for the lines.
     """
 
     knots: Float[np.ndarray, "f k"]
@@ -66,21 +77,36 @@ class LabelQualityModel:
     gain: Float[np.ndarray, "f k-1"]
     """By how much the log-odds change over each piece in the direction that ``FEATURES`` names; 0 or more."""
     intercept: float
+    lines: Mapping[str, Float[np.ndarray, "2"]] = field(default_factory=dict)
+    """Category -> scale (0 or more) and bias of the log-odds of its labels; 1 and 0 for categories that are not in
+    it."""
 
-    def expected_iou(self, features: Float[np.ndarray, "n f"]) -> Float[np.ndarray, "n"]:
-        """Expected IoU, in (0, 1), of labels with these features."""
-        odds = _ramps(features, self.knots) @ self.gain.ravel() + self.intercept
-        return 1 / (1 + np.exp(-np.clip(odds, -30, 30)))
+    def expected_iou(self, features: Float[np.ndarray, "n f"], categories: Sequence[str]) -> Float[np.ndarray, "n"]:
+        """Expected IoU, in (0, 1), of labels with these features and of these categories."""
+        odds = self.common_odds(features)
+        if self.lines:
+            scale, bias = np.array([self.lines.get(name, (1.0, 0.0)) for name in categories]).reshape(-1, 2).T
+            odds = scale * odds + bias
+        return _chance(odds)
+
+    def common_odds(self, features: Float[np.ndarray, "n f"]) -> Float[np.ndarray, "n"]:
+        """Log-odds of labels before the lines of their categories."""
+        return _ramps(features, self.knots) @ self.gain.ravel() + self.intercept
 
 
 def fit_model(
-    features: Float[np.ndarray, "n f"], iou: Float[np.ndarray, "n"], ridge: float = 0.003, steps: int = 4000
+    features: Float[np.ndarray, "n f"],
+    iou: Float[np.ndarray, "n"],
+    categories: Sequence[str],
+    ridge: float = 0.003,
+    steps: int = 4000,
 ) -> LabelQualityModel:
-    """Fits the model to measured IoU by maximum likelihood of a fractional logistic regression.
+    """Fits the model to measured IoU by maximum likelihood of a fractional logistic regression; then the lines.
 
     Args:
         features: of the labels, in the order of ``FEATURES``.
         iou: of each label with the ground truth it names, in [0, 1].
+        categories: of the labels.
         ridge: weight of the squared gains of pieces, standardised; .003 did best on training homes left out of the fit.
         steps: of accelerated projected gradient; the problem is convex.
 
@@ -95,13 +121,34 @@ def fit_model(
     step = 1.0 / (0.25 * np.linalg.norm(design, 2) ** 2 / len(design) + ridge)
     weight = ahead = np.zeros(design.shape[1])
     for i in range(steps):
-        chance = 1 / (1 + np.exp(-np.clip(design @ ahead, -30, 30)))
-        moved = ahead - step * (design.T @ (chance - iou) / len(iou) + penalty * ahead)
+        moved = ahead - step * (design.T @ (_chance(design @ ahead) - iou) / len(iou) + penalty * ahead)
         moved[:-1] = np.maximum(moved[:-1], 0.0)
         ahead = moved + i / (i + 3) * (moved - weight)
         weight = moved
     gain = weight[:-1] / scale
-    return LabelQualityModel(knots, gain.reshape(len(knots), -1), float(weight[-1] - gain @ mean))
+    common = LabelQualityModel(knots, gain.reshape(len(knots), -1), float(weight[-1] - gain @ mean))
+    odds, names = common.common_odds(features), np.array(categories)
+    found = {str(name): names == name for name in np.unique(names)}
+    lines = {name: _fit_line(odds[own], iou[own]) for name, own in found.items() if own.sum() >= LEAST_LABELS}
+    return replace(common, lines=lines)
+
+
+def _fit_line(odds: Float[np.ndarray, "n"], iou: Float[np.ndarray, "n"]) -> Float[np.ndarray, "2"]:
+    """Scale and bias of log-odds, by maximum likelihood with a prior that draws them to 1 and 0."""
+    from scipy.optimize import minimize
+
+    inputs = np.stack([odds, np.ones(len(odds))], axis=1)
+
+    def loss(line):
+        now, away = inputs @ line, line - [1.0, 0.0]
+        slope = inputs.T @ (_chance(now) - iou) + 2 * LINE_PRIOR * away
+        return float((np.logaddexp(0, now) - iou * now).sum() + LINE_PRIOR @ away**2), slope
+
+    return minimize(loss, [1.0, 0.0], jac=True, bounds=[(0, None), (None, None)], method="L-BFGS-B").x
+
+
+def _chance(odds: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    return 1 / (1 + np.exp(-np.clip(odds, -MAX_ODDS, MAX_ODDS)))
 
 
 def _quantiles(column: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:

@@ -14,6 +14,11 @@ from labeling.metrics.calibration_error import calibration_curve
 NAMES = list(FEATURES)
 
 
+def chairs(rows: np.ndarray) -> list[str]:
+    """Categories of labels that are all chairs."""
+    return ["chair"] * len(rows)
+
+
 def label(view: int, category: str = "chair", side: int = 10, left: int = 5, instance_id: int = 1) -> PseudoLabel:
     mask = np.zeros((40, 60), bool)
     mask[10 : 10 + side, left : left + side] = True
@@ -72,11 +77,11 @@ def test_a_fit_recovers_the_model_that_made_the_data() -> None:
     features = rng.uniform(-3, 5, (6000, len(NAMES)))
     knots = np.tile([-3.0, -1 / 3, 7 / 3, 5.0], (len(NAMES), 1))  # quantiles of what is drawn
     true = LabelQualityModel(knots, rng.uniform(0, 0.6, (len(NAMES), 3)), -4.0)
-    chance = true.expected_iou(features)
+    chance = true.expected_iou(features, chairs(features))
     assert chance.min() < 0.1 < 0.7 < chance.max()
-    fitted = fit_model(features, chance, ridge=0.0)
+    fitted = fit_model(features, chance, chairs(features), ridge=0.0)
     assert np.allclose(fitted.knots, knots, atol=0.15)
-    assert np.abs(fitted.expected_iou(features) - chance).max() < 0.02
+    assert np.abs(fitted.expected_iou(features, chairs(features)) - chance).max() < 0.02
 
 
 def test_an_effect_that_bends_is_followed() -> None:
@@ -85,8 +90,9 @@ def test_an_effect_that_bends_is_followed() -> None:
     gain = np.zeros((len(NAMES), 3))
     gain[NAMES.index("posterior"), 2] = 8.0
     knots = np.quantile(features, [0, 1 / 3, 2 / 3, 1], axis=0).T
-    outcome = LabelQualityModel(knots, gain, -3.0).expected_iou(features)
-    curve = calibration_curve(fit_model(features, outcome).expected_iou(features), outcome)
+    outcome = LabelQualityModel(knots, gain, -3.0).expected_iou(features, chairs(features))
+    model = fit_model(features, outcome, chairs(features))
+    curve = calibration_curve(model.expected_iou(features, chairs(features)), outcome)
     assert curve is not None
     assert curve.expected_calibration_error < 0.01
 
@@ -97,9 +103,47 @@ def test_no_feature_can_count_the_wrong_way(name: str) -> None:
     rng = np.random.default_rng(1)
     features = rng.normal(0, 1, (300, len(NAMES)))
     column = NAMES.index(name)
-    fitted = fit_model(features, (features[:, column] * FEATURES[name] < 0).astype(float))
+    outcome = (features[:, column] * FEATURES[name] < 0).astype(float)
+    fitted = fit_model(features, outcome, rng.choice(["chair", "bed"], len(features)).tolist())
     assert np.all(fitted.gain[column] == 0)
     assert np.all(fitted.gain >= 0)
+    assert all(scale >= 0 for scale, _ in fitted.lines.values())
+
+
+def test_what_is_said_of_a_category_counts_as_it_turned_out() -> None:
+    """Of chairs only what is very sure is right, of beds more is than it seems; of a category that is hardly seen one
+    knows no more than of all.
+    """
+    rng = np.random.default_rng(4)
+    features = rng.normal(0, 1, (6000, len(NAMES)))
+    categories = np.where(rng.random(6000) < 0.5, "chair", "bed")
+    categories[:5] = "toilet"
+    odds = 2 * np.clip(features[:, NAMES.index("posterior")], -2, 2)
+    outcome = 1 / (1 + np.exp(-np.where(categories == "chair", 2 * odds - 3, 0.7 * odds + 1)))
+    model = fit_model(features, outcome, categories.tolist())
+    assert set(model.lines) == {"chair", "bed"}
+    found = model.expected_iou(features, categories.tolist())
+    for name in ("chair", "bed"):
+        own = categories == name
+        assert np.mean(found[own]) == pytest.approx(np.mean(outcome[own]), abs=0.01)
+        assert np.sqrt(np.mean((found - outcome)[own] ** 2)) < 0.05
+    unknown = replace(model, lines={}).expected_iou(features, ["bed"] * 6000)
+    np.testing.assert_array_equal(model.expected_iou(features, ["toilet"] * 6000), unknown)
+    assert np.sqrt(np.mean((unknown - outcome) ** 2)) > 0.15
+
+
+def test_lines_of_few_labels_stay_near_the_common_one() -> None:
+    rng = np.random.default_rng(5)
+    features = rng.normal(0, 1, (4000, len(NAMES)))
+    categories = np.array(["bed"] * 3975 + ["chair"] * 25)
+    outcome = np.where(categories == "chair", 0.0, 0.9)
+    lines = fit_model(features, outcome, categories.tolist()).lines
+    assert 0 < -lines["chair"][1] < 4
+    assert np.abs(lines["bed"] - [1, 0]).max() < 0.2
+
+
+def test_a_detector_without_a_calibration_gets_no_lines_of_another() -> None:
+    assert calibration_of("some other").labels.lines == {}
 
 
 @settings(max_examples=50, deadline=None)
@@ -107,18 +151,19 @@ def test_no_feature_can_count_the_wrong_way(name: str) -> None:
 def test_more_of_what_speaks_for_a_label_never_lowers_it(seed: int, column: int, more: float) -> None:
     rng = np.random.default_rng(seed)
     knots = np.cumsum(rng.uniform(0.1, 2, (len(NAMES), 4)), axis=1)
-    model = LabelQualityModel(knots, rng.uniform(0, 3, (len(NAMES), 3)), float(rng.normal()))
-    features = rng.normal(2, 4, (20, len(NAMES)))
+    lines = {"bed": np.array([rng.uniform(0, 3), rng.normal()])}
+    model = LabelQualityModel(knots, rng.uniform(0, 3, (len(NAMES), 3)), float(rng.normal()), lines)
+    features, categories = rng.normal(2, 4, (20, len(NAMES))), rng.choice(["chair", "bed"], 20).tolist()
     moved = features.copy()
     moved[:, column] += more * FEATURES[NAMES[column]]
-    assert np.all(model.expected_iou(moved) >= model.expected_iou(features) - 1e-12)
+    assert np.all(model.expected_iou(moved, categories) >= model.expected_iou(features, categories) - 1e-12)
 
 
 def test_a_feature_that_is_the_same_in_all_labels_has_no_effect() -> None:
     rng = np.random.default_rng(3)
     features = rng.normal(0, 1, (200, len(NAMES)))
     features[:, 4] = 0.0
-    model = fit_model(features, rng.uniform(0, 1, 200))
+    model = fit_model(features, rng.uniform(0, 1, 200), chairs(features))
     assert np.all(np.diff(model.knots, axis=1) > 0)
     assert np.all(model.gain[4] == 0)
 
@@ -137,7 +182,7 @@ def test_the_models_that_are_shipped_are_monotone_and_say_where_they_come_from(d
 def test_no_labels_have_no_features() -> None:
     none = label_features([], [], [], [])
     assert none.shape == (0, len(NAMES))
-    assert calibration_of("compact").labels.expected_iou(none).shape == (0,)
+    assert calibration_of("compact").labels.expected_iou(none, []).shape == (0,)
 
 
 def test_a_hidden_object_has_finite_features() -> None:
