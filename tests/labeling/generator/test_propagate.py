@@ -79,9 +79,16 @@ def test_every_object_is_found_once(room: Episode) -> None:
 
 
 def test_confidences_are_honest_probabilities(room: Episode) -> None:
-    labels = label(room).labels
-    assert all(0 < one.confidence <= 1 for one in labels)
-    assert len({round(one.confidence, 4) for one in labels}) > len(labels) // 2
+    found = label(room)
+    confidence = np.array([one.confidence for one in found.labels])
+    assert np.all((confidence > 0) & (confidence <= 1))
+    # They are of labels, not of objects; and what they promise is kept.
+    assert len(np.unique(confidence.round(4))) > len(found.objects)
+    truths = {(one.view_index, one.category): one.modal for one in room.ground_truth or ()}
+    assert len(truths) == len(room.ground_truth or ()), "one object of each category"
+    nothing = np.zeros(room.size, bool)
+    iou = [mask_iou(one.modal, truths.get((one.view_index, one.category), nothing)) for one in found.labels]
+    assert np.mean(confidence) == pytest.approx(np.mean(iou), abs=0.1)
 
 
 def test_duplicates_of_a_detection_change_identity_nowhere(room: Episode) -> None:
