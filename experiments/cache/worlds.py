@@ -92,7 +92,7 @@ SIZES: dict[Scale, Size] = {
     "standard": Size(
         {"rooms": (120, 12, 20), "streets": (60, 8, 16)},
         (1200, 600),
-        # AP on the pictures to choose by is flat from about 500 batches on (dev homes, ground truth).
+        # AP on the pictures to choose by, with ground truth: 69.2 after 240, 74.7 after 480, 75.6 after 720 (one seed).
         replace(QUICK_TRAIN, iterations=720, validate_every=240, repeat_threshold=0.5),
         {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
