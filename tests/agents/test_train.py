@@ -344,7 +344,7 @@ def test_ctrl_c_reaches_everybody_and_costs_no_more_than_the_rollout(hyperparams
     assert stopped >= 400
     assert stopped % 200 == 0  # two workers, 100 steps each
     assert f"stopped at step {stopped}; python -m agents.train --resume {out} goes on" in said
-    progress, _ = train(PpoConfig(resume=out, envs=1, steps=stopped + 100, device="cpu"))
+    progress, _ = train(PpoConfig(resume=out, envs=1, steps=stopped + 100, device="cpu", allow_code=True))
     assert progress.steps == stopped + 100
     assert json.loads((out / SETTINGS_FILE).read_text())["hyperparameters"]["n_envs"] == 1
 
