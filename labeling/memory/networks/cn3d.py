@@ -11,7 +11,6 @@ from torch.nn import functional
 
 from labeling.memory.lifting.running_mean import mean_over_views
 from labeling.memory.networks.blocks import UNet2d
-from labeling.memory.networks.feature_queue import FeatureQueue
 from labeling.memory.networks.mapper import MappedViews, ViewMapper
 from labeling.memory.networks.plane_decoder import PlaneDecoder
 from labeling.memory.networks.scene_memory import SceneMemory
@@ -33,8 +32,6 @@ class Cn3d(nn.Module):
         self.bottom_up = UNet2d(3, spec.embedding, 2 * spec.channels)
         self.voxels_top_down = nn.Conv3d(spec.channels, spec.embedding, 1)
         self.voxels_bottom_up = nn.Conv3d(spec.channels, spec.embedding, 1)
-        self.pixel_queue = FeatureQueue(spec.queue, spec.embedding)
-        self.voxel_queue = FeatureQueue(spec.queue, spec.embedding)
 
     def remember(self, views: Views) -> SceneMemory:
         """The memory: does not depend on the order of views."""
@@ -60,8 +57,12 @@ class Cn3d(nn.Module):
     ) -> tuple[Float[Tensor, "b e z y x"], Float[Tensor, "b t e z y x"]]:
         """Features of voxels: top-down from the memory, bottom-up from views by themselves."""
         top_down = functional.normalize(self.voxels_top_down(memory.features), dim=1)
+        return top_down, self.bottom_up_voxels(seen)
+
+    def bottom_up_voxels(self, seen: MappedViews) -> Float[Tensor, "b t e z y x"]:
+        """Features of voxels from views by themselves."""
         bottom_up = functional.normalize(self.voxels_bottom_up(seen.features.flatten(0, 1)), dim=1)
-        return top_down, bottom_up.unflatten(0, seen.features.shape[:2])
+        return bottom_up.unflatten(0, seen.features.shape[:2])
 
     def forward(self, views: Views, cameras: Cameras) -> Float[Tensor, "b t e h2 w2"]:
         """Top-down features of ``cameras`` from a memory of ``views``."""

@@ -28,8 +28,6 @@ class MemorySpec:
     """Channels of the decoder."""
     embedding: int = 32
     """Numbers of a feature that C-N3D compares."""
-    queue: int = 1024
-    """Features of earlier views that C-N3D keeps to contrast with."""
     size: tuple[int, int] = (64, 64)
     """Height and width of pictures."""
 
@@ -40,8 +38,6 @@ class MemorySpec:
                 f"a memory is one of {', '.join(MODELS)}, with multiples of 4 up to 1024 for channels, planes, width "
                 f"and embedding, not {self}"
             )
-        if not 1 <= self.queue <= 1_000_000:
-            raise UsageError(f"a queue holds 1 to 1000000 features, not {self.queue}")
         if not all(16 <= one <= 1024 and one % 8 == 0 for one in self.size):
             raise UsageError(f"pictures must have sides of 16 to 1024 pixels that 8 divides, not {self.size}")
 

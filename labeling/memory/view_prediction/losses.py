@@ -26,7 +26,6 @@ def pixel_loss(
 def margin_loss(
     top_down: Float[Tensor, "n e"],
     bottom_up: Float[Tensor, "n e"],
-    others: Float[Tensor, "m e"],
     margin: float,
     hard: int,
 ) -> Float[Tensor, ""]:
@@ -37,23 +36,20 @@ def margin_loss(
 
     Args:
         top_down: features of pixels (or voxels) from memory.
-        bottom_up: of the same ones from the view itself.
-        others: features that belong to none of them, such as those of earlier batches.
+        bottom_up: of the same ones from the view itself; each is a negative of all others.
         margin: distance.
         hard: how many negatives of each pair count: the nearest.
     """
     together = (top_down - bottom_up).square().sum(dim=1).clamp(min=1e-8).sqrt()
-    apart = hardest(top_down, bottom_up, others, hard)
+    apart = hardest(top_down, bottom_up, hard)
     return functional.relu(together - margin).mean() + functional.relu(margin - apart).mean()
 
 
-def hardest(
-    top_down: Float[Tensor, "n e"], bottom_up: Float[Tensor, "n e"], others: Float[Tensor, "m e"], hard: int
-) -> Float[Tensor, "n k"]:
+def hardest(top_down: Float[Tensor, "n e"], bottom_up: Float[Tensor, "n e"], hard: int) -> Float[Tensor, "n k"]:
     """Distances to the nearest features that do not belong to each."""
-    distances = _distances(top_down, torch.cat([bottom_up, others]))
-    own = torch.eye(len(top_down), distances.shape[1], device=top_down.device, dtype=torch.bool)
-    count = max(1, min(hard, distances.shape[1] - 1))
+    distances = _distances(top_down, bottom_up)
+    own = torch.eye(len(top_down), device=top_down.device, dtype=torch.bool)
+    count = max(1, min(hard, len(top_down) - 1))
     return distances.masked_fill(own, torch.inf).topk(count, dim=1, largest=False).values
 
 
@@ -62,19 +58,45 @@ def _distances(one: Tensor, other: Tensor) -> Tensor:
     return (2 - 2 * one @ other.T).clamp(min=1e-6).sqrt()
 
 
-def info_nce(
-    top_down: Float[Tensor, "n e"], bottom_up: Float[Tensor, "n e"], others: Float[Tensor, "m e"], temperature: float
-) -> Float[Tensor, ""]:
+def info_nce(top_down: Float[Tensor, "n e"], bottom_up: Float[Tensor, "n e"], temperature: float) -> Float[Tensor, ""]:
     """Cross entropy of finding the feature that belongs to each among all. Source: van den Oord et al. 2018.
+
+    All are of the same batch. Features of earlier batches are no negatives: they come from weights that have changed
+    since, so that what has changed tells them apart, and nothing else need be learnt (docs/neural-mapping.md).
 
     Args:
         top_down: features of pixels from memory, of length 1.
         bottom_up: of the same ones from the view itself.
-        others: features that belong to none of them.
         temperature: of the softmax over cosines.
     """
-    logits = top_down @ torch.cat([bottom_up, others]).T / temperature
+    logits = top_down @ bottom_up.T / temperature
     return functional.cross_entropy(logits, torch.arange(len(top_down), device=top_down.device))
+
+
+def same_place_nce(
+    top_down: Float[Tensor, "n e"],
+    bottom_up: Float[Tensor, "n e"],
+    others: Float[Tensor, "n o e"],
+    counts: Bool[Tensor, "n o"],
+    temperature: float,
+) -> Float[Tensor, ""]:
+    """Cross entropy of finding the feature that belongs to each among what other scenes have at the same place.
+
+    Features that only say where a voxel is find it by chance. Among features of all places (``info_nce``) they always
+    find it.
+
+    Args:
+        top_down: features of voxels from memory, of length 1.
+        bottom_up: of the same ones from the view itself.
+        others: features that other scenes have there.
+        counts: which of them are known. A voxel without any is left out.
+        temperature: of the softmax over cosines.
+    """
+    own = (top_down * bottom_up).sum(dim=1, keepdim=True)
+    other = torch.einsum("ne,noe->no", top_down, others).masked_fill(~counts, -torch.inf)
+    logits = torch.cat([own, other], dim=1)[counts.any(dim=1)] / temperature
+    right = torch.zeros(len(logits), dtype=torch.long, device=logits.device)
+    return functional.cross_entropy(logits, right, reduction="sum") / max(1, len(logits))
 
 
 def pick_places(allowed: Bool[Tensor, "n"], count: int, generator: torch.Generator) -> Tensor:

@@ -13,8 +13,9 @@ from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.weights import MEMORY_FILE, Memory, build_memory, save_memory
 from labeling.memory.settings.memory_spec import MemorySpec
 from labeling.memory.settings.train_config import TrainMemoryConfig
+from labeling.memory.view_prediction.contrast import contrast_losses
 from labeling.memory.view_prediction.evaluation import evaluate
-from labeling.memory.view_prediction.losses import info_nce, margin_loss, pick_places, pixel_loss
+from labeling.memory.view_prediction.losses import pixel_loss
 from labeling.memory.view_prediction.samples import Sample, ViewSamples, collate
 from labeling.memory.view_prediction.scenes import SmallScene
 from labeling.training import loop
@@ -57,7 +58,8 @@ class MemoryTask(loop.TrainingTask[Sample, Memory]):
         torch.manual_seed(config.seed)  # of weights
         self.network = build_memory(spec).to(device)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
-        self.dataset = ViewSamples(scenes, config.inputs, config.targets, config.batch_size, config.seed)
+        others = config.others if spec.model == "cn3d" and config.same_place else 0
+        self.dataset = ViewSamples(scenes, config.inputs, config.targets, config.batch_size, config.seed, others)
         self.collate = collate
         self.score_name = "pixel_r1" if spec.model == "cn3d" else "psnr"
         self.identity = {
@@ -71,34 +73,10 @@ class MemoryTask(loop.TrainingTask[Sample, Memory]):
         """Of pixels, or of contrast in 2-D and 3-D."""
         inputs, targets = batch.inputs.to(self.device), batch.targets.to(self.device)
         if isinstance(self.network, Cn3d):
-            return self._contrast(self.network, Sample(inputs, targets), step)
+            generator = torch.Generator().manual_seed(1_000_003 * self.config.seed + step)
+            others = None if batch.others is None else batch.others.to(self.device)
+            return contrast_losses(self.network, Sample(inputs, targets, others), self.config, generator)
         return {"pixels": pixel_loss(self.network(inputs, targets), targets.rgb, self.config.pixel_loss)}
-
-    def _contrast(self, network: Cn3d, batch: Sample, step: int) -> dict[str, Tensor]:
-        """Between features from the memory of the inputs and those of the targets by themselves."""
-        generator = torch.Generator().manual_seed(1_000_003 * self.config.seed + step)
-        memory, seen = network.remember(batch.inputs), network.mapper(batch.targets)
-        top, bottom = network.imagine(memory, batch.targets), network.look(batch.targets.rgb)
-        top, bottom = (maps.movedim(2, -1).flatten(0, -2) for maps in (top, bottom))
-        pixels = pick_places(torch.ones(len(top), dtype=torch.bool), self.config.pairs, generator).to(top.device)
-        voxels_top, voxels_bottom = network.voxel_features(memory, seen)
-        voxels_top = voxels_top[:, None].expand_as(voxels_bottom).movedim(2, -1).flatten(0, -2)
-        voxels_bottom = voxels_bottom.movedim(2, -1).flatten(0, -2)
-        places = pick_places(seen.occupied.flatten() > 0, self.config.pairs, generator)
-        found = {}
-        for name, one, other, queue in (
-            ("contrast_2d", top[pixels], bottom[pixels], network.pixel_queue),
-            ("contrast_3d", voxels_top[places], voxels_bottom[places], network.voxel_queue),
-        ):
-            if len(one) > 1:  # a view may see no surface inside of the grid
-                found[name] = self._contrast_of(one, other, queue.held())
-                queue.push(other.detach())
-        return found
-
-    def _contrast_of(self, top_down: Tensor, bottom_up: Tensor, others: Tensor) -> Tensor:
-        if self.config.contrast == "info_nce":
-            return info_nce(top_down, bottom_up, others, self.config.temperature)
-        return margin_loss(top_down, bottom_up, others, self.config.margin, self.config.hard_negatives)
 
     def learning_rate(self, progress: Progress) -> float:
         """Falls along a cosine."""

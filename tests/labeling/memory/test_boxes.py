@@ -30,7 +30,7 @@ from labeling.training.loop import train
 from ..detectors3d.boxed_rooms import boxed_room, known_of, upright
 
 GRID = GridSpec((8, 16, 20), 0.25)
-TINY = MemorySpec("cn3d", GridSpec((8, 16, 16), 0.3), 8, 8, 8, 8, 16, (32, 32))
+TINY = MemorySpec("cn3d", GridSpec((8, 16, 16), 0.3), 8, 8, 8, 8, (32, 32))
 STANDING = np.eye(4)
 
 

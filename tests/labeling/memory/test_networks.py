@@ -1,21 +1,17 @@
 """GRNN, C-N3D, the 2-D baseline and their parts."""
 
 import json
-from collections import deque
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from labeling.core.detector import DetectorError
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.memory.networks.blocks import Conv3d
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.conv_gru import ConvGru
-from labeling.memory.networks.feature_queue import FeatureQueue
 from labeling.memory.networks.grnn import Grnn
 from labeling.memory.networks.view_batch import Views
 from labeling.memory.networks.weights import MEMORY_FILE, build_memory, load_memory, save_memory
@@ -26,9 +22,7 @@ from labeling.training.weights import save_weights
 
 from .orbits import orbit_episode, ring
 
-TINY = MemorySpec(
-    "grnn", GridSpec((8, 16, 16), 0.32), channels=8, planes=8, width=8, embedding=8, queue=16, size=(32, 32)
-)
+TINY = MemorySpec("grnn", GridSpec((8, 16, 16), 0.32), channels=8, planes=8, width=8, embedding=8, size=(32, 32))
 
 
 def scene(seed: int, views: int = 6) -> SmallScene:
@@ -78,17 +72,6 @@ def test_volumes_are_convolved_as_by_pytorch(batch, stride, threads, monkeypatch
     for one, other in zip(*found, strict=True):
         assert one.shape == other.shape
         assert torch.allclose(one, other, rtol=1e-4, atol=1e-4)
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(1, 9), st.lists(st.integers(0, 12), max_size=6))
-def test_a_queue_holds_what_a_deque_of_its_size_would(size, pushes):
-    queue, expected = FeatureQueue(size, 2), deque(maxlen=size)
-    for number, count in enumerate(pushes):
-        new = torch.arange(2.0 * count).reshape(count, 2) + 100 * number
-        queue.push(new)
-        expected.extend(new.tolist())
-    assert sorted(queue.held().tolist()) == sorted(expected)
 
 
 # Networks ------------------------------------------------------------------------------------------------------------
@@ -215,6 +198,6 @@ def test_files_that_are_no_memories_are_refused(tmp_path, change, why):
 
 
 def test_specs_that_make_no_sense_are_refused():
-    for change in ({"channels": 5}, {"planes": 0}, {"size": (20, 32)}, {"queue": 0}):
+    for change in ({"channels": 5}, {"planes": 0}, {"size": (20, 32)}):
         with pytest.raises(UsageError):
             replace(TINY, **change)
