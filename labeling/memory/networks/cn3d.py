@@ -57,12 +57,8 @@ class Cn3d(nn.Module):
     ) -> tuple[Float[Tensor, "b e z y x"], Float[Tensor, "b t e z y x"]]:
         """Features of voxels: top-down from the memory, bottom-up from views by themselves."""
         top_down = functional.normalize(self.voxels_top_down(memory.features), dim=1)
-        return top_down, self.bottom_up_voxels(seen)
-
-    def bottom_up_voxels(self, seen: MappedViews) -> Float[Tensor, "b t e z y x"]:
-        """Features of voxels from views by themselves."""
         bottom_up = functional.normalize(self.voxels_bottom_up(seen.features.flatten(0, 1)), dim=1)
-        return bottom_up.unflatten(0, seen.features.shape[:2])
+        return top_down, bottom_up.unflatten(0, seen.features.shape[:2])
 
     def forward(self, views: Views, cameras: Cameras) -> Float[Tensor, "b t e h2 w2"]:
         """Top-down features of ``cameras`` from a memory of ``views``."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from labeling.memory.settings.grid_spec import Around
-from labeling.runtime.ranges import NonNegative, Positive
+from labeling.runtime.ranges import Positive
 from labeling.training.config import TrainingConfig
 
 PixelLoss = Literal["l1", "cross_entropy"]
@@ -36,12 +36,8 @@ class TrainMemoryConfig(TrainingConfig):
     margin: Positive[float] = 0.8
     """Distance of features of length 1 up to which they belong together."""
     temperature: Positive[float] = 0.07
-    """Of cross entropies."""
+    """Of ``info_nce``."""
     hard_negatives: Positive[int] = 32
     """Nearest negatives that count with "margin", of each pair."""
     pairs: Positive[int] = 1024
     """Pixels, and voxels, of a batch that are compared."""
-    same_place: NonNegative[float] = 1.0
-    """Weight of telling C-N3D's voxels from what other scenes have at the same place."""
-    others: Positive[int] = 4
-    """Views of other scenes that they are told from."""

@@ -73,32 +73,6 @@ def info_nce(top_down: Float[Tensor, "n e"], bottom_up: Float[Tensor, "n e"], te
     return functional.cross_entropy(logits, torch.arange(len(top_down), device=top_down.device))
 
 
-def same_place_nce(
-    top_down: Float[Tensor, "n e"],
-    bottom_up: Float[Tensor, "n e"],
-    others: Float[Tensor, "n o e"],
-    counts: Bool[Tensor, "n o"],
-    temperature: float,
-) -> Float[Tensor, ""]:
-    """Cross entropy of finding the feature that belongs to each among what other scenes have at the same place.
-
-    Features that only say where a voxel is find it by chance. Among features of all places (``info_nce``) they always
-    find it.
-
-    Args:
-        top_down: features of voxels from memory, of length 1.
-        bottom_up: of the same ones from the view itself.
-        others: features that other scenes have there.
-        counts: which of them are known. A voxel without any is left out.
-        temperature: of the softmax over cosines.
-    """
-    own = (top_down * bottom_up).sum(dim=1, keepdim=True)
-    other = torch.einsum("ne,noe->no", top_down, others).masked_fill(~counts, -torch.inf)
-    logits = torch.cat([own, other], dim=1)[counts.any(dim=1)] / temperature
-    right = torch.zeros(len(logits), dtype=torch.long, device=logits.device)
-    return functional.cross_entropy(logits, right, reduction="sum") / max(1, len(logits))
-
-
 def pick_places(allowed: Bool[Tensor, "n"], count: int, generator: torch.Generator) -> Tensor:
     """Indices of at most ``count`` places at random, of those that are allowed: (k,)."""
     places = allowed.nonzero()[:, 0]

@@ -7,17 +7,15 @@ import numpy as np
 from torch.utils.data import Dataset
 
 from labeling.memory.networks.view_batch import Views
-from labeling.memory.view_prediction.scenes import SmallScene, beside_each_other, concatenated
+from labeling.memory.view_prediction.scenes import SmallScene, concatenated
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Views of scenes, views to be predicted from them, and views of others."""
+    """Views of one scene, and views to be predicted from them."""
 
     inputs: Views
     targets: Views
-    others: Views | None = None
-    """For each scene a few views, each of another scene and in the grid that stands there."""
 
 
 def split_views(num_views: int, inputs: int, targets: int, rng: np.random.Generator) -> tuple[list[int], list[int]]:
@@ -30,21 +28,8 @@ def split_views(num_views: int, inputs: int, targets: int, rng: np.random.Genera
 class ViewSamples(Dataset):
     """Samples to learn from: number -> ``Sample``."""
 
-    def __init__(
-        self, scenes: Sequence[SmallScene], inputs: int, targets: int, batch_size: int, seed: int, others: int = 0
-    ) -> None:
-        """Sets up samples.
-
-        Args:
-            scenes: to learn from.
-            inputs: views to remember, at most.
-            targets: views to predict.
-            batch_size: samples that have equally many inputs.
-            seed: of all draws.
-            others: how many views of other scenes come with each; none where there is one scene only.
-        """
+    def __init__(self, scenes: Sequence[SmallScene], inputs: int, targets: int, batch_size: int, seed: int) -> None:
         self.scenes, self.batch_size, self.seed = scenes, batch_size, seed
-        self.others = others if len(scenes) > 1 else 0
         fewest = min(scene.num_views for scene in scenes)
         self.targets = min(targets, fewest - 1)
         self.inputs = min(inputs, fewest - self.targets)
@@ -53,28 +38,11 @@ class ViewSamples(Dataset):
         """All samples of a batch have equally many inputs."""
         count = 1 + int(np.random.default_rng([self.seed, 1, number // self.batch_size]).integers(self.inputs))
         rng = np.random.default_rng([self.seed, 2, number])
-        which = int(rng.integers(len(self.scenes)))
-        scene = self.scenes[which]
+        scene = self.scenes[int(rng.integers(len(self.scenes)))]
         inputs, targets = split_views(scene.num_views, count, self.targets, rng)
-        others = [self._view_elsewhere(which, rng) for _ in range(self.others)]
-        return Sample(
-            scene.views(inputs, inputs[0]),
-            scene.views(targets, inputs[0]),
-            beside_each_other(others) if others else None,
-        )
-
-    def _view_elsewhere(self, which: int, rng: np.random.Generator) -> Views:
-        """A view of any scene but one."""
-        scene = self.scenes[(which + 1 + int(rng.integers(len(self.scenes) - 1))) % len(self.scenes)]
-        view = int(rng.integers(scene.num_views))
-        return scene.views([view], view)
+        return Sample(scene.views(inputs, inputs[0]), scene.views(targets, inputs[0]))
 
 
 def collate(samples: Sequence[Sample]) -> Sample:
     """A batch."""
-    others = [one.others for one in samples if one.others is not None]
-    return Sample(
-        concatenated([one.inputs for one in samples]),
-        concatenated([one.targets for one in samples]),
-        concatenated(others) if others else None,
-    )
+    return Sample(concatenated([one.inputs for one in samples]), concatenated([one.targets for one in samples]))

@@ -175,21 +175,12 @@ def read_scenes(
 
 def concatenated(batch: Sequence[Views]) -> Views:
     """Several scenes as one batch; of equal numbers of views."""
-    return _joined(batch, 0)
-
-
-def beside_each_other(views: Sequence[Views]) -> Views:
-    """Views of as many batches as the views of one."""
-    return _joined(views, 1)
-
-
-def _joined(parts: Sequence[Views], dim: int) -> Views:
-    first = parts[0]
+    first = batch[0]
     return Views(
-        torch.cat([one.intrinsics for one in parts], dim),
-        torch.cat([one.camera_to_grid for one in parts], dim),
+        torch.cat([one.intrinsics for one in batch]),
+        torch.cat([one.camera_to_grid for one in batch]),
         first.size,
-        torch.cat([one.rgb for one in parts], dim),
-        torch.cat([one.depth_m for one in parts], dim),
-        torch.cat([one.depth_intrinsics for one in parts], dim),
+        torch.cat([one.rgb for one in batch]),
+        torch.cat([one.depth_m for one in batch]),
+        torch.cat([one.depth_intrinsics for one in batch]),
     )

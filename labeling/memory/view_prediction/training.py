@@ -58,8 +58,7 @@ class MemoryTask(loop.TrainingTask[Sample, Memory]):
         torch.manual_seed(config.seed)  # of weights
         self.network = build_memory(spec).to(device)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
-        others = config.others if spec.model == "cn3d" and config.same_place else 0
-        self.dataset = ViewSamples(scenes, config.inputs, config.targets, config.batch_size, config.seed, others)
+        self.dataset = ViewSamples(scenes, config.inputs, config.targets, config.batch_size, config.seed)
         self.collate = collate
         self.score_name = "pixel_r1" if spec.model == "cn3d" else "psnr"
         self.identity = {
@@ -74,8 +73,7 @@ class MemoryTask(loop.TrainingTask[Sample, Memory]):
         inputs, targets = batch.inputs.to(self.device), batch.targets.to(self.device)
         if isinstance(self.network, Cn3d):
             generator = torch.Generator().manual_seed(1_000_003 * self.config.seed + step)
-            others = None if batch.others is None else batch.others.to(self.device)
-            return contrast_losses(self.network, Sample(inputs, targets, others), self.config, generator)
+            return contrast_losses(self.network, Sample(inputs, targets), self.config, generator)
         return {"pixels": pixel_loss(self.network(inputs, targets), targets.rgb, self.config.pixel_loss)}
 
     def learning_rate(self, progress: Progress) -> float:
