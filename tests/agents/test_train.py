@@ -330,7 +330,7 @@ def test_ctrl_c_reaches_everybody_and_costs_no_more_than_the_rollout(hyperparams
     try:
         deadline = time.monotonic() + 120
         while steps_at(out) < 400 and run.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.1)
+            time.sleep(0.1)  # another process: its file is all there is to wait on
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGINT)
         said, complaints = (text.decode() for text in run.communicate(timeout=60))
