@@ -169,6 +169,21 @@ def apc_shelf() -> Path:
 
 
 @pytest.fixture(scope="session")
+def browser_page() -> Iterator[Any]:
+    """A page of a headless browser, one for all tests of a worker; a ``tools.browser.Page``."""
+    sys.path.insert(0, str(ROOT))
+    from tools.browser import browser
+
+    try:
+        started = browser()
+        page = started.__enter__()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    yield page
+    started.__exit__(None, None, None)
+
+
+@pytest.fixture(scope="session")
 def ray_cluster() -> Iterator[Any]:
     """Two nodes of one core each, on this machine; a ``ray.cluster_utils.Cluster``."""
     pytest.importorskip("ray", reason="needs the extra 'cluster': pip install 'seeing-by-moving[cluster]'")

@@ -14,15 +14,16 @@ from .imports import ROOT
 sys.path.insert(0, str(ROOT))
 
 from tools import screenshots
+from tools.browser import BROWSERS
 
-HAS_BROWSER = any(map(shutil.which, screenshots.BROWSERS))
+HAS_BROWSER = any(map(shutil.which, BROWSERS))
 
 
 def test_without_a_browser_one_sentence_says_so(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     assert screenshots.main(["--only", "help", "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "no browser to take screenshots with; looked for chromium, " in said
+    assert "no browser; looked for chromium, " in said
     assert not (tmp_path / "out").exists()
 
 

@@ -7,121 +7,26 @@ Needs Chromium or Chrome on the path, and the extras that development needs (vis
 """
 
 import argparse
-import base64
 import html
 import io
-import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+from tools.browser import Page, browser  # noqa: E402
+
 MAX_BYTES = 300_000
 COLOURS = (256, 128, 64)
 """Tried one after the other until a picture is small enough; then smaller pictures are."""
-START_S, LOAD_S = 60.0, 60.0
 TERMINAL = """<body style="margin:0;background:#1f2430"><pre style="margin:0;padding:18px 22px;color:#d8dee9;
 font:14px/1.35 'DejaVu Sans Mono',monospace"><span style="color:#8fbcbb">$ %s</span>\n%s</pre></body>"""
-
-
-class Page:
-    """A page of a browser that is spoken to by its developer tools' protocol."""
-
-    def __init__(self, socket: Any) -> None:
-        self._socket, self._number = socket, 0
-
-    def send(self, method: str, **params: Any) -> dict[str, Any]:
-        """Calls a method of the protocol and returns its result.
-
-        Raises:
-            RuntimeError: if the browser says that it failed.
-        """
-        self._number += 1
-        self._socket.send(json.dumps({"id": self._number, "method": method, "params": params}))
-        while True:
-            answer = json.loads(self._socket.recv(timeout=LOAD_S))
-            if answer.get("id") == self._number:
-                if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error'].get('message')}")
-                return answer["result"]
-
-    def script(self, code: str) -> Any:
-        """What an expression gives in the page."""
-        return self.send("Runtime.evaluate", expression=code, returnByValue=True)["result"].get("value")
-
-    def open(self, address: str, width_px: int, height_px: int, settle_s: float = 1.0) -> None:
-        """Shows an address in a window of this size, and waits until it has been drawn."""
-        self.send(
-            "Emulation.setDeviceMetricsOverride", width=width_px, height=height_px, deviceScaleFactor=1, mobile=False
-        )
-        self.send("Page.navigate", url="about:blank")
-        self.send("Page.navigate", url=address)
-        end = time.monotonic() + LOAD_S
-        while self.script("location.href !== 'about:blank' && document.readyState") != "complete":
-            if time.monotonic() > end:
-                raise RuntimeError(f"{address}: not loaded within {LOAD_S:g} seconds")
-            time.sleep(0.1)
-        time.sleep(settle_s)
-
-    def picture(self) -> bytes:
-        """What the window shows, as PNG."""
-        return base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
-
-
-@contextmanager
-def browser() -> Iterator[Page]:
-    """A page of a headless browser, which is ended afterwards.
-
-    Raises:
-        FileNotFoundError: if there is no browser.
-        RuntimeError: if it does not start.
-    """
-    from websockets.sync.client import connect
-
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        raise FileNotFoundError(
-            f"no browser to take screenshots with; looked for {', '.join(BROWSERS)} on the path. "
-            "On Debian or Ubuntu: apt-get install chromium"
-        )
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = [program, "--headless=new", "--no-sandbox", "--hide-scrollbars", f"--user-data-dir={profile}"]
-        command += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # WebGL where there is no GPU
-        command += ["--remote-debugging-port=0", "about:blank"]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            with connect(_address(Path(profile) / "DevToolsActivePort"), max_size=None) as socket:
-                page = Page(socket)
-                page.send("Page.enable")
-                yield page
-        finally:
-            process.terminate()
-            process.wait(timeout=30)
-
-
-def _address(file: Path) -> str:
-    """Of the first page, once the browser has written on which port it listens."""
-    from urllib.request import urlopen
-
-    end = time.monotonic() + START_S
-    while time.monotonic() < end:
-        if file.is_file() and (lines := file.read_text().split()):
-            with urlopen(f"http://127.0.0.1:{lines[0]}/json/list") as answer:
-                pages = [one for one in json.load(answer) if one["type"] == "page"]
-            if pages:
-                return pages[0]["webSocketDebuggerUrl"]
-        time.sleep(0.1)
-    raise RuntimeError(f"the browser did not start within {START_S:g} seconds")
 
 
 def small_png(picture: bytes) -> bytes:

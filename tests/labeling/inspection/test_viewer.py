@@ -5,7 +5,6 @@ import itertools
 import json
 import re
 import shutil
-import subprocess
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -35,7 +34,6 @@ from labeling.io.episodes import read_episode, write_episode
 
 from ..synthetic_room import make_episode
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 ROOM_M, CEILING_M, EYE_M = 5.0, 2.6, 1.5
 
 
@@ -491,8 +489,7 @@ def test_nothing_to_show_is_said(labels: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="needs chromium or chrome")
-def test_a_file_of_a_scene_shows_its_objects_without_a_server(labels: Path, tmp_path: Path) -> None:
+def test_a_file_of_a_scene_shows_its_objects_without_a_server(labels: Path, tmp_path: Path, browser_page) -> None:
     pytest.importorskip("viser")
     assert main([str(labels), "--html", str(tmp_path / "html")]) == 0
     assert sorted(path.name for path in (tmp_path / "html").iterdir()) == [
@@ -500,14 +497,8 @@ def test_a_file_of_a_scene_shows_its_objects_without_a_server(labels: Path, tmp_
         "room_1_room_2.html",
         "room_2.html",
     ]
-    shot = tmp_path / "shot.png"
-    assert BROWSER is not None
-    command = [BROWSER, "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    command += [f"--user-data-dir={tmp_path / 'browser'}", "--window-size=900,700", f"--screenshot={shot}"]
-    command += ["--timeout=20000", "--virtual-time-budget=20000", (tmp_path / "html" / "room_1.html").as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
-    assert done.returncode == 0, done.stderr
-    picture = cv2.imread(str(shot))
+    browser_page.open((tmp_path / "html" / "room_1.html").as_uri(), 900, 700, settle_s=20)
+    picture = cv2.imdecode(np.frombuffer(browser_page.picture(), np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     assert (picture < 245).any(axis=2).mean() > 0.05
     hue, saturation, _ = np.moveaxis(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV).astype(int), 2, 0)
