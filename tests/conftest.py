@@ -172,15 +172,12 @@ def apc_shelf() -> Path:
 def browser_page() -> Iterator[Any]:
     """A page of a headless browser, one for all tests of a worker; a ``tools.browser.Page``."""
     sys.path.insert(0, str(ROOT))
-    from tools.browser import browser
+    from tools.browser import browser, find_browser
 
-    try:
-        started = browser()
-        page = started.__enter__()
-    except FileNotFoundError as error:
-        pytest.skip(str(error))
-    yield page
-    started.__exit__(None, None, None)
+    if find_browser() is None:
+        pytest.skip("needs chromium or chrome")
+    with browser() as page:
+        yield page
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """The command that takes the screenshots of docs."""
 
 import io
-import shutil
 import sys
 from pathlib import Path
 
@@ -14,9 +13,7 @@ from .imports import ROOT
 sys.path.insert(0, str(ROOT))
 
 from tools import screenshots
-from tools.browser import BROWSERS
-
-HAS_BROWSER = any(map(shutil.which, BROWSERS))
+from tools.browser import find_browser
 
 
 def test_without_a_browser_one_sentence_says_so(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -34,7 +31,7 @@ def test_a_label_set_without_report_is_refused(tmp_path: Path, capsys) -> None:
     assert "holds no report.html" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(not HAS_BROWSER, reason="needs chromium or chrome")
+@pytest.mark.skipif(find_browser() is None, reason="needs chromium or chrome")
 def test_help_is_shown_whole(tmp_path: Path) -> None:
     assert screenshots.main(["--only", "help", "--out", str(tmp_path)]) == 0
     file = tmp_path / "screenshot_help.png"

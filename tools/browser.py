@@ -59,12 +59,17 @@ class Page:
         while self.script("location.href !== 'about:blank' && document.readyState") != "complete":
             if time.monotonic() > end:
                 raise RuntimeError(f"{address}: not loaded within {LOAD_S:g} seconds")
-            time.sleep(0.02)
-        time.sleep(settle_s)
+            time.sleep(0.02)  # the browser is another process
+        time.sleep(settle_s)  # scripts draw after the page has loaded, and say nothing when they have
 
     def picture(self) -> bytes:
         """What the window shows, as PNG."""
         return base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
+
+
+def find_browser() -> str | None:
+    """The first of ``BROWSERS`` that is installed."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 @contextmanager
@@ -77,7 +82,7 @@ def browser() -> Iterator[Page]:
     """
     from websockets.sync.client import connect
 
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    program = find_browser()
     if program is None:
         raise FileNotFoundError(
             f"no browser; looked for {', '.join(BROWSERS)} on the path. On Debian or Ubuntu: apt-get install chromium"
@@ -108,5 +113,5 @@ def _address(file: Path) -> str:
                 pages = [one for one in json.load(answer) if one["type"] == "page"]
             if pages:
                 return pages[0]["webSocketDebuggerUrl"]
-        time.sleep(0.1)
+        time.sleep(0.1)  # another process: its file is all there is to wait on
     raise RuntimeError(f"the browser did not start within {START_S:g} seconds")
