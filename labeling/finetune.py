@@ -11,9 +11,11 @@ import tyro
 from labeling.core.errors import UsageError
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.detectors.finetuning.presets import PRESETS, FinetunePreset
 from labeling.detectors.registry import DEFAULT, check_name
-from labeling.runtime.cli import make_main, progress_bar, say_next
+from labeling.runtime.cli import progress_bar, run_command, say_next
 from labeling.runtime.help import CommandHelp
+from labeling.runtime.named_option import named_option
 from labeling.runtime.ranges import Share, check_ranges
 from labeling.training.command import Labels, TrainingCommand, say
 
@@ -44,6 +46,9 @@ class FinetuneCommand(TrainingCommand):
     """Labels less confident than this become regions to ignore."""
     new_categories: bool = False
     """Learn categories that the detector has no name for yet; otherwise they are background."""
+    preset: FinetunePreset = "default"
+    """Where the settings of training start from: the best known, or the thesis' ("paper"). Other flags change single
+    settings of it."""
     train: tyro.conf.OmitArgPrefixes[FinetuneConfig] = field(default_factory=FinetuneConfig)
     augment: tyro.conf.OmitArgPrefixes[AugmentConfig] = field(default_factory=AugmentConfig)
 
@@ -214,7 +219,14 @@ HELP = CommandHelp(
         ),
     ),
 )
-main = make_main("labeling.finetune", FinetuneCommand, run, about=HELP)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns its exit code."""
+    preset = named_option(arguments, "--preset", PRESETS)
+    start = FinetuneCommand(labels=(), out=tyro.MISSING, train=PRESETS[preset], preset=preset)
+    return run_command(FinetuneCommand, run, "python -m labeling.finetune", arguments, start=start, about=HELP)
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,7 +4,6 @@ import sys
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +20,7 @@ from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.recordings.recording_config import FLOOR, RecordingConfig
 from labeling.runtime.cli import printable, progress_bar, run_command, say_next, showing_stages
 from labeling.runtime.help import CommandHelp
+from labeling.runtime.named_option import named_option
 
 
 @dataclass(frozen=True)
@@ -165,18 +165,9 @@ HELP = CommandHelp(
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; returns its exit code."""
-    preset = _named_preset(sys.argv[1:] if arguments is None else arguments)
+    preset = named_option(arguments, "--preset", PRESETS)
     start = GenerateCommand(dataset=tyro.MISSING, out=tyro.MISSING, label=PRESETS[preset], preset=preset)
     return run_command(GenerateCommand, run, "python -m labeling.generate", arguments, start=start, about=HELP)
-
-
-def _named_preset(arguments: list[str]) -> PresetName:
-    """The preset on the command line, which must be known before the defaults of all other flags are."""
-    names = [after for flag, after in pairwise([*arguments, ""]) if flag == "--preset"]
-    names += [argument.removeprefix("--preset=") for argument in arguments if argument.startswith("--preset=")]
-    # Anything else is told by the parser, with the names there are.
-    chosen: list[PresetName] = [name for name in PRESETS if name in names[-1:]]
-    return chosen[0] if chosen else "default"
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from experiments.cache.stages import RunContext, Scale
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.detectors.finetuning.presets import PRESETS
 
 if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
@@ -47,26 +48,14 @@ class Size:
         return {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
 
 
-QUICK_TRAIN = FinetuneConfig(
-    iterations=240,
-    batch_size=8,
-    optimizer="adamw",
-    learning_rate=3e-4,
-    weight_decay=0.01,
-    schedule="cosine",
-    warmup=20,
-    validate_every=120,
-    average=0.97,
-    replay_share=0.5,
-    frozen_stages=4,
-)
+QUICK_TRAIN = FinetuneConfig(iterations=240, validate_every=120, repeat_threshold=0.0)
 STREET_WINDOWS = AugmentConfig(window_px=256, scale=(0.7, 1.1))
 """Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tested at."""
 SIZES: dict[Scale, Size] = {
     "smoke": Size(
         dict.fromkeys(WORLDS, (1, 1, 1)),
         (12, 6),
-        FinetuneConfig(iterations=4, validate_every=2, warmup=2),
+        FinetuneConfig(iterations=4, batch_size=2, validate_every=2, warmup=2),
         dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
     ),
     "quick": Size(
@@ -92,8 +81,7 @@ SIZES: dict[Scale, Size] = {
     "standard": Size(
         {"rooms": (120, 12, 20), "streets": (60, 8, 16)},
         (1200, 600),
-        # AP on the pictures to choose by, with ground truth: 69.2 after 240, 74.7 after 480, 75.6 after 720 (one seed).
-        replace(QUICK_TRAIN, iterations=720, validate_every=240, repeat_threshold=0.5),
+        FinetuneConfig(),
         {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
             "streets": STREET_WINDOWS,
@@ -105,7 +93,7 @@ SIZES: dict[Scale, Size] = {
     "full": Size(
         {"rooms": (60, 12, 20), "streets": (40, 8, 16)},
         (6000, 600),
-        FinetuneConfig(),
+        PRESETS["paper"],
         wide={"rooms": 80, "streets": 36},
         dev={"rooms": 40, "streets": 24},
     ),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.pages.markdown import Pictures, mean_std, points, read_result, render
-from experiments.tables.fine_tuning import LABELS, TRUE_MASKS, WITHOUT_FALSE
+from experiments.tables.fine_tuning import ALONE, LABELS, TRUE_MASKS, WITHOUT_FALSE
 from experiments.tables.training_sets import TRUTH
 from labeling.core.errors import SbmError
 
@@ -19,6 +19,7 @@ TEACHERS = {
     TRUE_MASKS: "labels, no false ones, true masks",
     TRUTH: "ground truth",
 }
+WITHOUT_REPLAY = {ALONE[LABELS]: "labels, no photographs", ALONE[TRUTH]: "ground truth, no photographs"}
 FIGURES = {"mask_ap50": "masks AP50", "box_ap50": "boxes AP50", "mask_ap30": "masks AP30", "box_ap30": "boxes AP30"}
 """In dev scenes."""
 
@@ -67,8 +68,10 @@ def _world(content: Mapping[str, Any]) -> dict[str, Any]:
     boxes = {name: ap for name, ap in before["dev"]["per_class_box_ap50"].items() if ap is not None}
     means = [["before", *(points(before["dev"][one]) for one in FIGURES), points(before["photographs"]["mask_ap50"])]]
     per_category = [["before", *(points(boxes[category]) for category in sorted(boxes))]]
-    for teacher, words in TEACHERS.items():
+    for teacher, words in {**TEACHERS, **WITHOUT_REPLAY}.items():
         runs = _runs(content, teacher)
+        if not runs:
+            continue  # the other world was run by a version without this row
         cells = [mean_std([100 * run["dev"][one] for run in runs]) for one in FIGURES]
         means.append([words, *cells, mean_std([100 * run["photographs"]["mask_ap50"] for run in runs])])
         of_each = [[100 * run["dev"]["per_class_box_ap50"][name] for run in runs] for name in sorted(boxes)]
@@ -79,6 +82,7 @@ def _world(content: Mapping[str, Any]) -> dict[str, Any]:
         "episodes": {part: pool["episodes"] for part, pool in pools},
         "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
         "means": means,
+        "without_replay": any(_runs(content, teacher) for teacher in WITHOUT_REPLAY),
         "gaps": ["-" if share is None else f"{share:.2f}" for share in gaps],
         "categories": sorted(boxes),
         "per_category": per_category,

@@ -1,5 +1,5 @@
 """What errors of labels cost a detector that learns from them: its own labels, with one kind of error after the other
-mended by ground truth, up to ground truth itself.
+mended by ground truth, up to ground truth itself. And what it costs to replay photographs meanwhile.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,9 @@ LABELS, WITHOUT_FALSE, TRUE_MASKS = "shared", "without false labels", "with true
 TEACHERS = (LABELS, WITHOUT_FALSE, TRUE_MASKS, TRUTH)
 """What a detector learns from, from the labels of the generator to what the simulator knows. Each mends one kind of
 error of the one before it; the last lacks no object, believes all and ignores what nobody could tell."""
+ALONE = {LABELS: "shared, no photographs", TRUTH: "truth, no photographs"}
+"""Of these two, what the record calls learning from them alone: whole batches of them, where photographs otherwise
+have half of each."""
 SUBSETS: tuple[Subset, ...] = ("learn", "choose", "dev")
 SAME_OBJECT = 0.5
 """A label stands for an object of its category whose mask has at least this IoU with it."""
@@ -54,11 +57,10 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
         teacher and seed.
     """
     sets = TrainingSets(world, context)
-    runs = [
-        ({"teacher": teacher, "seed": seed}, mended_job(sets, teacher, seed))
-        for teacher in TEACHERS
-        for seed in context.seeds
-    ]
+    jobs = {(teacher, seed): mended_job(sets, teacher, seed) for teacher in TEACHERS for seed in context.seeds}
+    for teacher, alone in ALONE.items():
+        jobs |= {(alone, seed): replace(jobs[teacher, seed], replay=()) for seed in context.seeds}
+    runs = [({"teacher": teacher, "seed": seed}, job) for (teacher, seed), job in jobs.items()]
     return {
         "world": world,
         "detector": DETECTOR,

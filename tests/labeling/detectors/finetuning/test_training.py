@@ -13,6 +13,7 @@ from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import read_pictures, with_annotations
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.detectors.finetuning.presets import PRESETS
 from labeling.detectors.finetuning.training import FinetuneTask
 from labeling.detectors.networks.calibration import calibrated, fit_calibration, outcomes
 from labeling.detectors.networks.mask_rcnn import build_from_imagenet, build_network
@@ -29,7 +30,9 @@ from ..toy_pictures import CATEGORIES, NO_AUGMENTATION, write_coco_folder
 
 SPEC = NetworkSpec("compact", CATEGORIES, short_side_px=(64, 320))
 PLAIN = replace(NO_AUGMENTATION, short_side_px=(64, 320))
-SHORT = FinetuneConfig(iterations=4, batch_size=1, learning_rate=1e-4, warmup=0, validate_every=2, optimizer="adamw")
+SHORT = replace(
+    PRESETS["paper"], iterations=4, batch_size=1, learning_rate=1e-4, warmup=0, validate_every=2, optimizer="adamw"
+)
 
 
 @pytest.fixture
