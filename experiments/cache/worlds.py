@@ -48,14 +48,14 @@ class Size:
         return {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
 
 
-QUICK_TRAIN = FinetuneConfig(iterations=240, validate_every=120, repeat_threshold=0.0)
+QUICK_TRAIN = FinetuneConfig(iterations=240, validate_every=120, repeat_threshold=0.0, interpolate=1.0)
 STREET_WINDOWS = AugmentConfig(window_px=256, scale=(0.7, 1.1))
 """Pictures of streets are three times as wide as high; windows cost less, at the scale that they are tested at."""
 SIZES: dict[Scale, Size] = {
     "smoke": Size(
         dict.fromkeys(WORLDS, (1, 1, 1)),
         (12, 6),
-        FinetuneConfig(iterations=4, batch_size=2, validate_every=2, warmup=2),
+        FinetuneConfig(iterations=4, batch_size=2, validate_every=2, warmup=2, interpolate=1.0),
         dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
     ),
     "quick": Size(
@@ -81,7 +81,7 @@ SIZES: dict[Scale, Size] = {
     "standard": Size(
         {"rooms": (120, 12, 20), "streets": (60, 8, 16)},
         (1200, 600),
-        FinetuneConfig(),
+        FinetuneConfig(interpolate=1.0),
         {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
             "streets": STREET_WINDOWS,

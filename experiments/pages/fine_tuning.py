@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.pages.markdown import Pictures, mean_std, points, read_result, render
-from experiments.tables.fine_tuning import ALONE, LABELS, TRUE_MASKS, WITHOUT_FALSE
+from experiments.tables.fine_tuning import ALONE, INTERPOLATED, LABELS, TRUE_MASKS, WITHOUT_FALSE
 from experiments.tables.training_sets import TRUTH
 from labeling.core.errors import SbmError
 
@@ -19,7 +19,12 @@ TEACHERS = {
     TRUE_MASKS: "labels, no false ones, true masks",
     TRUTH: "ground truth",
 }
-WITHOUT_REPLAY = {ALONE[LABELS]: "labels, no photographs", ALONE[TRUTH]: "ground truth, no photographs"}
+WITHOUT_REPLAY = {
+    ALONE[LABELS]: "labels, no photographs",
+    ALONE[TRUTH]: "ground truth, no photographs",
+    INTERPOLATED[LABELS]: "labels, no photographs, interpolated",
+    INTERPOLATED[TRUTH]: "ground truth, no photographs, interpolated",
+}
 FIGURES = {"mask_ap50": "masks AP50", "box_ap50": "boxes AP50", "mask_ap30": "masks AP30", "box_ap30": "boxes AP30"}
 """In dev scenes."""
 

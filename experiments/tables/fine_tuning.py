@@ -12,6 +12,7 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES
 from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
+from labeling.detectors.finetuning.config import FinetuneConfig
 
 if TYPE_CHECKING:
     from experiments.cache.detector_stages import TrainJob
@@ -24,6 +25,9 @@ error of the one before it; the last lacks no object, believes all and ignores w
 ALONE = {LABELS: "shared, no photographs", TRUTH: "truth, no photographs"}
 """Of these two, what the record calls learning from them alone: whole batches of them, where photographs otherwise
 have half of each."""
+INTERPOLATED = {LABELS: "shared, no photographs, interpolated", TRUTH: "truth, no photographs, interpolated"}
+"""The same, where the network that is kept lies between the one before and the one that is learnt, as by default in
+``labeling.finetune``."""
 SUBSETS: tuple[Subset, ...] = ("learn", "choose", "dev")
 SAME_OBJECT = 0.5
 """A label stands for an object of its category whose mask has at least this IoU with it."""
@@ -58,8 +62,11 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
     """
     sets = TrainingSets(world, context)
     jobs = {(teacher, seed): mended_job(sets, teacher, seed) for teacher in TEACHERS for seed in context.seeds}
-    for teacher, alone in ALONE.items():
-        jobs |= {(alone, seed): replace(jobs[teacher, seed], replay=()) for seed in context.seeds}
+    for names, share in ((ALONE, 1.0), (INTERPOLATED, FinetuneConfig.interpolate)):
+        for teacher, name in names.items():
+            for seed in context.seeds:
+                job = jobs[teacher, seed]
+                jobs[name, seed] = replace(job, replay=(), train=replace(job.train, interpolate=share))
     runs = [({"teacher": teacher, "seed": seed}, job) for (teacher, seed), job in jobs.items()]
     return {
         "world": world,

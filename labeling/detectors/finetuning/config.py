@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from labeling.runtime.ranges import NonNegative, Positive, ShareBelowOne
+from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, ShareBelowOne
 from labeling.training.config import TrainingConfig
 
 
 @dataclass(frozen=True)
 class FinetuneConfig(TrainingConfig):
-    """How a Mask R-CNN is fine-tuned: the settings of the tables at scale ``standard``. ``presets`` has the thesis'."""
+    """How a Mask R-CNN is fine-tuned; ``presets`` has the thesis' settings."""
 
     iterations: Positive[int] = 720
     """Batches at most. AP50 on the pictures to choose by, of ``compact`` with ground truth and photographs replayed,
@@ -38,6 +38,10 @@ class FinetuneConfig(TrainingConfig):
     average: ShareBelowOne[float] = 0.97
     """Decay per batch of a running average of the weights, which is what is validated and kept (.97 averages over 33
     batches); 0 keeps the weights themselves."""
+    interpolate: PositiveShare[float] = 0.7
+    """Where the network that is validated and kept lies between the one that training starts from (0) and the one that
+    it makes (1), in its weights: less is forgotten. Where new categories are learnt, it is the latter. Source: WiSE-FT,
+    Wortsman et al., "Robust fine-tuning of zero-shot models" (2022)."""
     patience: NonNegative[int] = 5
     """Validations without a better AP50 after which training stops; 0: never."""
     replay_share: ShareBelowOne[float] = 0.5

@@ -20,6 +20,7 @@ PAPER = FinetuneConfig(
     warmup=200,
     frozen_stages=0,
     average=0.0,
+    interpolate=1.0,
     repeat_threshold=0.0,
 )
 """Learning rate and size of batches are those of thesis 5.1.3; the rest, which it does not tell, is usual for such

@@ -84,12 +84,15 @@ class FinetuneTask(MaskRcnnTask):
         network.frozen_statistics = config.frozen_statistics
         network.freeze(config.frozen_stages)
         super().__init__(network, config.average)
+        is_interpolated = config.interpolate < 1 and not new_categories
+        self.start = copy.deepcopy(network.state_dict()) if is_interpolated else None
         self.optimizer = make_optimizer(network, config, bool(new_categories))
         # More iterations, patience or workers do not make it another run.
         fixed = {k: v for k, v in asdict(config).items() if k not in ("iterations", "patience", "workers")}
         if config.schedule == "cosine":
             fixed["iterations"] = config.iterations
         self.identity = {
+            "started_from": self.about.get("started_from_digest"),
             "architecture": network.spec.architecture,
             "categories": list(names),
             "train": fixed,
@@ -97,6 +100,14 @@ class FinetuneTask(MaskRcnnTask):
             "pictures": [len(pictures), len(replay), len(validation)],
             "objects": sum(len(picture.annotations) for picture in pictures),
         }
+
+    @property
+    def candidate(self) -> Network:
+        """The network that is validated and kept: between the one at the start and the one that was learnt."""
+        learnt = super().candidate
+        if self.start is None:
+            return learnt
+        return interpolated(self.start, learnt, self.config.interpolate)
 
     def learning_rate(self, progress: Progress) -> float:
         """Warm-up, then constant or cosine over all iterations."""
@@ -114,8 +125,9 @@ class FinetuneTask(MaskRcnnTask):
         """Writes the weights; the spec in their header says where they come from."""
         ap50 = progress.history[-1].get("mask_ap50")
         trained = {"iteration": progress.iteration, "seed": self.config.seed, "validation_ap50": ap50}
-        spec = self.candidate.spec
-        save_network(path, self.candidate, replace(spec, about={**spec.about, **self.about, "trained": trained}))
+        network = self.candidate
+        spec = network.spec
+        save_network(path, network, replace(spec, about={**spec.about, **self.about, "trained": trained}))
 
     def summary(self, record: Mapping[str, Any], progress: Progress) -> str:
         """Loss and AP."""
@@ -125,6 +137,24 @@ class FinetuneTask(MaskRcnnTask):
             best = f"best AP50 {100 * progress.best:.1f} at step {progress.best_iteration}"
             line += f", AP50 {ap50:.1f}, AP30 {ap30:.1f}, {best}"
         return line
+
+
+def interpolated(start: Mapping[str, torch.Tensor], learnt: Network, share: float) -> Network:
+    """A network whose weights lie between those of two others.
+
+    Args:
+        start: the weights of the one.
+        learnt: the other, of the same architecture and categories; not changed.
+        share: of the way from ``start`` to ``learnt``.
+
+    Source: WiSE-FT, Wortsman et al., "Robust fine-tuning of zero-shot models" (2022).
+    """
+    between = copy.deepcopy(learnt).requires_grad_(False)
+    with torch.no_grad():
+        for name, value in between.state_dict().items():
+            if value.is_floating_point():
+                value.copy_(torch.lerp(start[name].to(value.device), value, share))
+    return between
 
 
 def make_optimizer(network: Network, config: FinetuneConfig, new_categories: bool = False) -> torch.optim.Optimizer:

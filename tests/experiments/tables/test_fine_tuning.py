@@ -12,7 +12,7 @@ from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
-from experiments.tables.fine_tuning import ALONE, LABELS, TEACHERS, count_errors, mended
+from experiments.tables.fine_tuning import ALONE, INTERPOLATED, LABELS, TEACHERS, count_errors, mended
 from experiments.tables.training_sets import TRUTH
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
@@ -30,7 +30,7 @@ def test_the_experiment_runs_resumes_and_reports(
     written = tmp_path / "results" / "fine_tuning.json"
     content = json.loads(written.read_text())
     assert [(one["teacher"], one["seed"]) for one in content["runs"]] == [
-        (teacher, 0) for teacher in (*TEACHERS, *ALONE.values())
+        (teacher, 0) for teacher in (*TEACHERS, *ALONE.values(), *INTERPOLATED.values())
     ]
     assert set(content["before"]) == {"dev", "photographs"}
     pools = {pool.name: pool for pool in small_rooms if pool.name.startswith("rooms")}

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,8 @@ from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.presets import PRESETS
 
 
-def test_defaults_are_the_settings_that_tables_are_made_with() -> None:
-    assert FinetuneConfig() == PRESETS["default"] == SIZES["standard"].train
+def test_defaults_are_those_of_the_tables_but_for_what_they_replay_photographs_for() -> None:
+    assert FinetuneConfig() == PRESETS["default"] == replace(SIZES["standard"].train, interpolate=0.7)
     assert PRESETS["paper"] == SIZES["full"].train
 
 

@@ -118,6 +118,23 @@ def test_training_stops_early_and_keeps_the_best(pictures, tmp_path):
     assert load_network(tmp_path / "run" / WEIGHTS_FILE).spec.about["trained"]["iteration"] == 1
 
 
+@pytest.mark.parametrize(("new_categories", "share"), [((), 0.25), (CATEGORIES[-1:], 1.0)])
+def test_what_is_kept_lies_between_start_and_what_was_learnt(pictures, tmp_path, new_categories, share):
+    # Outputs of new categories knew nothing at the start: there, what was learnt is kept.
+    config = replace(SHORT, iterations=2, learning_rate=1e-2, interpolate=0.25)
+    task = FinetuneTask(network(), pictures, [], config, PLAIN, new_categories=new_categories)
+    train(task, tmp_path / "run", say=lambda text: None)
+    start, learnt = network().state_dict(), task.network.state_dict()
+    kept = load_network(tmp_path / "run" / WEIGHTS_FILE).state_dict()
+    moved = 0
+    for name, value in task.candidate.state_dict().items():
+        expected = start[name] + share * (learnt[name] - start[name]) if value.is_floating_point() else learnt[name]
+        assert torch.allclose(value, expected, atol=1e-6), name
+        assert torch.allclose(kept[name], value, rtol=1e-3, atol=1e-4), name  # half precision on disk
+        moved += not torch.allclose(learnt[name], start[name], atol=1e-3)
+    assert moved > 20
+
+
 def test_pictures_without_labels_teach_background(pictures, tmp_path):
     empty = with_annotations(pictures, lambda one: None)
     state = quietly(network(), tmp_path / "run", empty, [], replace(SHORT, iterations=2), PLAIN)
