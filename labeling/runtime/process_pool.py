@@ -261,14 +261,17 @@ def _serve(work: Work[Any, Any], pipe: connection.Connection) -> None:
 
     cv2.setNumThreads(num_threads())
     do = function_of(work)
-    with heed_lost_stops(), contextlib.suppress(EOFError, ConnectionError):
-        while True:
-            job = pipe.recv()
-            try:
-                answer = ForkingPickler.dumps((do(job), None))
-            except Exception as error:  # judged by the process that gave the job
-                answer = ForkingPickler.dumps((None, sendable(error)))
-            pipe.send_bytes(answer)
+    with heed_lost_stops():
+        with contextlib.suppress(EOFError, ConnectionError):
+            while True:
+                job = pipe.recv()
+                try:
+                    answer = ForkingPickler.dumps((do(job), None))
+                except Exception as error:  # judged by the process that gave the job
+                    answer = ForkingPickler.dumps((None, sendable(error)))
+                pipe.send_bytes(answer)
+        # It ends by itself; told so meanwhile, it would print a traceback from whatever it is clearing away.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def sendable(error: Exception) -> Exception:

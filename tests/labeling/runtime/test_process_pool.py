@@ -1,4 +1,5 @@
 import itertools
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from labeling.core.errors import SbmError
+from labeling.runtime import process_pool
 from labeling.runtime.process_pool import PerProcess, WorkerDiedError, map_jobs, run_jobs
 from labeling.runtime.threads import num_threads
 
@@ -152,3 +154,17 @@ def test_no_worker_and_no_half_file_outlives_the_program(tmp_path: Path, how: in
     assert "Traceback" not in errors
     assert says in errors
     assert list(out.iterdir()) == []
+
+
+def test_a_worker_that_is_told_to_end_while_it_ends_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    worker = context.Process(target=process_pool._serve, args=(jobs.square_and_be_told_to_end_while_ending, theirs))
+    worker.start()
+    theirs.close()
+    ours.send(3)
+    assert ours.recv() == (9, None)
+    ours.close()
+    worker.join()
+    assert worker.exitcode == 0
+    assert capfd.readouterr().err == ""
