@@ -55,12 +55,20 @@ def page(contents: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def gap_closed(content: Mapping[str, Any], figure: str = "mask_ap50") -> float | None:
+def gap_closed(
+    content: Mapping[str, Any], figure: str = "mask_ap50", names: Mapping[str, str] | None = None
+) -> float | None:
     """Share of the way from the detector before to ground-truth fine-tuning that learning from labels goes, by means
     over seeds; None where ground truth does not help.
+
+    Args:
+        content: of the file of results.
+        figure: which AP.
+        names: what the record calls learning from ``LABELS`` and from ``TRUTH``, if not that: without photographs.
     """
     before = content["before"]["dev"][figure]
-    labels, truth = (np.mean([run["dev"][figure] for run in _runs(content, one)]) for one in (LABELS, TRUTH))
+    teachers = [(names or {}).get(one, one) for one in (LABELS, TRUTH)]
+    labels, truth = (np.mean([run["dev"][figure] for run in _runs(content, one)]) for one in teachers)
     return float((labels - before) / (truth - before)) if truth > before else None
 
 
@@ -81,14 +89,16 @@ def _world(content: Mapping[str, Any]) -> dict[str, Any]:
         means.append([words, *cells, mean_std([100 * run["photographs"]["mask_ap50"] for run in runs])])
         of_each = [[100 * run["dev"]["per_class_box_ap50"][name] for run in runs] for name in sorted(boxes)]
         per_category.append([words, *map(mean_std, of_each)])
-    gaps = [gap_closed(content, one) for one in FIGURES]
+    has_alone = any(_runs(content, teacher) for teacher in WITHOUT_REPLAY)
+    ways: list[Mapping[str, str] | None] = [None, ALONE, INTERPOLATED] if has_alone else [None]
+    gaps = [[gap_closed(content, one, names) for one in FIGURES] for names in ways]
     return {
         "name": content["world"],
         "episodes": {part: pool["episodes"] for part, pool in pools},
         "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
         "means": means,
-        "without_replay": any(_runs(content, teacher) for teacher in WITHOUT_REPLAY),
-        "gaps": ["-" if share is None else f"{share:.2f}" for share in gaps],
+        "without_replay": has_alone,
+        "gaps": [["-" if share is None else f"{share:.2f}" for share in shares] for shares in gaps],
         "categories": sorted(boxes),
         "per_category": per_category,
         "false_weight": mean_std([100 * one["false_weight"] for one in content["labels"]]),

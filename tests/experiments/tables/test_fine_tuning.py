@@ -103,9 +103,10 @@ def test_the_share_of_the_gap_is_that_of_means_over_seeds() -> None:
     def scored(ap50: float) -> dict:
         return {"dev": {"mask_ap50": ap50}}
 
-    runs = [(LABELS, 0.4), (LABELS, 0.5), (TRUTH, 0.7), (TRUTH, 0.8)]
+    runs = [(LABELS, 0.4), (LABELS, 0.5), (TRUTH, 0.7), (TRUTH, 0.8), (ALONE[LABELS], 0.4), (ALONE[TRUTH], 0.5)]
     content = {"before": scored(0.3), "runs": [{"teacher": name, **scored(ap50)} for name, ap50 in runs]}
     assert gap_closed(content) == pytest.approx(0.15 / 0.45)
+    assert gap_closed(content, names=ALONE) == pytest.approx(0.1 / 0.2)
     content["before"] = scored(0.9)
     assert gap_closed(content) is None
 
