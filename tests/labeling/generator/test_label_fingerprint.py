@@ -32,6 +32,7 @@ NOT_LABELLING = (
     "labeling/runtime/cli.py",
     "labeling/runtime/extras.py",
     "labeling/runtime/help.py",
+    "labeling/runtime/named_option.py",
     "labeling/runtime/start_up.py",
     "labeling/generator/settings/option_groups.py",
     "labeling/generator/settings/presets.py",
