@@ -64,7 +64,7 @@ def gap_closed(
     Args:
         content: of the file of results.
         figure: which AP.
-        names: what the record calls learning from ``LABELS`` and from ``TRUTH``, if not that: without photographs.
+        names: what the record calls learning from ``LABELS`` and from ``TRUTH``, such as ``ALONE``; by default that.
     """
     before = content["before"]["dev"][figure]
     teachers = [(names or {}).get(one, one) for one in (LABELS, TRUTH)]
@@ -83,21 +83,16 @@ def _world(content: Mapping[str, Any]) -> dict[str, Any]:
     per_category = [["before", *(points(boxes[category]) for category in sorted(boxes))]]
     for teacher, words in {**TEACHERS, **WITHOUT_REPLAY}.items():
         runs = _runs(content, teacher)
-        if not runs:
-            continue  # the other world was run by a version without this row
         cells = [mean_std([100 * run["dev"][one] for run in runs]) for one in FIGURES]
         means.append([words, *cells, mean_std([100 * run["photographs"]["mask_ap50"] for run in runs])])
         of_each = [[100 * run["dev"]["per_class_box_ap50"][name] for run in runs] for name in sorted(boxes)]
         per_category.append([words, *map(mean_std, of_each)])
-    has_alone = any(_runs(content, teacher) for teacher in WITHOUT_REPLAY)
-    ways: list[Mapping[str, str] | None] = [None, ALONE, INTERPOLATED] if has_alone else [None]
-    gaps = [[gap_closed(content, one, names) for one in FIGURES] for names in ways]
+    gaps = [[gap_closed(content, one, names) for one in FIGURES] for names in (None, ALONE, INTERPOLATED)]
     return {
         "name": content["world"],
         "episodes": {part: pool["episodes"] for part, pool in pools},
         "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
         "means": means,
-        "without_replay": has_alone,
         "gaps": [["-" if share is None else f"{share:.2f}" for share in shares] for shares in gaps],
         "categories": sorted(boxes),
         "per_category": per_category,

@@ -80,7 +80,7 @@ def fail_or_wait(job: tuple[Path, str]) -> None:
 def _wait_for(path: Path) -> None:
     deadline = time.monotonic() + 60
     while not path.exists() and time.monotonic() < deadline:
-        time.sleep(0.01)
+        time.sleep(0.01)  # another process: its file is all there is to wait on
 
 
 def square_and_be_told_to_end_while_ending(number: int) -> int:

@@ -165,6 +165,6 @@ def test_a_worker_that_is_told_to_end_while_it_ends_says_nothing(capfd: pytest.C
     ours.send(3)
     assert ours.recv() == (9, None)
     ours.close()
-    worker.join()
+    worker.join(60)
     assert worker.exitcode == 0
     assert capfd.readouterr().err == ""

@@ -9,7 +9,7 @@ from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.presets import PRESETS
 
 
-def test_defaults_are_those_of_the_tables_but_for_what_they_replay_photographs_for() -> None:
+def test_defaults_are_those_of_the_tables_but_for_interpolation() -> None:
     assert FinetuneConfig() == PRESETS["default"] == replace(SIZES["standard"].train, interpolate=0.7)
     assert PRESETS["paper"] == SIZES["full"].train
 

@@ -91,6 +91,9 @@ def test_a_folder_with_another_run_is_left_alone(pictures, tmp_path):
     quietly(network(), tmp_path / "run", pictures, [], one_step, PLAIN)
     with pytest.raises(UsageError, match="another --out"):
         quietly(network(), tmp_path / "run", pictures, [], replace(one_step, learning_rate=1e-2), PLAIN)
+    other = {"started_from_digest": "another network's"}
+    with pytest.raises(UsageError, match="another --out"):
+        quietly(network(), tmp_path / "run", pictures, [], one_step, PLAIN, (), "cpu", other)
     (tmp_path / "run" / CHECKPOINT_FILE).write_bytes(b"PK\x03\x04 broken")
     with pytest.raises(SbmError, match="is damaged"):
         quietly(network(), tmp_path / "run", pictures, [], one_step, PLAIN)
