@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 DETECTOR = "compact"
 WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
+COMMAND = FinetuneConfig(replay_share=0.0)
+"""How ``labeling.finetune`` fine-tunes without options: it has no photographs to replay."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,13 @@ class Size:
     getting better at those that one knows."""
     new_episodes: int | None = None
     """Episodes to learn such categories from; None as many as else."""
+    command: FinetuneConfig = COMMAND
+    """How detectors are fine-tuned in tables of what ``labeling.finetune`` does without options."""
+
+    def as_command(self) -> "Size":
+        """The same episodes, and fine-tuning as ``labeling.finetune`` does it without options."""
+        augment, held_out = dict.fromkeys(WORLDS, AugmentConfig()), self.photographs[1]
+        return replace(self, train=self.command, augment=augment, photographs=(0, held_out))
 
     def train_new(self) -> FinetuneConfig:
         """Settings of training with such categories."""
@@ -57,6 +66,7 @@ SIZES: dict[Scale, Size] = {
         (12, 6),
         FinetuneConfig(iterations=4, batch_size=2, validate_every=2, warmup=2, interpolate=1.0),
         dict.fromkeys(WORLDS, AugmentConfig(short_side_px=(128, 128))),
+        command=replace(COMMAND, iterations=4, batch_size=2, validate_every=2, warmup=2),
     ),
     "quick": Size(
         {"rooms": (40, 8, 16), "streets": (20, 5, 10)},
@@ -107,14 +117,17 @@ def source_photographs(
     """Photographs that ``compact`` was pre-trained on, and others held out; taken anew where they are missing.
 
     Args:
-        counts: how many of either.
+        counts: how many of either; may be 0.
         context: cache and workers.
     """
     from labeling.detectors.data.annotated_pictures import read_pictures
     from sbm_gym.photographs.album import AlbumSettings, make_album
 
-    found = []
+    found: list[list[AnnotatedPicture]] = []
     for split, count in zip(("train", "val"), counts, strict=True):
+        if count == 0:
+            found.append([])
+            continue
         folder = context.cache / "photographs" / f"{split}_{count}"
         make_album(folder, AlbumSettings(split, 0, 192, False), count, context.workers, context.where)
         found.append(read_pictures(folder))

@@ -49,6 +49,8 @@ class Table:
     """Pairs of rows of which the first should be above the second on every category."""
     unseen_models: bool = False
     """Whether training scenes do without the models that final scenes show."""
+    as_command: bool = False
+    """Whether detectors are fine-tuned as ``labeling.finetune`` does without options, not as the scale has it."""
 
     def run(self, context: RunContext) -> dict[str, Any]:
         """Makes what is missing and scores every row with every seed.
@@ -60,7 +62,13 @@ class Table:
             SbmError: if a world cannot be built, or a stage fails.
         """
         new = any(row.new_categories for row in self.rows)
-        sets = TrainingSets(self.world, context, unseen_models=self.unseen_models, new_categories=new)
+        sets = TrainingSets(
+            self.world,
+            context,
+            unseen_models=self.unseen_models,
+            new_categories=new,
+            as_command=self.as_command,
+        )
         detectors = self._detectors(sets, context.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
         every = [(seed, row) for seed in context.seeds for row in self.rows]
@@ -139,9 +147,9 @@ def read_table(content: Mapping[str, Any]) -> Table:
     rows = [{**row, "new_categories": tuple(row.get("new_categories", ()))} for row in content["rows"]]
     lists = {name: tuple(map(tuple, content.get(name, ()))) for name in ("gaps", "above")}
     categories = tuple(content["categories"]) if "categories" in content else None
-    unseen = content.get("unseen_models", False)
+    flags = {name: content.get(name, False) for name in ("unseen_models", "as_command")}
     made = tuple(Row(**row) for row in rows)
-    return Table(content["description"], content["world"], made, categories, **lists, unseen_models=unseen)
+    return Table(content["description"], content["world"], made, categories, **lists, **flags)
 
 
 _FILE = Path(__file__).with_name("thesis_tables.yaml")

@@ -98,6 +98,7 @@ class TrainingSets:
         policy: str = "ring",
         unseen_models: bool = False,
         new_categories: bool = False,
+        as_command: bool = False,
     ) -> None:
         """Makes nothing yet.
 
@@ -107,10 +108,12 @@ class TrainingSets:
             policy: who moves.
             unseen_models: learn from scenes without the models of furniture and vehicles that final scenes show.
             new_categories: learn from as many episodes as categories take that no photograph has shown.
+            as_command: fine-tune as ``labeling.finetune`` does without options, not as the scale has it.
         """
         self.world, self._context, self._policy, self._unseen_models = world, context, policy, unseen_models
         self._new_categories = new_categories
-        self._size = SIZES[context.scale]
+        size = SIZES[context.scale]
+        self._size = size.as_command() if as_command else size
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
 
     def episodes(self, subset: Subset) -> list[Path]:

@@ -31,10 +31,10 @@ def small_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
 
     def photographs(counts, context):
         pictures = read_pictures(record(replace(asked[-1], name="photographs") if asked else POOL, context)[0])
-        return pictures, pictures[:1]
+        return pictures if counts[0] else [], pictures[:1]
 
     train = FinetuneConfig(iterations=2, batch_size=2, validate_every=1, warmup=1)
-    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))})
+    size = Size({"rooms": (1, 1, 1)}, (3, 1), train, {"rooms": AugmentConfig(short_side_px=(64, 64))}, command=train)
     monkeypatch.setitem(SIZES, "smoke", size)
     monkeypatch.setattr(experiments.cache.episode_pool, "record", record)
     monkeypatch.setattr(worlds, "source_photographs", photographs)

@@ -10,7 +10,7 @@ import pytest
 from experiments.ablations import label_modes
 from experiments.cache.registry import experiments
 from experiments.cache.stages import RunContext
-from experiments.cache.worlds import WORLDS
+from experiments.cache.worlds import SIZES, WORLDS
 from experiments.figures.result_values import MEANS
 from experiments.run import main
 from experiments.tables.thesis_tables import TABLES, Table, only, over_shared_categories
@@ -24,6 +24,8 @@ from experiments.tables.training_sets import (
     annotated_views,
 )
 from labeling.core.rle import decode_mask
+from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.finetune import FinetuneCommand
 from labeling.io.episodes import read_episode, write_episode
 from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
@@ -61,6 +63,25 @@ def test_every_table_runs_resumes_and_reports(
     monkeypatch.setattr(training_loop, "train_one_epoch", None)  # a second run has nothing left to do
     assert TABLES["table_5_3"].run(context) == contents["table_5_3"]
     capsys.readouterr()
+
+
+def test_one_table_fine_tunes_as_the_command_does_without_options(
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = FinetuneCommand(labels=[tmp_path], out=tmp_path)
+    for scale in ("quick", "standard", "full"):
+        size = SIZES[scale].as_command()
+        assert dataclasses.replace(size.train, replay_share=command.train.replay_share) == command.train
+        assert set(size.augment.values()) == {command.augment}
+        assert size.episodes == SIZES[scale].episodes
+    assert [name for name, table in TABLES.items() if table.as_command] == ["table_5_3_command"]
+    monkeypatch.setitem(SIZES, "smoke", dataclasses.replace(SIZES["smoke"], command=FinetuneConfig(iterations=3)))
+    sets = [TrainingSets("rooms", RunContext("smoke", (0,), 1, tmp_path), as_command=flag) for flag in (True, False)]
+    alone, replaying = (one.train_job(TRUTH, 0) for one in sets)
+    assert alone.train.iterations == 3
+    assert not alone.replay, "the command has no photographs"
+    assert replaying.replay
+    assert sets[0].photographs()[1], "forgetting is measured"
 
 
 @pytest.mark.parametrize("name", TABLES)
