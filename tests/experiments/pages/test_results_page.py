@@ -103,6 +103,22 @@ def test_boxes_stand_beside_masks_where_a_table_has_them() -> None:
     assert all(cells(text, row["name"])[0][-2:] == ["-", "-"] for row in others)
 
 
+def test_what_is_forgotten_of_photographs_is_told_once_for_each_detector() -> None:
+    content = table()
+    assert "photographs" not in page({"table_5_3": content}).split("## Table 5.3")[1].split("\n## ")[0]
+    first, second, third = content["rows"]
+    third["teacher"] = "truth"
+    again = {**second, "name": "SbM fine-tuned, dev homes", "part": "dev"}
+    labels = {**second, "name": "SbM labels", "labels": "sbm"}
+    content["rows"] += [again, labels]
+    for row, ap50 in zip((first, second, third), (0.8, 0.7, 0.6), strict=True):
+        row.update(labels=None, runs=[{**one, "photographs_ap50": ap50} for one in row["runs"]])
+    again["labels"] = None
+    again["runs"] = labels["runs"] = second["runs"]
+    told = "pre-trained 80.0 ± 0.0, SbM fine-tuned 70.0 ± 0.0, GT fine-tuned 60.0 ± 0.0.\n"
+    assert f"where forgetting shows: {told}" in page({"table_5_3": content})
+
+
 def with_draws(content: dict[str, Any], spread: float) -> dict[str, Any]:
     """The table with figures of 400 draws of scenes, in which all detectors do better and worse together, and the
     ceiling besides by itself.
