@@ -68,7 +68,7 @@ def test_every_table_runs_resumes_and_reports(
 def test_one_table_fine_tunes_as_the_command_does_without_options(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command = FinetuneCommand(labels=[tmp_path], out=tmp_path)
+    command = FinetuneCommand(labels=(tmp_path,), out=tmp_path)
     for scale in ("quick", "standard", "full"):
         size = SIZES[scale].as_command()
         assert dataclasses.replace(size.train, replay_share=command.train.replay_share) == command.train
