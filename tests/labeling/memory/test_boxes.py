@@ -305,10 +305,13 @@ def test_two_rooms_are_learnt_by_heart(model, tmp_path):
     spec = replace(TINY, model=model, width=16)
     scenes = [true_scene(boxed_room(seed, 3), spec) for seed in (1, 2)]
     config = TrainBoxesConfig(iterations=150, views=3, validate_every=25, learning_rate=1e-2, seed=1)
-    progress = train(BoxTask(spec, scenes, scenes, config), tmp_path / "run", say=lambda line: None)
+    task = BoxTask(spec, scenes, scenes, config)
+    progress = train(task, tmp_path / "run", say=lambda line: None)
     best = load_box_net(tmp_path / "run" / WEIGHTS_FILE)
     assert evaluate(best, scenes, 3)["ap50"] == pytest.approx(1.0), progress.history
-    assert evaluate(best, scenes, 1)["ap25"] == pytest.approx(1.0)
+    # The best of three views is the first that finds all; with fewer views all is found at the end of training.
+    for views in (1, 2, 3):
+        assert evaluate(task.candidate, scenes, views)["ap25"] == pytest.approx(1.0)
     assert progress.history[-1]["filled"] < 0.3
 
 
