@@ -31,11 +31,13 @@ PAGE = "results.md"
 TITLES = {
     "table_5_1": "Table 5.1: streets",
     "table_5_1_wide": "Table 5.1 in more towns",
+    "table_5_1_pooled": "Table 5.1 in all these towns",
     "table_5_1_final": "Table 5.1 in towns that no decision has seen",
     "table_5_1_new_models": "Table 5.1 with vehicles that no training town shows",
     "table_5_2": "Table 5.2: labels in rooms",
     "table_5_3": "Table 5.3: detectors in unseen rooms",
     "table_5_3_wide": "Table 5.3 in more homes",
+    "table_5_3_pooled": "Table 5.3 in all these homes",
     "table_5_3_final": "Table 5.3 in homes that no decision has seen",
     "table_5_3_command": "Table 5.3 as `labeling.finetune` fine-tunes without options",
     "table_5_3_new_models": "Table 5.3 with furniture that no training home shows",
@@ -71,6 +73,7 @@ SUBSETS = {
     "dev": ("dev scenes", "of unseen scenes that decisions are made in"),
     "test": ("unseen test scenes", "of unseen scenes to test on"),
     "wide": ("more unseen scenes", "of more unseen scenes to test on"),
+    "pooled": ("unseen test scenes and more", "of unseen test scenes and of more"),
     "final": ("scenes that no decision has seen", "of scenes to test on that no decision has seen"),
 }
 """Where the views of a subset of episodes are, and what it is for."""

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
-from experiments.tables.training_sets import PER_CLASS, Student, Subset, TrainingSets
+from experiments.tables.training_sets import PARTS, PER_CLASS, Student, Subset, TrainingSets
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,8 @@ def over_shared_categories(rows: dict[str, list[dict[str, Any]]]) -> dict[str, l
 
 
 def _subsets(row: Row) -> tuple[Subset, ...]:
-    return (row.subset,) if row.teacher is None else ("learn", "choose", row.subset)
+    scored = PARTS.get(row.subset, (row.subset,))
+    return scored if row.teacher is None else ("learn", "choose", *scored)
 
 
 def read_table(content: Mapping[str, Any]) -> Table:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from experiments.cache.episode_pool import EpisodePool
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
-Subset = Literal["learn", "choose", "val", "dev", "test", "wide", "final"]
+Subset = Literal["learn", "choose", "val", "dev", "test", "wide", "final", "pooled"]
 SPLITS: dict[Subset, Split] = {
     "learn": "train",
     "choose": "train",
@@ -37,6 +37,8 @@ SPLITS: dict[Subset, Split] = {
 """To learn from, to choose the best network by; to report on: validation scenes, some of the endless ones to decide by,
 the thesis' few test scenes, many more, and as many that nothing has been decided by. Nothing learns from the last five.
 """
+PARTS: dict[Subset, tuple[Subset, ...]] = {"pooled": ("test", "wide")}
+"""Subsets whose views are those of others, ranked together."""
 SEEDS: dict[Subset, int] = {"choose": 1, "dev": 20}
 """Of the order of scenes, where it is not 0; that of ``dev`` differs from those of what learns in endless scenes."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
@@ -209,7 +211,7 @@ class TrainingSets:
         """
         from labeling.detectors.data.annotated_pictures import read_pictures
 
-        if SPLITS[subset] != "train":
+        if SPLITS.get(subset) != "train":
             raise ValueError(f"{subset} episodes are to report on; nothing may be trained on them")
         if teacher == TRUTH:
             return self.pictures(subset)
@@ -221,7 +223,8 @@ class TrainingSets:
         """The views of episodes with their ground truth."""
         from labeling.detectors.data.annotated_pictures import read_pictures
 
-        return read_pictures(self.episodes(subset)[0].parent)
+        parts = PARTS.get(subset, (subset,))
+        return [picture for part in parts for picture in read_pictures(self.episodes(part)[0].parent)]
 
     def photographs(self) -> "tuple[list[AnnotatedPicture], list[AnnotatedPicture]]":
         """Those that the detector was pre-trained on, and those held out."""

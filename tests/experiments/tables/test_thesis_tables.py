@@ -13,10 +13,11 @@ from experiments.cache.stages import RunContext
 from experiments.cache.worlds import SIZES, WORLDS
 from experiments.figures.result_values import MEANS
 from experiments.run import main
-from experiments.tables.thesis_tables import TABLES, Table, only, over_shared_categories
+from experiments.tables.thesis_tables import TABLES, Row, Table, only, over_shared_categories
 from experiments.tables.training_sets import (
     ANNOTATED,
     LABEL_RECIPES,
+    PARTS,
     SPLITS,
     TRUTH,
     Student,
@@ -90,7 +91,8 @@ def test_only_training_scenes_teach(name: str) -> None:
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
     assert table.world in WORLDS
-    assert {row.subset for row in table.rows} <= set(SPLITS)
+    assert {row.subset for row in table.rows} <= {*SPLITS, *PARTS}
+    assert not any(row.labels and row.subset in PARTS for row in table.rows), "label sets are of one subset each"
     assert {row.labels for row in table.rows} <= {None, *LABEL_RECIPES}
     assert {row.teacher for row in table.rows} <= {None, *LABEL_RECIPES, TRUTH, ANNOTATED}
     assert {row for gap in table.gaps for row in gap} <= set(names)
@@ -122,8 +124,32 @@ def test_labels_of_test_scenes_are_refused_as_training_sets(tmp_path: Path) -> N
     assert (SPLITS["test"], SPLITS["wide"]) == ("test", "wide")
     with pytest.raises(ValueError, match="nothing may be trained"):
         sets.training_pictures("test", "sbm", 0)
-    with pytest.raises(ValueError, match="nothing may be trained"):
-        sets.training_pictures("wide", "sbm", 0)
+    for subset in ("wide", "pooled"):
+        with pytest.raises(ValueError, match="nothing may be trained"):
+            sets.training_pictures(subset, "sbm", 0)
+
+
+def test_pooled_scenes_are_those_of_their_parts_ranked_together(
+    small_rooms: list, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    context = RunContext("smoke", (0,), 1, tmp_path)
+    table = Table("all there is", "rooms", (Row("pre-trained", "pooled"),))
+    sets = TrainingSets("rooms", context)
+    parts = [sets.pictures(part) for part in PARTS["pooled"]]
+    assert sets.pictures("pooled") == [picture for part in parts for picture in part]
+    content = table.run(context)
+    assert {name: pool["split"] for name, pool in content["pools"].items()} == {"test": "test", "wide": "wide"}
+    (run,) = content["rows"][0]["runs"]
+    assert run["instances"] == {
+        category: sum(
+            one.category == category and not one.ignore
+            for part in parts
+            for picture in part
+            for one in picture.annotations
+        )
+        for category in run["instances"]
+    }
+    capsys.readouterr()
 
 
 def test_annotated_views_show_each_object_once_and_say_nothing_of_the_rest(tmp_path: Path) -> None:
