@@ -2,7 +2,7 @@
 
 import functools
 import sys
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import tyro
 
 from labeling.core.errors import UsageError
 from labeling.detectors.data.augment_config import AugmentConfig
+from labeling.detectors.data.doubtful_labels import LEAST_CONFIDENCE
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.presets import PRESETS, FinetunePreset
 from labeling.detectors.registry import DEFAULT, check_name
@@ -42,8 +43,9 @@ class FinetuneCommand(TrainingCommand):
     replay: Path | None = None
     """Source pictures (a COCO folder) to mix in, against forgetting. If it has parts "train" and "val", forgetting
     is measured on "val", else on every tenth picture, which is then not replayed."""
-    least_confidence: Share[float] = 0.0
-    """Labels less confident than this become regions to ignore."""
+    least_confidence: Share[float] = LEAST_CONFIDENCE
+    """Labels less confident than this are left out, in what is learnt from and in --val: what they show is background.
+    Hardly any of them is right."""
     new_categories: bool = False
     """Learn categories that the detector has no name for yet; otherwise they are background."""
     preset: FinetunePreset = "default"
@@ -136,17 +138,17 @@ def read(command: FinetuneCommand) -> "tuple[list[AnnotatedPicture], ...]":
     Raises:
         SbmError: if there is nothing to learn from, or something is malformed.
     """
-    from labeling.detectors.data.annotated_pictures import is_split, read_pictures, train_val_split, with_annotations
+    from labeling.detectors.data.annotated_pictures import is_split, read_pictures, train_val_split
+    from labeling.detectors.data.doubtful_labels import without_doubtful
 
     command.check_sources()
     check_ranges(command)
-    learn = with_annotations(
-        [picture for one in command.labels for picture in read_pictures(one, "train", command.dataset)],
-        lambda one: replace(one, ignore=one.ignore or one.weight < command.least_confidence),
-    )
+    annotated = [picture for one in command.labels for picture in read_pictures(one, "train", command.dataset)]
+    learn = without_doubtful(annotated, command.least_confidence)
     if not any(not one.ignore for picture in learn for one in picture.annotations):
         raise UsageError(f"{command.sources}: no label that could be learnt from, in {len(learn)} pictures")
     validation = read_pictures(command.val, "val") if command.val is not None else []
+    validation = without_doubtful(validation, command.least_confidence)
     if command.replay is None:
         return learn, validation, [], []
     if is_split(command.replay):

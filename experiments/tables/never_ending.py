@@ -180,15 +180,16 @@ class _SeedRun:
 
 
 def pictures_by_episode(labels: Path) -> "dict[str, list[AnnotatedPicture]]":
-    """Labelled pictures of a label set, by the names of their episodes."""
+    """Labelled pictures of a label set, by the names of their episodes, with the labels that are learnt from."""
     from labeling.detectors.data.annotated_pictures import read_pictures
+    from labeling.detectors.data.doubtful_labels import without_doubtful
     from labeling.io.label_set import read_label_set
 
     dataset = read_label_set(labels).dataset
     if dataset is None:
         raise ValueError(f"{labels} does not say which dataset it was made from")
     found: dict[str, list[AnnotatedPicture]] = defaultdict(list)
-    for picture in read_pictures(labels):
+    for picture in without_doubtful(read_pictures(labels)):
         found[picture.file.relative_to(dataset).parts[0]].append(picture)
     return dict(found)
 

@@ -14,6 +14,7 @@ import numpy as np
 from experiments.cache import worlds
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
+from labeling.detectors.data.doubtful_labels import LEAST_CONFIDENCE
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS
 from labeling.generator.settings.source_config import SourceConfig
@@ -61,11 +62,14 @@ class LabelRecipe:
     those recorded with the episodes, of the pre-trained detector."""
     with_recorded: bool = False
     """From the recorded detections as well."""
+    least_confidence: float = LEAST_CONFIDENCE
+    """Labels below are not learnt from."""
 
 
 LABEL_RECIPES: dict[str, LabelRecipe] = {
     "sbm": LabelRecipe(),
     "shared": LabelRecipe(shared=True),
+    "ignoring": LabelRecipe(LabelConfig(ignore_unconfirmed=0.3), shared=True, least_confidence=0.0),
     "second round": LabelRecipe(shared=True, detector_recipe="shared"),
     "both detectors": LabelRecipe(shared=True, detector_recipe="shared", with_recorded=True),
     "weak": LabelRecipe(weak=True),
@@ -210,6 +214,7 @@ class TrainingSets:
             ValueError: for episodes of test scenes.
         """
         from labeling.detectors.data.annotated_pictures import read_pictures
+        from labeling.detectors.data.doubtful_labels import without_doubtful
 
         if SPLITS.get(subset) != "train":
             raise ValueError(f"{subset} episodes are to report on; nothing may be trained on them")
@@ -217,7 +222,8 @@ class TrainingSets:
             return self.pictures(subset)
         if teacher == ANNOTATED:
             return annotated_views(self.episodes(subset), seed)
-        return read_pictures(self.labels(subset, teacher, seed))
+        labelled = read_pictures(self.labels(subset, teacher, seed))
+        return without_doubtful(labelled, LABEL_RECIPES[teacher].least_confidence)
 
     def pictures(self, subset: Subset) -> "list[AnnotatedPicture]":
         """The views of episodes with their ground truth."""

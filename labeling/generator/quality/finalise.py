@@ -22,7 +22,8 @@ def finalise_labels(
     model: LabelQualityModel,
     config: LabelConfig,
 ) -> EpisodeLabels:
-    """The labels with expected IoU as confidence, those below a threshold as regions to ignore, and completed boxes.
+    """The labels with expected IoU as confidence, without those below a threshold, regions to ignore, and boxes that
+    are completed.
 
     Args:
         labels: as segmented; the confidence of a label is its object's, times the mean probability in its mask.
@@ -31,7 +32,7 @@ def finalise_labels(
         model: of the labels' expected IoU.
         config: settings.
     """
-    unconfirmed = []
+    unconfirmed = None
     if config.ignore_unconfirmed < 1:
         unconfirmed = unconfirmed_regions(cloud, detections, labels.labels, config)
     if config.complete_boxes and labels.objects:
@@ -39,7 +40,7 @@ def finalise_labels(
     # The model knows detectors, not people.
     if config.calibrate and not any(detection.exact for detection in detections):
         labels = _calibrated(labels, detections, model)
-    return _with_ignored_regions(labels, unconfirmed, config)
+    return _without_doubtful(labels, unconfirmed, config)
 
 
 def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[LabelledObject, ...]:
@@ -71,15 +72,19 @@ def _with_mean_confidence(one: LabelledObject, labels: Sequence[PseudoLabel]) ->
     return replace(one, confidence=float(np.average([label.confidence for label in own], weights=sizes)))
 
 
-def _with_ignored_regions(
-    labels: EpisodeLabels, unconfirmed: Sequence[IgnoredRegion], config: LabelConfig
+def _without_doubtful(
+    labels: EpisodeLabels, unconfirmed: Sequence[IgnoredRegion] | None, config: LabelConfig
 ) -> EpisodeLabels:
-    """The labels, those below ``config.min_confidence`` and what is unconfirmed as regions to ignore."""
+    """The labels without those below ``config.min_confidence``, which are ignored with what is unconfirmed, if that is
+    looked for.
+    """
     kept = tuple(one for one in labels.labels if one.confidence >= config.min_confidence)
-    ignored = [
+    if unconfirmed is None:
+        return replace(labels, labels=kept)
+    doubtful = [
         IgnoredRegion(one.view_index, one.category, one.confidence, one.modal, one.instance_id)
         for one in labels.labels
         if one.confidence < config.min_confidence and one.modal.any()
     ]
-    ignored = sorted([*ignored, *unconfirmed], key=lambda region: region.view_index)
+    ignored = sorted([*doubtful, *unconfirmed], key=lambda region: region.view_index)
     return replace(labels, labels=kept, ignored=tuple(ignored))

@@ -75,7 +75,7 @@ def test_one_table_fine_tunes_as_the_command_does_without_options(
         assert dataclasses.replace(size.train, replay_share=command.train.replay_share) == command.train
         assert set(size.augment.values()) == {command.augment}
         assert size.episodes == SIZES[scale].episodes
-    assert [name for name, table in TABLES.items() if table.as_command] == ["table_5_3_command"]
+    assert [name for name, table in TABLES.items() if table.as_command] == ["table_5_3_command", "table_5_3_doubts"]
     monkeypatch.setitem(SIZES, "smoke", dataclasses.replace(SIZES["smoke"], command=FinetuneConfig(iterations=3)))
     sets = [TrainingSets("rooms", RunContext("smoke", (0,), 1, tmp_path), as_command=flag) for flag in (True, False)]
     alone, replaying = (one.train_job(TRUTH, 0) for one in sets)

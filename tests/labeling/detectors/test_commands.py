@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import torch
 
 from labeling.detect import main as detect
 from labeling.detectors.data.annotated_pictures import read_pictures
+from labeling.detectors.data.doubtful_labels import LEAST_CONFIDENCE
 from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import load_network, save_network
@@ -315,11 +317,15 @@ def test_empty_label_sets_and_strange_classes_are_refused(scene, tmp_path, capsy
     assert "none of the categories there (chair, plant) is one that" in capsys.readouterr().err
 
 
-def test_regions_below_the_least_confidence_are_ignored_not_background(scene):
+def test_labels_below_the_least_confidence_are_background_to_learn_and_to_choose_by(scene):
     scene.add_episode("one")
     scene.write_labels(lambda truth: (truth.category, 0.3 if truth.category == "chair" else 0.8, truth.modal))
     from labeling.finetune import FinetuneCommand, read
 
-    pictures, *_ = read(FinetuneCommand((scene.labels,), Path("run"), least_confidence=0.5))
-    assert {one.category: one.ignore for one in pictures[0].annotations} == {"chair": True, "plant": False}
-    assert not any(one.ignore for picture in read_pictures(scene.labels) for one in picture.annotations)
+    command = FinetuneCommand((scene.labels,), Path("run"), val=scene.labels)
+    for least, expected in ((LEAST_CONFIDENCE, {"chair", "plant"}), (0.5, {"plant"})):
+        learn, validation, *_ = read(replace(command, least_confidence=least))
+        for pictures in (learn, validation):
+            assert {one.category for picture in pictures for one in picture.annotations} == expected
+            assert not any(one.ignore for picture in pictures for one in picture.annotations)
+    assert command.least_confidence == LEAST_CONFIDENCE

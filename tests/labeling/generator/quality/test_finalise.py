@@ -59,15 +59,28 @@ def test_a_sure_detection_that_no_other_view_confirms_is_trusted_less_than_any_r
 
 
 def test_what_is_trusted_and_what_is_ignored_add_up(room) -> None:
-    everything = label(room, LabelConfig(min_confidence=0, ignore_unconfirmed=1))
-    strict = label(room, LabelConfig(min_confidence=0.6, ignore_unconfirmed=1))
+    everything = label(room, LabelConfig(min_confidence=0))
+    least = float(np.median([one.confidence for one in everything.labels]))
+    strict = label(room, LabelConfig(min_confidence=least, ignore_unconfirmed=0.3))
     assert everything.ignored == ()
-    assert all(one.confidence >= 0.6 for one in strict.labels)
+    assert all(one.confidence >= least for one in strict.labels)
     visible = [one for one in everything.labels if one.modal.any()]
     kept = {(one.view_index, one.instance_id) for one in strict.labels if one.modal.any()}
-    gone = {(one.view_index, one.instance_id) for one in strict.ignored}
+    gone = {(one.view_index, one.instance_id) for one in strict.ignored if one.instance_id is not None}
     assert kept | gone == {(one.view_index, one.instance_id) for one in visible}
+    assert gone
     assert not kept & gone
+
+
+def test_by_default_what_is_not_labelled_is_background(room) -> None:
+    doubtful = (*room.detections, phantom(room, 1, 0.6))
+    least = LabelConfig(min_confidence=0.9, min_posterior=1.0)
+    asked = label(room, replace(least, ignore_unconfirmed=0.3), detections=doubtful)
+    assert {one.instance_id is None for one in asked.ignored} == {True, False}
+    default = label(room, least, detections=doubtful)
+    assert default.ignored == ()
+    assert len(default.labels) == len(asked.labels)
+    assert all(np.array_equal(a.modal, b.modal) for a, b in zip(default.labels, asked.labels, strict=True))
 
 
 def test_masks_are_the_same_with_and_without_calibration(room) -> None:
@@ -167,7 +180,8 @@ def test_ignored_regions_reach_the_files_and_count_neither_for_nor_against(room,
 
 def test_inspection_finds_a_region_that_contradicts_itself(room, tmp_path: Path) -> None:
     write_episode(tmp_path / "data" / "room", replace(room, detections=(*room.detections, phantom(room, 1, 0.6))))
-    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "labels"), "--min-posterior", "1"]) == 0
+    flags = ["--min-posterior", "1", "--ignore-unconfirmed", "0.3"]
+    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "labels"), *flags]) == 0
     file = tmp_path / "labels" / "instances_modal.json"
     content = json.loads(file.read_text())
     region = next(one for one in content["annotations"] if one["iscrowd"] == 1)
