@@ -5,7 +5,7 @@ Each is made when it is first asked for and kept in the cache, so that tables sh
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -48,15 +48,11 @@ PER_CLASS = {"mask_ap50": "ap50", "mask_ap30": "ap30", "box_ap50": "box_ap50", "
 """AP over all categories -> what its parts by category are called after ``per_class_``."""
 
 
-BACKGROUND = LabelConfig(ignore_unconfirmed=1.0)
-"""What labels do not explain is background, nothing is ignored."""
-
-
 @dataclass(frozen=True)
 class LabelRecipe:
     """How labels are made to train on."""
 
-    settings: LabelConfig = BACKGROUND
+    settings: LabelConfig = field(default_factory=LabelConfig)
     weak: bool = False
     """From one true mask per object, instead of confident detections."""
     shared: bool = False
@@ -73,11 +69,11 @@ class LabelRecipe:
 LABEL_RECIPES: dict[str, LabelRecipe] = {
     "sbm": LabelRecipe(),
     "shared": LabelRecipe(shared=True),
-    "ignoring": LabelRecipe(LabelConfig(), shared=True, least_confidence=0.0),
+    "ignoring": LabelRecipe(LabelConfig(ignore_unconfirmed=0.3), shared=True, least_confidence=0.0),
     "second round": LabelRecipe(shared=True, detector_recipe="shared"),
     "both detectors": LabelRecipe(shared=True, detector_recipe="shared", with_recorded=True),
     "weak": LabelRecipe(weak=True),
-    "consistent": LabelRecipe(replace(BACKGROUND, consistency=True)),
+    "consistent": LabelRecipe(LabelConfig(consistency=True)),
     "paper": LabelRecipe(PRESETS["paper"]),
     "released": LabelRecipe(PRESETS["released"]),
 }

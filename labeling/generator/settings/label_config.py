@@ -142,10 +142,12 @@ class LabelConfig(Settings):
     (labeling.generator.quality.label_quality); False: the chance of its object's category times the mean probability in
     its mask."""
     min_confidence: Share[float] = 0.05
-    """Labels below are marked as regions to ignore instead."""
-    ignore_unconfirmed: Share[float] = 0.3
+    """Labels below are left out; where ``ignore_unconfirmed`` marks regions, they are such regions instead."""
+    ignore_unconfirmed: Share[float] = 1.0
     """Where the confidences of detections that no label explains add up to this over all views, regions are marked to
-    be ignored in every view, so that nobody learns that there is background; 1 marks none."""
+    be ignored in every view, so that nobody learns that there is background; 1 marks none. Of a detector that finds
+    most things hardly any of these places holds one, and detectors learn from what is background there; .3 is for one
+    that misses much."""
     doubt_across_views: bool = True
     """False: a view knows only its own detections when it marks such regions."""
     complete_boxes: bool = True

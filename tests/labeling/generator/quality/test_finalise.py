@@ -59,7 +59,7 @@ def test_a_sure_detection_that_no_other_view_confirms_is_trusted_less_than_any_r
 
 
 def test_what_is_trusted_and_what_is_ignored_add_up(room) -> None:
-    everything = label(room, LabelConfig(min_confidence=0, ignore_unconfirmed=1))
+    everything = label(room, LabelConfig(min_confidence=0))
     least = float(np.median([one.confidence for one in everything.labels]))
     strict = label(room, LabelConfig(min_confidence=least, ignore_unconfirmed=0.3))
     assert everything.ignored == ()
@@ -72,9 +72,9 @@ def test_what_is_trusted_and_what_is_ignored_add_up(room) -> None:
     assert not kept & gone
 
 
-def test_what_is_not_labelled_is_background_unless_it_is_to_be_ignored(room) -> None:
+def test_by_default_what_is_not_labelled_is_background(room) -> None:
     doubtful = (*room.detections, phantom(room, 1, 0.6))
-    least = LabelConfig(min_confidence=0.9, min_posterior=1.0, ignore_unconfirmed=1)
+    least = LabelConfig(min_confidence=0.9, min_posterior=1.0)
     asked = label(room, replace(least, ignore_unconfirmed=0.3), detections=doubtful)
     assert {one.instance_id is None for one in asked.ignored} == {True, False}
     default = label(room, least, detections=doubtful)
