@@ -1,7 +1,7 @@
 """The page about the label generator's settings, of ``label_ablation`` and ``label_modes``."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ def page(ablation: Mapping[str, Any] | None, modes: Mapping[str, Any] | None) ->
 
 
 def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
-    results, default, current = content["results"], content["default"], {one.name for one in fields(LabelConfig)}
+    results, default, current = content["results"], content["default"], asdict(LabelConfig())
     factors = []
     for factor in content["factors"]:
         known = {name: name in current for name in factor["settings"] if name in default}
@@ -49,7 +49,7 @@ def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
         factors.append(
             {
                 **factor,
-                "defaults": [f"`{name} = {_setting(default[name])}`" for name, kept in known.items() if kept],
+                "defaults": [_default(name, default[name], current[name]) for name, kept in known.items() if kept],
                 "deleted": [f"`{name}`" for name, kept in known.items() if not kept],
                 "table": _differences(variants, list(content["pools"]), results["default"]) if variants else "",
                 "verdict": verdict(factor) if variants else "",
@@ -57,6 +57,12 @@ def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
         )
     levels = _levels({name: results[name] for name in ("detector", "default")}, content["pools"], tuple(DIFFERENCES))
     return {**content, "pools": _pools(content), "levels": levels, "factors": factors, "picture": PICTURE}
+
+
+def _default(name: str, measured: Any, current: Any) -> str:
+    """A default as it was when the ablation was run, and what has become of it since."""
+    since = "" if measured == current else f" (now `{_setting(current)}`)"
+    return f"`{name} = {_setting(measured)}`{since}"
 
 
 def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mean_iou") -> str:
