@@ -146,7 +146,9 @@ def read(command: FinetuneCommand) -> "tuple[list[AnnotatedPicture], ...]":
     annotated = [picture for one in command.labels for picture in read_pictures(one, "train", command.dataset)]
     learn = without_doubtful(annotated, command.least_confidence)
     if not any(not one.ignore for picture in learn for one in picture.annotations):
-        raise UsageError(f"{command.sources}: no label that could be learnt from, in {len(learn)} pictures")
+        doubtful = sum(not one.ignore for picture in annotated for one in picture.annotations)
+        why = f"; --least-confidence {command.least_confidence:g} leaves out {doubtful}" if doubtful else ""
+        raise UsageError(f"{command.sources}: no label that could be learnt from, in {len(learn)} pictures{why}")
     validation = read_pictures(command.val, "val") if command.val is not None else []
     validation = without_doubtful(validation, command.least_confidence)
     if command.replay is None:
