@@ -7,6 +7,8 @@ from jaxtyping import Bool, Float
 
 CONFIDENT = 0.9
 """Detections at least this confident are trusted as sources of labels, unless configured. Source: thesis A.2.2."""
+MIN_POSTERIOR = 0.15
+"""Objects that no view is sure of are labelled if the chance of their category reaches this, unless configured."""
 
 
 SAME_POSE = 1e-6

@@ -31,9 +31,9 @@ from labeling.generator.draw.object_masks import draw_labels
 from labeling.generator.draw.view_masks import point_owners
 from labeling.generator.near_origin import moved_labels, moved_views, offset_of
 from labeling.generator.objects.association import Candidate, group_segments, is_consistent
+from labeling.generator.objects.candidate_sizes import with_sizes
 from labeling.generator.objects.find_objects import find_objects, with_posteriors
 from labeling.generator.objects.nested_masks import without_nested
-from labeling.generator.objects.object_sizes import with_sizes
 from labeling.generator.objects.seeds import DetectionSeeds, detection_trimap, trimap_seeds
 from labeling.generator.objects.tracks import with_shared_posteriors, without_settled
 from labeling.generator.poses.agreement import with_agreeing_poses

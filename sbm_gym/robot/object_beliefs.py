@@ -14,17 +14,15 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
+from labeling.core.types import MIN_POSTERIOR
 from labeling.core.views import Camera
 from labeling.generator.objects.object_posterior import MIN_SIDE, ObjectModel, PlaceObservations, alikeness
-from labeling.generator.settings.label_config import LabelConfig
 from sbm_gym.robot.object_memory import Finding, MemoryConfig, SeenSurface, thin, visible_share
 
 LIKELY = 0.5
 """A thing is found when the chance of one of its names reaches this for the first time."""
 RESEMBLANCE = 0.2
 """How much less a label is worth for looks that resemble each other: n looks from one place count n ** (1 - this)."""
-LABELLED = LabelConfig.min_posterior
-"""The label generator labels things whose chance reaches this."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -53,7 +51,7 @@ class Thing(SeenSurface):
     @property
     def worth(self) -> float:
         """The chance that a label of it is right; 0 where none would be made."""
-        return self.chance if self.chance >= LABELLED else 0.0
+        return self.chance if self.chance >= MIN_POSTERIOR else 0.0
 
     def is_detected(self, view: int) -> bool:
         """Whether a view's detections speak of it."""

@@ -7,14 +7,12 @@ partly seen, as often as not.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Float32, Int
 
 from labeling.generator.cloud.ground import floor_height
-from labeling.generator.cloud.voxel_cloud import Cloud
-from labeling.generator.objects.association import Candidate
 
 FEATURES = ("length", "width", "height", "bottom", "top")
 """length, width: logarithms of the extents along both horizontal principal axes, metres. height: the logarithm of the
@@ -114,24 +112,6 @@ def measure_size(points: Float32[np.ndarray, "n 3"], floor_m: float) -> Float[np
     width, length = high - low
     lengths = np.log(np.maximum([length, width, top - bottom], LEAST_M))
     return np.array([*lengths, bottom, top])
-
-
-def with_sizes(
-    cloud: Cloud, candidates: Sequence[Candidate], owner: Int32[np.ndarray, "n"], model: SizeModel
-) -> list[Candidate]:
-    """Candidates whose posterior knows their size; those without a posterior, and without points, are as they were.
-
-    Args:
-        cloud: the points of all views.
-        candidates: objects.
-        owner: which of them each point belongs to, -1 for none.
-        model: sizes of categories.
-    """
-    sizes = measure_sizes(cloud.points, owner, range(len(candidates)))
-    return [
-        one if one.posterior is None or size is None else replace(one, posterior=model.posterior(one.posterior, size))
-        for one, size in zip(candidates, sizes, strict=True)
-    ]
 
 
 def fit_size_model(

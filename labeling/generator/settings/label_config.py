@@ -5,7 +5,7 @@ a room; the object size itself is measured in the data (labeling.generator.cloud
 from dataclasses import dataclass, field
 from typing import Literal
 
-from labeling.core.types import CONFIDENT
+from labeling.core.types import CONFIDENT, MIN_POSTERIOR
 from labeling.generator.settings.published_defects import PublishedDefects
 from labeling.runtime.ranges import NonNegative, Positive, PositiveShare, Settings, Share
 
@@ -27,7 +27,7 @@ class LabelConfig(Settings):
     """Detections at least this confident become sources of labels. Source: thesis A.2.2."""
     weak_evidence: bool = True
     """Let detections below ``confident`` vote, with the weight of their score, on objects that a source has found."""
-    min_posterior: Share[float] = 0.15
+    min_posterior: Share[float] = MIN_POSTERIOR
     """Objects that no view is sure of are labelled too if the chance of their category, from all looks at them, reaches
     this (labeling.generator.objects.object_posterior). 1 leaves them out, as in the thesis."""
     fuse_views: bool = True

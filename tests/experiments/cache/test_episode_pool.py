@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from agents.rollouts.recorder import collect_episodes
 from experiments.cache import episode_pool
 from experiments.cache.episode_pool import EpisodePool, link_dataset, record
 from experiments.cache.stages import RunContext
 from labeling.io.episodes import find_episodes
+from labeling.runtime.code_digest import ROOT, definitions, reached_files
 
 
 @pytest.fixture
@@ -67,3 +69,11 @@ def test_a_small_pool_is_a_dataset_of_its_own_where_a_larger_one_has_been(tmp_pa
     (after,) = record(pool, context)
     assert [one.name for one in find_episodes(after.parent)] == [after.name] == [before[0].name]
     assert (after / "episode.json").read_bytes() == (before[0] / "episode.json").read_bytes()
+
+
+def test_settings_of_labels_do_not_decide_how_episodes_are_recorded() -> None:
+    # Labels that are improved must not have all episodes recorded, and all detectors trained, anew.
+    _, modules = definitions(collect_episodes)
+    reached = {path.relative_to(ROOT).as_posix() for path in reached_files(modules)}
+    assert "labeling/generator/objects/object_posterior.py" in reached  # whose judgement the robot makes as it goes
+    assert not [name for name in reached if name.startswith(("labeling/generator/settings", "labeling/generator/prop"))]

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.core.types import Detection
+from labeling.core.types import MIN_POSTERIOR, Detection
 from labeling.generator.calibration.detector_calibration import calibration_of
 from labeling.generator.objects.object_posterior import MIN_SIDE, SAME_ANGLE_RAD, SAME_RANGE
-from sbm_gym.robot.object_beliefs import LABELLED, RESEMBLANCE, ObjectBeliefs
+from sbm_gym.robot.object_beliefs import RESEMBLANCE, ObjectBeliefs
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
 
 from .test_object_memory import camera_at, ring_eye, sphere_view
@@ -55,7 +55,7 @@ def test_expected_labels_are_what_their_definition_says(looks):
     total = 0.0
     for thing in robot.beliefs.things:
         seen = thing.side[: len(eyes_m)] > MIN_SIDE
-        total += thing.chance * (thing.chance >= LABELLED) * distinct_looks(eyes_m[seen] - thing.centroid_m)
+        total += thing.chance * (thing.chance >= MIN_POSTERIOR) * distinct_looks(eyes_m[seen] - thing.centroid_m)
         assert 0.0 <= thing.chance <= 1.0
     assert robot.beliefs.expected_labels == pytest.approx(total)
 
@@ -111,7 +111,7 @@ def test_the_worth_of_a_place_is_what_a_look_from_it_adds(angle_rad, radius_m):
     (worth,) = robot.beliefs.worth_from(eye_m[None], [thing])[0]
     eyes_m = np.array([ring_eye(0.4 * k) for k in range(3)]) - thing.centroid_m
     more = distinct_looks(np.vstack([eyes_m, eye_m - thing.centroid_m])) - distinct_looks(eyes_m)
-    assert thing.chance >= LABELLED
+    assert thing.chance >= MIN_POSTERIOR
     assert worth == pytest.approx(thing.chance * more)
     assert robot.beliefs.worth_from(eye_m[None] + 100.0, [thing])[0, 0] == 0.0
 
