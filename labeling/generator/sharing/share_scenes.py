@@ -77,7 +77,10 @@ def share_scenes(
 
 
 def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Iterator[ObjectObservation]:
-    """The objects of an episode that are confident enough to be shared."""
+    """The objects of an episode that are confident enough to be shared.
+
+    One that has sources only in episodes that it was labelled together with is theirs to share.
+    """
     file = cloud_file(job.out, result.name)
     try:
         cloud = read_ply(file)
@@ -85,7 +88,7 @@ def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Ite
         raise EpisodeFormatError(f"{error}; delete {file} and label again") from None
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
     for one in record.objects:
-        if one.score >= MIN_CONFIDENCE and one.box_3d is not None:
+        if one.sources and one.score >= MIN_CONFIDENCE and one.box_3d is not None:
             yield ObjectObservation(
                 episode=result.name,
                 instance_id=one.instance_id,

@@ -231,6 +231,27 @@ def test_long_recordings_are_labelled_one_by_one_and_shared(
     assert annotations(labels) == annotations(apart)
 
 
+def test_groups_of_a_scene_share_what_one_episode_of_a_group_has_found(
+    visits: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(label_together, "MAX_EPISODES", 2)
+    finds = visits[1]
+    names = ("visit_0", "visit_1", "visit_2")
+    for number, visit in enumerate([replace(visits[0], detections=()), finds, replace(visits[2], detections=())]):
+        write_episode(tmp_path / "visits" / names[number], visit)
+    groups = groups_to_label(sorted((tmp_path / "visits").iterdir()))
+    assert [[folder.name for folder in group] for group in groups] == [["visit_0"], ["visit_1", "visit_2"]]
+    labels = labelled(tmp_path / "visits", tmp_path / "labels")
+    assert inspect_label_set(labels, []) == []
+    assert annotations(labels, "visit_0")
+    boxes = json.loads((labels / "boxes_3d.json").read_text())["boxes"]
+    origins = {name: [one.get("shared_from") for one in boxes if one["episode"] == name] for name in names}
+    assert origins["visit_1"]
+    assert not any(origins["visit_1"]), "it has found all of them"
+    for name in ("visit_0", "visit_2"):
+        assert {one["episode"] for one in origins[name]} == {"visit_1"}
+
+
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=3))
 def test_every_episode_is_labelled_once_with_no_more_than_so_many(tmp_path_factory, counts: Sequence[int]) -> None:
     dataset = tmp_path_factory.mktemp("scenes")
