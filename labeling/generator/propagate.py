@@ -159,8 +159,9 @@ def _label(
         objects, columns = _describe_objects(cloud, candidates, owner, parts, config)
         probability = np.where(removed[:, None], np.float32(0), probability[:, columns])
         parts = parts and parts.of_objects(columns)
-        drawn = draw_labels(fused(), objects, probability, parts, scale, config)
-        drawn = join_tracks(drawn, [candidates[k].track for k in columns])
+        tracks = [candidates[k].track for k in columns]
+        moves = np.array([track is not None for track in tracks], bool)
+        drawn = join_tracks(draw_labels(fused(), objects, probability, parts, scale, config, moves), tracks)
     if views.depth_m.size > MANY_PX:  # what is not needed any more makes room for regions to ignore, which need much
         del fused, candidates
         scene.seeds.clear()

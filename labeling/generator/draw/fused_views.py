@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, Int32
 from labeling.core.splatting import splat
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.fine_points import FinePoints, fine_points
-from labeling.generator.cloud.free_space import count_hits
+from labeling.generator.cloud.free_space import MARGIN_SHARE, count_hits
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.settings.label_config import LabelConfig
 
@@ -59,18 +59,44 @@ class FusedViews:
         """
         return self.cloud.voxel_of_pixel[view] if config.visibility == "own" else self.rendered_voxels(view)
 
-    def rendered_voxels(self, view: int, least_views: int = 1) -> Int32[np.ndarray, "h w"]:
-        """The voxel of the nearest point that other views put at each pixel, -1 for none.
+    def rendered_voxels(self, view: int) -> Int32[np.ndarray, "h w"]:
+        """The voxel of the nearest point that any view puts at each pixel, -1 for none.
 
         Args:
             view: index of the view.
-            least_views: so many must have measured a voxel, where there are more others than that.
         """
+        return self._nearest(view, least_views=1)[0]
+
+    def filling_voxels(self, view: int, config: LabelConfig) -> Int32[np.ndarray, "h w"]:
+        """What pixels without a voxel of their own are filled with: that of the nearest point that others put there.
+
+        Where the view has measured depth that is too far away to be used (``max_range_m``), it may still tell that
+        there is nothing, or nothing any more: it looks through the place (as in ``count_misses``). Where it has
+        measured none, points farther than that range are taken for no more certain than its own would be.
+
+        Args:
+            view: index of the view.
+            config: ``fill_views``: so many must have measured a voxel, where there are more others than that.
+
+        Returns:
+            -1 where there is nothing to fill with.
+        """
+        voxels, expected_m = self._nearest(view, config.fill_views)
+        depth_m, margin_m = self.views.depth_m[view], np.sqrt(3.0) * self.cloud.voxel_m
+        through = depth_m > (1 + MARGIN_SHARE) * expected_m + margin_m
+        unknown = (depth_m <= 0) & (expected_m > config.max_range_m)
+        return np.where(through | unknown, np.int32(-1), voxels)
+
+    def _nearest(self, view: int, least_views: int) -> tuple[Int32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
+        """The voxel of the nearest point that so many views put at each pixel, -1 for none, and its depth, metres."""
         points, sizes_m, voxel = self._surfaces
         chosen = self.hits[voxel] >= max(1, min(least_views, self.views.num_views - 1))
-        voxel = voxel[chosen]
-        nearest = splat(points[chosen], self.views.camera(view), sizes_m[chosen])
-        return np.where(nearest >= 0, voxel[nearest], np.int32(-1))
+        points, voxel, camera = points[chosen], voxel[chosen], self.views.camera(view)
+        nearest = splat(points, camera, sizes_m[chosen])
+        if len(points) == 0:
+            return nearest.astype(np.int32), np.zeros(nearest.shape, np.float32)
+        depth_m = (points @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]).astype(np.float32)
+        return np.where(nearest >= 0, voxel[nearest], np.int32(-1)), depth_m[nearest]
 
     @cached_property
     def hits(self) -> Int32[np.ndarray, "n"]:

@@ -29,6 +29,7 @@ def draw_labels(
     parts: ThinParts | None,
     scale: Scale,
     config: LabelConfig,
+    moves: Bool[np.ndarray, "k"] | None = None,
 ) -> EpisodeLabels:
     """Draws every object into every view.
 
@@ -39,6 +40,7 @@ def draw_labels(
         parts: what belongs to objects besides, if that is known.
         scale: of the episode.
         config: settings.
+        moves: which objects have moved, if any have: only a view's own depth tells that one is there.
 
     Returns:
         The objects, their masks by view, and the segmented cloud. The confidence of a mask is that of its object times
@@ -50,13 +52,17 @@ def draw_labels(
     if parts is not None:
         of_part = np.where(fine.points[:, 2] > parts.top_m[fine.voxel], parts.owner[fine.voxel], np.int32(-1))
         owner_of_fine = np.where(of_part >= 0, of_part, owner_of_fine)
+    # The last one is for points, and pixels, of no object.
+    passing = None if moves is None or not moves.any() else np.append(moves, False)[np.append(owner, -1)]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
     whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
 
     def labels_of(view: int) -> list[PseudoLabel]:
         voxels = fused.visible_voxels(view, config)
-        rendered = fused.rendered_voxels(view, config.fill_views) if has_holes(voxels) else None
+        rendered = fused.filling_voxels(view, config) if has_holes(voxels) else None
+        if rendered is not None and passing is not None:
+            rendered[passing[rendered]] = -1
         chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
         rows = np.zeros((len(objects), voxels.shape[0]), bool)
         drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)

@@ -17,7 +17,7 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.inspection.checks import inspect_label_set
 from labeling.io.episodes import write_episode
 
-from ..synthetic_room import make_episode
+from ..synthetic_room import make_episode, pick
 
 ROOM = {"num_views": 10, "size": (72, 96), "num_objects": 5, "confident_share": 0.9, "wrong_class": 0.0}
 VOXEL_M = 0.05
@@ -123,6 +123,26 @@ def test_no_view_has_a_label_where_the_thing_was_in_others(rooms):
             if truth.view_index == one.view_index and truth.category == one.category:
                 right |= truth.modal
         assert np.mean(right[one.modal]) > 0.6
+
+
+def test_a_view_without_depth_is_filled_with_what_stands_still_alone(rooms):
+    still, moving, number = rooms
+    last = still.num_views
+
+    def blind_at_the_end(episode):
+        more = pick(episode, [*range(last), 0])  # what it shows of the first view's masks is view 0's
+        depth_m = more.depth_m.copy()
+        depth_m[last] = 0
+        return replace(more, depth_m=depth_m)
+
+    stands, moves = (blind_at_the_end(one) for one in (still, moving))
+    labelled = [
+        {one.category for one in propagate(room, room.detections).labels if one.view_index == last and one.modal.any()}
+        for room in (stands, moves)
+    ]
+    (name,) = {t.category for t in truths(moving) if t.instance_id == number}
+    assert name in labelled[0]
+    assert labelled[1] == labelled[0] - {name}
 
 
 def test_something_that_runs_through_one_view_is_labelled_there_only(rooms):

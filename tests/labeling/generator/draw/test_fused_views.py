@@ -35,8 +35,27 @@ def test_a_hole_shows_the_nearest_surface_that_enough_views_have_measured(num_vi
     views = views_of_a_wall(num_views, noisy)
     cloud = build_cloud(views, 0.05)
     fused = FusedViews.of(views, cloud, np.ones(cloud.num_points, bool), 0.03, LabelConfig())
-    shown = fused.rendered_voxels(0, least_views)[15:17, 15:17]
+    shown = fused.filling_voxels(0, LabelConfig(fill_views=least_views))[15:17, 15:17]
     assert np.allclose(cloud.points[shown, 2], shown_m, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("measured_m", "max_range_m", "filled"),
+    [
+        (2 * WALL_M, 1.5 * WALL_M, False),  # it looks through where the others have measured a wall
+        (1.01 * WALL_M, 0.99 * WALL_M, True),  # it has measured the wall itself, but too far away
+        (0.0, 1.5 * WALL_M, True),
+        (0.0, 0.99 * WALL_M, False),  # nor would it believe itself what it measures there
+    ],
+)
+def test_what_a_view_has_measured_too_far_away_tells_whether_something_is_there(measured_m, max_range_m, filled):
+    views = views_of_a_wall(4, 0)
+    cloud = build_cloud(views, 0.01)
+    views.depth_m[0, HOLE, HOLE] = measured_m
+    views.depth_m[0][views.depth_m[0] == WALL_M] = 0.5 * WALL_M  # of no importance: only holes are filled
+    fused = FusedViews.of(views, cloud, np.ones(cloud.num_points, bool), 0.03, LabelConfig())
+    shown = fused.filling_voxels(0, LabelConfig(max_range_m=max_range_m))[15:17, 15:17]
+    assert np.all((shown >= 0) == filled)
 
 
 def test_views_that_measured_a_voxel_are_counted_once_each():
