@@ -11,6 +11,7 @@ from labeling.core.views import RgbdViews
 from labeling.generator.cloud.fine_points import FinePoints, fine_points
 from labeling.generator.cloud.free_space import MARGIN_SHARE, count_hits
 from labeling.generator.cloud.voxel_cloud import Cloud
+from labeling.generator.draw.view_masks import NO_OBJECT
 from labeling.generator.settings.label_config import LabelConfig
 
 NO_REACH_PX = 1e-3
@@ -79,13 +80,13 @@ class FusedViews:
             config: ``fill_views``: so many must have measured a voxel, where there are more others than that.
 
         Returns:
-            -1 where there is nothing to fill with.
+            -1 where nothing is known to fill with, ``NO_OBJECT`` where no object is.
         """
         voxels, expected_m = self._nearest(view, config.fill_views)
         depth_m, margin_m = self.views.depth_m[view], np.sqrt(3.0) * self.cloud.voxel_m
         through = depth_m > (1 + MARGIN_SHARE) * expected_m + margin_m
         unknown = (depth_m <= 0) & (expected_m > config.max_range_m)
-        return np.where(through | unknown, np.int32(-1), voxels)
+        return np.where((voxels >= 0) & (through | unknown), np.int32(NO_OBJECT), voxels)
 
     def _nearest(self, view: int, least_views: int) -> tuple[Int32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
         """The voxel of the nearest point that so many views put at each pixel, -1 for none, and its depth, metres."""

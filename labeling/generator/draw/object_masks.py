@@ -12,7 +12,7 @@ from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px, has_holes
 from labeling.generator.draw.part_masks import draw_parts
-from labeling.generator.draw.view_masks import ViewChances, likely_voxels, point_owners, view_chances
+from labeling.generator.draw.view_masks import NO_OBJECT, ViewChances, likely_voxels, point_owners, view_chances
 from labeling.generator.segment.thin_parts import ThinParts
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import paint_in_order
@@ -52,8 +52,7 @@ def draw_labels(
     if parts is not None:
         of_part = np.where(fine.points[:, 2] > parts.top_m[fine.voxel], parts.owner[fine.voxel], np.int32(-1))
         owner_of_fine = np.where(of_part >= 0, of_part, owner_of_fine)
-    # The last one is for points, and pixels, of no object.
-    passing = None if moves is None or not moves.any() else np.append(moves, False)[np.append(owner, -1)]
+    passing = None if moves is None or not moves.any() else np.append(moves, False)[owner]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
     whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
@@ -62,7 +61,7 @@ def draw_labels(
         voxels = fused.visible_voxels(view, config)
         rendered = fused.filling_voxels(view, config) if has_holes(voxels) else None
         if rendered is not None and passing is not None:
-            rendered[passing[rendered]] = -1
+            rendered[(rendered >= 0) & passing[np.maximum(rendered, 0)]] = NO_OBJECT
         chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
         rows = np.zeros((len(objects), voxels.shape[0]), bool)
         drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)

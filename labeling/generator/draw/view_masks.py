@@ -10,6 +10,8 @@ from labeling.generator.draw.edge_filter import ITERATIONS, REACH_FACTOR, feedba
 
 OTHER_VIEW_WEIGHT = np.float32(0.3)
 """Weight of the points of other views where a view has no depth itself: poses are less exact than depth."""
+NO_OBJECT = -2
+"""Instead of a voxel: the pixel shows none of any object."""
 MIN_WEIGHT = 1e-4
 """Below this total weight nothing is known near a pixel, and it belongs to no object."""
 NEGLIGIBLE_PROBABILITY = np.float32(0.005)
@@ -70,7 +72,8 @@ def view_chances(
     Args:
         rgb: colour of the view.
         voxels: voxel of each pixel, -1 without depth.
-        rendered: voxel of the nearest point that any view puts at each pixel, -1 for none; None if there is no need.
+        rendered: voxel of the nearest point that other views put at each pixel, -1 for none, ``NO_OBJECT`` where there
+            is no object; None if there is no need.
         probability: of each object in each voxel.
         reach_px: reach of the filter where colour is flat.
         edge: sum of colour differences (channels in [0, 1]) that counts as much as ``reach_px`` pixels.
@@ -82,7 +85,7 @@ def view_chances(
     if holes.any():
         weight[holes] = 0
         if rendered is not None:
-            weight[holes & (rendered >= 0)] = OTHER_VIEW_WEIGHT
+            weight[holes & (rendered != -1)] = OTHER_VIEW_WEIGHT
             voxels = np.where(holes, rendered, voxels)
     margin = int(np.ceil(REACH_FACTOR * reach_px)) + 1
     windows = _windows(voxels, probability, likely, NEGLIGIBLE_PROBABILITY, margin)
@@ -113,7 +116,7 @@ def _windows(voxels, probability, likely, negligible, margin):  # pragma: no cov
     """The window of the picture that each object can appear in.
 
     Args:
-        voxels: (h, w) int32, voxel of each pixel, -1 for none.
+        voxels: (h, w) int32, voxel of each pixel, below 0 for none.
         probability: (n, k) float32, of each object in each voxel.
         likely: (n,) bool, whether any of these is above ``negligible``.
         negligible: probabilities up to this count as 0.
@@ -156,7 +159,7 @@ def _fill(
     """Edge-aware means of the objects' probabilities over their windows.
 
     Args:
-        voxels: (h, w) int32, -1 for none.
+        voxels: (h, w) int32, below 0 for none.
         weight: (h, w) float32, of each pixel.
         probability: (n, k) float32, of each object in each voxel.
         windows: (k, 4) int64, of ``_windows``.
