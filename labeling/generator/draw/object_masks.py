@@ -52,6 +52,7 @@ def draw_labels(
     if parts is not None:
         of_part = np.where(fine.points[:, 2] > parts.top_m[fine.voxel], parts.owner[fine.voxel], np.int32(-1))
         owner_of_fine = np.where(of_part >= 0, of_part, owner_of_fine)
+    # Of each voxel whether its object has moved; that of no object (-1) is the last one.
     passing = None if moves is None or not moves.any() else np.append(moves, False)[owner]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
