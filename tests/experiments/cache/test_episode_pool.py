@@ -76,4 +76,5 @@ def test_settings_of_labels_do_not_decide_how_episodes_are_recorded() -> None:
     _, modules = definitions(collect_episodes)
     reached = {path.relative_to(ROOT).as_posix() for path in reached_files(modules)}
     assert "labeling/generator/objects/object_posterior.py" in reached  # whose judgement the robot makes as it goes
-    assert not [name for name in reached if name.startswith(("labeling/generator/settings", "labeling/generator/prop"))]
+    decide_labels = ("labeling/generator/settings/", "labeling/generator/propagate.py")
+    assert not [name for name in reached if name.startswith(decide_labels)]
