@@ -75,7 +75,7 @@ class Table:
         for seed, row in (bar := tqdm(every, desc="rows", unit="row", file=sys.stderr)):
             bar.set_postfix_str(f"seed {seed}: {row.name}")
             rows[row.name].append({"seed": seed, **self._scores(sets, row, seed, detectors[row.student(seed)])})
-        rows = over_shared_categories(rows)
+        rows = over_shared_categories(rows, {row.name: row.subset for row in self.rows})
         subsets: dict[Subset, None] = dict.fromkeys(subset for row in self.rows for subset in _subsets(row))
         return {
             "world": self.world,
@@ -129,13 +129,27 @@ def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
     return {**rest, **means, **of_each}
 
 
-def over_shared_categories(rows: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
-    """The figures of rows over the categories that all of them have: means over different ones do not compare."""
-    of_rows = [tuple(run["per_class_ap50"]) for runs in rows.values() for run in runs]
-    shared = [name for name in of_rows[0] if all(name in names for names in of_rows)]
-    if all(len(names) == len(shared) for names in of_rows):
-        return rows
-    return {name: [only(shared, run) for run in runs] for name, runs in rows.items()}
+def over_shared_categories(
+    rows: Mapping[str, list[dict[str, Any]]], scenes: Mapping[str, str]
+) -> dict[str, list[dict[str, Any]]]:
+    """The figures of rows over the categories that all rows on the same scenes have: means over others do not compare.
+
+    Args:
+        rows: the figures of each seed, by row.
+        scenes: what each row is scored on. Rows on other scenes are not compared, and take no category away: buses of
+            the scenes to test on count, too, where scenes to decide by show none.
+
+    Returns:
+        The same rows; one that loses a category loses figures, too, that are told of means alone.
+    """
+    found = {}
+    for name, runs in rows.items():
+        compared = [other for other in rows if scenes[other] == scenes[name]]
+        beside = [tuple(run["per_class_ap50"]) for other in compared for run in rows[other]]
+        shared = [one for one in beside[0] if all(one in categories for categories in beside)]
+        alike = all(len(categories) == len(shared) for categories in beside)
+        found[name] = runs if alike else [only(shared, run) for run in runs]
+    return found
 
 
 def _subsets(row: Row) -> tuple[Subset, ...]:

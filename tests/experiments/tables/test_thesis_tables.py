@@ -96,8 +96,9 @@ def test_only_training_scenes_teach(name: str) -> None:
     assert not any(row.labels and row.subset in PARTS for row in table.rows), "label sets are of one subset each"
     assert {row.labels for row in table.rows} <= {None, *LABEL_RECIPES}
     assert {row.teacher for row in table.rows} <= {None, *LABEL_RECIPES, TRUTH, ANNOTATED}
-    assert {row for gap in table.gaps for row in gap} <= set(names)
-    assert {row for pair in table.above for row in pair} <= set(names)
+    scenes = {row.name: row.subset for row in table.rows}
+    for compared in (*table.gaps, *table.above):
+        assert len({scenes[row] for row in compared}) == 1, "over the same scenes, and so over the same categories"
     assert experiments()[name].description == table.description
     assert set(MEANS.get(name, {})) <= set(names), "the thesis' figures stand beside rows that there are"
 
@@ -208,10 +209,13 @@ def test_rows_are_compared_over_the_categories_they_share() -> None:
         }
 
     rows = {"few": [run(bed=0.2, chair=0.4)], "more": [run(bed=0.4, chair=0.6, shelf=1.0)]}
-    found = over_shared_categories(rows)
+    found = over_shared_categories(rows, dict.fromkeys(rows, "test"))
     assert [found[name][0]["mask_ap50"] for name in rows] == pytest.approx([0.3, 0.5])
     assert set(found["more"][0]["instances"]) == {"bed", "chair"}
     assert found["more"][0]["photographs_ap50"] == 0.8
     assert "box_ap50" not in found["more"][0]
     alike = {name: [run(bed=0.2)] for name in "ab"}
-    assert over_shared_categories(alike) == alike
+    assert over_shared_categories(alike, dict.fromkeys(alike, "test")) == alike
+    elsewhere = {**alike, "c": [run(bed=0.2, bus=0.0)], "d": [run(bed=0.4, bus=0.2)]}
+    scenes = {"a": "dev", "b": "dev", "c": "final", "d": "final"}
+    assert over_shared_categories(elsewhere, scenes) == elsewhere, "dev scenes without buses hide none of the others"
