@@ -9,8 +9,8 @@ from experiments.figures.result_values import gap_share, share_interval, values
 from experiments.pages.markdown import mean_std, read_result, table
 from labeling.core.errors import SbmError
 
-WORLDS = {"table_5_3_final": "unseen homes", "table_5_1_wide": "unseen towns"}
-"""Experiment -> what its column is called. Homes are those that no decision has seen; such towns have not been run."""
+WORLDS = {"table_5_3_final": "unseen homes", "table_5_1_final": "unseen towns"}
+"""Experiment -> what its column is called. No decision has seen these homes and towns."""
 ROWS = {
     "pre-trained": "before",
     "SbM fine-tuned": "taught by labels of each episode alone, as in the thesis",
@@ -72,14 +72,13 @@ def results_section(contents: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _episodes(content: Mapping[str, Any]) -> int:
     """Scenes that the detectors are tested in."""
-    (part,) = {row["part"] for row in content["rows"]}
+    (part,) = {row["part"] for row in content["rows"] if row["name"] in ROWS}
     return len(set(content["pools"][part]["scenes"]))
 
 
 def _values(content: Mapping[str, Any], name: str, figure: str) -> Sequence[float]:
-    """The figure in points, by seed."""
-    (row,) = (one for one in content["rows"] if one["name"] == name)
-    return values(row, figure)
+    """The figure in points, by seed; none where a table does without this row."""
+    return [value for row in content["rows"] if row["name"] == name for value in values(row, figure)]
 
 
 def _gap_closed(content: Mapping[str, Any], figure: str) -> str:
