@@ -167,7 +167,8 @@ def table_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
         "gaps": [one for gap in content["gaps"] if (one := _gap(name, content, gap))],
         "above": [compare_categories(content, *pair) for pair in content.get("above", ())],
         "photographs": _on_photographs(content),
-        "categories": _categories_table(name, content),
+        "categories": _categories_table(name, content, "ap50"),
+        "box_categories": _categories_table(name, content, "box_ap50") if _has_boxes_by_category(content) else None,
     }
 
 
@@ -199,6 +200,11 @@ def _on_photographs(content: Mapping[str, Any]) -> list[str]:
 def _has_boxes(content: Mapping[str, Any]) -> bool:
     """Whether a table tells AP of boxes; some of before do not."""
     return any(values(row, "box_ap50") for row in content["rows"])
+
+
+def _has_boxes_by_category(content: Mapping[str, Any]) -> bool:
+    """Whether AP of boxes is told of each category; tables of before have its mean only."""
+    return all(run.get("per_class_box_ap50") for row in content["rows"] for run in row["runs"])
 
 
 def _has_coco_ap(content: Mapping[str, Any]) -> bool:
@@ -255,7 +261,7 @@ def _instances(row: Mapping[str, Any], category: str) -> int:
     return int(row["runs"][0]["instances"].get(category) or 0)
 
 
-def _categories_table(name: str, content: Mapping[str, Any]) -> str:
+def _categories_table(name: str, content: Mapping[str, Any], figure: str) -> str:
     headings, categories = [""], categories_of(content)
     for category in categories:
         counts = dict.fromkeys(_instances(row, category) for row in content["rows"])
@@ -264,8 +270,8 @@ def _categories_table(name: str, content: Mapping[str, Any]) -> str:
     for row in content["rows"]:
         cells = [row["name"]]
         for category in categories:
-            thesis = of_category(name, row["name"], "ap50", category)
-            cells.append(mean_std(values(row, "ap50", category)) + ("" if thesis is None else f" [{thesis:.1f}]"))
+            thesis = of_category(name, row["name"], figure, category)
+            cells.append(mean_std(values(row, figure, category)) + ("" if thesis is None else f" [{thesis:.1f}]"))
         rows.append(cells)
     return table(headings, rows)
 
