@@ -1,7 +1,7 @@
 """Stages of experiments with 3-D boxes: train frustum PointNets, lift detections, score. Outcomes are kept."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -157,6 +157,7 @@ def _score(evaluation: BoxEvaluation) -> dict[str, Any]:
     from labeling.io.episodes import read_episode
     from labeling.metrics.box_ap import average_precision_3d, average_precision_by_range
 
+    scenes: dict[Hashable, str] = {}
     detector = load_detector_3d(evaluation.detector)
     found: list[BoxInstance] = []
     truths: list[BoxInstance] = []
@@ -165,6 +166,8 @@ def _score(evaluation: BoxEvaluation) -> dict[str, Any]:
         boxes = detector.lift(episode, detections(episode, evaluation.masks, evaluation.categories))
         found += [_instance(episode, one, one.box, confidence=one.confidence) for one in boxes]
         truths += true_instances(episode, evaluation.categories)
+        scene = str(episode.metadata.get("scene", episode.name))
+        scenes |= {(episode.name, view): scene for view in range(episode.num_views)}
     space, bird = (average_precision_3d(found, truths, kind=kind) for kind in ("3d", "bev"))
     edges = EDGES_M[evaluation.world]
     by_range = average_precision_by_range(found, truths, edges)
@@ -184,7 +187,21 @@ def _score(evaluation: BoxEvaluation) -> dict[str, Any]:
             }
             for (low, high), ap in by_range.items()
         ],
+        "resampled": _resampled(found, truths, scenes),
     }
+
+
+def _resampled(
+    found: "Sequence[BoxInstance]", truths: "Sequence[BoxInstance]", scenes: Mapping[Hashable, str]
+) -> dict[str, list[float]] | None:
+    """AP of scenes that are drawn again, by figure; None of few scenes: they do not tell how much scenes differ."""
+    from labeling.metrics.box_ap import IOU_THRESHOLDS, ranked_box_matches
+    from labeling.metrics.resampled_ap import MIN_SCENES, resample_matches
+
+    if len(set(scenes.values())) < MIN_SCENES:
+        return None
+    draws = resample_matches(ranked_box_matches(found, truths), scenes, IOU_THRESHOLDS)
+    return {f"ap{round(100 * t)}": np.nan_to_num(values).round(4).tolist() for t, values in draws.items()}
 
 
 def detections(episode: "Episode", masks: MaskSource, categories: Sequence[str]) -> "list[Detection]":

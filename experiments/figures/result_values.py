@@ -114,6 +114,32 @@ def _interval(values: Float[np.ndarray, "n"]) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def ratio_to_ceiling(
+    ours: Mapping[str, Any], ceiling: Mapping[str, Any], figure: str
+) -> tuple[float | None, tuple[float, float] | None]:
+    """What one row of table 5.5 reaches of another, of means over seeds.
+
+    Args:
+        ours: a row.
+        ceiling: another one, on the same views.
+        figure: "ap25" or "ap50".
+
+    Returns:
+        The ratio, None if the ceiling finds nothing; and its 95 % interval over scenes drawn again, None where results
+        tell of no draws.
+    """
+    rows = [[run for run in row["runs"] if run[figure] is not None] for row in (ours, ceiling)]
+    before, above = (statistics.fmean(run[figure] for run in runs) if runs else 0.0 for runs in rows)
+    if above <= 0:
+        return None, None
+    draws = [[(run.get("resampled") or {}).get(figure) for run in runs] for runs in rows]
+    if any(one is None for of_row in draws for one in of_row):
+        return before / above, None
+    drawn, drawn_above = (np.mean(np.array(of_row, float), axis=0) for of_row in draws)
+    some = drawn_above > 0
+    return before / above, _interval(drawn[some] / drawn_above[some])
+
+
 def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:
     """The same of each seed."""
     return [_share(*one) for one in zip(*_gap_rows(content, gap, figure), strict=True)]

@@ -114,7 +114,13 @@ def draw_loop(content: Mapping[str, Any], path: Path) -> None:
     save(figure, path)
 
 
-BOX_COLOURS = (GREY, "#b9c0c8", GREEN, BLUE)
+BOX_COLOURS = {
+    "LDLS": GREY,
+    "LDLS, tuned": "#b9c0c8",
+    "SbM F-PointNet": "#8cc5a2",
+    "SbM F-PointNet on shared labels": GREEN,
+    "supervised F-PointNet": BLUE,
+}
 
 
 def draw_boxes_3d(content: Mapping[str, Any], mask_sources: Mapping[str, str], path: Path) -> None:
@@ -129,10 +135,11 @@ def draw_boxes_3d(content: Mapping[str, Any], mask_sources: Mapping[str, str], p
     figure, axes = plt.subplots(figsize=(8.0, 3.4), dpi=110, layout="constrained")
     for place, (world, source) in enumerate(groups):
         rows = [row for row in content["worlds"][world]["rows"] if row["boxes"] == source]
+        width = 0.8 / len(rows)
         for number, row in enumerate(rows):
-            x, label = place + (number - (len(rows) - 1) / 2) * 0.2, row["name"] if place == 0 else None
+            x, label = place + (number - (len(rows) - 1) / 2) * width, row["name"] if place == 0 else None
             found = [100.0 * run["ap25"] for run in row["runs"] if run["ap25"] is not None]
-            bar_with_seeds(axes, x, found, 0.2, BOX_COLOURS[number], label)
+            bar_with_seeds(axes, x, found, width, BOX_COLOURS[row["name"]], label)
     names = [f"{world},\n2-D boxes {mask_sources[source]}" for world, source in groups]
     axes.set_xticks(range(len(groups)), names, fontsize=8)
     axes.set_ylabel("AP of 3-D boxes at .25")

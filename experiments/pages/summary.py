@@ -7,14 +7,23 @@ from typing import Any
 import numpy as np
 import yaml
 
-from experiments.figures.result_values import gap_interval, gap_share, loop_values, share_interval, values
+from experiments.figures.result_values import (
+    gap_interval,
+    gap_share,
+    loop_values,
+    ratio_to_ceiling,
+    share_interval,
+    values,
+)
+from experiments.pages.boxes import CEILING, OURS, SHARED
 from experiments.pages.markdown import table
 from experiments.pages.origin import of_earlier_generator
 
 ROWS: list[dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("summary.yaml").read_text(encoding="utf-8"))
 GAP = ("pre-trained", "SbM fine-tuned on shared labels", "GT fine-tuned")
 """Whose share is told."""
-FIGURES = ("ap50", "box_ap50")
+FIGURES, BOX_FIGURES = ("ap50", "box_ap50"), ("ap25", "ap50")
+"""Of masks and boxes in pictures, and of 3-D boxes."""
 NOT_RUN, NOT_SHOWN, EARLIER = "not run", "no gap shown", " \u2020"
 HEADINGS = (
     "AP50 of masks / boxes; of 3-D boxes at .25 / .5",
@@ -61,9 +70,7 @@ def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | Non
         return [float(np.mean(one)) if one else None for one in found]
     if row["world"] not in content["worlds"]:
         return None
-    of_world = {one["name"]: one for one in content["worlds"][row["world"]]["rows"] if one["boxes"] == "recorded"}
-    ours, ceiling = of_world["SbM F-PointNet"], of_world["supervised F-PointNet"]
-    return [_ratio(ours, ceiling, figure) for figure in ("ap25", "ap50")]
+    return [_of_ceiling(row, content, figure)[0] for figure in BOX_FIGURES]
 
 
 def _has_gap(content: Mapping[str, Any]) -> bool:
@@ -75,9 +82,12 @@ def _less(after: list[float], before: float | None) -> float | None:
     return float(np.mean(after)) - 100.0 * before if after and before is not None else None
 
 
-def _ratio(ours: Mapping[str, Any], ceiling: Mapping[str, Any], figure: str) -> float | None:
-    means = [np.mean([run[figure] for run in row["runs"] if run[figure] is not None]) for row in (ours, ceiling)]
-    return float(means[0] / means[1]) if means[1] > 0 else None
+def _of_ceiling(
+    row: Mapping[str, Any], content: Mapping[str, Any], figure: str
+) -> tuple[float | None, tuple[float, float] | None]:
+    """What 3-D boxes reach that labels have taught, of those taught by ground truth, with its interval."""
+    found = {one["name"]: one for one in content["worlds"][row["world"]]["rows"] if one["boxes"] == "recorded"}
+    return ratio_to_ceiling(found.get(SHARED, found[OURS]), found[CEILING], figure)
 
 
 def _written(row: Mapping[str, Any], value: float | None) -> str:
@@ -91,16 +101,22 @@ def _pair(row: Mapping[str, Any], pair: list[float | None] | None) -> str:
 
 
 def _with_intervals(row: Mapping[str, Any], content: Mapping[str, Any], now: list[float | None]) -> str:
+    if row["kind"] == "boxes":
+        between = [_of_ceiling(row, content, figure)[1] for figure in BOX_FIGURES]
+        return " / ".join(_within(row, *one) for one in zip(now, between, strict=True))
     if row["kind"] != "share" or not _has_gap(content):
         return _pair(row, now)
     told = []
     for figure, value in zip(FIGURES, now, strict=True):
-        between = share_interval(content, GAP, figure)
         if value is None and gap_interval(content, GAP, figure) is not None:
             told.append(NOT_SHOWN)
         else:
-            told.append(_written(row, value) + ("" if between is None else " [{:.2f}, {:.2f}]".format(*between)))
+            told.append(_within(row, value, share_interval(content, GAP, figure)))
     return " / ".join(told)
+
+
+def _within(row: Mapping[str, Any], value: float | None, between: tuple[float, float] | None) -> str:
+    return _written(row, value) + ("" if between is None else " [{:.2f}, {:.2f}]".format(*between))
 
 
 def _short(row: Mapping[str, Any], now: list[float | None] | None) -> str:

@@ -19,8 +19,12 @@ from experiments.cache.worlds import DETECTOR, WORLDS
 from experiments.tables.training_sets import Subset, TrainingSets
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 
-LDLS, TUNED, OURS, CEILING = "LDLS", "LDLS, tuned", "SbM F-PointNet", "supervised F-PointNet"
-ROWS = (LDLS, TUNED, OURS, CEILING)
+LDLS, TUNED, CEILING = "LDLS", "LDLS, tuned", "supervised F-PointNet"
+OURS, SHARED = "SbM F-PointNet", "SbM F-PointNet on shared labels"
+RECIPES = {OURS: "sbm", SHARED: "shared"}
+"""What labels networks learn from; the supervised one learns from ground truth of the same views."""
+NETWORKS = (*RECIPES, CEILING)
+ROWS = (LDLS, TUNED, *NETWORKS)
 MASK_SOURCES: tuple[MaskSource, ...] = ("recorded", "told")
 TEST_SUBSET: Subset = "wide"
 """The thesis' single test town and two test homes have too few objects to tell networks apart."""
@@ -61,14 +65,14 @@ def _one_world(world: str, train: Train3dConfig, context: RunContext) -> dict[st
     subsets: tuple[Subset, ...] = ("learn", "choose", TEST_SUBSET)
     episodes = {subset: sets.episodes(subset) for subset in subsets}
     categories = known_categories()
-    jobs = [train_job(title, sets, seed, categories, train) for seed in context.seeds for title in (OURS, CEILING)]
-    networks = train_detectors_3d(jobs, context)
+    students = [(row, seed) for row in NETWORKS for seed in context.seeds]
+    jobs = [train_job(row, sets, seed, categories, train) for row, seed in students]
+    networks = dict(zip(students, train_detectors_3d(jobs, context), strict=True))
     ldls_ap25 = ldls_ap25_by_scale(world, episodes["choose"], categories, context)
     detectors: dict[str, list[tuple[int | None, str]]] = {
         LDLS: [(None, "ldls")],
         TUNED: [(None, best_ldls(ldls_ap25))],
-        OURS: list(zip(context.seeds, networks[0::2], strict=True)),
-        CEILING: list(zip(context.seeds, networks[1::2], strict=True)),
+        **{row: [(seed, networks[row, seed]) for seed in context.seeds] for row in NETWORKS},
     }
     test = tuple(episodes[TEST_SUBSET])
     wanted: list[tuple[str, MaskSource]] = [(row, masks) for row in ROWS for masks in MASK_SOURCES]
@@ -80,14 +84,16 @@ def _one_world(world: str, train: Train3dConfig, context: RunContext) -> dict[st
         {"name": row, "boxes": masks, "runs": [{"seed": seed, **next(scores)} for seed, _ in detectors[row]]}
         for row, masks in wanted
     ]
-    labels = [sets.labels("learn", "sbm", seed) for seed in context.seeds]
     return {
         "categories": list(categories),
         "pools": {subset: sets.pool_record(subset) for subset in subsets},
         "ldls_ap25_by_scale_m": {str(scale): ap25 for scale, ap25 in ldls_ap25.items()},
         "rows": rows,
-        "targets": score_box_targets(labels, episodes["learn"], context),
-        "training": histories(networks, jobs),
+        "targets": {
+            row: score_box_targets([sets.labels("learn", recipe, n) for n in context.seeds], episodes["learn"], context)
+            for row, recipe in RECIPES.items()
+        },
+        "training": histories(list(networks.values()), jobs),
     }
 
 
@@ -111,17 +117,17 @@ def train_job(
 ) -> TrainJob3d:
     """The training of the frustum PointNet of a row."""
     subsets: tuple[Subset, Subset] = ("learn", "choose")
-    if title == OURS:
-        learn, choose = (sets.labels(subset, "sbm", seed) for subset in subsets)
+    if title in RECIPES:
+        learn, choose = (sets.labels(subset, RECIPES[title], seed) for subset in subsets)
     else:
         learn, choose = (sets.episodes(subset)[0].parent for subset in subsets)
     return TrainJob3d(learn, choose, categories, train, AUGMENT, seed, f"{title} of {sets.world}")
 
 
 def sbm_network(world: str, seed: int, context: RunContext) -> tuple[str, tuple[str, ...]]:
-    """The frustum PointNet that was trained on SbM labels, and its categories."""
+    """The frustum PointNet that was trained on shared SbM labels, and its categories."""
     categories = known_categories()
-    job = train_job(OURS, TrainingSets(world, context), seed, categories, TRAIN[context.scale])
+    job = train_job(SHARED, TrainingSets(world, context), seed, categories, TRAIN[context.scale])
     return train_detectors_3d([job], context)[0], categories
 
 

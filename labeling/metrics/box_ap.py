@@ -6,17 +6,19 @@ highest IoU, if that reaches the threshold; a prediction that lies on a box to b
 volume) is neither right nor wrong. Precision is made monotone and averaged over 101 recall points.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool
 
 from labeling.core.box_overlap import box_iou_3d, box_iou_bev, intersection_volume
 from labeling.core.types import Box3d
 from labeling.metrics.average_precision import AveragePrecision, check_ranking, interpolated_area, summarise
+from labeling.metrics.mask_ap import RankedMatches
 
 Kind = Literal["3d", "bev"]
 IOU_THRESHOLDS = (0.25, 0.5)
@@ -59,12 +61,46 @@ def average_precision_3d(
     """
     thresholds = check_ranking(iou_thresholds, [item.confidence for item in predictions])
     per_class: dict[str, dict[float, float | None]] = {}
+    for one in ranked_box_matches(predictions, ground_truth, thresholds, kind):
+        wanted, rows = sum(one.truths.values()), zip(thresholds, one.right, one.counts, strict=True)
+        per_class[one.category] = {
+            t: interpolated_area(right[counts], wanted) if wanted else None for t, right, counts in rows
+        }
+    return summarise(per_class, thresholds)
+
+
+def ranked_box_matches(
+    predictions: Sequence[BoxInstance],
+    ground_truth: Sequence[BoxInstance],
+    iou_thresholds: Sequence[float] = IOU_THRESHOLDS,
+    kind: Kind = "3d",
+) -> list[RankedMatches]:
+    """The matches that AP is made of, of every category of ground truth or predictions, sorted by name.
+
+    Args:
+        predictions: as ``average_precision_3d`` takes them.
+        ground_truth: likewise.
+        iou_thresholds: likewise.
+        kind: likewise.
+
+    Raises:
+        ValueError: if a threshold lies outside (0, 1], or a confidence is not finite.
+    """
+    thresholds = check_ranking(iou_thresholds, [item.confidence for item in predictions])
+    matches = []
     for category in sorted({item.category for item in [*predictions, *ground_truth]}):
         found = [item for item in predictions if item.category == category]
         truths = [item for item in ground_truth if item.category == category]
-        overlaps = _overlaps(found, truths, kind)
-        per_class[category] = {t: _one_ap(found, truths, overlaps, t) for t in thresholds}
-    return summarise(per_class, thresholds)
+        order, overlaps = (
+            np.argsort([-item.confidence for item in found], kind="stable"),
+            _overlaps(found, truths, kind),
+        )
+        ranked = [overlaps[place] for place in order]
+        right, counts = zip(*(_matches(ranked, truths, threshold) for threshold in thresholds), strict=True)
+        wanted = Counter(truth.image for truth in truths if not truth.ignore)
+        images = [found[place].image for place in order]
+        matches.append(RankedMatches(category, images, np.array(right), np.array(counts), dict(wanted)))
+    return matches
 
 
 def average_precision_by_range(
@@ -117,24 +153,18 @@ def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind:
     return [[(number, overlap(one.box, truths[number])) for number in of_view[one.image]] for one in found]
 
 
-def _one_ap(
-    found: Sequence[BoxInstance],
-    truths: Sequence[BoxInstance],
-    overlaps: Sequence[Sequence[tuple[int, float]]],
-    threshold: float,
-) -> float | None:
-    """AP of one category at one threshold; None without anything to find."""
-    wanted = sum(not truth.ignore for truth in truths)
-    if wanted == 0:
-        return None
+def _matches(
+    overlaps: Sequence[Sequence[tuple[int, float]]], truths: Sequence[BoxInstance], threshold: float
+) -> tuple[Bool[np.ndarray, "n"], Bool[np.ndarray, "n"]]:
+    """Which predictions of one category, the most confident first, find a box, and which count."""
     taken: set[int] = set()
-    right: list[bool] = []
-    for place in np.argsort([-item.confidence for item in found], kind="stable"):
-        reached = [(number, value) for number, value in overlaps[place] if value >= threshold - _ROUNDING]
+    right, counts = np.zeros(len(overlaps), bool), np.ones(len(overlaps), bool)
+    for rank, some in enumerate(overlaps):
+        reached = [(number, value) for number, value in some if value >= threshold - _ROUNDING]
         free = [(value, -number) for number, value in reached if not truths[number].ignore and number not in taken]
         if free:
             taken.add(-max(free)[1])
-            right.append(True)
-        elif not any(truths[number].ignore for number, _ in reached):
-            right.append(False)
-    return interpolated_area(np.array(right, bool), wanted)
+            right[rank] = True
+        else:
+            counts[rank] = not any(truths[number].ignore for number, _ in reached)
+    return right, counts

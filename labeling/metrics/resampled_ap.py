@@ -28,13 +28,10 @@ def resampled_ap(
 ) -> dict[float, Float[np.ndarray, "resamples"]]:
     """Mean AP over categories of as many draws of scenes; NaN where a draw has nothing to find.
 
-    The draws depend on the names of the scenes and on the seed alone: figures of two detectors on the same pictures are
-    paired, draw by draw.
-
     Args:
         predictions: as ``average_precision`` takes them.
         ground_truth: likewise.
-        scenes: of each picture, by what the instances call it; pictures without any instance may be among them.
+        scenes: as ``resample_matches`` takes them.
         iou_thresholds: each in (0, 1].
         kind: compare masks, or the tightest boxes around them.
         resamples: how many draws.
@@ -44,16 +41,42 @@ def resampled_ap(
         ValueError: if a threshold lies outside (0, 1], a confidence is not finite, or a picture has no scene.
     """
     thresholds = check_ranking(iou_thresholds, [item.confidence for item in predictions])
-    without = {item.image for item in (*predictions, *ground_truth)} - set(scenes)
+    return resample_matches(
+        ranked_matches(predictions, ground_truth, thresholds, kind), scenes, thresholds, resamples, seed
+    )
+
+
+def resample_matches(
+    of_category: Sequence[RankedMatches],
+    scenes: Mapping[Any, str],
+    iou_thresholds: Sequence[float],
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> dict[float, Float[np.ndarray, "resamples"]]:
+    """The same of matches that were made already, of masks or of 3-D boxes.
+
+    The draws depend on the names of the scenes and on the seed alone: figures of two detectors on the same pictures are
+    paired, draw by draw.
+
+    Args:
+        of_category: matches at the thresholds, in their order.
+        scenes: of each picture, by what the matches call it; pictures without any instance may be among them.
+        iou_thresholds: of the matches.
+        resamples: how many draws.
+        seed: of the draws.
+
+    Raises:
+        ValueError: if a picture has no scene.
+    """
+    without = {image for one in of_category for image in (*one.images, *one.truths)} - set(scenes)
     if without:
         raise ValueError(f"picture {min(map(str, without))!r} has no scene")
     names = sorted(set(scenes.values()))
     number = {name: index for index, name in enumerate(names)}
-    result = {threshold: np.full(resamples, np.nan) for threshold in thresholds}
-    of_category = ranked_matches(predictions, ground_truth, thresholds, kind)
+    result = {float(threshold): np.full(resamples, np.nan) for threshold in iou_thresholds}
     places = [_places(one, scenes, number) for one in of_category]
     for draw, times in enumerate(scene_draws(len(names), resamples, seed)):
-        for row, threshold in enumerate(thresholds):
+        for row, threshold in enumerate(result):
             areas = [_area(one, *place, times, row) for one, place in zip(of_category, places, strict=True)]
             mean = mean_of(areas)
             result[threshold][draw] = np.nan if mean is None else mean

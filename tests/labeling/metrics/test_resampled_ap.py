@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.core.rle import encode_mask
+from labeling.core.rle import decode_mask, encode_mask
+from labeling.core.types import Box3d
+from labeling.metrics.box_ap import BoxInstance, average_precision_3d, ranked_box_matches
 from labeling.metrics.mask_ap import average_precision
 from labeling.metrics.matching import MaskInstance
-from labeling.metrics.resampled_ap import resampled_ap, scene_draws
+from labeling.metrics.resampled_ap import resample_matches, resampled_ap, scene_draws
 
 THRESHOLDS = (0.3, 0.5)
 SCENES = {0: "attic", 1: "attic", 2: "bath", 3: "cellar", 4: "den"}
@@ -41,6 +43,11 @@ def made_up(seed: int) -> tuple[list[MaskInstance], list[MaskInstance]]:
     return [one(False) for _ in range(counts[0])], [one(True) for _ in range(counts[1])]
 
 
+def again(items: list, count: dict[str, int]) -> list:
+    """Instances of scenes that are there so many times."""
+    return [replace(item, image=(item.image, copy)) for item in items for copy in range(count[SCENES[item.image]])]
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["mask", "box"]))
 def test_a_scene_that_is_drawn_twice_counts_as_if_it_were_there_twice(seed, kind):
@@ -50,15 +57,36 @@ def test_a_scene_that_is_drawn_twice_counts_as_if_it_were_there_twice(seed, kind
     for draw, times in enumerate(scene_draws(len(names), 4, seed)):
         count = dict(zip(names, times.tolist(), strict=True))
 
-        def again(items, count=count):
-            return [
-                replace(item, image=(item.image, copy)) for item in items for copy in range(count[SCENES[item.image]])
-            ]
-
-        plain = average_precision(again(predictions), again(truths), THRESHOLDS, kind)
+        plain = average_precision(again(predictions, count), again(truths, count), THRESHOLDS, kind)
         for threshold in THRESHOLDS:
             expected = plain.mean[threshold]
             np.testing.assert_allclose(found[threshold][draw], np.nan if expected is None else expected, atol=1e-9)
+
+
+def boxed(items: list[MaskInstance]) -> list[BoxInstance]:
+    """The rectangles of masks as boxes of unit height."""
+    found = []
+    for item in items:
+        rows, columns = np.nonzero(decode_mask(item.rle))
+        (top, left), (height, width) = (rows.min(), columns.min()), (np.ptp(rows) + 1, np.ptp(columns) + 1)
+        box = Box3d(np.array([left + width / 2, top + height / 2, 0.5]), np.array([width, height, 1.0]), np.eye(3))
+        found.append(BoxInstance(item.image, item.category, box, item.confidence, ignore=item.ignore))
+    return found
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_scenes_with_boxes_are_drawn_as_often_as_those_with_masks(seed):
+    found, truths = map(boxed, made_up(seed))
+    names = sorted(set(SCENES.values()))
+    resampled = resample_matches(ranked_box_matches(found, truths, THRESHOLDS), SCENES, THRESHOLDS, 4, seed)
+    for draw, times in enumerate(scene_draws(len(names), 4, seed)):
+        count = dict(zip(names, times.tolist(), strict=True))
+
+        plain = average_precision_3d(again(found, count), again(truths, count), THRESHOLDS)
+        for threshold in THRESHOLDS:
+            expected = plain.mean[threshold]
+            np.testing.assert_allclose(resampled[threshold][draw], np.nan if expected is None else expected, atol=1e-9)
 
 
 def test_draws_are_paired_and_have_as_many_scenes_as_there_are():
