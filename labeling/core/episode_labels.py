@@ -30,6 +30,16 @@ class Source:
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where an object that has moved was in some views."""
+
+    box_3d: Box3d | None
+    """None if no point was left for it."""
+    view_indices: tuple[int, ...]
+    """Those that show it there, ascending."""
+
+
+@dataclass(frozen=True)
 class LabelledObject:
     """One object of an episode."""
 
@@ -39,12 +49,16 @@ class LabelledObject:
     confidence: float
     """In [0, 1]: how far its sources are sure and agree."""
     box_3d: Box3d | None
-    """None if no point was left for it."""
+    """None if no point was left for it, or if it is in several places."""
     sources: tuple[Source, ...]
     """The most confident first."""
     posterior: Mapping[str, float] | None = None
     """Probability of each category; the rest to 1 is that of background. None where a person said what it is, or nobody
     asked."""
+    places: tuple[Place, ...] = ()
+    """Of what has moved: where it was. Empty for what stands still."""
+    only_here: bool = False
+    """Whether it stands still in this episode, and not where it stands in others of the scene."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from labeling.core.episode_labels import EpisodeLabels
+from labeling.core.types import Box3d
 from labeling.core.views import RgbdViews
 
 STEP_M = 100.0
@@ -31,8 +32,16 @@ def moved_views(views: RgbdViews, by_m: Float64[np.ndarray, "3"]) -> RgbdViews:
 
 def moved_labels(labels: EpisodeLabels, by_m: Float64[np.ndarray, "3"]) -> EpisodeLabels:
     """Labels with 3-D boxes, cloud (of 64 bits then) and refined poses moved."""
+
+    def moved(box: Box3d | None) -> Box3d | None:
+        return None if box is None else replace(box, centre_m=box.centre_m + by_m)
+
     objects = tuple(
-        one if one.box_3d is None else replace(one, box_3d=replace(one.box_3d, centre_m=one.box_3d.centre_m + by_m))
+        replace(
+            one,
+            box_3d=moved(one.box_3d),
+            places=tuple(replace(place, box_3d=moved(place.box_3d)) for place in one.places),
+        )
         for one in labels.objects
     )
     cloud = replace(labels.cloud, points=labels.cloud.points.astype(np.float64) + by_m)

@@ -91,6 +91,8 @@ class ObjectRecord:
     sources: tuple[Source, ...] = ()
     shared_from: dict[str, Any] | None = None
     """Episode and instance id of the same object, if another episode of the scene found it."""
+    only_here: bool | None = None
+    """True if it is not where it is in other episodes of its scene."""
 
     @classmethod
     def of(cls, one: LabelledObject, shared_from: dict[str, Any] | None = None) -> "ObjectRecord":
@@ -99,7 +101,8 @@ class ObjectRecord:
         if one.box_3d is None:
             return cls(*named, sources=one.sources, shared_from=shared_from)
         centre, extent, rotation = one.box_3d.centre_m, one.box_3d.extent_m, one.box_3d.rotation
-        return cls(*named, centre.tolist(), extent.tolist(), rotation.tolist(), one.sources, shared_from)
+        box = centre.tolist(), extent.tolist(), rotation.tolist()
+        return cls(*named, *box, one.sources, shared_from, True if one.only_here else None)
 
     @property
     def box_3d(self) -> Box3d | None:

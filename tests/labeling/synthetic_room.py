@@ -204,11 +204,12 @@ def make_episode(
     mask_noise: float = 1.0,
     depth_holes: float = 0.0,
     motion: dict[int, tuple[float, float]] | None = None,
+    shifted: dict[int, tuple[float, float]] | None = None,
 ) -> Episode:
     """One episode of a synthetic room: a ring of cameras looking outwards over the furniture and inwards across it.
 
     ``motion`` tells how far some instances move between a view and the next, along x and y; they set out so that they
-    are half-way where they stand without.
+    are half-way where they stand without. ``shifted`` tells how far from there some stand still.
     """
     rng = np.random.default_rng(seed)
     height_px, width_px = size
@@ -220,7 +221,7 @@ def make_episode(
         eye = np.array([ring_m * np.cos(angle), ring_m * np.sin(angle), 1.5])
         aim = np.array([2.2 * np.cos(angle + np.pi), 2.2 * np.sin(angle + np.pi), 0.5 + 0.2 * np.sin(3 * angle)])
         pose = look_at(eye, aim)
-        parts = [_moved(part, motion or {}, view - num_views / 2) for part in home]
+        parts = [_moved(_moved(part, shifted or {}, 1), motion or {}, view - num_views / 2) for part in home]
         colour, depth_m, instance = render(parts, pose, intrinsics, height_px, width_px)
         if depth_noise:
             depth_m = (depth_m * (1 + rng.normal(0, depth_noise, depth_m.shape))).astype(np.float32)

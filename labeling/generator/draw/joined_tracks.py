@@ -1,11 +1,11 @@
 """One object for each track: labels of its places become labels of what has moved from place to place."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from labeling.core.episode_labels import EpisodeLabels, LabelledObject
+from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Place
 from labeling.core.types import PseudoLabel
 
 
@@ -13,7 +13,7 @@ def join_tracks(labels: EpisodeLabels, tracks: Sequence[int | None]) -> EpisodeL
     """Makes objects of places.
 
     What has moved is labelled in the views that show it, where they show it; elsewhere it is not hidden but gone. It
-    has no 3-D box, since it is in no one place, and its points are taken out of the cloud.
+    has no 3-D box, since it is in no one place, but one in each of its places; its points are taken out of the cloud.
 
     Args:
         labels: as drawn, of objects in one place each, numbered from 1.
@@ -37,8 +37,10 @@ def join_tracks(labels: EpisodeLabels, tracks: Sequence[int | None]) -> EpisodeL
     places.sort(key=lambda own: tracks[own[0]] is not None)
     number = {labels.objects[k].instance_id: place for place, own in enumerate(places, start=1) for k in own}
     moves = [tracks[own[0]] is not None for own in places]
+    seen = _views(labels.labels)
     objects = tuple(
-        _object([labels.objects[k] for k in own], place, moves[place - 1]) for place, own in enumerate(places, start=1)
+        _object([labels.objects[k] for k in own], place, moves[place - 1], seen)
+        for place, own in enumerate(places, start=1)
     )
     best = {one.instance_id: one.sources[0] for one in objects if one.sources}
     drawn: dict[tuple[int, int], PseudoLabel] = {}
@@ -60,12 +62,24 @@ def join_tracks(labels: EpisodeLabels, tracks: Sequence[int | None]) -> EpisodeL
     return replace(labels, objects=objects, labels=tuple(drawn.values()), cloud=_cloud(labels, places, moves))
 
 
-def _object(places: Sequence[LabelledObject], number: int, moves: bool) -> LabelledObject:
+def _views(labels: Sequence[PseudoLabel]) -> dict[int, tuple[int, ...]]:
+    """The views that show each object."""
+    found: dict[int, set[int]] = {}
+    for one in labels:
+        if one.modal.any():
+            found.setdefault(one.instance_id, set()).add(one.view_index)
+    return {name: tuple(sorted(views)) for name, views in found.items()}
+
+
+def _object(
+    own: Sequence[LabelledObject], number: int, moves: bool, seen: Mapping[int, tuple[int, ...]]
+) -> LabelledObject:
     if not moves:
-        return replace(places[0], instance_id=number)
-    sources = sorted((s for one in places for s in one.sources), key=lambda s: (-s.confidence, s.view_index))
-    best = max(places, key=lambda one: one.confidence)
-    return replace(best, instance_id=number, box_3d=None, sources=tuple(sources))
+        return replace(own[0], instance_id=number)
+    sources = sorted((s for one in own for s in one.sources), key=lambda s: (-s.confidence, s.view_index))
+    best = max(own, key=lambda one: one.confidence)
+    places = tuple(Place(one.box_3d, seen[one.instance_id]) for one in own if one.instance_id in seen)
+    return replace(best, instance_id=number, box_3d=None, sources=tuple(sources), places=places)
 
 
 def _together(one: PseudoLabel, other: PseudoLabel) -> PseudoLabel:

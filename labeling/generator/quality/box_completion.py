@@ -8,9 +8,12 @@ from numba import njit
 
 from labeling.core.types import Box3d
 
-MAX_GAP, MAX_GAP_OF_FLAT = 0.5, 1.0
-"""Of an object's height, and of its shorter horizontal side: if it is further above the ground than either, it does not
-stand on it; it lies or hangs. What is flat stands on legs, which are lost first: a table top."""
+MAX_GAP, MAX_GAP_OF_SIDE, MAX_GAP_OF_FLAT = 0.5, 1.0, 1.5
+"""Of an object's height, of its shorter horizontal side, and of that side where it is flat: if it is further above the
+ground than these, it does not stand on it; it lies or hangs. What is flat stands on legs, which are lost first: the top
+of a desk, which is higher than deep."""
+FLAT = 0.5
+"""Height, of its shorter horizontal side, up to which an object is flat."""
 COVERED = 0.3
 """Share of the footprint that points at one height must cover to be a surface that an object stands on."""
 
@@ -25,8 +28,8 @@ def extend_to_support(
     """Lets a box reach down to what its object stands on.
 
     Legs and the lower edge are what masks and depth lose first. The box grows to the highest surface below it, or
-    failing that to the floor, if that is nearer than half of the object's height or than the object is deep: a picture
-    on a wall stays there.
+    failing that to the floor, if that is nearer than half of the object's height or than the object is deep, once and a
+    half as deep if it is flat: a picture on a wall stays there.
 
     Args:
         box: upright; its third axis points up.
@@ -36,7 +39,9 @@ def extend_to_support(
         floor_m: height of the floor.
     """
     bottom, top = box.centre_m[2] - 0.5 * box.extent_m[2], box.centre_m[2] + 0.5 * box.extent_m[2]
-    reach_m = max(MAX_GAP * (top - bottom), MAX_GAP_OF_FLAT * float(np.min(box.extent_m[:2])))
+    height_m, shorter_m = top - bottom, float(np.min(box.extent_m[:2]))
+    most = MAX_GAP_OF_FLAT if height_m <= FLAT * shorter_m else MAX_GAP_OF_SIDE
+    reach_m = max(MAX_GAP * height_m, most * shorter_m)
     lowest, highest = bottom - reach_m - voxel_m, bottom + 0.5 * voxel_m
     under = _under(points, own, box.centre_m, box.rotation, 0.5 * box.extent_m[:2], lowest, highest)
     local = (points[under].astype(float) - box.centre_m) @ box.rotation

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from labeling.core.episode_labels import EpisodeLabels, IgnoredRegion, LabelledObject
-from labeling.core.types import Detection, PseudoLabel
+from labeling.core.types import Box3d, Detection, PseudoLabel
 from labeling.generator.cloud.ground import floor_height
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.quality.box_completion import extend_to_support
@@ -47,10 +47,16 @@ def _with_completed_boxes(labels: EpisodeLabels, voxel_m: float) -> tuple[Labell
     """The objects with boxes that reach down to what they stand on."""
     points, owner = labels.cloud.points, labels.cloud.instance_id
     floor_m = floor_height(points, voxel_m)
+
+    def completed(box: Box3d | None, number: int) -> Box3d | None:
+        return None if box is None else extend_to_support(box, points, owner == number, voxel_m, floor_m)
+
     return tuple(
-        one
-        if one.box_3d is None
-        else replace(one, box_3d=extend_to_support(one.box_3d, points, owner == one.instance_id, voxel_m, floor_m))
+        replace(
+            one,
+            box_3d=completed(one.box_3d, one.instance_id),
+            places=tuple(replace(place, box_3d=completed(place.box_3d, one.instance_id)) for place in one.places),
+        )
         for one in labels.objects
     )
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labeling.core.episode import Episode
-from labeling.core.episode_labels import EpisodeLabels
+from labeling.core.episode_labels import EpisodeLabels, LabelledObject
 from labeling.core.pose_check import PoseCheck
 from labeling.core.types import Detection
 from labeling.core.views import RgbdViews
@@ -53,7 +53,8 @@ def join_episodes(
 def split_labels(labels: EpisodeLabels, num_views: Sequence[int]) -> list[EpisodePart]:
     """Splits the labels of a joined recording by episode.
 
-    Each episode gets the objects that one of its views shows or was a source of, and the cloud of the whole scene.
+    Each episode gets the objects that one of its views shows or was a source of, and the cloud of the whole scene. What
+    has moved from episode to episode, and is in one place in the views of one, has its box of that place there.
 
     Args:
         labels: of the joined views.
@@ -96,7 +97,7 @@ def _part(
         if not sources and places:
             first = places[0][0]
             origins[number] = first, ids[first][one.instance_id]
-        objects.append(replace(one, instance_id=number, sources=sources))
+        objects.append(_standing(replace(one, instance_id=number, sources=sources), start, end))
     found = [one for one in labels.labels if start <= one.view_index < end]
     source_places = [place(one.source_view_index) for one in found]
     number_of = np.zeros(1 + max((one.instance_id for one in labels.objects), default=0), np.int32)
@@ -126,6 +127,17 @@ def _part(
         origins,
         tuple(k for k, _ in source_places),
     )
+
+
+def _standing(one: LabelledObject, start: int, end: int) -> LabelledObject:
+    """An object as the views from ``start`` to ``end`` show it."""
+    places = []
+    for place in one.places:
+        views = tuple(view - start for view in place.view_indices if start <= view < end)
+        places += [replace(place, view_indices=views)] if views else []
+    if len(places) == 1 and places[0].box_3d is not None:
+        return replace(one, box_3d=places[0].box_3d, places=(), only_here=True)
+    return replace(one, places=tuple(places))
 
 
 def _poses_of(poses: PoseCheck, start: int, end: int) -> PoseCheck:

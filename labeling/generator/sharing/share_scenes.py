@@ -77,7 +77,7 @@ def share_scenes(
 
 
 def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Iterator[ObjectObservation]:
-    """The objects of an episode that are confident enough to be shared.
+    """The objects of an episode that are confident enough to be shared, and no guests of this episode.
 
     One that has sources only in episodes that it was labelled together with is theirs to share.
     """
@@ -88,7 +88,7 @@ def _observations(job: Job, result: EpisodeResult, record: EpisodeRecord) -> Ite
         raise EpisodeFormatError(f"{error}; delete {file} and label again") from None
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1)
     for one in record.objects:
-        if one.sources and one.score >= MIN_CONFIDENCE and one.box_3d is not None:
+        if one.sources and one.score >= MIN_CONFIDENCE and one.box_3d is not None and not one.only_here:
             yield ObjectObservation(
                 episode=result.name,
                 instance_id=one.instance_id,

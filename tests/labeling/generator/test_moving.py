@@ -14,6 +14,7 @@ from labeling.generator.cloud.moved import moved_detections, moved_voxels
 from labeling.generator.cloud.voxel_cloud import build_cloud
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.generator.sharing.joined_episodes import join_episodes, split_labels
 from labeling.inspection.checks import inspect_label_set
 from labeling.io.episodes import write_episode
 
@@ -22,6 +23,7 @@ from ..synthetic_room import make_episode, pick
 ROOM = {"num_views": 10, "size": (72, 96), "num_objects": 5, "confident_share": 0.9, "wrong_class": 0.0}
 VOXEL_M = 0.05
 SPEED_M = (0.14, -0.1)
+SHIFT_M = (2.2, -4.2)
 
 
 def truths(episode) -> tuple[GroundTruth, ...]:
@@ -109,6 +111,27 @@ def test_what_moves_is_one_object_labelled_where_it_is(rooms):
         )
         if len(before[0]) >= 4:
             assert np.mean([*after[0].values()]) > np.mean([*before[0].values()]) - 0.15
+
+
+def test_what_stands_elsewhere_in_another_episode_has_its_box_in_each():
+    first = make_episode(4, **ROOM)
+    number = runner(first)
+    visits = [first, make_episode(4, **ROOM, shifted={number: SHIFT_M})]
+    views, detections = join_episodes(visits, [one.detections or () for one in visits])
+    parts = split_labels(propagate(views, detections), [one.num_views for one in visits])
+    centres = []
+    for visit, part in zip(visits, parts, strict=True):
+        iou, objects = found(part.labels, visit, number)
+        assert np.mean([value > 0.5 for value in iou.values()]) > 0.7
+        (guest,) = (one for one in part.labels.objects if one.instance_id in objects)
+        assert guest.only_here
+        assert guest.places == ()
+        assert guest.box_3d is not None
+        centres.append(guest.box_3d.centre_m[:2])
+        stays = [one for one in part.labels.objects if one.instance_id not in objects]
+        assert any(one.box_3d is not None for one in stays)
+        assert not any(one.only_here for one in stays)
+    np.testing.assert_allclose(centres[1] - centres[0], SHIFT_M, atol=0.15)
 
 
 def test_no_view_has_a_label_where_the_thing_was_in_others(rooms):

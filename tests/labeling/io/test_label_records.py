@@ -53,6 +53,14 @@ def test_masks_are_those_of_the_labels(record: EpisodeRecord) -> None:
     assert {"chair", "lamp"} <= set(record.categories)
 
 
+def test_what_stands_in_this_episode_only_says_so_and_nothing_else_does(record: EpisodeRecord) -> None:
+    assert "only_here" not in as_json(record.objects[0])
+    assert record.objects[0].box_3d is not None
+    guest = ObjectRecord.of(LabelledObject(1, "car", 0.5, record.objects[0].box_3d, (), only_here=True))
+    assert as_json(guest)["only_here"] is True
+    assert msgspec.convert(as_json(guest), ObjectRecord) == guest
+
+
 def test_what_is_shared_says_where_from_and_nothing_else_does(record: EpisodeRecord) -> None:
     assert "source_episode" not in as_json(record.labels[0])
     shared = replace(record.labels[0], source_episode="other")

@@ -55,6 +55,10 @@ def test_a_chair_without_legs_reaches_the_floor() -> None:
 
 def test_a_table_top_stands_on_the_floor_and_a_shelf_on_a_wall_does_not() -> None:
     assert bottom(standing(slab((-0.6, -0.4, 0.7), (0.6, 0.4, 0.75)), FLOOR)) == pytest.approx(0, abs=0.5 * VOXEL_M)
+    desk = slab((-0.8, -0.3, 0.7), (0.8, 0.3, 0.75))  # higher than deep
+    assert bottom(standing(desk, FLOOR)) == pytest.approx(0, abs=0.5 * VOXEL_M)
+    drawer = slab((-0.8, -0.3, 0.7), (0.8, 0.3, 1.1))  # no less, but not flat
+    assert bottom(standing(drawer, FLOOR)) == pytest.approx(0.7, abs=VOXEL_M)
     shelf = slab((-0.6, 1.7, 1.3), (0.6, 2.0, 1.35))
     assert bottom(standing(shelf, FLOOR)) == pytest.approx(1.3, abs=VOXEL_M)
 
