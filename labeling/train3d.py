@@ -109,7 +109,7 @@ def _train_frustums(command: Train3dCommand) -> dict[str, Any]:
     """Of one view."""
     from labeling.detectors.registry import choose_device
     from labeling.detectors3d.frustum_detector import load_network
-    from labeling.detectors3d.frustum_samples import category_names, read_frustum_samples
+    from labeling.detectors3d.frustum_samples import read_frustum_samples
     from labeling.detectors3d.frustum_training import FrustumTask, evaluate
     from labeling.runtime.interrupts import graceful_interrupt
     from labeling.training.config import WEIGHTS_FILE
@@ -121,9 +121,11 @@ def _train_frustums(command: Train3dCommand) -> dict[str, Any]:
         validation = read_frustum_samples(command.val, seed)
     else:
         samples, validation = train_val_split_by_object(samples)
-    names = category_names(samples)
-    print(f"{len(samples)} objects in views to learn from: {', '.join(names)}; {len(validation)} to choose by")
     task = FrustumTask(samples, validation, command.train, command.augment, device, {"labels": command.sources})
+    learnt, names, least = task.dataset.samples, task.dataset.categories, command.train.least_confidence
+    doubtful = len(samples) - len(learnt)
+    why = f"; --least-confidence {least:g} leaves out {doubtful}" if doubtful else ""
+    print(f"{len(learnt)} objects in views to learn from: {', '.join(names)}; {len(task.validation)} to choose by{why}")
     with graceful_interrupt() as stop:
         progress = train(task, command.out, say, progress_bar, stop)
     network = load_network(command.out / WEIGHTS_FILE).to(device)

@@ -25,8 +25,10 @@ class Train3dConfig(TrainingConfig):
     """Batches between validations."""
     patience: NonNegative[int] = 8
     """Validations without a better mean IoU after which training stops; 0: never."""
+    least_confidence: Share[float] = 0.5
+    """Labels below are not learnt from; a score is the IoU that a label is expected to have."""
     trust_scores: bool = True
-    """Weight every label by its score, which is the IoU it is expected to have."""
+    """Weight every other label by its score."""
     workers: NonNegative[int] = 0
     """Processes that prepare batches."""
 

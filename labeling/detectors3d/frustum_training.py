@@ -53,18 +53,28 @@ class FrustumTask(loop.TrainingTask[FrustumBatch, FrustumNet]):
         """Makes the network, and sets its training up.
 
         Args:
-            samples: to learn from; their categories and median sizes are those of the network.
-            validation: to choose the best by, by mean IoU; if empty, the last is kept and training does not stop early.
+            samples: to learn from; categories and median sizes of those that are sure enough are the network's.
+            validation: to choose the best by, by mean IoU, if they are sure enough; if empty, the last is kept and
+                training does not stop early.
             config: settings of training.
             augmentation: settings of augmentation.
             device: where to train.
             about: written into the weights: where they come from.
 
         Raises:
-            UsageError: if settings make no sense, or no object of the validation is of a category that is learnt.
+            UsageError: if settings make no sense, no object is sure enough to learn from, or no validation object
+                is of a category that is learnt.
         """
         config.check()
         augmentation.check()
+        samples, validation = (
+            [one for one in some if one.weight >= config.least_confidence] for some in (samples, validation)
+        )
+        if not samples:
+            raise UsageError(
+                f"no label has a score of {config.least_confidence:g} or more to learn from; lower --least-confidence, "
+                "or give labels of more episodes"
+            )
         names = category_names(samples)
         known = [one for one in validation if one.category in names]
         if validation and not known:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from labeling.core.box_overlap import box_iou_3d
 from labeling.core.detector import DetectorError
-from labeling.core.errors import SbmError
+from labeling.core.errors import SbmError, UsageError
 from labeling.core.types import Box3d
 from labeling.detectors3d.config import NO_AUGMENTATION_3D, Train3dConfig
 from labeling.detectors3d.frustum_dataset import collate, unaugmented
@@ -148,6 +148,18 @@ def test_the_paper_s_size():
         (1, 128),
     ]  # fmt: skip
     assert network.box_net.last.out_features == 3 + 2 * HEADINGS + 4 * 3
+
+
+def test_doubtful_labels_are_not_learnt_from():
+    some = frustum_samples_of(1, 2)
+    doubted = [replace(one, weight=0.3 if one.category == some[0].category else 0.5) for one in some]
+    task = FrustumTask(doubted, doubted, Train3dConfig(num_points=64, width=0.25), NO_AUGMENTATION_3D)
+    assert some[0].category not in task.network.spec.categories
+    assert {one.weight for one in (*task.dataset.samples, *task.validation)} == {0.5}
+    sure = FrustumTask(doubted, [], Train3dConfig(num_points=64, width=0.25, least_confidence=0.3), NO_AUGMENTATION_3D)
+    assert len(sure.dataset.samples) == len(some)
+    with pytest.raises(UsageError, match=r"score of 0\.6 or more.*lower --least-confidence"):
+        FrustumTask(doubted, [], Train3dConfig(least_confidence=0.6), NO_AUGMENTATION_3D)
 
 
 @pytest.mark.slow
