@@ -49,8 +49,8 @@ from labeling.runtime.progress import report_progress
 from labeling.runtime.threads import in_background
 
 BOX_TRIM, BOX_MARGIN_VOXELS = 0.003, 0.75
-"""Of 3-D boxes: the share of points that may stick out on each side, few, or handlebars, mirrors and leaves do; and
-what is added to the sides, as points are means over voxels. Chosen in training scenes."""
+"""Of 3-D boxes: the share of points that may stick out on each side, chosen in training scenes (more would leave out
+handlebars, mirrors and leaves); and what is added to the sides, since points are means over voxels."""
 
 ADDED_PROBABILITY = np.float32(0.95)
 """Of an object at the points that its level surfaces lacked."""
