@@ -1,11 +1,9 @@
 """When results were made and by which label generator, so that pages can tell which of them are of an earlier one."""
 
-import hashlib
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
-from labeling.runtime.code_digest import ROOT, reached_files
+from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_provenance
 
 MADE_ON, GENERATOR = "made_on", "label_generator"
@@ -17,21 +15,12 @@ DECIDES = ("labeling/generator/", "labeling/core/")
 
 
 def label_generator_digest() -> str:
-    """Changes with the code that decides labels, and with what that has been calibrated to."""
-    found = hashlib.sha256()
-    for path in label_generator_files():
-        found.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()[:DIGITS]
-
-
-def label_generator_files() -> list[Path]:
-    """The files that decide labels, sorted.
+    """Changes with the code that decides labels, and with what that has been calibrated to.
 
     How programs are run and files are written (``labeling.runtime``, ``labeling.formats``, ``labeling.io``) does not
     count.
     """
-    reached = reached_files(ENTRANCES)
-    return sorted(path for path in reached if path.relative_to(ROOT).as_posix().startswith(DECIDES))
+    return code_digest(*ENTRANCES, within=DECIDES)[:DIGITS]
 
 
 def origin() -> dict[str, Any]:

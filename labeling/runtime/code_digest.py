@@ -17,28 +17,37 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("labeling", "sbm_gym", "agents", "experiments")
 _DATA = (".json", ".toml")
+_ALL = ""
+"""Stands for all of a module."""
+_ANNOTATION, _NAME = re.compile(r"[\w.,|\[\] ]+"), re.compile(r"[A-Za-z_]\w*")
 
 
 @cache
-def code_digest(*targets: str | Callable[..., Any]) -> str:
+def code_digest(*targets: str | Callable[..., Any], within: tuple[str, ...] = ("",)) -> str:
     """Changes whenever code does that an outcome depends on.
 
     Args:
         targets: functions or classes that compute it, with all that they reach (``ReachedCode``). Or names of modules,
             of which every definition counts.
+        within: folders, of all that is reached, whose files count.
     """
+    found = hashlib.sha256()
+    for path, content in sorted(reached_code(*targets).contents().items()):
+        name = path.relative_to(ROOT).as_posix()
+        if name.startswith(within):
+            found.update(name.encode() + b"\0" + content)
+    return found.hexdigest()
+
+
+def reached_code(*targets: str | Callable[..., Any]) -> "ReachedCode":
+    """What targets of ``code_digest`` reach."""
     reached = ReachedCode()
     for target in targets:
         if isinstance(target, str):
-            reached.follow_module(target)
+            reached.follow(target, _ALL)
         else:
             reached.follow(target.__module__, target.__qualname__.partition(".")[0])
-    found = hashlib.sha256()
-    for path, texts in sorted(reached.texts().items()):
-        found.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + "\n".join(texts).encode())
-    for path in sorted(reached.data_files()):
-        found.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()
+    return reached
 
 
 class ReachedCode:
@@ -64,7 +73,7 @@ class ReachedCode:
 
         Args:
             module: of the project; others are passed over.
-            name: that the module binds, imports or contains as a module; whatever else stands for all of it.
+            name: that the module binds, imports or contains as a module; whatever else, as "", stands for all of it.
         """
         self._waiting.append((module, name))
         while self._waiting:
@@ -73,16 +82,16 @@ class ReachedCode:
                 self._seen.add(key)
                 self._visit(*key)
 
-    def follow_module(self, module: str) -> None:
-        """Adds all definitions of a module and what they reach."""
-        self.follow(module, _ALL)
-
-    def texts(self) -> dict[Path, list[str]]:
-        """What is reached, by file: sources without comments and docstrings, sorted."""
-        found: dict[Path, list[str]] = {}
+    def contents(self) -> dict[Path, bytes]:
+        """What counts of each file: of code the definitions that are reached, without comments and docstrings; and all
+        of the JSON and TOML files beside it, since what it has learnt or reads decides its outcome as well.
+        """
+        texts: dict[Path, list[str]] = {}
         for statement, module in self._statements.items():
-            found.setdefault(module.path, []).append(ast.unparse(statement))
-        return {path: sorted(texts) for path, texts in found.items()}
+            texts.setdefault(module.path, []).append(ast.unparse(statement))
+        data = {file for folder in {path.parent for path in texts} for file in folder.iterdir() if file.suffix in _DATA}
+        code = {path: "\n".join(sorted(some)).encode() for path, some in texts.items()}
+        return {**code, **{file: file.read_bytes() for file in data}}
 
     def names(self) -> set[tuple[Path, str]]:
         """The functions and classes that are reached: their files and names."""
@@ -91,11 +100,6 @@ class ReachedCode:
             for statement, module in self._statements.items()
             if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
         }
-
-    def data_files(self) -> set[Path]:
-        """JSON and TOML files beside the code: what it has learnt or reads decides its outcome as well."""
-        folders = {module.path.parent for module in self._statements.values()}
-        return {file for folder in folders for file in folder.iterdir() if file.suffix in _DATA}
 
     def _visit(self, module: str, name: str) -> None:
         found = self._module(module)
@@ -142,16 +146,17 @@ class ReachedCode:
         return [*found, (entry, name)] if colon and name.isidentifier() else found
 
     def _module_called(self, module: "_Module", name: str) -> str | None:
-        """The module of the project that a name of another one means, if it does."""
-        for statement in module.bound.get(name, ()):
-            if isinstance(statement, ast.ImportFrom | ast.Import):
-                for where, what in _imported_as(statement, name):
-                    called = where if what == _ALL else f"{where}.{what}"
-                    above = self._module(where)
-                    defined = what != _ALL and above is not None and what in above.bound
-                    if not defined and self._module(called) is not None:
-                        return called
-        return None
+        """The module of the project that a name of another one means, if that is all that it means."""
+        bound = module.bound.get(name, ())
+        if len(bound) != 1 or not isinstance(bound[0], ast.Import | ast.ImportFrom):
+            return None
+        ((where, what), *more) = _imported_as(bound[0], name)
+        if more or (what == _ALL and where != name and not _renamed(bound[0], name)):
+            return None  # "import a.b" binds a, which has other modules as well
+        above, called = self._module(where), where if what == _ALL else f"{where}.{what}"
+        if what != _ALL and above is not None and what in above.bound:
+            return None
+        return None if self._module(called) is None else called
 
     def _import(self, name: str) -> None:
         """Adds what a module does when it is imported, and those that it imports, and the packages that it lies in."""
@@ -211,33 +216,6 @@ class _Module:
             for statement, _ in _top_level(ast.parse(stub.read_text(encoding="utf-8")).body):
                 for bound in _binds(statement):
                     self.bound.setdefault(bound, []).append(statement)
-
-
-_ALL = ""
-"""Stands for all of a module."""
-_ANNOTATION = re.compile(r"[\w.,|\[\] ]+")
-_NAME = re.compile(r"[A-Za-z_]\w*")
-
-
-def reached_files(modules: Iterable[str]) -> set[Path]:
-    """Source files of these modules and of all that they import, within the project; imports in functions count.
-
-    So do JSON and TOML files beside them.
-    """
-    found: set[Path] = set()
-    waiting = list(modules)
-    while waiting:
-        path = _source(waiting.pop())
-        if path is None or path in found:
-            continue
-        found.add(path)
-        found.update(file for file in path.parent.iterdir() if file.suffix in _DATA)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            waiting += _imports(node)
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                module, colon, name = node.value.partition(":")
-                waiting += [module] if colon and name.isidentifier() else []
-    return found
 
 
 def _nodes(statement: ast.AST) -> Iterator[ast.AST]:
@@ -309,6 +287,11 @@ def _imported_as(statement: ast.Import | ast.ImportFrom, name: str) -> list[tupl
         for alias in statement.names
         if name in (alias.asname, None if alias.asname else alias.name.partition(".")[0])
     ]
+
+
+def _renamed(statement: ast.Import | ast.ImportFrom, name: str) -> bool:
+    """Whether an import calls something so that is called otherwise."""
+    return any(alias.asname == name for alias in statement.names)
 
 
 def _imports(node: ast.AST) -> Iterator[str]:

@@ -10,7 +10,7 @@ from experiments.cache import episode_pool
 from experiments.cache.episode_pool import EpisodePool, link_dataset, record
 from experiments.cache.stages import RunContext
 from labeling.io.episodes import find_episodes
-from labeling.runtime.code_digest import ROOT, ReachedCode
+from labeling.runtime.code_digest import ROOT, reached_code
 
 
 @pytest.fixture
@@ -73,9 +73,7 @@ def test_a_small_pool_is_a_dataset_of_its_own_where_a_larger_one_has_been(tmp_pa
 
 def test_settings_of_labels_do_not_decide_how_episodes_are_recorded() -> None:
     # Labels that are improved must not have all episodes recorded, and all detectors trained, anew.
-    code = ReachedCode()
-    code.follow(collect_episodes.__module__, collect_episodes.__name__)
-    reached = {path.relative_to(ROOT).as_posix() for path in code.texts()}
+    reached = {path.relative_to(ROOT).as_posix() for path in reached_code(collect_episodes).contents()}
     assert "labeling/generator/objects/object_posterior.py" in reached  # whose judgement the robot makes as it goes
     decide_labels = ("labeling/generator/settings/", "labeling/generator/propagate.py")
     assert not [name for name in reached if name.startswith(decide_labels)]

@@ -2,12 +2,13 @@
 
 from datetime import UTC, datetime
 
-from experiments.cache.origin import GENERATOR, MADE_ON, label_generator_digest, label_generator_files, origin
-from labeling.runtime.code_digest import ROOT
+from experiments.cache.origin import DECIDES, ENTRANCES, GENERATOR, MADE_ON, label_generator_digest, origin
+from labeling.runtime.code_digest import ROOT, reached_code
 
 
 def test_all_that_decides_labels_counts_and_nothing_else() -> None:
-    names = {path.relative_to(ROOT).as_posix() for path in label_generator_files()}
+    reached = {path.relative_to(ROOT).as_posix() for path in reached_code(*ENTRANCES).contents()}
+    names = {name for name in reached if name.startswith(DECIDES)}
     assert {
         "labeling/generator/propagate.py",
         "labeling/generator/segment/mean_field.py",

@@ -80,9 +80,8 @@ def test_every_function_that_labels_counts(tmp_path: Path) -> None:
     called = {(Path(file), name) for file, _, name in lines if Path(file).is_relative_to(ROOT / "labeling")}
     called = {(file, name) for file, name in called if name.isidentifier()}
     assert len(called) > 150
-    counted = code_digest_module.ReachedCode()
-    counted.follow_module("labeling.generator.label_jobs")
-    missed = {(file.relative_to(ROOT).as_posix(), name) for file, name in called - counted.names()}
+    counted = code_digest_module.reached_code("labeling.generator.label_jobs").names()
+    missed = {(file.relative_to(ROOT).as_posix(), name) for file, name in called - counted}
     assert {one for one in missed if one[0] not in NOT_LABELLING and one[1] not in GIVEN} == set()
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from agents.rollouts.recorder import collect_episodes
 from labeling.runtime import code_digest as module
-from labeling.runtime.code_digest import ROOT, ReachedCode, code_digest, reached_files
+from labeling.runtime.code_digest import ROOT, code_digest, reached_code
 
 CODE = {
     "__init__": "attach = 'on demand'\n",
@@ -91,15 +91,13 @@ def function(name: str, where: str = "e") -> Callable[..., Any]:
 
 def reached_by(target: Callable[..., Any]) -> set[str]:
     """Names of functions and classes."""
-    reached = ReachedCode()
-    reached.follow(target.__module__, target.__qualname__.partition(".")[0])
-    return {name for _, name in reached.names()}
+    return {name for _, name in reached_code(target).names()}
 
 
 def test_modules_reach_what_is_imported_in_functions_and_through_packages(package: Path) -> None:
     (package / "learnt.json").write_text("{}")
-    names = {path.name for path in reached_files(["labeling.a"])}
-    assert names == {"__init__.py", "a.py", "b.py", "c.py", "named.py", "learnt.json"}
+    names = {path.name for path in reached_code("labeling.a").contents()}
+    assert names == {"a.py", "c.py", "named.py", "learnt.json"}  # b.py only hands on
     assert not changed_by(package / "d.py", "x = 3\n", "labeling.a")
     assert changed_by(package / "c.py", "import labeling.a\nx = 2\nunused = 1\n", "labeling.a")
     assert changed_by(package / "learnt.json", "[]", "labeling.a")
@@ -130,6 +128,14 @@ def test_functions_reach_what_they_name_directly_or_not(package: Path) -> None:
         ("types", "size = 1", "size = 2", True),
         ("tools", "def used(value): ...", "def used(value): return value", True),
         ("tools", "def idle(): ...", "def idle(): return 1", False),
+        # What a module does that is imported on the way: it registers by a decorator, by a call, as it goes.
+        ("registers", "def helper(): ...", "def helper(): return 1", True),
+        ("registers", "def two(): ...", "def two(): return 2", True),
+        ("registers", '["three"] = 3', '["three"] = 4', True),
+        ("registers", "if one():", "if not one():", True),
+        ("registers", "class Plain: ...", "class Plain:\n    x = 1", False),  # to make an object registers nothing
+        ("registers", "four = 4", "four = 5", False),
+        ("registers", "    two()\n", "    one()\n", False),
     ],
 )
 def test_a_change_counts_where_the_function_depends_on_it(
@@ -141,21 +147,19 @@ def test_a_change_counts_where_the_function_depends_on_it(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "counts"),
+    "text",
     [
-        ("def helper(): ...", "def helper(): return 1", True),  # of what is registered by a decorator
-        ("def two(): ...", "def two(): return 2", True),  # of what is registered by a call
-        ('["three"] = 3', '["three"] = 4', True),
-        ("if one():", "if not one():", True),
-        ("class Plain: ...", "class Plain:\n    x = 1", False),  # to make an object registers nothing
-        ("four = 4", "four = 5", False),
-        ("    two()\n", "    one()\n", False),
+        "import labeling.named\nimport labeling.tools\ndef asks():\n    return labeling.tools.idle()\n",
+        "try:\n    from labeling import named as one\nexcept ImportError:\n    from labeling import tools as one\n"
+        "def asks():\n    return one.idle()\n",
+        "if 1 > 0:\n    from labeling import named as one\nelse:\n    from labeling import tools as one\n"
+        "def asks():\n    return one.idle()\n",
     ],
+    ids=["several modules of a package", "one or the other", "under a condition"],
 )
-def test_what_an_imported_module_does_counts(package: Path, old: str, new: str, counts: bool) -> None:
-    text = CODE["registers"].replace(old, new)
-    assert text != CODE["registers"]
-    assert changed_by(package / "registers.py", text, function("called")) is counts
+def test_a_name_that_may_mean_several_modules_reaches_all(package: Path, text: str) -> None:
+    (package / "asks.py").write_text(text)
+    assert {"idle", "thing"} <= reached_by(function("asks", "asks"))
 
 
 def test_what_a_package_gives_on_demand_is_found(package: Path) -> None:
@@ -166,10 +170,8 @@ def test_what_a_package_gives_on_demand_is_found(package: Path) -> None:
 
 
 def test_labels_and_recordings_depend_on_the_code_that_makes_them() -> None:
-    names = {path.stem for path in reached_files(["labeling.generator.propagate"])}
+    names = {path.stem for path in reached_code("labeling.generator.propagate").contents()}
     assert {"association", "mean_field", "permutohedral_lattice", "per_detection", "published_defects"} <= names
     assert not names & {"html", "viewer"}
-    recorded = ReachedCode()
-    recorded.follow(collect_episodes.__module__, collect_episodes.__name__)
-    files = {path.relative_to(ROOT).as_posix() for path in recorded.texts()}
+    files = {path.relative_to(ROOT).as_posix() for path in reached_code(collect_episodes).contents()}
     assert {"sbm_gym/env/fixation_env.py", "sbm_gym/registration.py", "agents/policies/ring.py"} <= files
