@@ -129,15 +129,15 @@ def ratio_to_ceiling(
         tell of no draws.
     """
     rows = [[run for run in row["runs"] if run[figure] is not None] for row in (ours, ceiling)]
-    before, above = (statistics.fmean(run[figure] for run in runs) if runs else 0.0 for runs in rows)
-    if above <= 0:
+    reached, most = (statistics.fmean(run[figure] for run in runs) if runs else 0.0 for runs in rows)
+    if most <= 0:
         return None, None
     draws = [[(run.get("resampled") or {}).get(figure) for run in runs] for runs in rows]
     if any(one is None for of_row in draws for one in of_row):
-        return before / above, None
-    drawn, drawn_above = (np.mean(np.array(of_row, float), axis=0) for of_row in draws)
-    some = drawn_above > 0
-    return before / above, _interval(drawn[some] / drawn_above[some])
+        return reached / most, None
+    drawn_ours, drawn_ceiling = (np.mean(np.array(of_row, float), axis=0) for of_row in draws)
+    some = drawn_ceiling > 0
+    return reached / most, _interval(drawn_ours[some] / drawn_ceiling[some])
 
 
 def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:

@@ -7,12 +7,9 @@ import numpy as np
 
 from experiments.figures.result_values import BOXES_3D, ratio_to_ceiling
 from experiments.pages.markdown import mean_std, table
+from experiments.tables.table_5_5 import CEILING, LDLS, OURS, SHARED, TUNED
 
 PICTURE = "results_table_5_5.png"
-OURS, SHARED, CEILING = "SbM F-PointNet", "SbM F-PointNet on shared labels", "supervised F-PointNet"
-"""Rows of networks: on labels of single episodes, as in the thesis, on those that the episodes of a scene share (which
-results of before lack), and on ground truth.
-"""
 MASK_SOURCES = {"recorded": "of the pre-trained detector", "told": "true ones"}
 """Where the 2-D detections come from that are lifted, as results name it and as the page does."""
 TARGETS = {
@@ -41,7 +38,7 @@ def boxes_section(content: Mapping[str, Any], pictured: Sequence[str]) -> dict[s
             run.get("resampled") for found in content["worlds"].values() for row in found["rows"] for run in row["runs"]
         ),
         "thesis_share": BOXES_3D[OURS] / BOXES_3D[CEILING],
-        "thesis_lead": BOXES_3D[OURS] - BOXES_3D["LDLS"],
+        "thesis_lead": BOXES_3D[OURS] - BOXES_3D[LDLS],
     }
 
 
@@ -75,9 +72,9 @@ def _shares(rows: Sequence[Mapping[str, Any]], source: str) -> list[dict[str, An
     """How near SbM comes to the supervised network, and how far it lies from LDLS; empty if the former finds none."""
     of_source, found = {row["name"]: row for row in rows if row["boxes"] == source}, []
     for name in (OURS, SHARED):
-        if name not in of_source:
+        if name not in of_source:  # results of before have no networks on shared labels
             continue
-        ap25 = [np.mean(_values(of_source[row], "ap25") or [0.0]) for row in (name, "LDLS", "LDLS, tuned")]
+        ap25 = [np.mean(_values(of_source[row], "ap25") or [0.0]) for row in (name, LDLS, TUNED)]
         reached = [ratio_to_ceiling(of_source[name], of_source[CEILING], figure) for figure in ("ap25", "ap50")]
         if reached[0][0] is None:
             continue

@@ -28,7 +28,7 @@ class Train3dConfig(TrainingConfig):
     least_confidence: Share[float] = 0.5
     """Labels below are not learnt from; a score is the IoU that a label is expected to have."""
     trust_scores: bool = True
-    """Weight every other label by its score."""
+    """Weight the labels that are left by their scores."""
     workers: NonNegative[int] = 0
     """Processes that prepare batches."""
 

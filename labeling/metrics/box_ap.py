@@ -91,10 +91,8 @@ def ranked_box_matches(
     for category in sorted({item.category for item in [*predictions, *ground_truth]}):
         found = [item for item in predictions if item.category == category]
         truths = [item for item in ground_truth if item.category == category]
-        order, overlaps = (
-            np.argsort([-item.confidence for item in found], kind="stable"),
-            _overlaps(found, truths, kind),
-        )
+        order = np.argsort([-item.confidence for item in found], kind="stable")
+        overlaps = _overlaps(found, truths, kind)
         ranked = [overlaps[place] for place in order]
         right, counts = zip(*(_matches(ranked, truths, threshold) for threshold in thresholds), strict=True)
         wanted = Counter(truth.image for truth in truths if not truth.ignore)
