@@ -25,6 +25,7 @@ from labeling.generator.sharing.scene_objects import (
 )
 from labeling.inspection.checks import inspect_label_set
 from labeling.io.episodes import write_episode
+from labeling.io.label_records import ObjectRecord
 
 from ...synthetic_room import Part, make_episode, pick, render
 
@@ -196,6 +197,16 @@ def test_nothing_is_shared_with_another_scene_nor_with_whoever_found_it(
         assert {images[one["image_id"]] for one in read(labels)["annotations"]} == episodes
     own = [[one for one in read(labels)["annotations"] if one["image_id"] <= 6] for labels in (shared, tmp_path)]
     assert own[0] == own[1]
+
+
+def test_what_stands_in_one_episode_only_is_not_shared(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = ObjectRecord.of
+    monkeypatch.setattr(ObjectRecord, "of", lambda *args, **more: replace(plain(*args, **more), only_here=True))
+    assert main([str(dataset), "--out", str(tmp_path), "--share-scenes", "--no-label-together"]) == 0
+    images = {one["id"]: one["episode"] for one in read(tmp_path)["images"]}
+    assert {images[one["image_id"]] for one in read(tmp_path)["annotations"]} == {"found"}
 
 
 def test_episodes_that_name_no_scene_keep_what_they_found(dataset: Path, tmp_path: Path) -> None:
