@@ -7,6 +7,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActor
 from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
 from stable_baselines3.common.vec_env import VecTransposeImage
 from torch import nn
+from torch.optim import Optimizer
 
 from agents.network.choice_policy import PARTS, ChoicePolicy
 from agents.network.features import PICTURES, LookFeatures
@@ -67,6 +68,12 @@ def policy_class(name: str) -> type[ActorCriticPolicy]:
     return POLICIES[name]
 
 
+class NoOptimizer(Optimizer):
+    """For policies that are not trained: the first real one of a process imports torch's compiler, which takes long."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None: ...
+
+
 def build_policy(
     observation_space: spaces.Dict, action_space: spaces.Space, name: str, plain: dict[str, Any], use_sde: bool = False
 ) -> ActorCriticPolicy:
@@ -85,7 +92,8 @@ def build_policy(
     arguments = policy_arguments(plain)
     try:
         space = channels_first(observation_space)
-        return policy_class(name)(space, action_space, lambda left: 0.0, use_sde=use_sde, **arguments)
+        made = policy_class(name)
+        return made(space, action_space, lambda left: 0.0, use_sde=use_sde, optimizer_class=NoOptimizer, **arguments)
     except (TypeError, ValueError, AssertionError, RuntimeError) as error:
         raise UsageError(f"policy_kwargs do not make a network for this environment: {error}") from None
 

@@ -32,3 +32,15 @@ def test_examples_run(module):
 def test_importing_loads_nothing_heavy():
     code = "import agents, sys; sys.exit(bool({'torch', 'mujoco', 'stable_baselines3'} & set(sys.modules)))"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_trained_policy_and_a_network_that_looks_do_without_the_compiler_of_torch():
+    code = (
+        "import sys, numpy as np\n"
+        "from agents.policies.registry import make_policy\n"
+        "from labeling.detectors.registry import load_detector\n"
+        "make_policy('ppo', 'sbm_gym/Indoor-v0')\n"
+        "load_detector('compact').detect(np.zeros((1, 64, 64, 3), np.uint8))\n"
+        "sys.exit('torch._dynamo' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

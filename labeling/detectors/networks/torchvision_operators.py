@@ -3,13 +3,20 @@ torchvision``.
 
 torchvision's compiled operators do not load beside every build of torch (the wheel of PyPI wants CUDA libraries, which
 a CPU-only torch lacks), and without them torchvision cannot even be imported. Where that is so, the two operators that
-detectors need, ``nms`` and ``roi_align``, are defined here before the import. Where they load, nothing is changed.
+detectors need, ``nms`` and ``roi_align``, are defined here before the import. Where they load, they are used.
+
+torchvision also imports torch's compiler, which takes as long as torch itself, for one question that detectors do not
+ask; here it is imported when somebody asks.
 """
 
 import importlib
 import importlib.util
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numba
 import numpy as np
@@ -174,9 +181,37 @@ def _define() -> torch.library.Library:
     return fragment
 
 
-# Kept: operators vanish with the library that defines them.
-_LIBRARY = None if compiled_operators_load() else _define()
+@contextmanager
+def compiler_on_demand(name: str = "torch._dynamo.utils") -> Iterator[None]:
+    """Puts in the place of a module one that imports it when one of its functions is called.
 
-import torchvision  # noqa: E402
+    ``torchvision.ops.roi_align`` takes ``is_compile_supported`` from it.
+    """
+    if name in sys.modules:
+        yield
+        return
+
+    def of_the_real_one(function: str) -> Any:
+        if function.startswith("__"):
+            raise AttributeError(function)  # what Python asks every module for
+
+        def called(*args: Any, **kwargs: Any) -> Any:
+            return getattr(importlib.import_module(name), function)(*args, **kwargs)
+
+        return called
+
+    stand_in = ModuleType(name)
+    stand_in.__getattr__ = of_the_real_one  # type: ignore[method-assign]
+    sys.modules[name] = stand_in
+    try:
+        yield
+    finally:
+        del sys.modules[name]
+
+
+with compiler_on_demand():
+    # Kept: operators vanish with the library that defines them.
+    _LIBRARY = None if compiled_operators_load() else _define()
+    import torchvision
 
 __all__ = ["torchvision"]
