@@ -121,11 +121,12 @@ def caches_are_emptied(request: pytest.FixtureRequest) -> Iterator[None]:
     Set up before the other fixtures of a module, and so taken down after them.
     """
     yield
-    for value in vars(request.module).values():
+    for value in list(vars(request.module).values()):
         if isinstance(value, functools._lru_cache_wrapper) and value.__module__ == request.module.__name__:
             value.cache_clear()
-    for name in [name for name in sys.modules if name.startswith(("sbm_gym.assets.", "sbm_gym.worlds."))]:
-        for value in vars(sys.modules[name]).values():
+    # Lists: threads that tests left behind may be importing.
+    for name in [name for name in list(sys.modules) if name.startswith(("sbm_gym.assets.", "sbm_gym.worlds."))]:
+        for value in list(vars(sys.modules[name]).values()):
             if isinstance(value, functools._lru_cache_wrapper) and value.cache_parameters()["maxsize"]:
                 value.cache_clear()
     if resident_bytes() > resident_before + GROWTH_BYTES:

@@ -15,6 +15,7 @@ def test_it_is_a_bench():
     assert bench.BENCHES["scenes"] == "experiments.benchmarks.scenes"
 
 
+@pytest.mark.slow
 def test_visits_say_what_they_cost(capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     scenes.visit(BUILTIN, 2, 3, scenes=True)

@@ -19,6 +19,7 @@ from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotat
 from labeling.training import loop as training_loop
 
 
+@pytest.mark.slow
 def test_the_experiment_runs_resumes_and_reports(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,9 +86,9 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 
 def test_labels_are_the_same_for_any_number_of_workers(dataset: Path, tmp_path: Path) -> None:
     before = dict(os.environ)
-    for workers in (1, 3):
+    for workers in (1, 2):
         assert main([str(dataset), "--out", str(tmp_path / str(workers)), "--workers", str(workers)]) == 0
-    assert files(tmp_path / "1") == files(tmp_path / "3")
+    assert files(tmp_path / "1") == files(tmp_path / "2")
     assert dict(os.environ) == before
 
 

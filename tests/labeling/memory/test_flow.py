@@ -112,6 +112,7 @@ def remembered(volume: torch.Tensor) -> Remembered:
     return Remembered(volume, filled, 1 - filled, torch.zeros(len(volume), 2, *volume.shape[2:]))
 
 
+@pytest.mark.slow
 def test_the_network_learns_shifts_of_volumes_and_zero_for_identical_ones():
     """The law of the untrained search, for learnt flow: after a few hundred small steps."""
     spec = GridSpec((8, 12, 12), 0.1)

@@ -9,7 +9,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch._dynamo.utils import is_compile_supported
 
 from labeling.detectors.networks import torchvision_operators
 from labeling.detectors.networks.torchvision_operators import (
@@ -114,5 +113,7 @@ def test_what_is_asked_for_on_demand_answers_as_the_real_one_and_nothing_else_is
 
 
 def test_torchvision_asks_the_real_compiler_what_it_supports():
+    from torch._dynamo.utils import is_compile_supported  # not before: it is large
+
     asked = sys.modules["torchvision.ops.roi_align"].is_compile_supported
     assert asked("cpu") == is_compile_supported("cpu")
