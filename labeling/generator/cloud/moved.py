@@ -49,12 +49,23 @@ def moved_detections(
     moved = moved_voxels(cloud, views, np.flatnonzero(shown[:-1]))
     found: dict[int, Bool[np.ndarray, "h w"]] = {}
     for one in detections:
-        voxels = cloud.voxel_of_pixel[one.view_index][one.mask]
-        voxels = voxels[voxels >= 0]
-        if len(voxels) >= MIN_PX and np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels):
+        if shows_moved(cloud, one, moved):
             rim = _with_rim(one.mask)
             found[one.view_index] = found[one.view_index] | rim if one.view_index in found else rim
     return found
+
+
+def shows_moved(cloud: Cloud, detection: Detection, moved: Bool[np.ndarray, "n"]) -> bool:
+    """Whether a detection is of something that has moved.
+
+    Args:
+        cloud: of all views.
+        detection: of one of them.
+        moved: voxels that have moved.
+    """
+    voxels = cloud.voxel_of_pixel[detection.view_index][detection.mask]
+    voxels = voxels[voxels >= 0]
+    return len(voxels) >= MIN_PX and bool(np.count_nonzero(moved[voxels]) >= MOVED_SHARE * len(voxels))
 
 
 def moved_voxels(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"] | None = None) -> Bool[np.ndarray, "n"]:

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from labeling.generator.cloud.moved import shows_moved
 from labeling.generator.cloud.outliers import far_from_mean
 from labeling.generator.cloud.voxel_cloud import Cloud, voxels_of_blind_view
 from labeling.generator.objects.voxel_votes import split_voxels
@@ -126,7 +127,12 @@ def detection_trimap(detection: Detection, config: LabelConfig) -> Trimap:
 
 
 def trimap_seeds(
-    cloud: Cloud, detection: Detection, trimap: Trimap, config: LabelConfig, camera: Camera | None = None
+    cloud: Cloud,
+    detection: Detection,
+    trimap: Trimap,
+    config: LabelConfig,
+    camera: Camera | None = None,
+    moved: Bool[np.ndarray, "n"] | None = None,
 ) -> DetectionSeeds:
     """Moves the trimap of a detection into the cloud.
 
@@ -136,6 +142,8 @@ def trimap_seeds(
         trimap: its.
         config: settings.
         camera: of its view. Given it, what a person drew where the view has no depth takes the points of other views.
+        moved: voxels that have moved, if any have. A detection of what has moved has no other foreground: between the
+            spokes of a bicycle it shows the ground, often more of it than of the bicycle.
     """
     view = detection.view_index
     if camera is not None and detection.exact and np.all(cloud.voxel_of_pixel[view][detection.mask] < 0):
@@ -144,6 +152,8 @@ def trimap_seeds(
         visible, ranks, pixels = cloud.voxels_of_view(view)
     split = split_voxels(ranks[trimap.window], trimap.side, pixels)
     inside, outside, near = (visible[chosen] for chosen in split)
+    if moved is not None and not detection.exact and shows_moved(cloud, detection, moved):
+        inside = inside[moved[inside]]
     return DetectionSeeds(detection, inside[~_seed_outliers(cloud.points[inside], config)], outside, near)
 
 

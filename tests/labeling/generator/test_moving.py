@@ -181,6 +181,23 @@ def test_something_that_runs_through_one_view_is_labelled_there_only(rooms):
     assert np.sum(labels[0].modal & mask) > 0.8 * np.sum(labels[0].modal | mask)
 
 
+def test_what_shows_through_something_that_passes_is_no_part_of_it(rooms):
+    """A bicycle is less of its own mask than the ground that it stands on is."""
+    still, *_ = rooms
+    depth_m = still.depth_m.copy()
+    mask, bars = np.zeros(still.size, bool), np.zeros(still.size, bool)
+    mask[12:60, 20:75] = True
+    bars[12:60, 20:75] = np.arange(55) % 7 < 3
+    depth_m[0][bars] = 0.6 * depth_m[0][bars]
+    bicycle = Detection(0, "bicycle", 0.97, mask)
+    labels = propagate(replace(still, depth_m=depth_m), (bicycle,), LabelConfig(calibrate=False))
+    assert len(labels.objects) == 1
+    shown = {one.view_index: one.modal for one in labels.labels}
+    own = shown.pop(0)
+    assert np.sum(own & bars) > 0.9 * np.sum(own | bars)
+    assert all(np.mean(one) < 0.01 for one in shown.values())
+
+
 def test_a_label_set_tells_what_moves_and_is_in_order(rooms, tmp_path, capsys):
     _, moving, number = rooms
     write_episode(tmp_path / "episodes" / "one", moving)
