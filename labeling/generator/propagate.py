@@ -223,7 +223,13 @@ def fuse_scene(views: RgbdViews, detections: Sequence[Detection], config: LabelC
         # One after the other: many short jobs on several threads cost more than they save. Without ``fuse_views``
         # there are no trimaps, so no seeds either.
         pairs = zip(used, trimaps(), strict=False)
-        seeds = [trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index), moved) for one, trimap in pairs]
+        ground = None
+        if config.clear_ground and config.fuse_views and cloud.num_points:
+            ground = find_ground(cloud, views, np.ones(cloud.num_points, bool), scale.object_m)
+        seeds = [
+            trimap_seeds(cloud, one, trimap, config, views.camera(one.view_index), moved, ground)
+            for one, trimap in pairs
+        ]
     if config.nested_masks:
         seeds = without_nested(seeds, cloud.num_points, config.confident, config.merge_overlap)
     return FusedScene(views, cloud, scale, poses, seeds, moved)

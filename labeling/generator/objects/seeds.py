@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from labeling.generator.cloud.ground import Ground, seeds_above_ground
 from labeling.generator.cloud.moved import shows_moved
 from labeling.generator.cloud.outliers import far_from_mean
 from labeling.generator.cloud.voxel_cloud import Cloud, voxels_of_blind_view
@@ -133,6 +134,7 @@ def trimap_seeds(
     config: LabelConfig,
     camera: Camera | None = None,
     moved: Bool[np.ndarray, "n"] | None = None,
+    ground: Ground | None = None,
 ) -> DetectionSeeds:
     """Moves the trimap of a detection into the cloud.
 
@@ -144,6 +146,7 @@ def trimap_seeds(
         camera: of its view. Given it, what a person drew where the view has no depth takes the points of other views.
         moved: voxels that have moved, if any have. A detection of what has moved has no other foreground: between the
             spokes of a bicycle it shows the ground, often more of it than of the bicycle.
+        ground: of the cloud. Given it, what shows mostly ground has its seeds above it.
     """
     view = detection.view_index
     if camera is not None and detection.exact and np.all(cloud.voxel_of_pixel[view][detection.mask] < 0):
@@ -154,6 +157,8 @@ def trimap_seeds(
     inside, outside, near = (visible[chosen] for chosen in split)
     if moved is not None and not detection.exact and shows_moved(cloud, detection, moved):
         inside = inside[moved[inside]]
+    if ground is not None and not detection.exact:
+        inside = seeds_above_ground(cloud, inside, ground)
     return DetectionSeeds(detection, inside[~_seed_outliers(cloud.points[inside], config)], outside, near)
 
 

@@ -3,7 +3,12 @@ import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
 from labeling.core.views import RgbdViews
-from labeling.generator.cloud.ground import find_ground, ground_of_objects, height_coefficients
+from labeling.generator.cloud.ground import (
+    find_ground,
+    ground_of_objects,
+    height_coefficients,
+    seeds_above_ground,
+)
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 
 from ...synthetic_room import Part, render
@@ -125,3 +130,27 @@ def test_objects_have_none_of_the_ground_unless_they_are_flat_on_it() -> None:
     assert not np.any(taken & (cloud.points[:, 2] > 0.03))
     nothing = ground_of_objects(cloud, np.full_like(owner, -1), 0, free)
     assert not nothing.any()
+
+
+def test_what_shows_mostly_ground_has_its_seeds_above_it() -> None:
+    """Oracle: the shapes. Bars with more of the floor between than of themselves; a block; a rug; the floor alone."""
+    bars = [Part((-1.4 + 0.25 * k, -0.6, 0.3), (0.02, 0.02, 0.3), (0.1, 0.1, 0.1)) for k in range(5)]
+    block = Part((0.9, -0.9, 0.3), (0.3, 0.3, 0.3), (0.3, 0.4, 0.2))
+    views = views_of([RUG, block, *bars])
+    cloud = cloud_of(views)
+    ground = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+
+    def seeds_in(low, high) -> tuple[np.ndarray, np.ndarray]:
+        inside = np.all((cloud.points > np.array(low)) & (cloud.points < np.array(high)), axis=1)
+        voxels = np.flatnonzero(inside).astype(np.int32)
+        return voxels, seeds_above_ground(cloud, voxels, ground)
+
+    shown, above = seeds_in((-1.5, -0.9, -0.05), (-0.3, -0.3, 0.7))
+    height_m = cloud.points[shown, 2]
+    assert np.mean(height_m < 0.02) > 0.6
+    assert np.all(np.isin(shown[height_m > 0.04], above))
+    assert np.mean(cloud.points[above, 2] < 0.02) < 0.1
+    for low, high in (((0.55, -1.25, -0.05), (1.25, -0.55, 0.7)), ((-0.5, -0.4, -0.05), (1.0, 0.8, 0.1))):
+        shown, above = seeds_in(low, high)
+        assert len(shown) > 100
+        np.testing.assert_array_equal(shown, above)
