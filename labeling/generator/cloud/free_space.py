@@ -66,6 +66,22 @@ def count_misses(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"]) -
     return np.sum(in_threads(misses_of, shares), axis=0)
 
 
+def looked_through(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"], view: int) -> Bool[np.ndarray, "d"]:
+    """Which of some points a view looks through, see ``free_space_points``.
+
+    Args:
+        cloud: the points.
+        views: those that the cloud was made from.
+        chosen: indices of points.
+        view: index of the view.
+    """
+    found, camera = np.zeros(len(chosen), np.int32), np.ascontiguousarray(views.intrinsics[view], np.float64)
+    margin_m = np.float64(np.sqrt(3.0) * cloud.voxel_m)
+    pose = invert_rigid(views.camera_to_world[view])
+    _add_misses(cloud.points[chosen], views.depth_m[view], camera, pose, margin_m, found)
+    return found > 0
+
+
 def clear_free_space(
     cloud: Cloud, views: RgbdViews, kept: Mapping[int, Bool[np.ndarray, "h w"]] | None = None
 ) -> RgbdViews:

@@ -11,6 +11,7 @@ from labeling.core.masks import blank_masks
 from labeling.core.splatting import silhouettes
 from labeling.core.types import PseudoLabel
 from labeling.generator.draw.fused_views import FusedViews, fill_reach_px, has_holes
+from labeling.generator.draw.gone_objects import gone_objects
 from labeling.generator.draw.part_masks import draw_parts
 from labeling.generator.draw.view_masks import NO_OBJECT, ViewChances, likely_voxels, point_owners, view_chances
 from labeling.generator.segment.thin_parts import ThinParts
@@ -56,6 +57,7 @@ def draw_labels(
     passing = None if moves is None or not moves.any() else np.append(moves, False)[owner]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
+    gone = gone_objects(cloud, views, owner, len(objects)) if config.moving else None
     whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
 
     def labels_of(view: int) -> list[PseudoLabel]:
@@ -74,6 +76,8 @@ def draw_labels(
         if config.published.missing_z_buffer:
             shown, pixels, means = _painted(drawn, chances)
         seen = [k for k in range(len(objects)) if pixels[k] or np.any(rows[k])]
+        if gone is not None:
+            seen = [k for k in seen if not gone[view, k]]
         blank, labels = blank_masks(2 * len(seen), voxels.shape), []
         for k, modal, amodal in zip(seen, blank[::2], blank[1::2], strict=True):
             one = objects[k]

@@ -216,3 +216,19 @@ def test_a_label_set_tells_what_moves_and_is_in_order(rooms, tmp_path, capsys):
     assert "AP50" in capsys.readouterr().out
     assert generate([str(tmp_path / "episodes"), "--out", str(tmp_path / "held"), "--no-moving"]) == 0
     assert "moving" not in json.loads((tmp_path / "held" / "boxes_3d.json").read_text())
+
+
+def test_a_view_that_looks_through_most_of_a_thing_has_no_label_of_the_rest(rooms):
+    """It stands for too long to be told from what stands still; what is left of it where it has gone is its foot."""
+    still, _, number = rooms
+    shown = {one.view_index: one for one in truths(still) if one.instance_id == number and one.modal.sum() > 200}
+    last = max(shown)
+    mask, depth_m = shown[last].modal, still.depth_m.copy()
+    foot = mask & (np.cumsum(mask, axis=0) > 0.8 * mask.sum(axis=0))
+    depth_m[last][mask & ~foot] *= 2.5
+    detections = [one for one in still.detections or () if one.view_index != last]
+    labels = propagate(replace(still, depth_m=depth_m), detections)
+    found_in = found(labels, still, number)[0]
+    assert np.mean([iou > 0.5 for view, iou in found_in.items() if view != last]) > 0.7
+    here = [one for one in labels.labels if one.view_index == last and one.category == shown[last].category]
+    assert not any(np.any(one.modal & foot) for one in here)
