@@ -181,27 +181,20 @@ def _define() -> torch.library.Library:
     return fragment
 
 
-@contextmanager
-def compiler_on_demand(name: str = "torch._dynamo.utils") -> Iterator[None]:
-    """Puts in the place of a module one that imports it when one of its functions is called.
+def is_compile_supported(device_type: Any) -> bool:
+    """What torch's compiler says of it; imports the compiler."""
+    return importlib.import_module("torch._dynamo.utils").is_compile_supported(device_type)
 
-    ``torchvision.ops.roi_align`` takes ``is_compile_supported`` from it.
-    """
+
+@contextmanager
+def compiler_on_demand() -> Iterator[None]:
+    """Lets ``torchvision.ops.roi_align`` import ``is_compile_supported`` without the compiler that it is of."""
+    name = "torch._dynamo.utils"
     if name in sys.modules:
         yield
         return
-
-    def of_the_real_one(function: str) -> Any:
-        if function.startswith("__"):
-            raise AttributeError(function)  # what Python asks every module for
-
-        def called(*args: Any, **kwargs: Any) -> Any:
-            return getattr(importlib.import_module(name), function)(*args, **kwargs)
-
-        return called
-
     stand_in = ModuleType(name)
-    stand_in.__getattr__ = of_the_real_one  # type: ignore[method-assign]
+    stand_in.is_compile_supported = is_compile_supported  # type: ignore[attr-defined]
     sys.modules[name] = stand_in
     try:
         yield

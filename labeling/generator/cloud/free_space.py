@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Int, Int32
+from jaxtyping import Bool, Float32, Int, Int32
 from numba import njit
 
 from labeling.core.geometry import invert_rigid
@@ -53,13 +53,12 @@ def count_misses(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"]) -
         views: those that the cloud was made from.
         chosen: indices of points.
     """
-    points, margin_m = cloud.points[chosen], np.float64(np.sqrt(3.0) * cloud.voxel_m)
+    points = cloud.points[chosen]
 
     def misses_of(share: range) -> Int32[np.ndarray, "d"]:
         found = np.zeros(len(chosen), np.int32)
         for view in share:
-            camera = np.ascontiguousarray(views.intrinsics[view], np.float64)
-            _add_misses(points, views.depth_m[view], camera, invert_rigid(views.camera_to_world[view]), margin_m, found)
+            found += _looked_through(points, views, view, cloud.voxel_m)
         return found
 
     shares = [range(first, views.num_views, num_threads()) for first in range(num_threads())]
@@ -75,11 +74,14 @@ def looked_through(cloud: Cloud, views: RgbdViews, chosen: Int[np.ndarray, "d"],
         chosen: indices of points.
         view: index of the view.
     """
-    found, camera = np.zeros(len(chosen), np.int32), np.ascontiguousarray(views.intrinsics[view], np.float64)
-    margin_m = np.float64(np.sqrt(3.0) * cloud.voxel_m)
-    pose = invert_rigid(views.camera_to_world[view])
-    _add_misses(cloud.points[chosen], views.depth_m[view], camera, pose, margin_m, found)
-    return found > 0
+    return _looked_through(cloud.points[chosen], views, view, cloud.voxel_m)
+
+
+def _looked_through(
+    points: Float32[np.ndarray, "d 3"], views: RgbdViews, view: int, voxel_m: float
+) -> Bool[np.ndarray, "d"]:
+    camera, pose = np.ascontiguousarray(views.intrinsics[view], np.float64), invert_rigid(views.camera_to_world[view])
+    return _through(points, views.depth_m[view], camera, pose, np.float64(np.sqrt(3.0) * voxel_m))
 
 
 def clear_free_space(
@@ -129,8 +131,8 @@ def count_hits(voxel_of_pixel, count):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _add_misses(points, depth_m, k, m, margin_m, found):  # pragma: no cover - compiled
-    """Counts the points that a view looks through.
+def _through(points, depth_m, k, m, margin_m):  # pragma: no cover - compiled
+    """The points that a view looks through.
 
     Args:
         points: (n, 3) float32, world, metres.
@@ -138,9 +140,12 @@ def _add_misses(points, depth_m, k, m, margin_m, found):  # pragma: no cover - c
         k: (3, 3) float64, K of the view.
         m: (4, 4) float64, world to camera.
         margin_m: how much further than the point the view must see, besides ``MARGIN_SHARE``.
-        found: (n,) int32, increased in place.
+
+    Returns:
+        (n,) bool.
     """
     height, width = depth_m.shape
+    found = np.zeros(len(points), np.bool_)
     for p in range(len(points)):
         z = m[2, 0] * points[p, 0] + m[2, 1] * points[p, 1] + m[2, 2] * points[p, 2] + m[2, 3]
         if not z > margin_m:
@@ -158,4 +163,5 @@ def _add_misses(points, depth_m, k, m, margin_m, found):  # pragma: no cover - c
                 for near_column in range(max(0, column - 1), min(width, column + 2)):
                     near_m = depth_m[near_row, near_column]
                     through &= not (near_m > 0 and near_m <= needed)
-        found[p] += through
+        found[p] = through
+    return found

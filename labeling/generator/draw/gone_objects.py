@@ -4,10 +4,13 @@ What stands in one episode and not in others of its scene may be too thin, or se
 stands still. What is left of it where it has gone are patches of the ground.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Int32
 from numba import njit
 
+from labeling.core.episode_labels import LabelledObject
 from labeling.core.views import RgbdViews
 from labeling.generator.cloud.free_space import looked_through
 from labeling.generator.cloud.voxel_cloud import Cloud
@@ -21,16 +24,17 @@ MIN_MISSES = 8
 
 
 def gone_objects(
-    cloud: Cloud, views: RgbdViews, owner: Int32[np.ndarray, "n"], num_objects: int
+    cloud: Cloud, views: RgbdViews, owner: Int32[np.ndarray, "n"], objects: Sequence[LabelledObject]
 ) -> Bool[np.ndarray, "v k"]:
-    """Which objects each view shows to be gone.
+    """Which objects each view shows to be gone; never one that it is a source of.
 
     Args:
         cloud: the points.
         views: those that the cloud was made from.
         owner: the object that each point belongs to, -1 for none.
-        num_objects: how many objects there are.
+        objects: in that order.
     """
+    num_objects = len(objects)
     owned = np.flatnonzero(owner >= 0)
 
     def gone_in(view: int) -> Bool[np.ndarray, "k"]:
@@ -39,7 +43,10 @@ def gone_objects(
         hits = _hits(cloud.voxel_of_pixel[view], owner, num_objects)
         return (misses >= MIN_MISSES) & (misses > MISSES_PER_HIT * hits)
 
-    return np.array(in_threads(gone_in, range(views.num_views))).reshape(views.num_views, num_objects)
+    gone = np.array(in_threads(gone_in, range(views.num_views))).reshape(views.num_views, num_objects)
+    for k, one in enumerate(objects):
+        gone[[source.view_index for source in one.sources], k] = False
+    return gone
 
 
 @njit(cache=True, nogil=True)

@@ -57,7 +57,9 @@ def draw_labels(
     passing = None if moves is None or not moves.any() else np.append(moves, False)[owner]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
-    gone = gone_objects(cloud, views, owner, len(objects)) if config.moving else None
+    gone = (
+        gone_objects(cloud, views, owner, objects) if config.moving else np.zeros((views.num_views, len(objects)), bool)
+    )
     whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
 
     def labels_of(view: int) -> list[PseudoLabel]:
@@ -75,9 +77,7 @@ def draw_labels(
             windows = draw_parts(shown, pixels, windows, parts, view, own_voxels, views.depth_m[view])
         if config.published.missing_z_buffer:
             shown, pixels, means = _painted(drawn, chances)
-        seen = [k for k in range(len(objects)) if pixels[k] or np.any(rows[k])]
-        if gone is not None:
-            seen = [k for k in seen if not gone[view, k]]
+        seen = [k for k in range(len(objects)) if (pixels[k] or np.any(rows[k])) and not gone[view, k]]
         blank, labels = blank_masks(2 * len(seen), voxels.shape), []
         for k, modal, amodal in zip(seen, blank[::2], blank[1::2], strict=True):
             one = objects[k]

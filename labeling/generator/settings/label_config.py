@@ -136,7 +136,8 @@ class LabelConfig(Settings):
     """Drop depth that other views look through: mixed pixels, noise, things that moved on."""
     moving: bool = True
     """Take what some views measured and others look through for things that move, and label these in the views where
-    they are, where they are (labeling.generator.objects.tracks); False: everything stands still, as in the thesis."""
+    they are, where they are (labeling.generator.objects.tracks); a view that looks through most of any object has no
+    label of it (labeling.generator.draw.gone_objects). False: everything stands still, as in the thesis."""
     calibrate: bool = True
     """Give each label its expected IoU as confidence, from what all views say about its object
     (labeling.generator.quality.label_quality); False: the chance of its object's category times the mean probability in
@@ -153,8 +154,8 @@ class LabelConfig(Settings):
     complete_boxes: bool = True
     """Let 3-D boxes reach down to what their objects stand on."""
     clear_ground: bool = True
-    """Take out of objects what they have of the ground, unless they are flat on it: masks reach over lower edges, and
-    what an object is made of may let the ground be seen."""
+    """Take out of objects what they have of the ground, unless they are flat on it, and out of seeds that are mostly
+    ground: masks reach over lower edges, and what an object is made of may let the ground be seen."""
     level_surfaces: bool = True
     """Give objects the rest of level surfaces above the ground that they have the greater part of, such as table tops:
     detectors leave out what lies far behind."""

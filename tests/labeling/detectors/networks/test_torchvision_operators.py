@@ -1,8 +1,6 @@
 """The fallback operators against torchvision's own pure-Python reference, and against brute force."""
 
-import importlib
 import sys
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,13 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.detectors.networks import torchvision_operators
-from labeling.detectors.networks.torchvision_operators import (
-    compiled_operators_load,
-    compiler_on_demand,
-    nms,
-    roi_align,
-    torchvision,
-)
+from labeling.detectors.networks.torchvision_operators import compiled_operators_load, nms, roi_align, torchvision
 
 
 def reference(*arguments):
@@ -94,22 +86,6 @@ def test_torchvision_reaches_the_operators_by_its_own_functions():
 
 def test_nothing_is_replaced_where_the_compiled_operators_load():
     assert (torchvision_operators._LIBRARY is None) == compiled_operators_load()
-
-
-def test_what_is_asked_for_on_demand_answers_as_the_real_one_and_nothing_else_is_hidden():
-    name = "email.mime.audio"  # a module that nothing here imports
-    sys.modules.pop(name, None)
-    with compiler_on_demand(name):
-        stand_in = importlib.import_module(name)
-        assert stand_in.__dict__.keys() <= {*ModuleType("other").__dict__, "__getattr__"}
-        with pytest.raises(AttributeError):
-            _ = stand_in.__file__
-    assert name not in sys.modules
-    (header,) = [line for line in stand_in.MIMEAudio(b"", "wav").items() if line[0] == "Content-Type"]
-    real = sys.modules[name]
-    assert header == ("Content-Type", real.MIMEAudio(b"", "wav").get_content_type())
-    with compiler_on_demand(name):
-        assert importlib.import_module(name) is real
 
 
 def test_torchvision_asks_the_real_compiler_what_it_supports():

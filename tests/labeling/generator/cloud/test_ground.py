@@ -3,12 +3,7 @@ import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, unproject_depth
 from labeling.core.views import RgbdViews
-from labeling.generator.cloud.ground import (
-    find_ground,
-    ground_of_objects,
-    height_coefficients,
-    seeds_above_ground,
-)
+from labeling.generator.cloud.ground import find_ground, ground_of_objects, height_coefficients, seeds_above_ground
 from labeling.generator.cloud.voxel_cloud import Cloud, build_cloud
 
 from ...synthetic_room import Part, render
@@ -133,7 +128,7 @@ def test_objects_have_none_of_the_ground_unless_they_are_flat_on_it() -> None:
 
 
 def test_what_shows_mostly_ground_has_its_seeds_above_it() -> None:
-    """Oracle: the shapes. Bars with more of the floor between than of themselves; a block; a rug; the floor alone."""
+    """Oracle: the shapes. Bars with more of the floor between than of themselves; a block; a rug with floor around."""
     bars = [Part((-1.4 + 0.25 * k, -0.6, 0.3), (0.02, 0.02, 0.3), (0.1, 0.1, 0.1)) for k in range(5)]
     block = Part((0.9, -0.9, 0.3), (0.3, 0.3, 0.3), (0.3, 0.4, 0.2))
     views = views_of([RUG, block, *bars])
