@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labeling.core.episode_labels import EpisodeLabels
+from labeling.core.episode_labels import EpisodeLabels, LabelledObject, Source
 from labeling.core.types import Detection, GroundTruth
 from labeling.evaluate import main as evaluate
 from labeling.generate import main as generate
 from labeling.generator.cloud.moved import moved_detections, moved_voxels
 from labeling.generator.cloud.voxel_cloud import build_cloud
+from labeling.generator.draw.gone_objects import gone_objects
 from labeling.generator.propagate import propagate
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.sharing.joined_episodes import join_episodes, split_labels
@@ -232,3 +233,20 @@ def test_a_view_that_looks_through_most_of_a_thing_has_no_label_of_the_rest(room
     assert np.mean([iou > 0.5 for view, iou in found_in.items() if view != last]) > 0.7
     here = [one for one in labels.labels if one.view_index == last and one.category == shown[last].category]
     assert not any(np.any(one.modal & foot) for one in here)
+
+
+def test_a_thing_is_gone_from_views_that_look_through_it_unless_it_is_labelled_from_them(rooms):
+    still, _, number = rooms
+    shown = {one.view_index: one.modal for one in truths(still) if one.instance_id == number and one.modal.sum() > 200}
+    last, depth_m = max(shown), still.depth_m.copy()
+    depth_m[last][shown[last]] *= 2.5
+    views = replace(still, depth_m=depth_m)
+    cloud = build_cloud(views, VOXEL_M)
+    owner = np.full(cloud.num_points, -1, np.int32)
+    for view in shown.keys() - {last}:
+        voxels = cloud.voxel_of_pixel[view][shown[view]]
+        owner[voxels[voxels >= 0]] = 0
+    thing = LabelledObject(instance_id=1, category="thing", confidence=1.0, box_3d=None, sources=())
+    for sources, gone in (((), {last}), ((Source(last, 0.9, "thing"),), set())):
+        (found,) = gone_objects(cloud, views, owner, [replace(thing, sources=sources)]).T
+        assert set(np.flatnonzero(found)) == gone
