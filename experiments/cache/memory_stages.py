@@ -71,15 +71,6 @@ def _train(task: tuple[MemoryJob, Path]) -> dict[str, Any]:
     return {"title": title, "scenes": [len(learn), len(choose)], "history": progress.history}
 
 
-def machines(runs: Sequence[str]) -> list[str]:
-    """On which devices, with which PyTorch, runs were trained; each once."""
-    from labeling.formats.checked_json import read_json
-    from labeling.training.config import CONFIG_FILE
-
-    found = (read_json(Path(folder) / CONFIG_FILE).get("machine") for folder in runs)
-    return sorted({f"{one.text('device')} (PyTorch {one.text('torch')})" for one in found})
-
-
 @dataclass(frozen=True)
 class ViewScores:
     """What is to be scored: one method on one set of scenes."""

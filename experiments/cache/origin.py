@@ -1,13 +1,19 @@
-"""When results were made and by which label generator, so that pages can tell which of them are of an earlier one."""
+"""When results were made, by which label generator, so that pages can tell which of them are of an earlier one, and
+where their networks were trained.
+"""
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_provenance
 
-MADE_ON, GENERATOR = "made_on", "label_generator"
-"""What results call the time (UTC, ISO 8601, to the minute; earlier results have the day only) and the digest."""
+MADE_ON, GENERATOR, MACHINES = "made_on", "label_generator", "machines"
+"""What results call the time (UTC, ISO 8601, to the minute; earlier results have the day only), the digest, and what
+networks were trained on (earlier results do not say it of detectors).
+"""
 DIGITS = 16
 ENTRANCES = ("labeling.generator.propagate", "labeling.generator.sharing.joined_episodes")
 DECIDES = ("labeling/generator/", "labeling/core/")
@@ -30,3 +36,16 @@ def origin() -> dict[str, Any]:
         GENERATOR: label_generator_digest(),
         **experiment_provenance(),
     }
+
+
+def machines(runs: Iterable[str]) -> list[str]:
+    """On which devices, with which PyTorch, runs were trained; each once.
+
+    Args:
+        runs: their folders.
+    """
+    from labeling.formats.checked_json import read_json
+    from labeling.training.config import CONFIG_FILE
+
+    found = (read_json(Path(folder) / CONFIG_FILE).get("machine") for folder in runs)
+    return sorted({f"{one.text('device')} (PyTorch {one.text('torch')})" for one in found})

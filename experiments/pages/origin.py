@@ -1,9 +1,9 @@
-"""Which results are of an earlier label generator than others."""
+"""When and where results were made, and which are of an earlier label generator than others."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from experiments.cache.origin import GENERATOR, MADE_ON
+from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON
 
 COMMIT_DIGITS = 7
 DAY = len("2026-11-26")
@@ -11,7 +11,8 @@ DAY = len("2026-11-26")
 
 
 def origins(contents: Mapping[str, Mapping[str, Any]], titles: Mapping[str, str]) -> dict[str, str]:
-    """A sentence about each file of results: when it was made, and whether a later label generator made others.
+    """Of each file of results: when it was made, where its networks were trained, and whether a later label generator
+    made others.
 
     Args:
         contents: of the files, by name.
@@ -24,6 +25,8 @@ def origins(contents: Mapping[str, Mapping[str, Any]], titles: Mapping[str, str]
         commit = (content.get("git_commit") or "unknown")[:COMMIT_DIGITS]
         when = f"on {content[MADE_ON][:DAY]}, " if MADE_ON in content else ""
         sentence = f"Made {when}at commit {commit}."
+        if content.get(MACHINES):
+            sentence += f" Trained on {', '.join(content[MACHINES])}."
         if newest is not None and name in earlier:
             later = titles[newest]
             sentence += f" **\u201c{later}\u201d is of a later label generator: made anew, these figures may differ.**"

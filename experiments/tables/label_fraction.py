@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from experiments.cache.memory_box_stages import BoxJob, SceneScores, score_scenes, train_box_nets
-from experiments.cache.memory_stages import machines, train_memories
+from experiments.cache.memory_stages import train_memories
 from experiments.cache.object_rooms import ObjectRooms, record_boxed_rooms
+from experiments.cache.origin import machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables import view_prediction

@@ -10,7 +10,7 @@ from typing import Any
 from experiments.cache.box_stages import train_detectors_3d
 from experiments.cache.egomotion import PairsToAlign, motion_errors
 from experiments.cache.memory_box_stages import BoxJob, Looks, SceneScores, score_scenes, train_box_nets
-from experiments.cache.memory_stages import machines
+from experiments.cache.origin import machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables import table_5_5

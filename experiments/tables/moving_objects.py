@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cache.memory_stages import MemoryJob, machines, train_memories
+from experiments.cache.memory_stages import MemoryJob, train_memories
 from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, FlowJob, MovingScores, score_moving, train_flows
+from experiments.cache.origin import machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from labeling.memory.settings.flow_settings import TrainFlowConfig

@@ -11,11 +11,11 @@ from experiments.cache.memory_stages import (
     NO_CHANGE,
     REPROJECTION,
     ArithmeticScores,
-    machines,
     score_arithmetics,
     train_memories,
 )
 from experiments.cache.object_rooms import Exchanges, record_exchanges
+from experiments.cache.origin import machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.tables.view_prediction import GRNN, NOTHING_LEARNT, SIZES, TOWER, memory_jobs

@@ -13,6 +13,7 @@ from experiments.cache.box_stages import (
     score_boxes,
     train_detectors_3d,
 )
+from experiments.cache.origin import MACHINES, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import DETECTOR, WORLDS
@@ -53,10 +54,12 @@ def run(context: RunContext) -> dict[str, Any]:
         By world: the episodes, and by row and by where masks come from the figures of each seed.
     """
     train = TRAIN[context.scale]
+    worlds = {world: _one_world(world, train, context) for world in WORLDS}
     return {
         "settings": {"train": asdict(train), "augment": asdict(AUGMENT), "ldls_scales_m": SCALES_M},
         "finder": DETECTOR,
-        "worlds": {world: _one_world(world, train, context) for world in WORLDS},
+        MACHINES: sorted({one for found in worlds.values() for one in found[MACHINES]}),
+        "worlds": worlds,
     }
 
 
@@ -94,6 +97,7 @@ def _one_world(world: str, train: Train3dConfig, context: RunContext) -> dict[st
             for row, recipe in RECIPES.items()
         },
         "training": histories(list(networks.values()), jobs),
+        MACHINES: machines(networks.values()),
     }
 
 

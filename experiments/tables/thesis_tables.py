@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from tqdm import tqdm
 
+from experiments.cache.origin import MACHINES, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.tables.training_sets import PARTS, PER_CLASS, Student, Subset, TrainingSets
@@ -83,6 +84,7 @@ class Table:
             "above": self.above,
             "pools": {subset: sets.pool_record(subset) for subset in subsets},
             "settings": sets.settings(new),
+            MACHINES: machines(name for student, name in detectors.items() if student.teacher is not None),
             "rows": [
                 {"name": one.name, "part": one.subset, "labels": one.labels, "teacher": one.teacher, "runs": runs}
                 for one, runs in zip(self.rows, rows.values(), strict=True)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from experiments.cache.memory_stages import REPROJECTION, MemoryJob, ViewScores, machines, score_views, train_memories
+from experiments.cache.memory_stages import REPROJECTION, MemoryJob, ViewScores, score_views, train_memories
 from experiments.cache.object_rooms import ObjectRooms, record_object_rooms
+from experiments.cache.origin import machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from labeling.memory.settings.memory_spec import MemorySize, Model

@@ -1,8 +1,10 @@
 """What tells results of one label generator from those of another."""
 
+import json
 from datetime import UTC, datetime
+from pathlib import Path
 
-from experiments.cache.origin import DECIDES, ENTRANCES, GENERATOR, MADE_ON, label_generator_digest, origin
+from experiments.cache.origin import DECIDES, ENTRANCES, GENERATOR, MADE_ON, label_generator_digest, machines, origin
 from labeling.runtime.code_digest import ROOT, reached_code
 
 
@@ -24,3 +26,12 @@ def test_results_say_when_they_were_made_and_by_which_generator() -> None:
     found = origin()
     assert found[GENERATOR] == label_generator_digest()
     assert abs((datetime.fromisoformat(found[MADE_ON] + "Z") - datetime.now(UTC)).total_seconds()) < 120
+
+
+def test_results_say_once_on_what_networks_were_trained(tmp_path: Path) -> None:
+    devices = {"a": "cpu", "b": "some GPU", "c": "cpu"}
+    for name, device in devices.items():
+        (tmp_path / name).mkdir()
+        about = {"machine": {"device": device, "torch": "2.0"}}
+        (tmp_path / name / "train.json").write_text(json.dumps(about))
+    assert machines(str(tmp_path / name) for name in devices) == ["cpu (PyTorch 2.0)", "some GPU (PyTorch 2.0)"]

@@ -298,12 +298,19 @@ def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> Non
     titles = {"a": "Table A", "b": "Table B", "c": "Table C"}
     contents = {
         "a": {"made_on": "2026-11-20", "label_generator": "old", "git_commit": "0123456789"},
-        "b": {"made_on": "2026-11-22", "label_generator": "new", "git_commit": "abcdefabcdef"},
+        "b": {
+            "made_on": "2026-11-22",
+            "label_generator": "new",
+            "git_commit": "abcdefabcdef",
+            "machines": ["cpu (PyTorch 2.0)", "some GPU (PyTorch 2.1)"],
+        },
         "c": {"git_commit": None},
         "picture": {"made_on": "2026-11-30", "label_generator": "newest"},  # which has no section
     }
     found = origins(contents, titles)
-    assert found["b"] == "Made on 2026-11-22, at commit abcdefa."
+    assert found["b"] == (
+        "Made on 2026-11-22, at commit abcdefa. Trained on cpu (PyTorch 2.0), some GPU (PyTorch 2.1)."
+    )
     assert found["a"].startswith("Made on 2026-11-20, at commit 0123456. **\u201cTable B\u201d is of a later label")
     assert found["c"].startswith("Made at commit unknown. **\u201cTable B\u201d is of a later label")
     same = {name: {**content, "label_generator": "new"} for name, content in contents.items()}

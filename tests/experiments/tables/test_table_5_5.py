@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+import torch
 
 import experiments.cache.episode_pool
 from experiments import box_pictures, run
@@ -19,9 +20,11 @@ from experiments.tables import table_5_5
 from labeling.core.geometry import intrinsics_from_fov, look_at, project
 from labeling.core.types import Box3d
 from labeling.detectors.finetuning.config import FinetuneConfig
+from labeling.detectors.registry import choose_device
 from labeling.generate import main as generate
 from labeling.io.episodes import write_episode
 from labeling.training import loop as training_loop
+from labeling.training.loop import device_name
 
 from ...labeling.detectors3d.boxed_rooms import SIDES, boxed_room, known_of, upright
 
@@ -53,6 +56,7 @@ def test_the_table_runs_resumes_and_reports(
     arguments = ["table_5_5", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]
     assert run.main(arguments) == 0
     content = json.loads((tmp_path / "results" / "table_5_5.json").read_text())
+    assert content["machines"] == [f"{device_name(torch.device(choose_device()))} (PyTorch {torch.__version__})"]
     for found in content["worlds"].values():
         assert [(row["name"], row["boxes"]) for row in found["rows"]] == [
             (name, masks) for name in table_5_5.ROWS for masks in table_5_5.MASK_SOURCES

@@ -50,6 +50,8 @@ def test_every_table_runs_resumes_and_reports(
     taught = {pool.split for pool in small_rooms if pool.name in ("rooms_learn", "rooms_choose")}
     assert taught == {"train"}
     assert {pool.split for pool in small_rooms if pool.name == "rooms_test"} == {"test"}
+    assert contents["table_5_2"]["machines"] == []
+    assert contents["table_5_1"]["machines"] == contents["table_5_3"]["machines"] != []
     # What two tables have in common is the same in both.
     rows = {name: {row["name"]: row["runs"] for row in content["rows"]} for name, content in contents.items()}
     assert rows["table_5_3"]["pre-trained"] == rows["table_a_1"]["pre-trained"]
