@@ -1,3 +1,4 @@
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import nn
 
 from labeling.core.box_overlap import box_iou_3d
 from labeling.core.detector import DetectorError
@@ -19,6 +21,7 @@ from labeling.detectors3d.frustum_pointnet import (
     OBJECT_POINTS,
     FrustumNet,
     FrustumSpec,
+    SharedMlp,
     bin_to_heading,
     heading_to_bin,
     object_points,
@@ -137,6 +140,27 @@ def test_segmentation_is_that_of_the_paper_written_out():
     weight = torch.cat([part.from_local.weight, part.from_whole.weight], dim=1)
     expected = part.head(part.together((both @ weight.T).flatten(0, 1))).reshape(2, 40)
     torch.testing.assert_close(part(points, category), expected)
+
+
+@given(st.integers(0, 10_000), st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_the_largest_of_all_points_is_that_of_all_outputs(seed, is_training):
+    torch.manual_seed(seed)
+    ours = SharedMlp(3, 6, 8).double().train(is_training)
+    for layer in ours:
+        nn.init.normal_(layer[1].weight)  # of either sign
+        nn.init.normal_(layer[1].bias)
+    plain, points = copy.deepcopy(ours), torch.randn(4, 10, 3, dtype=torch.float64)
+    points[:, 7:] = points[:, :3]  # as where an object has too few
+    direction = torch.randn(4, 8, dtype=torch.float64)
+    found, expected = ours.largest(points), plain(points).amax(dim=1)
+    found.backward(direction)
+    expected.backward(direction)
+    assert torch.allclose(found, expected, rtol=0, atol=1e-10)
+    for one, other in zip(ours.parameters(), plain.parameters(), strict=True):
+        assert torch.allclose(one.grad, other.grad, rtol=0, atol=1e-8)
+    for one, other in zip(ours.buffers(), plain.buffers(), strict=True):
+        assert torch.allclose(one, other, rtol=0, atol=1e-10)
 
 
 def test_the_paper_s_size():
