@@ -85,7 +85,7 @@ class SharedMlp(nn.Sequential):
 
         Normalising and rectifying keep the order of a channel, or turn it round where the weight is negative, so that
         only the largest sums go through both. The mean and the variance over all points follow from those of the
-        layer's inputs. Channels are most there: training on a CPU takes three fifths of the time.
+        layer's inputs. Channels are most there, so that training takes less time.
         """
         *before, last = cast("Iterable[nn.Sequential]", self)
         linear, norm, _ = cast("tuple[nn.Linear, nn.BatchNorm1d, nn.ReLU]", last)
@@ -96,7 +96,7 @@ class SharedMlp(nn.Sequential):
             signed = torch.where(norm.weight < 0, -1.0, 1.0)[:, None] * linear.weight
             of_each = nn.functional.linear(input, signed).unflatten(0, points.shape[:-1])
             first = of_each.shape[1] * torch.arange(len(of_each), device=input.device)
-            place = of_each.max(dim=1).indices + first[:, None]  # in two thirds of the time of argmax
+            place = of_each.max(dim=1).indices + first[:, None]  # sooner than by argmax
         chosen = input.index_select(0, place.flatten()).unflatten(0, place.shape)  # gradients add up in a fixed order
         largest = torch.einsum("bdc,dc->bd", chosen, linear.weight)
         if self.training:
