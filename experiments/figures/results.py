@@ -124,7 +124,7 @@ BOX_COLOURS = {
 
 
 def draw_boxes_3d(content: Mapping[str, Any], mask_sources: Mapping[str, str], path: Path) -> None:
-    """AP25 of 3-D boxes by world and by where 2-D detections come from, one bar for each row.
+    """AP25 and AP50 of 3-D boxes by world and by where 2-D detections come from, one bar for each row.
 
     Args:
         content: of ``table_5_5.json``.
@@ -132,18 +132,19 @@ def draw_boxes_3d(content: Mapping[str, Any], mask_sources: Mapping[str, str], p
         path: PNG to write.
     """
     groups = [(world, source) for world in content["worlds"] for source in mask_sources]
-    figure, axes = plt.subplots(figsize=(8.0, 3.4), dpi=110, layout="constrained")
-    for place, (world, source) in enumerate(groups):
-        rows = [row for row in content["worlds"][world]["rows"] if row["boxes"] == source]
-        width = 0.8 / len(rows)
-        for number, row in enumerate(rows):
-            x, label = place + (number - (len(rows) - 1) / 2) * width, row["name"] if place == 0 else None
-            found = [100.0 * run["ap25"] for run in row["runs"] if run["ap25"] is not None]
-            bar_with_seeds(axes, x, found, width, BOX_COLOURS[row["name"]], label)
+    figure, panels = plt.subplots(2, figsize=(8.0, 5.4), dpi=110, sharex=True, layout="constrained")
+    for axes, measure, at in zip(panels, ("ap25", "ap50"), (".25", ".5"), strict=True):
+        for place, (world, source) in enumerate(groups):
+            rows = [row for row in content["worlds"][world]["rows"] if row["boxes"] == source]
+            width = 0.8 / len(rows)
+            for number, row in enumerate(rows):
+                x, label = place + (number - (len(rows) - 1) / 2) * width, row["name"] if place == 0 else None
+                found = [100.0 * run[measure] for run in row["runs"] if run[measure] is not None]
+                bar_with_seeds(axes, x, found, width, BOX_COLOURS[row["name"]], label)
+        axes.set_ylabel(f"AP of 3-D boxes at {at}")
+        axes.set_ylim(0, 100)
+        tidy(axes)
     names = [f"{world},\n2-D boxes {mask_sources[source]}" for world, source in groups]
-    axes.set_xticks(range(len(groups)), names, fontsize=8)
-    axes.set_ylabel("AP of 3-D boxes at .25")
-    axes.set_ylim(0, 100)
-    tidy(axes, grid=False)
-    axes.legend(fontsize=8, frameon=False, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.15))
+    panels[-1].set_xticks(range(len(groups)), names, fontsize=8)
+    panels[0].legend(fontsize=8, frameon=False, ncols=3, loc="upper left")
     save(figure, path)

@@ -51,9 +51,8 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
         means.append([row["name"], MASK_SOURCES[row["boxes"]], *cells])
     scales, of_truth = found["ldls_ap25_by_scale_m"], [row for row in found["rows"] if row["boxes"] == "told"]
     counts, bins = of_truth[0]["runs"][0]["instances"], of_truth[0]["runs"][0]["by_range"]
-    by_category, by_range = [], []
+    by_range = []
     for row in of_truth:
-        by_category.append([row["name"], *(mean_std(_values(row, "per_class_ap25", one)) for one in counts)])
         by_range.append([row["name"], *(mean_std(_values(row, "by_range", k, "ap25")) for k, _ in enumerate(bins))])
     ranges = [f"{one['from_m']:g} to {one['to_m']:g} m ({one['objects']})" for one in bins]
     return {
@@ -62,19 +61,22 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
         "best_scale": max(scales, key=lambda scale: scales[scale]),
         "means": means,
         "shares": [one for source in MASK_SOURCES for one in _shares(found["rows"], source)],
-        "categories": table(["", *(f"{name} ({count})" for name, count in counts.items())], by_category),
+        "categories": [_by_category(of_truth, at, counts) for at in ("ap25", "ap50")],
         "ranges": table(["AP25 by distance", *ranges], by_range),
-        "box_targets": {row: _targets(of_seeds) for row, of_seeds in _by_row(found["targets"]).items()},
+        "box_targets": {row: _targets(of_seeds) for row, of_seeds in found["targets"].items()},
     }
+
+
+def _by_category(rows: Sequence[Mapping[str, Any]], at: str, counts: Mapping[str, int]) -> str:
+    """AP of each category, with how many instances there are in the head of the table."""
+    cells = [[row["name"], *(mean_std(_values(row, f"per_class_{at}", one)) for one in counts)] for row in rows]
+    return table([at.upper(), *(f"{name} ({count})" for name, count in counts.items())], cells)
 
 
 def _shares(rows: Sequence[Mapping[str, Any]], source: str) -> list[dict[str, Any]]:
     """How near SbM comes to the supervised network, and how far it lies from LDLS; empty if the former finds none."""
     of_source, found = {row["name"]: row for row in rows if row["boxes"] == source}, []
     for name in (OURS, SHARED):
-        if name not in of_source:  # results of before have no networks on shared labels
-            continue
-        ap25 = [np.mean(_values(of_source[row], "ap25") or [0.0]) for row in (name, LDLS, TUNED)]
         reached = [ratio_to_ceiling(of_source[name], of_source[CEILING], figure) for figure in ("ap25", "ap50")]
         if reached[0][0] is None:
             continue
@@ -83,21 +85,22 @@ def _shares(rows: Sequence[Mapping[str, Any]], source: str) -> list[dict[str, An
                 "row": name,
                 "source": "that are true" if source == "told" else MASK_SOURCES[source],
                 "reached": [_reached(*one) for one in reached],
-                "lead": ap25[0] - max(ap25[1:]),
+                "leads": [_lead(of_source, name, figure) for figure in ("ap25", "ap50")],
             }
         )
     return found
+
+
+def _lead(of_source: Mapping[str, Mapping[str, Any]], name: str, figure: str) -> float:
+    """By how many points a row lies above the better one of LDLS, of means over seeds."""
+    ours, *others = (float(np.mean(_values(of_source[row], figure) or [0.0])) for row in (name, LDLS, TUNED))
+    return ours - max(others)
 
 
 def _reached(share: float | None, between: tuple[float, float] | None) -> str:
     if share is None:
         return "-"
     return f"**{share:.2f}**" + ("" if between is None else " [{:.2f}, {:.2f}]".format(*between))
-
-
-def _by_row(targets: Mapping[str, Any] | Sequence[Any]) -> Mapping[str, Any]:
-    """Results of before have the targets of one row."""
-    return targets if isinstance(targets, Mapping) else {OURS: targets}
 
 
 def _targets(of_seeds: Sequence[Mapping[str, Mapping[str, float | None]]]) -> list[list[str]]:

@@ -17,7 +17,7 @@ from experiments.figures.result_values import (
 )
 from experiments.pages.markdown import table
 from experiments.pages.origin import of_earlier_generator
-from experiments.tables.table_5_5 import CEILING, OURS, SHARED
+from experiments.tables.table_5_5 import CEILING, SHARED
 
 ROWS: list[dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("summary.yaml").read_text(encoding="utf-8"))
 GAP = ("pre-trained", "SbM fine-tuned on shared labels", "GT fine-tuned")
@@ -87,7 +87,7 @@ def _of_ceiling(
 ) -> tuple[float | None, tuple[float, float] | None]:
     """What 3-D boxes reach that labels have taught, of those taught by ground truth, with its interval."""
     found = {one["name"]: one for one in content["worlds"][row["world"]]["rows"] if one["boxes"] == "recorded"}
-    return ratio_to_ceiling(found.get(SHARED, found[OURS]), found[CEILING], figure)
+    return ratio_to_ceiling(found[SHARED], found[CEILING], figure)
 
 
 def _written(row: Mapping[str, Any], value: float | None) -> str:

@@ -55,7 +55,7 @@ def test_points_and_ratios_are_told_as_such() -> None:
     }
     rows = [
         {"name": name, "boxes": "recorded", "runs": [{"ap25": ap25, "ap50": ap50}]}
-        for name, ap25, ap50 in (("SbM F-PointNet", 0.42, 0.09), ("supervised F-PointNet", 0.40, 0.10))
+        for name, ap25, ap50 in (("SbM F-PointNet on shared labels", 0.42, 0.09), ("supervised F-PointNet", 0.40, 0.10))
     ]
     text = summary_table(
         {"never_ending": loop, "table_5_5": {"worlds": {"rooms": {"rows": rows}, "streets": {"rows": rows}}}}
