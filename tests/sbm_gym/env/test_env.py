@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from hypothesis import given
 from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
@@ -55,7 +56,16 @@ def shared_id(request):
 
 def test_the_checker_of_gymnasium_has_nothing_to_say(shared_id):
     # Warnings are errors in this test suite. The validation split keeps the number of scenes to build small.
-    check_env(gym.make(shared_id, split="val", disable_env_checker=True).unwrapped)
+    with gym.make(shared_id, split="val", disable_env_checker=True) as made:
+        check_env(made.unwrapped, skip_render_check=True)
+
+
+# One at a time, since the checker keeps the environments of all modes in memory. Without the one that needs a screen.
+@pytest.mark.parametrize("mode", [mode for mode in FixationEnv.metadata["render_modes"] if mode != "human"])
+def test_the_checker_has_nothing_to_say_of_any_way_to_render(shared_id, mode):
+    with gym.make(shared_id, split="val", render_mode=mode, disable_env_checker=True) as made:
+        made.reset(seed=0)
+        env_render_passive_checker(made.unwrapped)
 
 
 def test_the_checker_of_sb3_has_nothing_to_say(shared_id):
