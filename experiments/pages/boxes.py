@@ -51,9 +51,9 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
         means.append([row["name"], MASK_SOURCES[row["boxes"]], *cells])
     scales, of_truth = found["ldls_ap25_by_scale_m"], [row for row in found["rows"] if row["boxes"] == "told"]
     counts, bins = of_truth[0]["runs"][0]["instances"], of_truth[0]["runs"][0]["by_range"]
-    by_range = []
-    for row in of_truth:
-        by_range.append([row["name"], *(mean_std(_values(row, "by_range", k, "ap25")) for k, _ in enumerate(bins))])
+    by_range = [
+        [row["name"], *(mean_std(_values(row, "by_range", k, "ap25")) for k, _ in enumerate(bins))] for row in of_truth
+    ]
     ranges = [f"{one['from_m']:g} to {one['to_m']:g} m ({one['objects']})" for one in bins]
     return {
         **found,
