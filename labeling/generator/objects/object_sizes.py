@@ -162,11 +162,14 @@ def _reweighed(chances, ratios, known, weight, intercept) -> Float[np.ndarray, "
     before = float(chances.sum())
     if before <= 0:
         return chances
-    fit = chances * np.exp(weight * ratios)
-    named = float(chances[known].sum())
+    share = chances / before
+    exponent, counts = weight * ratios, known & (share > 0)
+    highest = float(exponent[counts].max()) if counts.any() else 0.0  # taken out, so that not all underflow
+    fit = share * np.exp(np.where(counts, exponent - highest, 0.0))
+    named = float(share[known].sum())
     if named > 0:  # of how likely it is that the object is of a category without a size, size says nothing
-        fit[~known] = chances[~known] * (fit[known].sum() / named)
-    change = np.log(fit.sum() / before) + intercept * named / before
+        fit[~known] = share[~known] * (fit[known].sum() / named)
+    change = np.log(fit.sum()) + highest + intercept * named
     odds = before / max(1 - before, MIN_BACKGROUND) * np.exp(np.clip(change, *MOST_CHANGE))
     return odds / (1 + odds) * fit / fit.sum()
 

@@ -31,6 +31,28 @@ def test_the_box_of_a_box_is_itself(yaw: float, ratio: float, height: float, see
     np.testing.assert_allclose(box.rotation[:, 2], [0, 0, 1])
 
 
+def two_sides(extent, yaw: float, centre, thick_m: float, count: int = 3000, seed: int = 0) -> np.ndarray:
+    """What an observer beyond a corner sees of a box with points within ``thick_m`` of its surface: two sides."""
+    points = box_surface(extent, 0.0, np.zeros(3), 4 * count, seed)
+    facing = (points[:, 0] > 0.5 * extent[0] - 1e-9) | (points[:, 1] > 0.5 * extent[1] - 1e-9)
+    shown = points[facing][:count] - np.random.default_rng(seed).uniform(0, thick_m, (min(count, facing.sum()), 3))
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    return shown @ turn.T + centre
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0, np.pi), st.floats(0.35, 1.0), st.floats(0.0, 0.05), st.integers(0, 100))
+def test_a_box_of_which_two_sides_were_seen_is_the_whole_box(yaw: float, ratio: float, thick: float, seed: int) -> None:
+    """The hull of its footprint is a triangle, on each of whose sides lies a rectangle of the same area."""
+    extent, centre = np.array([4.0, 4.0 * ratio, 1.5]), np.array([3.0, -2.0, 0.7])
+    box = fit_box(two_sides(extent, yaw, centre, thick, seed=seed), trim=0.0)
+    assert box is not None
+    np.testing.assert_allclose(box.extent_m, extent, atol=0.1)
+    np.testing.assert_allclose(box.centre_m, centre, atol=0.1)
+    side = np.array([np.cos(yaw), np.sin(yaw), 0])
+    assert np.max(np.abs(box.rotation[:, :2].T @ side)) > np.cos(np.radians(2.0))
+
+
 def test_few_strays_hardly_grow_the_box() -> None:
     points = box_surface(np.array([1.0, 0.5, 0.8]), 0.4, np.zeros(3))
     strays = np.random.default_rng(0).uniform(-3, 3, (12, 3))

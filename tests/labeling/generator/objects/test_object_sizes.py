@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from labeling.generator.calibration.detector_calibration import FOLDER, calibration_of
@@ -114,6 +114,7 @@ def test_no_size_makes_much_of_what_the_detector_says(chance: float, size: list[
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 1000), st.lists(st.floats(0, 0.33), min_size=1, max_size=3))
+@example(27, [5e-324])
 def test_probabilities_stay_probabilities(seed: int, chances: list[float]) -> None:
     rng = np.random.default_rng(seed)
     names = ("chair", "couch", "cup")
