@@ -83,10 +83,10 @@ def draw_predictions(command: ImagineCommand) -> tuple[Path, Path]:
     from labeling.formats.atomic import write_png
     from labeling.formats.film import write_film
     from labeling.io.episodes import read_episode
-    from labeling.memory.networks.weights import ABOUT_KEY, MEMORY_FILE, load_memory
+    from labeling.memory.networks.weights import MEMORY_FILE, load_memory
     from labeling.memory.view_prediction.pictures import draw_rows
     from labeling.memory.view_prediction.scenes import small_scene
-    from labeling.training.weights import read_header
+    from labeling.training.weights import ABOUT_KEY, read_header
 
     network = load_memory(command.run).to(choose_device(command.device))
     about = json.loads(read_header(command.run / MEMORY_FILE, ABOUT_KEY, "labeling.train_memory"))

@@ -1,16 +1,12 @@
 """A frustum PointNet as a 3-D detector, and on disk with its spec in the header."""
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import torch
 
-from labeling.core.detector import DetectorError
 from labeling.core.episode import Episode
 from labeling.core.masks import box_xyxy
 from labeling.core.types import Detection
@@ -19,9 +15,9 @@ from labeling.detectors3d.frustum_dataset import resample_points
 from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumSpec
 from labeling.detectors3d.frustums import Frustum, make_frustum
 from labeling.detectors3d.upright_boxes import decode_box
-from labeling.training.weights import load_weights, read_header, save_weights
+from labeling.training.weights import load_weights, read_spec, save_with_spec
 
-SPEC_KEY, ABOUT_KEY = "frustum_net", "about"
+SPEC_KEY = "frustum_net"
 MIN_POINTS = 8
 """A frustum of fewer points gets no box."""
 BATCH_SIZE = 32
@@ -82,7 +78,7 @@ def save_network(path: Path, network: FrustumNet, about: Mapping[str, Any]) -> N
         network: what to write.
         about: where it comes from, as JSON.
     """
-    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
+    save_with_spec(path, network, SPEC_KEY, about)
 
 
 def load_network(path: Path) -> FrustumNet:
@@ -91,23 +87,6 @@ def load_network(path: Path) -> FrustumNet:
     Raises:
         DetectorError: if the file is missing, damaged, or holds something else.
     """
-    network = FrustumNet(_spec(read_header(path, SPEC_KEY, "labeling.train3d"), path))
+    network = FrustumNet(read_spec(path, SPEC_KEY, FrustumSpec, "labeling.train3d"))
     load_weights(path, network, f"a frustum PointNet for {', '.join(network.spec.categories)}")
     return network.eval()
-
-
-def _spec(text: str, path: Path) -> FrustumSpec:
-    try:
-        spec = msgspec.json.decode(text, type=FrustumSpec)
-    except msgspec.MsgspecError as error:
-        raise DetectorError(f"{path}: the description of its network is damaged ({error})") from None
-    sizes = [side for template in spec.sizes_m for side in template]
-    if not (
-        spec.categories
-        and len(spec.sizes_m) == len(spec.categories)
-        and all(0 < side < float("inf") for side in sizes)
-        and 0 < spec.width <= 8
-        and 0 < spec.num_points <= 1_000_000
-    ):
-        raise DetectorError(f"{path}: the description of its network makes no sense")
-    return spec

@@ -13,6 +13,8 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
+from labeling.core.errors import UsageError
+
 HEADINGS = 6
 """Bins of half a turn; their width is that of the paper, 30 degrees."""
 HALF_TURN = torch.pi
@@ -35,6 +37,22 @@ class FrustumSpec:
     """Channels of every layer relative to the paper's."""
     num_points: int = 1024
     """Of a frustum. Source: thesis 5.2.2 (field notes)."""
+
+    def __post_init__(self) -> None:
+        """Checks what a file may say.
+
+        Raises:
+            UsageError: if it makes no sense.
+        """
+        sizes = [side for template in self.sizes_m for side in template]
+        if not (
+            self.categories
+            and len(self.sizes_m) == len(self.categories)
+            and all(0 < side < float("inf") for side in sizes)
+            and 0 < self.width <= 8
+            and 0 < self.num_points <= 1_000_000
+        ):
+            raise UsageError("it makes no sense")
 
 
 @dataclass(frozen=True)

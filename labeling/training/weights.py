@@ -1,16 +1,24 @@
 """Weights on disk: safetensors with the network's spec in the header. Nothing is pickled."""
 
 import hashlib
+import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any, TypeVar
 
+import msgspec
 import torch
 from torch import nn
 
 from labeling.core.detector import DetectorError
-from labeling.core.errors import SbmError
+from labeling.core.errors import SbmError, UsageError
 from labeling.formats.atomic import atomic_file
 from labeling.formats.regular_file import regular
+
+ABOUT_KEY = "about"
+"""Entry of the header that says where a network comes from."""
+Spec = TypeVar("Spec")
 
 
 def save_tensors(tensors: dict[str, torch.Tensor], path: Path, header: dict[str, str] | None = None) -> None:
@@ -41,6 +49,37 @@ def save_weights(path: Path, network: nn.Module, header: Mapping[str, str], half
         tensors[name] = value.detach().to("cpu", torch.float16 if halve else value.dtype).contiguous()
     with atomic_file(path) as temporary:
         save_tensors(tensors, temporary, dict(header))
+
+
+def save_with_spec(path: Path, network: nn.Module, key: str, about: Mapping[str, Any]) -> None:
+    """Writes a network atomically, its spec and where it comes from in the header.
+
+    Args:
+        path: of the file.
+        network: what to write; its ``spec`` is a dataclass.
+        key: of the spec in the header; ``read_spec`` takes the same.
+        about: where it comes from, as JSON.
+    """
+    spec: Any = network.spec
+    save_weights(path, network, {key: json.dumps(asdict(spec)), ABOUT_KEY: json.dumps(about)})
+
+
+def read_spec(path: Path, key: str, kind: type[Spec], command: str) -> Spec:
+    """What network a file holds.
+
+    Args:
+        path: of the file.
+        key: of the spec in the header.
+        kind: the spec's class.
+        command: writes such files; for the message.
+
+    Raises:
+        DetectorError: if the file is missing or damaged, or describes no such network.
+    """
+    try:
+        return msgspec.json.decode(read_header(path, key, command), type=kind)
+    except (msgspec.MsgspecError, UsageError) as error:
+        raise DetectorError(f"{path}: the description of its network is damaged ({error})") from None
 
 
 def read_header(path: Path, key: str, command: str) -> str:

@@ -1,12 +1,8 @@
 """A network that finds boxes in a memory as a detector of episodes, and on disk with its spec in the header."""
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-import msgspec
 
 from labeling.core.detector import DetectorError
 from labeling.core.episode import Episode
@@ -17,9 +13,9 @@ from labeling.memory.boxes.box_net import BoxNet
 from labeling.memory.settings.box_settings import BoxSpec
 from labeling.memory.view_prediction.scenes import small_scene
 from labeling.training.config import WEIGHTS_FILE
-from labeling.training.weights import file_digest, load_weights, read_header, save_weights
+from labeling.training.weights import file_digest, load_weights, read_header, read_spec, save_with_spec
 
-SPEC_KEY, ABOUT_KEY = "memory_boxes", "about"
+SPEC_KEY = "memory_boxes"
 
 
 class MemoryBoxDetector:
@@ -88,7 +84,7 @@ def save_box_net(path: Path, network: BoxNet, about: Mapping[str, Any]) -> None:
         network: what to write.
         about: where it comes from, as JSON.
     """
-    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
+    save_with_spec(path, network, SPEC_KEY, about)
 
 
 def load_box_net(path: Path) -> BoxNet:
@@ -97,11 +93,7 @@ def load_box_net(path: Path) -> BoxNet:
     Raises:
         DetectorError: if the file is missing, damaged, or holds something else.
     """
-    text = read_header(path, SPEC_KEY, "labeling.train3d --memory")
-    try:
-        spec = msgspec.json.decode(text, type=BoxSpec)
-    except (msgspec.MsgspecError, UsageError) as error:
-        raise DetectorError(f"{path}: the description of its network is damaged ({error})") from None
+    spec = read_spec(path, SPEC_KEY, BoxSpec, "labeling.train3d --memory")
     network = BoxNet(spec)
     load_weights(path, network, f"a network that finds {', '.join(spec.categories)} in a memory")
     return network.eval()

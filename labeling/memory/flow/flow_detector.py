@@ -1,17 +1,13 @@
 """A network that tells flow on a memory as a finder of what moves in episodes, and on disk with its spec."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import torch
 
 from labeling.core.detector import DetectorError
-from labeling.core.errors import UsageError
 from labeling.core.geometry import invert_rigid, transform_points, unproject_depth
 from labeling.core.views import RgbdViews
 from labeling.memory.flow.flow_net import FlowNet, FlowOutput, Remembered
@@ -20,9 +16,9 @@ from labeling.memory.flow.view_pairs import view_pairs
 from labeling.memory.settings.flow_settings import FlowSpec
 from labeling.memory.view_prediction.scenes import SmallScene
 from labeling.training.config import WEIGHTS_FILE
-from labeling.training.weights import file_digest, load_weights, read_header, save_weights
+from labeling.training.weights import file_digest, load_weights, read_header, read_spec, save_with_spec
 
-SPEC_KEY, ABOUT_KEY = "memory_flow", "about"
+SPEC_KEY = "memory_flow"
 
 
 class MovingDetector:
@@ -109,7 +105,7 @@ def save_flow_net(path: Path, network: FlowNet, about: Mapping[str, Any]) -> Non
         network: what to write; with its memory.
         about: where it comes from, as JSON.
     """
-    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
+    save_with_spec(path, network, SPEC_KEY, about)
 
 
 def load_flow_net(path: Path) -> FlowNet:
@@ -118,11 +114,7 @@ def load_flow_net(path: Path) -> FlowNet:
     Raises:
         DetectorError: if the file is missing, damaged, or holds something else.
     """
-    text = read_header(path, SPEC_KEY, "labeling.train_flow")
-    try:
-        spec = msgspec.json.decode(text, type=FlowSpec)
-    except (msgspec.MsgspecError, UsageError) as error:
-        raise DetectorError(f"{path}: the description of its network is damaged ({error})") from None
+    spec = read_spec(path, SPEC_KEY, FlowSpec, "labeling.train_flow")
     network = FlowNet(spec)
     load_weights(path, network, f"a network that tells flow on a memory of kind {spec.memory.model}")
     return network.eval()

@@ -1,24 +1,18 @@
 """Memories on disk: weights with the network's spec in the header."""
 
 import hashlib
-import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from labeling.core.detector import DetectorError
-from labeling.core.errors import UsageError
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.grnn import Grnn
 from labeling.memory.networks.tower import Tower
 from labeling.memory.settings.memory_spec import MemorySpec
-from labeling.training.weights import load_weights, read_header, save_weights
+from labeling.training.weights import load_weights, read_spec, save_with_spec
 
 MEMORY_FILE = "memory.safetensors"
-SPEC_KEY, ABOUT_KEY = "memory", "about"
+SPEC_KEY = "memory"
 Memory = Grnn | Cn3d | Tower
 
 
@@ -35,7 +29,7 @@ def save_memory(path: Path, network: Memory, about: Mapping[str, Any]) -> None:
         network: what to write.
         about: where it comes from, as JSON.
     """
-    save_weights(path, network, {SPEC_KEY: json.dumps(asdict(network.spec)), ABOUT_KEY: json.dumps(about)})
+    save_with_spec(path, network, SPEC_KEY, about)
 
 
 def load_memory(path: Path) -> Memory:
@@ -48,11 +42,7 @@ def load_memory(path: Path) -> Memory:
         DetectorError: if the file is missing, damaged, or holds something else.
     """
     file = path / MEMORY_FILE if path.is_dir() else path
-    text = read_header(file, SPEC_KEY, "labeling.train_memory")
-    try:
-        spec = msgspec.json.decode(text, type=MemorySpec)
-    except (msgspec.MsgspecError, UsageError) as error:
-        raise DetectorError(f"{file}: the description of its network is damaged ({error})") from None
+    spec = read_spec(file, SPEC_KEY, MemorySpec, "labeling.train_memory")
     network = build_memory(spec)
     load_weights(file, network, f"a memory of kind {spec.model}")
     return network.eval()
