@@ -52,7 +52,10 @@ class FrustumSpec:
             and 0 < self.width <= 8
             and 0 < self.num_points <= 1_000_000
         ):
-            raise UsageError("it makes no sense")
+            raise UsageError(
+                f"a frustum PointNet knows categories, a size above 0 m of each, a width up to 8 and up to a million "
+                f"points, not {self.categories}, {self.sizes_m}, {self.width} and {self.num_points}"
+            )
 
 
 @dataclass(frozen=True)

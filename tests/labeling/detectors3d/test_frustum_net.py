@@ -1,4 +1,5 @@
 import copy
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from labeling.core.errors import SbmError, UsageError
 from labeling.core.types import Box3d
 from labeling.detectors3d.config import NO_AUGMENTATION_3D, Train3dConfig
 from labeling.detectors3d.frustum_dataset import collate, unaugmented
-from labeling.detectors3d.frustum_detector import FrustumDetector, load_network, save_network
+from labeling.detectors3d.frustum_detector import SPEC_KEY, FrustumDetector, load_network, save_network
 from labeling.detectors3d.frustum_losses import FrustumBatch, corners, frustum_losses
 from labeling.detectors3d.frustum_pointnet import (
     HEADINGS,
@@ -31,6 +32,7 @@ from labeling.detectors3d.frustum_training import FrustumTask, evaluate
 from labeling.detectors3d.frustums import rotation_about_z
 from labeling.detectors3d.upright_boxes import decode_box
 from labeling.training.loop import train
+from labeling.training.weights import save_weights
 
 from .boxed_rooms import SIDES, boxed_room, found_in, frustum_samples_of
 
@@ -264,6 +266,27 @@ def test_weights_come_back_and_damaged_ones_are_refused(tmp_path):
         network.centre_net.last.bias[0] = float("nan")
     save_network(path, network, {})
     with pytest.raises(DetectorError, match="NaN"):
+        load_network(path)
+
+
+@pytest.mark.parametrize(
+    ("spec", "why"),
+    [
+        ("{", "the description of its network is damaged"),
+        ({"sizes_m": [[1, 1, 1]]}, "a size above 0 m of each"),
+        ({"sizes_m": [[1, 1, 1], [1, 0, 1]]}, "a size above 0 m of each"),
+        ({"categories": [], "sizes_m": []}, "knows categories"),
+        ({"width": 0}, "a width up to 8"),
+        ({"num_points": 10**9}, "up to a million points"),
+        ({"width": 0.5}, "its tensors are not those of a frustum PointNet for crate, locker"),
+    ],
+)
+def test_networks_that_cannot_be_are_refused_in_one_sentence(tmp_path, spec, why):
+    network, path = fresh(), tmp_path / "detector.safetensors"
+    described = {"categories": ["crate", "locker"], "sizes_m": [[1, 1, 1], [1, 1, 1]], "width": network.spec.width}
+    text = spec if isinstance(spec, str) else json.dumps({**described, **spec})
+    save_weights(path, network, {SPEC_KEY: text})
+    with pytest.raises(DetectorError, match=why):
         load_network(path)
 
 
