@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint types tests slow docs pictures screenshots clean
+.PHONY: demo test lint types tests slow nightly docs pictures screenshots clean
 
 demo: $(INSTALLED)
 	$(BIN)/python -m experiments.demo --out out/demo
@@ -21,9 +21,13 @@ types: $(INSTALLED)
 tests: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist worksteal
 
-# The tests that take longer than a minute each, and the laws of worlds in all named scenes.
+# The tests that take more than two seconds each: a quarter of an hour. CI runs them as well.
 slow: $(INSTALLED)
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -n 2 --dist worksteal -m "slow and not nightly"
+
+# The tests that take longer than a minute each, and the laws of worlds in all named scenes.
+nightly: $(INSTALLED)
+	$(BIN)/pytest -m nightly
 
 # The site, at http://127.0.0.1:8000/, written anew as pages change. `mkdocs build --strict` makes it in site/.
 docs: $(INSTALLED)

@@ -1,6 +1,7 @@
 """What tests of all packages share."""
 
 import atexit
+import contextlib
 import ctypes
 import functools
 import gc
@@ -187,12 +188,17 @@ def ray_cluster() -> Iterator[Any]:
     pytest.importorskip("ray", reason="needs the extra 'cluster': pip install 'seeing-by-moving[cluster]'")
     from ray.cluster_utils import Cluster
 
+    from labeling.cluster.ray_connection import connect
+
     # Ray's processes are otherwise as polite as can be, which takes minutes beside others.
     os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
         cluster.add_node(num_cpus=1)
+    # Ray's processes look for modules in the folder that this process had when it connected; a test may be elsewhere.
+    with contextlib.chdir(ROOT):
+        connect(cluster.address)
     yield cluster
     import ray
 

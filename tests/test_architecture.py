@@ -38,6 +38,7 @@ def test_no_folder_shows_more_than_fifteen_modules(package):
     assert not {folder: n for folder, n in count.items() if n > MOST_MODULES}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_package_imports_a_higher_one(package):
     allowed = set(PACKAGES[: PACKAGES.index(package) + 1])
@@ -45,6 +46,7 @@ def test_no_package_imports_a_higher_one(package):
     assert not wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_folders_import_in_one_direction(package):
     graph = folder_imports(package)
@@ -144,6 +146,7 @@ import runpy
 """A program's first lines, in which modules cannot be imported."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_answers_where_no_extra_is_installed_and_loads_nothing_heavy(command):
     heavy = ("scipy", "numba", "cv2")
@@ -197,6 +200,7 @@ def test_every_import_is_declared():
         assert distribution in listed(requirements), name
 
 
+@pytest.mark.slow
 def test_labeling_runs_where_no_extra_is_installed(tmp_path, apc_shelf):
     program = ABSENT.format(names=set(EXTRAS)) + (
         f"sys.argv = ['generate', {str(apc_shelf)!r}, '--confident', '0.6', '--out', {str(tmp_path / 'labels')!r}]\n"
@@ -207,7 +211,7 @@ def test_labeling_runs_where_no_extra_is_installed(tmp_path, apc_shelf):
     assert (tmp_path / "labels" / "instances_modal.json").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_bare_wheel_labels_a_capture(tmp_path, apc_shelf):
     """Built, installed with nothing but its dependencies into a fresh environment, and run away from the sources."""
     source, labels, venv = tmp_path / "source", tmp_path / "labels", tmp_path / "venv"

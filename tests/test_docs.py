@@ -33,6 +33,7 @@ class ParsedError(Exception):
     """Stands for the work of a command whose line was understood."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("module", "rest", "page"), typed_commands())
 def test_commands_of_the_pages_are_understood(module, rest, page):
     assert module in commands(), page

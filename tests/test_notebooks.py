@@ -61,6 +61,7 @@ def test_notebooks_are_clean_and_linked(name: str) -> None:
     assert sum(f"../notebooks/{name}.ipynb" in page for page in pages) == 1
 
 
+@pytest.mark.slow
 def test_a_recording_is_labelled(tmp_path: Path) -> None:
     said = run("label_a_recording", tmp_path)
     ap = {name: float(value) for name, value in re.findall(r"^(\w+): mask AP50 ([\d.]+)", said, re.MULTILINE)}
@@ -69,7 +70,7 @@ def test_a_recording_is_labelled(tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("report.html"))) == len(list(tmp_path.rglob("films/*.gif"))) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_policy_is_trained_and_watched(tmp_path: Path) -> None:
     said = run("train_and_watch_a_policy", tmp_path)
     returns = dict(re.findall(r"'([\w ]+)': (-?[\d.]+)", said.splitlines()[-2]))

@@ -65,7 +65,7 @@ def test_there_are_three_tours_of_five_lines() -> None:
     assert all(len(block.splitlines()) == 5 for block in BLOCKS.values())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_recording_is_labelled_as_readme_says(tmp_path: Path, monkeypatch) -> None:
     from agents.collect import main as collect
 
@@ -82,7 +82,7 @@ def test_a_recording_is_labelled_as_readme_says(tmp_path: Path, monkeypatch) -> 
     assert list(Path("PICTURES").glob("*.png"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_policy_is_trained_as_readme_says(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_block(BLOCKS["Train a policy"])
@@ -91,7 +91,7 @@ def test_a_policy_is_trained_as_readme_says(tmp_path: Path, monkeypatch) -> None
     assert list(Path("EPISODES").glob("*/transforms.json"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_detector_is_improved_as_readme_says(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_block(BLOCKS["Improve a detector"])

@@ -31,6 +31,7 @@ def test_a_label_set_without_report_is_refused(tmp_path: Path, capsys) -> None:
     assert "holds no report.html" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_browser() is None, reason="needs chromium or chrome")
 def test_help_is_shown_whole(tmp_path: Path) -> None:
     assert screenshots.main(["--only", "help", "--out", str(tmp_path)]) == 0

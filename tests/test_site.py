@@ -158,6 +158,7 @@ def test_pages_of_environments_tell_what_the_environments_do(env_id: str) -> Non
     assert entries == list(robot.state_names)
 
 
+@pytest.mark.slow
 def test_pages_of_environments_have_every_argument() -> None:
     rows = [name for name, _, _ in environments.arguments()]
     assert sorted(rows) == sorted(set(FixationEnv.__init__.__annotations__) - {"return"})
@@ -193,6 +194,7 @@ def site(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site: Path) -> None:
     for path in site.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
@@ -206,6 +208,7 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(si
         assert all(f'id="{package}.{name}"' in page for name in reference.exported(ROOT, package))
 
 
+@pytest.mark.slow
 def test_search_works_on_a_site_that_is_opened_from_disk(site: Path, browser_page) -> None:
     browser_page.open((site / "index.html").as_uri(), 1200, 900, settle_s=0)
     browser_page.script(SEARCH)

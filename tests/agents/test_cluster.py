@@ -28,7 +28,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_recordings_are_the_same_bytes_as_on_one_machine(where: ClusterConfig, tmp_path: Path) -> None:
     here = CollectConfig(tmp_path / "here", env=ENV, policy="spin", episodes=3, size=48, episodes_per_scene=3)
     collect_episodes(here)
@@ -40,7 +40,7 @@ def test_recordings_are_the_same_bytes_as_on_one_machine(where: ClusterConfig, t
     collect_episodes(dataclasses.replace(there, where=ClusterConfig(), episodes=2))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_evaluations_are_the_same_figures_as_on_one_machine(where: ClusterConfig, tmp_path: Path) -> None:
     here = EvaluateConfig(("spin", "random"), ENV, scenes=1, episodes=2, draws=2, size=48, out=tmp_path / "here")
     evaluate_policies(here)

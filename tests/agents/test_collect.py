@@ -46,6 +46,7 @@ def recorded(tmp_path_factory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_episodes_read_back_whole_and_with_a_source_view(recorded):
     folders = find_episodes(recorded)
     assert [folder.name for folder in folders] == ["0000", "0001", "0002"]
@@ -63,6 +64,7 @@ def test_episodes_read_back_whole_and_with_a_source_view(recorded):
     assert len(scenes) == 3
 
 
+@pytest.mark.slow
 def test_ground_truth_on_disk_lies_in_its_boxes(recorded):
     for folder in find_episodes(recorded):
         episode = read_episode(folder)
@@ -80,6 +82,7 @@ def test_ground_truth_on_disk_lies_in_its_boxes(recorded):
             assert np.all(local <= label.box_3d.extent_m / 2 + 0.05)
 
 
+@pytest.mark.slow
 def test_killed_and_run_again_gives_the_same_bytes(recorded, tmp_path, monkeypatch):
     out, written = tmp_path / "episodes", []
     real = recorder.write_episode
@@ -99,11 +102,13 @@ def test_killed_and_run_again_gives_the_same_bytes(recorded, tmp_path, monkeypat
     assert contents(out) == contents(recorded)
 
 
+@pytest.mark.slow
 def test_an_episode_does_not_depend_on_the_others(recorded, tmp_path):
     collect_episodes(config(tmp_path / "one", episodes=1))
     assert contents(tmp_path / "one" / "0000") == contents(recorded / "0000")
 
 
+@pytest.mark.slow
 def test_a_scene_is_begun_in_different_places(recorded, tmp_path):
     folders = collect_episodes(config(tmp_path / "twice", episodes=4, episodes_per_scene=2))
     episodes = [read_episode(folder) for folder in folders]
@@ -114,6 +119,7 @@ def test_a_scene_is_begun_in_different_places(recorded, tmp_path):
     assert len(set(begun)) == 4
 
 
+@pytest.mark.slow
 def test_noise_is_added_to_the_same_walk(recorded, tmp_path):
     """Depth and poses are as a sensor gives them; pictures, detections and ground truth are those without noise."""
     noise = {"sensor_noise": "kinect", "pose_noise_deg": 2.0, "pose_drift_m": 0.1}
@@ -133,11 +139,13 @@ def test_noise_is_added_to_the_same_walk(recorded, tmp_path):
     assert noisy.metadata["noise"]["sensor"] == "kinect"
 
 
+@pytest.mark.slow
 def test_complete_folders_are_left_alone(recorded, monkeypatch):
     monkeypatch.setattr(recorder, "write_episode", lambda *_: pytest.fail("nothing is missing"))
     assert collect_episodes(config(recorded)) == [recorded / f"{k:04d}" for k in range(3)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -185,6 +193,7 @@ def test_folders_of_others_are_refused(tmp_path, capsys):
     assert main(["--out", str(tmp_path / "thesis.txt"), "--env", ENV_ID]) == 2
 
 
+@pytest.mark.slow
 def test_a_damaged_episode_is_reported(recorded, tmp_path, capsys):
     import shutil
 
@@ -203,6 +212,7 @@ def test_a_world_without_anything_to_find_gives_up_with_a_clear_error(tmp_path, 
     assert "without one confident detection" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_settings_are_kept_with_the_episodes(recorded):
     settings = json.loads((recorded / "collection.json").read_text())["settings"]
     assert settings == {
@@ -225,6 +235,7 @@ def test_settings_are_kept_with_the_episodes(recorded):
     }
 
 
+@pytest.mark.slow
 def test_folders_of_before_a_setting_was_there_are_gone_on_with(recorded, tmp_path):
     out = tmp_path / "episodes"
     shutil.copytree(recorded, out)
@@ -256,6 +267,7 @@ def test_help_names_the_options():
     assert all(option in result.stdout for option in ("--env", "--policy", "--episodes", "--out", "--seed", "--split"))
 
 
+@pytest.mark.slow
 def test_several_workers_record_the_same_bytes(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT))  # workers find modules where this process does
     env = "tests.experiments.box_env:policies_test/BoxesShort-v0"
@@ -264,6 +276,7 @@ def test_several_workers_record_the_same_bytes(tmp_path, monkeypatch):
     assert contents(tmp_path / "1") == contents(tmp_path / "2")
 
 
+@pytest.mark.slow
 def test_final_scenes_are_furnished_from_held_out_models_where_it_is_asked_for(tmp_path, monkeypatch):
     asked = []
     make_env = recorder.make_env
@@ -276,6 +289,7 @@ def test_final_scenes_are_furnished_from_held_out_models_where_it_is_asked_for(t
     assert asked == [{"unseen_models": True}]
 
 
+@pytest.mark.slow
 def test_what_moves_is_recorded_with_where_it_is(tmp_path):
     arguments = ["--env", "sbm_gym/IndoorBuiltin-v0", "--policy", "spin", "--episodes", "1", "--size", "64"]
     assert main(["--out", str(tmp_path), *arguments, "--moving", "2", "--shifted", "1"]) == 0

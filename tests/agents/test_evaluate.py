@@ -55,6 +55,7 @@ def results(out: Path, policy: str) -> list[dict]:
     return [json.loads(path.read_text()) for path in sorted((out / "episodes" / policy).glob("*.json"))]
 
 
+@pytest.mark.slow
 def test_all_policies_start_alike_and_episodes_differ(evaluated):
     ring, random = results(evaluated, "ring"), results(evaluated, "random")
     assert len(ring) == len(random) == 4
@@ -64,6 +65,7 @@ def test_all_policies_start_alike_and_episodes_differ(evaluated):
     assert len({json.dumps(one["start"]) for one in ring}) == 4
 
 
+@pytest.mark.slow
 def test_scenes_that_nothing_is_learnt_from_are_used_unless_others_are_asked_for(evaluated, tmp_path):
     assert EvaluateConfig().split == "endless"
     assert {one["scene"] for one in results(evaluated, "ring")} == {"box_3"}
@@ -73,6 +75,7 @@ def test_scenes_that_nothing_is_learnt_from_are_used_unless_others_are_asked_for
         assert {one["scene"] for one in results(out, "spin")} == scenes
 
 
+@pytest.mark.slow
 def test_policies_that_draw_are_played_several_times_and_averaged(tmp_path, monkeypatch):
     out, alone = tmp_path / "out", tmp_path / "alone"
     evaluate_policies(config(alone, policies=("random", "spin"), seeds=1))
@@ -151,6 +154,7 @@ def test_too_few_starts_or_scenes_show_nothing(starts, scenes):
     assert ("intervals are over starts" in resolution(content)) == (scenes == 1)
 
 
+@pytest.mark.slow
 def test_episodes_played_for_their_labels_need_not_be_played_again(evaluated, tmp_path, monkeypatch):
     evaluate_policies(config(tmp_path / "afresh"))
     monkeypatch.setattr(Evaluator, "run", None)
@@ -166,6 +170,7 @@ def test_starts_depend_on_seed_and_number_alone_and_take_scenes_in_turn():
     assert len({episode_spec(scenes, seed, number).env_seed for seed in range(4) for number in range(4)}) == 16
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_the_steps(evaluated):
     for policy in ("ring", "random"):
         for record in results(evaluated, policy):
@@ -181,6 +186,7 @@ def test_figures_are_those_of_the_steps(evaluated):
             assert figures["path_m"] == pytest.approx(length_m, abs=1e-2)
 
 
+@pytest.mark.slow
 def test_what_is_written_is_what_was_evaluated(evaluated):
     content = json.loads((evaluated / "evaluation.json").read_text())
     ring = [one["figures"]["return"] for one in results(evaluated, "ring")]
@@ -200,6 +206,7 @@ def test_what_is_written_is_what_was_evaluated(evaluated):
         assert (evaluated / path).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_killed_and_run_again_gives_the_same_bytes(evaluated, tmp_path, monkeypatch):
     out, played, real = tmp_path / "out", [], Evaluator.run
 
@@ -230,6 +237,7 @@ def test_results_that_are_there_are_left_alone_and_policies_can_be_added(tmp_pat
     evaluate_policies(config(tmp_path / "out", policies=("random",), episodes=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{"split": "train"}, {"size": 32}, {"labels": False}])
 def test_other_settings_in_the_same_folder_are_refused(evaluated, change):
     with pytest.raises(UsageError, match="other settings"):
@@ -413,11 +421,13 @@ def test_early_labels_are_compared_with_those_of_the_first_policy_at_its_end(tmp
     )
 
 
+@pytest.mark.slow
 def test_short_episodes_have_no_early_comparison(evaluated):
     content = json.loads((evaluated / "evaluation.json").read_text())
     assert content["policies"]["random"]["early"] is None
 
 
+@pytest.mark.slow
 def test_folders_with_labels_of_other_views_are_refused(evaluated, tmp_path):
     out = tmp_path / "out"
     out.mkdir()

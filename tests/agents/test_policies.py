@@ -60,6 +60,7 @@ def floor_seen(name: str, seed: int) -> int:
     return len(tiles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", POLICIES)
 def test_policies_are_deterministic_and_stay_in_the_action_space(name):
     first, second = roll_out(name, 1), roll_out(name, 1)
@@ -114,6 +115,7 @@ def test_ppo_is_the_checkpoint_of_the_env_or_the_one_given(tmp_path, monkeypatch
             make_policy(missing)
 
 
+@pytest.mark.slow
 def test_ring_spins_until_it_knows_an_object_then_stays_on_its_ring():
     on_ring, circling = 0, 0
     for seed in range(6):
@@ -132,6 +134,7 @@ def test_ring_spins_until_it_knows_an_object_then_stays_on_its_ring():
     assert on_ring / circling > 0.75
 
 
+@pytest.mark.slow
 def test_ring_and_next_best_view_see_more_sides_than_random_and_never_bump_into_things():
     sectors, bumps = {}, {}
     for name in ("ring", "next_best_view", "random"):
@@ -143,6 +146,7 @@ def test_ring_and_next_best_view_see_more_sides_than_random_and_never_bump_into_
         assert bumps[name] <= 0.1 * bumps["random"]
 
 
+@pytest.mark.slow
 def test_a_planner_gets_more_of_what_it_values():
     def earned(goal: str) -> dict[str, float]:
         terms = [info["reward_terms"] for seed in range(4) for *_, info in roll_out(f"next_best_view:{goal}", seed)]
@@ -168,6 +172,7 @@ def test_spin_turns_all_the_way_round_on_the_spot():
     assert turned > 60
 
 
+@pytest.mark.slow
 def test_frontier_sees_more_floor_than_spin_and_random_where_walls_hide_it():
     floors = {name: sum(floor_seen(name, seed) for seed in range(3)) for name in ("frontier", "random", "spin")}
     assert floors["frontier"] > 1.15 * floors["random"]
@@ -374,6 +379,7 @@ def test_the_first_direction_sees_most_in_the_time_left(left, here, steps, expec
     assert _first_direction(left, here, 18, steps) == expected
 
 
+@pytest.mark.slow
 def test_policies_go_with_detectors_that_look_at_pictures_of_their_own():
     env = gym.make("sbm_gym:sbm_gym/Indoor-v0", worlds=BoxRooms(), detector="compact", detector_size=(128, 128))
     for name in POLICIES:

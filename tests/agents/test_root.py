@@ -20,6 +20,7 @@ def test_names_that_are_not_there_are_attribute_errors():
         _ = agents.teach  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "module", ["agents", "agents.policies.base", "agents.policies.registry", "agents.rollouts.recorder"]
 )
@@ -34,6 +35,7 @@ def test_importing_loads_nothing_heavy():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_a_trained_policy_and_a_network_that_looks_do_without_the_compiler_of_torch():
     code = (
         "import sys, numpy as np\n"

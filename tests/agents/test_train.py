@@ -118,6 +118,7 @@ def same(one, other) -> bool:
     return one == other
 
 
+@pytest.mark.slow
 def test_two_thousand_steps_improve_a_trivial_env(trained):
     progress, said = trained
     before, after = progress.validations[0], progress.validations[-1]
@@ -128,6 +129,7 @@ def test_two_thousand_steps_improve_a_trivial_env(trained):
     assert any(line.startswith("policy: ") for line in said)
 
 
+@pytest.mark.slow
 def test_figures_are_kept_by_name(trained, config):
     assert config.out is not None
     history = json.loads((config.out / HISTORY_FILE).read_text())
@@ -139,6 +141,7 @@ def test_figures_are_kept_by_name(trained, config):
     assert [one["at"] for one in history["validations"]] == [0, 500, 1000, 1500, 2000]
 
 
+@pytest.mark.slow
 def test_curves_are_drawn_for_tensorboard(trained, config):
     event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     assert config.out is not None
@@ -150,6 +153,7 @@ def test_curves_are_drawn_for_tensorboard(trained, config):
     assert [event.step for event in board.Scalars("validation/return")] == [0, 500, 1000, 1500, 2000]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_policy_and_another_seed_another(trained, config, tmp_path):
     assert config.out is not None
     short = replace(config, steps=300, eval_every=10_000)
@@ -160,6 +164,7 @@ def test_the_same_seed_gives_the_same_policy_and_another_seed_another(trained, c
     assert weights[0] != weights[2]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_from_the_last_update_exactly(config, tmp_path):
     out = tmp_path / "run"
     config = replace(config, out=out, steps=600)
@@ -186,6 +191,7 @@ def test_an_interrupted_run_goes_on_from_the_last_update_exactly(config, tmp_pat
     assert [int(one["at"]) for one in progress.rollouts] == [100, 200, 300, 400, 500, 600]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("envs", [1, 2])
 def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(config, tmp_path, envs):
     config = replace(config, steps=600, envs=envs, processes=1)
@@ -202,6 +208,7 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(config, tmp_path,
     assert same(tensors(tmp_path / "straight"), tensors(tmp_path / "stopped"))
 
 
+@pytest.mark.slow
 def test_training_that_diverges_says_so_and_keeps_what_was_before(config, hyperparams, tmp_path):
     wild = tmp_path / "wild.yaml"
     wild.write_text(hyperparams.read_text().replace("lin_0.003", "1.0e+30"))
@@ -211,6 +218,7 @@ def test_training_that_diverges_says_so_and_keeps_what_was_before(config, hyperp
     assert json.loads(tensors(config.out)["progress"])["steps"] == 0
 
 
+@pytest.mark.slow
 def test_rollouts_that_fit_into_no_memory_are_refused(config, hyperparams, tmp_path):
     huge = tmp_path / "huge.yaml"
     huge.write_text(hyperparams.read_text().replace("n_steps: 100", "n_steps: 25000000000"))
@@ -219,8 +227,9 @@ def test_rollouts_that_fit_into_no_memory_are_refused(config, hyperparams, tmp_p
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "at", [pytest.param(0, marks=pytest.mark.slow), 200, pytest.param(600, marks=pytest.mark.slow)]
+    "at", [pytest.param(0, marks=pytest.mark.nightly), 200, pytest.param(600, marks=pytest.mark.nightly)]
 )
 def test_a_validation_that_was_given_up_is_done_when_the_run_goes_on(config, tmp_path, monkeypatch, at):
     config = replace(config, steps=600, eval_every=200)
@@ -245,6 +254,7 @@ def test_a_validation_that_was_given_up_is_done_when_the_run_goes_on(config, tmp
     assert any(line.startswith("finished at step 600 already") for line in train(stopped)[1])
 
 
+@pytest.mark.slow
 def test_the_same_command_goes_on_and_a_finished_run_takes_more_steps(config, tmp_path):
     config = replace(config, out=tmp_path / "run", steps=200)
     train(config)
@@ -257,6 +267,7 @@ def test_the_same_command_goes_on_and_a_finished_run_takes_more_steps(config, tm
     assert progress.steps == 400
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -271,6 +282,7 @@ def test_other_settings_in_the_same_folder_are_refused(trained, config, change, 
     assert says in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_changed_is_refused_with_resume(trained, config):
     with pytest.raises(UsageError, match=r"--seed 7 cannot be given with --resume"):
         train(PpoConfig(resume=config.out, seed=7))
@@ -300,6 +312,7 @@ def test_bad_arguments_are_one_line_and_leave_nothing_behind(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_batches_that_do_not_fill_a_rollout_are_refused(config, tmp_path):
     text = HYPERPARAMS.replace("batch_size: 50", "batch_size: 64")
     (tmp_path / "toy.yaml").write_text(text)
@@ -307,6 +320,7 @@ def test_batches_that_do_not_fill_a_rollout_are_refused(config, tmp_path):
         train(replace(config, out=tmp_path / "run", hyperparams=tmp_path / "toy.yaml", envs=3))
 
 
+@pytest.mark.slow
 def test_folders_of_others_are_left_alone(config, tmp_path):
     (tmp_path / "thesis.txt").write_text("precious")
     with pytest.raises(UsageError, match="was not made by this program"):
@@ -316,7 +330,7 @@ def test_folders_of_others_are_left_alone(config, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_ctrl_c_reaches_everybody_and_costs_no_more_than_the_rollout(hyperparams, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     out = tmp_path / "run"
@@ -390,7 +404,7 @@ def test_training_in_all_scenes_that_there_are_is_refused():
         validation_scenes(env, EnvConfig(ENV_ID, scenes=3))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_results_do_not_depend_on_the_number_of_processes(hyperparams, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     config, found = EnvConfig(f"toy_world:{ENV_ID}"), []
@@ -485,6 +499,7 @@ def test_training_pays_the_reward_asked_for_in_the_scenes_of_its_split():
     assert env.settings["detector"] == "simulated"
 
 
+@pytest.mark.slow
 def test_a_trained_policy_does_what_it_learnt(trained, config):
     assert config.out is not None
     policy, env = Ppo(config.out), gym.make(ENV_ID)
@@ -505,6 +520,7 @@ def test_help_names_the_options():
     assert all(option in result.stdout for option in ("--env", "--out", "--steps", "--resume", "--seed", "--device"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", ["env", "detector"])
 def test_code_that_a_run_names_is_run_only_if_allowed(config, trained, tmp_path, monkeypatch, capsys, field):
     run = shutil.copytree(config.out, tmp_path / "run")

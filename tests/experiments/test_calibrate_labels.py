@@ -48,6 +48,7 @@ def test_a_scene_that_is_labelled_together_is_compared_with_the_truth_of_each_of
     assert both.origins == alone.origins
 
 
+@pytest.mark.slow
 def test_the_model_of_objects_can_be_kept(dataset: Path, tmp_path: Path) -> None:
     places = ["--out", str(tmp_path), "--results", str(tmp_path / "figures.json")]
     checked = ["--check", str(dataset), "--picture", str(tmp_path / "trust.png")]
@@ -67,6 +68,7 @@ def test_the_model_of_objects_can_be_kept(dataset: Path, tmp_path: Path) -> None
     assert (tmp_path / "trust.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_calibration_is_measured_as_it_is(dataset: Path, tmp_path: Path) -> None:
     results, picture = tmp_path / "figures.json", tmp_path / "trust.png"
     results.write_text(json.dumps({"held_out": {}, "checked_on": {}}))

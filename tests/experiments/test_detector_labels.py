@@ -15,6 +15,7 @@ from labeling.io.episodes import write_episode
 from ..labeling.synthetic_room import make_episode
 
 
+@pytest.mark.slow
 def test_detections_and_labels_are_scored_on_copies(tmp_path: Path) -> None:
     rooms = tmp_path / "rooms"
     for number in range(2):

@@ -16,7 +16,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: root / name for name in ("cache", "results", "docs")}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", experiments())
 def test_it_runs_end_to_end(name: str, places: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [f"--{place}={folder}" for place, folder in places.items()]

@@ -41,7 +41,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_parts_are_scored_apart_and_the_page_tells_what_motion_costs(
     small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

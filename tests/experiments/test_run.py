@@ -123,6 +123,7 @@ def nothing_to_do(work, tasks, *args, **options):
     yield from ()
 
 
+@pytest.mark.slow
 def test_an_ablation_runs_resumes_and_reports(
     small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,6 +41,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_noise_costs_labels_and_the_page_says_how_much(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     places = [f"--{name}={small / name}" for name in ("cache", "results", "docs")]
     assert main(["noise", "--workers", "1", *places]) == 0

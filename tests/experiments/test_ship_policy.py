@@ -56,6 +56,7 @@ def ship(run: Path, folder: Path, *more: str) -> int:
     return main([str(run), "--weights", str(folder / "weights"), "--results", str(folder / "results"), *more])
 
 
+@pytest.mark.slow
 def test_the_best_policy_is_shipped_and_acts_like_it(
     trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,6 +76,7 @@ def test_the_best_policy_is_shipped_and_acts_like_it(
     assert np.array_equal(*actions)
 
 
+@pytest.mark.slow
 def test_what_unseen_starts_showed_is_kept(trained: Path, tmp_path: Path) -> None:
     assert ship_policy.unseen_returns(trained) is None  # this run compares nothing
     run = tmp_path / "run"
@@ -103,6 +105,7 @@ def test_what_unseen_starts_showed_is_kept(trained: Path, tmp_path: Path) -> Non
     }
 
 
+@pytest.mark.slow
 def test_a_training_from_another_seed_is_shipped_beside_it(
     trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,6 +121,7 @@ def test_a_training_from_another_seed_is_shipped_beside_it(
         registry.checkpoint_of("ppo_seed_4", SHORT_ENV_ID)
 
 
+@pytest.mark.slow
 def test_the_record_tells_how_the_run_went(trained: Path, tmp_path: Path) -> None:
     assert ship(trained, tmp_path) == 0
     record = json.loads((tmp_path / "results" / f"policy_training_{NAME}.json").read_text())
@@ -135,6 +139,7 @@ def test_the_record_tells_how_the_run_went(trained: Path, tmp_path: Path) -> Non
     assert str(trained) not in json.dumps(record)
 
 
+@pytest.mark.slow
 def test_the_latest_policy_is_shipped_without_what_only_training_needs(trained: Path, tmp_path: Path) -> None:
     assert ship(trained, tmp_path, "--checkpoint", "last") == 0
     record = json.loads((tmp_path / "results" / f"policy_training_{NAME}.json").read_text())
@@ -145,6 +150,7 @@ def test_the_latest_policy_is_shipped_without_what_only_training_needs(trained: 
     assert weights[0].read_bytes() == weights[1].read_bytes()
 
 
+@pytest.mark.slow
 def test_how_a_run_went_can_be_kept_without_shipping_it(trained: Path, tmp_path: Path) -> None:
     assert ship(trained, tmp_path, "--weights", "None", "--record", "Boxes_seed_3") == 0
     record = json.loads((tmp_path / "results" / "policy_training_Boxes_seed_3.json").read_text())
@@ -153,6 +159,7 @@ def test_how_a_run_went_can_be_kept_without_shipping_it(trained: Path, tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
+@pytest.mark.slow
 def test_shipping_again_replaces_what_was_there(trained: Path, tmp_path: Path) -> None:
     old = tmp_path / "weights" / NAME
     old.mkdir(parents=True)
@@ -179,6 +186,7 @@ def spoil(run: Path, how: str) -> None:
         (run / "history.json").unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "says"),
     [
@@ -203,6 +211,7 @@ def test_what_is_no_run_is_refused_in_one_sentence(
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.slow
 def test_large_checkpoints_are_refused(
     trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

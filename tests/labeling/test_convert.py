@@ -63,6 +63,7 @@ def test_a_malformed_recording_writes_nothing(tmp_path, room, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["tum", "scannet"])
 def test_a_thinned_recording_is_labelled_and_evaluated_on_the_views_taken(tmp_path, layout):
     room = make_episode(5, num_views=6, size=(48, 64), num_objects=3, confident_share=2.0)

@@ -142,15 +142,17 @@ def corrupt(count: int, recorded: Path, factory: pytest.TempPathFactory, capsys)
     each()
 
 
+@pytest.mark.slow
 def test_no_corruption_gives_a_traceback_or_half_a_label_set(recorded, tmp_path_factory, capsys) -> None:
     corrupt(40, recorded, tmp_path_factory, capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_none_of_many_corruptions_gives_a_traceback_or_half_a_label_set(recorded, tmp_path_factory, capsys) -> None:
     corrupt(200, recorded, tmp_path_factory, capsys)
 
 
+@pytest.mark.slow
 def test_an_untouched_episode_is_labelled(recorded: Path, tmp_path: Path) -> None:
     assert main([str(recorded), "--out", str(tmp_path / "labels")]) == 0
     boxes = json.loads((tmp_path / "labels" / "boxes_3d.json").read_text())["boxes"]

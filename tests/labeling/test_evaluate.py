@@ -210,6 +210,7 @@ def test_the_same_input_gives_the_same_files(scene):
     assert first == [(scene.labels / name).read_bytes() for name in ("metrics.json", "report.html")]
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_all_figures_lie_between_zero_and_one(scene, seed):
@@ -366,6 +367,7 @@ def test_help_needs_no_heavy_import():
     assert output.endswith("[]\n")
 
 
+@pytest.mark.slow
 def test_the_real_capture_labelled_with_its_own_ground_truth(apc_shelf, tmp_path):
     """Detections as labels give the detector's own figures; the two rows must then be the same."""
     episode_labels = tmp_path / "labels"

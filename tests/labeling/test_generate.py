@@ -108,6 +108,7 @@ def test_a_label_set_says_where_it_comes_from(dataset: Path, tmp_path: Path) -> 
 NOTE = "are worth has not been measured"
 
 
+@pytest.mark.slow
 def test_a_detector_without_a_calibration_is_told_once_for_the_whole_label_set(
     dataset: Path, tmp_path: Path, capsys
 ) -> None:
@@ -173,6 +174,7 @@ def test_a_damaged_record_is_made_again(dataset: Path, tmp_path: Path) -> None:
     assert (tmp_path / "labels" / "clouds" / "room_2.ply").is_file()
 
 
+@pytest.mark.slow
 def test_same_seed_same_files_in_another_process(dataset: Path, tmp_path: Path) -> None:
     assert run(dataset, tmp_path / "a") == 0
     command = [sys.executable, "-m", "labeling.generate", str(dataset), "--out", str(tmp_path / "b")]

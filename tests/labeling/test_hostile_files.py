@@ -171,6 +171,7 @@ def test_masks_of_absurd_sizes_claim_no_memory(tmp_path) -> None:
         read_coco(coco(tmp_path, width=100_000, height=100_000), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["../evil", "/evil", "..", "a\\b", "\u001b[2Jevil"])
 def test_no_picture_is_written_outside_its_folder(dataset, tmp_path, capsys, name) -> None:
     assert generate([str(dataset), "--out", str(tmp_path / "labels")]) == 0
@@ -203,6 +204,7 @@ def test_labels_of_a_dataset_with_a_bad_episode_can_be_evaluated(dataset, tmp_pa
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["transforms.json", "detections.json", "rgb/001.png", "depth/001.png"])
 @pytest.mark.parametrize("kind", ["pipe", "link to itself", "folder"])
 def test_what_is_no_file_is_refused_and_waited_for_by_nobody(dataset, tmp_path, capsys, name, kind) -> None:

@@ -57,6 +57,7 @@ def test_a_sound_label_set_has_no_problem(labels, capsys):
     assert "no problem found" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_poses_that_do_not_fit_depth_are_a_problem_and_mended_ones_a_note(tmp_path, capsys):
     room = make_episode(1, num_views=6, size=(48, 64), num_objects=3, confident_share=2.0)
     poses = room.camera_to_world.copy()
@@ -83,6 +84,7 @@ def test_the_set_may_be_looked_at_without_its_dataset(labels):
     assert all(scene.cameras == () for scene in read_scenes(labels))
 
 
+@pytest.mark.slow
 def test_depth_that_lies_beside_colour_is_a_problem(tmp_path):
     room = make_episode(3, num_views=6, size=(120, 160), num_objects=5, confident_share=2.0)
     write_episode(tmp_path / "data" / "room", replace(room, depth_m=np.roll(room.depth_m, 10, axis=2)))
@@ -150,6 +152,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("file", "change", "message"), FAULTS, ids=[message[:48] for _, _, message in FAULTS])
 def test_planted_faults_are_found(labels, capsys, file, change, message):
     import re
@@ -209,6 +212,7 @@ def fuzzed(sound, tmp_path_factory) -> tuple[Path, dict[str, str]]:
     return folder, {file: (folder / file).read_text() for file in (MODAL, AMODAL, BOXES, "label_set.json")}
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_whatever_a_label_set_holds_inspection_finds_words_for_it(fuzzed, data):

@@ -16,6 +16,7 @@ def block(word: str) -> str:
     return found
 
 
+@pytest.mark.slow
 def test_an_episode_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict = {}
@@ -26,6 +27,7 @@ def test_an_episode_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert film.read()[1].shape == (240, 320, 3)
 
 
+@pytest.mark.slow
 def test_several_environments_step_at_once() -> None:
     names: dict = {}
     exec(block("make_vec"), names)
@@ -33,6 +35,7 @@ def test_several_environments_step_at_once() -> None:
     assert names["observations"]["rgb"].shape[0] == 2
 
 
+@pytest.mark.slow
 def test_a_policy_of_ones_own_is_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """By ``sbm``, which finds it in the working directory."""
     import sys

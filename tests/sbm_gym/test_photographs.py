@@ -29,6 +29,7 @@ def builtin_set(theme: str, seed: int = 0):
     return (interior if theme in THEMES else street)(theme, library, rng), rng
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theme", ["dining", "bed", "bicycle"])
 def test_masks_are_what_mujocos_own_rays_hit(theme):
     photo_set, rng = builtin_set(theme)
@@ -64,6 +65,7 @@ def test_masks_are_what_mujocos_own_rays_hit(theme):
     assert right >= 0.97 * total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theme", [*THEMES, *USES])
 def test_subjects_are_seen_whole_from_their_front(theme):
     photo_set, rng = builtin_set(theme, 1)
@@ -173,7 +175,7 @@ def test_an_album_grows_and_heals(small_album, tmp_path):
     make_album(small_album, SMALL, 7)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_number_of_processes_changes_nothing(small_album, tmp_path):
     make_album(tmp_path / "two", SMALL, 7, workers=2)
     assert (tmp_path / "two" / "annotations.json").read_bytes() == (small_album / "annotations.json").read_bytes()

@@ -39,6 +39,7 @@ def compiled(scene="box_0"):
     return world, model, data
 
 
+@pytest.mark.slow
 def test_sheets_of_scenes_and_renderers_show_every_scene(box_worlds, tmp_path, capsys):
     assert preview.main(["--out", str(tmp_path), "--what", "scenes", "renderers", "--size", "48"]) == 0
     scenes = read(tmp_path / "scenes_boxes_0.png")
@@ -52,6 +53,7 @@ def test_sheets_of_scenes_and_renderers_show_every_scene(box_worlds, tmp_path, c
     assert rays.std() > 10
 
 
+@pytest.mark.slow
 def test_wide_pictures_stand_in_two_rows_a_scene(monkeypatch, tmp_path):
     streets = BoxRooms(profile=replace(BoxRooms().profile, capture_size=(96, 288)))
     monkeypatch.setattr(world_sources, "WORLDS", {"boxes": lambda unseen_models: streets})
@@ -163,6 +165,7 @@ def test_help_needs_none_of_the_heavy_libraries():
     assert done.stderr.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_scenes_in_which_nothing_can_move_are_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(preview, "MOVING_THINGS", 0)
     where = ["--worlds", "indoor-builtin", "--scenes", "1", "--size", "32", "--out", str(tmp_path / "sheets")]

@@ -45,6 +45,7 @@ def angle_between(a_rad: float, b_rad: float) -> float:
     return abs((a_rad - b_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
+@pytest.mark.slow
 def test_choices_do_what_they_say_and_hit_nothing():
     env, rng = MovesAndLooks(make_env()), np.random.default_rng(0)
     looked = dict.fromkeys(LOOKS, 0)
@@ -88,6 +89,7 @@ def test_choices_do_what_they_say_and_hit_nothing():
     assert all(looked[what] for what in ("target", "candidate_0", np.pi))
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), max_size=150),
     st.floats(0.0, 2.0 * np.pi),
@@ -110,6 +112,7 @@ def test_no_step_leaves_the_free_floor(blocked, direction_rad, x, y):
         assert step_m == pytest.approx(ahead_m - start_m)
 
 
+@pytest.mark.slow
 def test_promises_are_what_the_robot_knows():
     env, rng = MovesAndLooks(make_env()), np.random.default_rng(1)
     promised: dict[str, int] = {"target": 0, "others": 0, "candidates": 0}
@@ -229,6 +232,7 @@ def play(env):
         yield seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(WITHOUT))
 def test_a_checkpoint_acts_as_in_training(tmp_path, name):
     wrapped, env = MovesAndLooks(make_env(), name), make_env()

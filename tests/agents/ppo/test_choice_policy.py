@@ -79,6 +79,7 @@ def test_untrained_it_draws_nearly_evenly(policy, observations):
     assert float(odds.max()) < 2.0 / (9.0 * 17.0)
 
 
+@pytest.mark.slow
 def test_all_weights_are_learnt(observations):
     policy = ChoicePolicy(SPACE, ACTION_SPACE, lambda left: 1e-3, width=16)  # as training makes it
     known = {id(parameter) for group in policy.optimizer.param_groups for parameter in group["params"]}

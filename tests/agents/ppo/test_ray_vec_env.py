@@ -101,6 +101,7 @@ def played(envs: Any, steps: int) -> list[Any]:
     return seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [4, None])
 @pytest.mark.parametrize("lost", [1, 3, 4, 6, 9, 12, 13, 25])
 def test_what_is_lost_is_played_again_to_the_same_bytes(length: int | None, lost: int) -> None:
@@ -194,7 +195,7 @@ def is_running(pid: int) -> bool:
     return status.exists() and "State:\tZ" not in status.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_training_on_a_cluster_ends_with_the_same_weights(
     ray_cluster: Any,
     config: PpoConfig,
@@ -222,7 +223,7 @@ def test_training_on_a_cluster_ends_with_the_same_weights(
     assert_same_run(here, there)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_that_was_stopped_goes_on_elsewhere_exactly(
     ray_cluster: Any, config: PpoConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -95,6 +95,7 @@ def trained(config):
     return train(config)
 
 
+@pytest.mark.slow
 def test_a_run_says_what_it_will_take_and_how_fast_it_goes(trained, config):
     _, said, _ = trained
     told = said[0]
@@ -107,6 +108,7 @@ def test_a_run_says_what_it_will_take_and_how_fast_it_goes(trained, config):
     assert [text.split()[1] for text in said if text.startswith("step ")] == ["0:", "20:", "40:", "60:"]
 
 
+@pytest.mark.slow
 def test_hand_written_policies_are_played_in_the_very_validation_episodes(trained, config):
     _, said, bars = trained
     kept = json.loads((config.out / HISTORY_FILE).read_text())["baselines"]
@@ -122,6 +124,7 @@ def test_hand_written_policies_are_played_in_the_very_validation_episodes(traine
     assert all(f"({beside})" in text for text in bars[-1].texts)
 
 
+@pytest.mark.slow
 def test_they_are_drawn_as_levels_beside_the_curve(trained, config):
     event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     kept = json.loads((config.out / HISTORY_FILE).read_text())["baselines"]
@@ -132,6 +135,7 @@ def test_they_are_drawn_as_levels_beside_the_curve(trained, config):
         assert points == dict.fromkeys([0, 20, 40, 60], pytest.approx(kept[name]["return"]))
 
 
+@pytest.mark.slow
 def test_they_are_played_once(trained, config, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "play_baselines", lambda *_: pytest.fail("they have been played"))
     run = shutil.copytree(config.out, tmp_path / "run")
@@ -144,6 +148,7 @@ def test_they_are_played_once(trained, config, tmp_path, monkeypatch):
     assert after["validations"][:-1] == before["validations"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_meanwhile_goes_on(config, tmp_path, monkeypatch):
     again = replace(config, out=tmp_path / "run", steps=20, compare_episodes=0)
     with monkeypatch.context() as patch:
@@ -153,6 +158,7 @@ def test_a_run_that_is_stopped_meanwhile_goes_on(config, tmp_path, monkeypatch):
     assert train(again)[0].steps == 20
 
 
+@pytest.mark.slow
 def test_a_run_in_rooms_goes_on_as_if_it_had_never_stopped(trained, config, tmp_path):
     stopped = replace(config, out=tmp_path / "run", compare_episodes=0)
     train(replace(stopped, steps=20))  # no hyperparameter depends on how many there are to be
@@ -162,6 +168,7 @@ def test_a_run_in_rooms_goes_on_as_if_it_had_never_stopped(trained, config, tmp_
     assert one.read_bytes() == other.read_bytes()
 
 
+@pytest.mark.slow
 def test_it_ends_with_a_table_on_scenes_that_nothing_was_done_in(trained, config):
     progress, said, _ = trained
     content = json.loads((config.out / "unseen" / "evaluation.json").read_text())
@@ -203,6 +210,7 @@ def test_the_table_tells_how_much_better_the_trained_policy_is():
     assert len(lines) == 8
 
 
+@pytest.mark.slow
 def test_the_commands_that_use_a_policy_are_ones_that_there_are(trained, config, capsys):
     _, said, _ = trained
     settings = resolve_settings(PpoConfig(resume=config.out))
@@ -251,6 +259,7 @@ def test_durations_and_memory():
     assert found is None or 2**20 < found < 2**40
 
 
+@pytest.mark.slow
 def test_plans_of_runs_that_go_on_count_what_is_left(config):
     settings = resolve_settings(replace(config, steps=100))
     assert "40 steps in rollouts of 20; about 2 validations of 4 starts" in plan(settings, 60, 2, 0)
@@ -258,6 +267,7 @@ def test_plans_of_runs_that_go_on_count_what_is_left(config):
     assert "in 0 scenes" not in plan(settings, 0, 0, 100)
 
 
+@pytest.mark.slow
 def test_scenes_for_comparing_cannot_be_trained_in(config):
     with pytest.raises(UsageError, match="99500 or less together, not 99490 and 20"):
         resolve_settings(replace(config, scenes=99_490, validation_scenes=20))

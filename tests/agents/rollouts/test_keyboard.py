@@ -47,7 +47,7 @@ def test_without_a_screen_it_says_so(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert "there is no screen here" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("view", ["eyes", "above"])
 def test_a_game_steps_as_keys_are_pressed_and_ends_with_escape(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], view: str

@@ -60,7 +60,7 @@ def test_every_registered_bench_can_be_imported():
         assert callable(import_module(module).measure)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_render_bench_measures_every_promise(tmp_path):
     command = [sys.executable, "-m", "experiments.bench", "render", "--quick", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -71,7 +71,7 @@ def test_render_bench_measures_every_promise(tmp_path):
     assert all((row["ratio"] is None) == (row["rival_seconds"] is None) for row in rows)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_policies_are_timed_beside_the_planner(monkeypatch):
     monkeypatch.setattr(policies, "ENVS", {"rooms": "sbm_gym/IndoorBuiltin-v0"})
     found = list(policies.measure(quick=True))
@@ -82,7 +82,7 @@ def test_policies_are_timed_beside_the_planner(monkeypatch):
 
 
 @pytest.mark.bench
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_label_bench_measures_every_promise(tmp_path):
     command = [sys.executable, "-m", "experiments.bench", "labels", "--quick", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -113,6 +113,7 @@ def test_every_timed_stage_is_a_function_that_exists():
         assert callable(getattr(import_module(module), name)), stage
 
 
+@pytest.mark.slow
 def test_every_stage_of_labelling_is_timed_beside_its_floor(tmp_path, monkeypatch):
     from dataclasses import replace
 

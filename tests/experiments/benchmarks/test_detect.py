@@ -6,7 +6,7 @@ from experiments import bench
 from experiments.benchmarks import detect as bench_detect
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_both_networks_are_measured_and_the_parts_add_up(monkeypatch):
     monkeypatch.setattr(bench_detect, "LIMITS_S", {64: 0.04})
     rows = list(bench_detect.measure(quick=True))

@@ -10,6 +10,7 @@ from experiments import bench
 from experiments.benchmarks import env as bench_env
 
 
+@pytest.mark.slow
 def test_learning_is_measured_on_the_hyperparameters_of_the_env():
     choosing, learning = bench_env._learning(quick=True)
     assert choosing.seconds > 0
@@ -22,7 +23,7 @@ def test_it_is_a_bench():
     assert bench.BENCHES["env"] == "experiments.benchmarks.env"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_promise_is_measured(tmp_path):
     command = [sys.executable, "-m", "experiments.bench", "env", "--quick", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)

@@ -15,7 +15,7 @@ def test_it_is_a_bench():
     assert bench.BENCHES["scenes"] == "experiments.benchmarks.scenes"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_visits_say_what_they_cost(capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     scenes.visit(BUILTIN, 2, 3, scenes=True)
@@ -26,7 +26,7 @@ def test_visits_say_what_they_cost(capsys, monkeypatch):
     assert found["pss_mb"] > 50.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_promise_is_measured(monkeypatch):
     monkeypatch.setattr(scenes, "LIMITS_S", {BUILTIN: 3.5})
     whole, kept, first, one, other, step = scenes.measure(quick=True)

@@ -23,6 +23,7 @@ def test_errors_are_those_of_transforms_made_by_hand() -> None:
     assert error(turned, true) == pytest.approx({"turn_deg": 90, "shift_cm": 50})
 
 
+@pytest.mark.slow
 def test_a_chain_of_icp_gives_back_the_poses() -> None:
     """Of the views that are asked for, in the frame of the one whose pose is known; the other poses are not read."""
     episode = orbit_episode(1, POSES, (96, 96))
@@ -37,6 +38,7 @@ def test_a_chain_of_icp_gives_back_the_poses() -> None:
         assert apart["shift_cm"] < 3
 
 
+@pytest.mark.slow
 def test_errors_of_pairs_of_an_episode(tmp_path: Path) -> None:
     folder = tmp_path / "rooms" / "0000"
     write_episode(folder, replace(orbit_episode(1, POSES, (96, 96)), name="0000"))

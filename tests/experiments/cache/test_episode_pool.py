@@ -59,7 +59,7 @@ def test_what_is_not_asked_for_goes_and_what_was_cut_short_is_made_anew(
     assert contents([sources["first"]]) == {"0000": "first"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_small_pool_is_a_dataset_of_its_own_where_a_larger_one_has_been(tmp_path: Path) -> None:
     context = RunContext("smoke", (0,), 1, tmp_path / "cache")
     pool = EpisodePool("rooms", "sbm_gym/IndoorBuiltin-v0", "train", 1, policy="spin")
@@ -71,6 +71,7 @@ def test_a_small_pool_is_a_dataset_of_its_own_where_a_larger_one_has_been(tmp_pa
     assert (after / "episode.json").read_bytes() == (before[0] / "episode.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_settings_of_labels_do_not_decide_how_episodes_are_recorded() -> None:
     # Labels that are improved must not have all episodes recorded, and all detectors trained, anew.
     reached = {path.relative_to(ROOT).as_posix() for path in reached_code(collect_episodes).contents()}

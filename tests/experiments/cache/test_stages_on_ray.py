@@ -44,7 +44,7 @@ def content(path: Path) -> bytes:
     return file.getvalue()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_never_ending_loop_is_the_same_bytes_as_on_one_machine(
     small_rooms: list,
     context: RunContext,
@@ -74,7 +74,7 @@ def test_the_never_ending_loop_is_the_same_bytes_as_on_one_machine(
     capsys.readouterr()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_stage_that_loses_its_process_three_times_is_told_and_the_others_are_kept(
     context: RunContext, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,7 +88,7 @@ def test_a_stage_that_loses_its_process_three_times_is_told_and_the_others_are_k
     assert [json.loads(path.read_text()) for path in kept] == [0, 2, 4, 8]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_node_that_dies_costs_a_stage_its_job_once(
     context: RunContext, ray_cluster: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

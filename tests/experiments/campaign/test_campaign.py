@@ -33,6 +33,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "outcome"),
     [
@@ -91,6 +92,7 @@ def test_damage_is_that_of_the_seed_and_stays_in_the_files(inputs: Path, tmp_pat
     assert digests[0] == digests[1] != tree_digest(inputs / "episodes")
 
 
+@pytest.mark.slow
 def test_a_short_campaign_goes_on_and_finds_no_fault(
     inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -103,6 +103,7 @@ figures = {"made_on": time.time(), "rounds": 3 + (done if fault == "forgets" els
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "outcome"), [("none", "survived"), ("forgets", "other figures"), ("refuses", "cannot go on")]
 )

@@ -149,7 +149,7 @@ def test_steps_or_time_end_training_whichever_is_first():
     assert share_of_training(Progress(10, 9.0), config) == pytest.approx(0.9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_killed_run_ends_like_one_that_was_not(photographs, tmp_path):
     config = PretrainConfig(
         minutes=1e6, iterations=4, batch_size=2, sides=((64,),), warmup=1, checkpoint_minutes=1e-6, settle=1.0

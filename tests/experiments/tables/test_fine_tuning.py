@@ -19,7 +19,7 @@ from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotat
 from labeling.training import loop as training_loop
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_experiment_runs_resumes_and_reports(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -74,7 +74,7 @@ def test_labels_are_mended_in_one_respect_after_the_other() -> None:
     assert errors["false_weight"] == pytest.approx(0.8 / 1.6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -32,6 +32,7 @@ from ...labeling.detectors3d.boxed_rooms import SIDES, boxed_room
 SIZE = MemorySize((16, 16, 8), 0.3, 8, 8, 8, (32, 32))
 
 
+@pytest.mark.slow
 def test_rooms_have_the_boxes_of_what_stands_in_them(tmp_path: Path):
     context = RunContext("smoke", (0,), 1, tmp_path)
     (bare,) = record_object_rooms(ObjectRooms(2, 1, views=3), context)
@@ -151,7 +152,7 @@ def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table_5_5, "known_categories", lambda: tuple(SIDES))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_boxes_by_views_are_made_from_labels_to_page(boxed_rooms: None, tmp_path: Path, capsys):
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     command = ["memory_boxes", "--scale", "smoke", "--workers", "1", *places]
@@ -173,7 +174,7 @@ def test_boxes_by_views_are_made_from_labels_to_page(boxed_rooms: None, tmp_path
     assert "step" not in capsys.readouterr().err  # networks are those that there are
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_boxes_by_labels_are_made_from_rooms_to_page(tmp_path: Path):
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["label_fraction", "--scale", "smoke", "--workers", "1", *places]) == 0

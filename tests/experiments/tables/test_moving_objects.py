@@ -31,6 +31,7 @@ from ...labeling.memory.test_flow import BOX, box_of, moving_episode
 SIZE = MemorySize((16, 16, 8), 0.3, 8, 8, 8, (32, 32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whole", [False, True])
 def test_icp_finds_what_has_moved_and_nothing_where_all_stands(whole):
     spec = MemorySize((32, 32, 16), 0.16).spec("cn3d")
@@ -107,7 +108,7 @@ def test_the_page_says_what_was_found():
     assert "0.05 m and more (5)" in text
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_moves_is_made_from_episodes_to_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     middle = np.array([0.0, 0.0, 0.7])
 

@@ -20,7 +20,7 @@ from labeling.training.config import CONFIG_FILE
 STEADY = Statistics(3.0, 0.7, {"chair": 0.6, "table": 0.4})
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -58,6 +58,7 @@ def test_rounds_begin_elsewhere_with_the_detector_of_the_round_before(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_a_collapse_ends_the_loop_before_anything_is_learnt_from_it(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,6 +28,7 @@ def run(name: str, folder: Path, seeds: int = 1) -> int:
     return main([name, "--scale", "smoke", "--seeds", str(seeds), "--workers", "1", *places])
 
 
+@pytest.mark.slow
 def test_policies_are_compared_and_results_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -70,6 +71,7 @@ def test_policies_are_compared_and_results_kept(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_the_homes_of_wide_have_a_record_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(policy_evaluation, "WORLDS", {"rooms": SHORT_ENV_ID})
     monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
@@ -84,6 +86,7 @@ def test_the_homes_of_wide_have_a_record_of_their_own(tmp_path: Path, monkeypatc
     assert "## The homes of `wide`" in (tmp_path / "docs" / "policies-results.md").read_text()
 
 
+@pytest.mark.slow
 def test_parts_of_the_reward_are_compared_from_the_same_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -135,7 +138,7 @@ def test_bootstrap_interval_by_brute_force() -> None:
     assert found.high == pytest.approx(np.quantile(means, 0.975), abs=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_best_of_many_ways_is_that_of_the_episodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -156,6 +159,7 @@ def test_the_best_of_many_ways_is_that_of_the_episodes(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_ways_are_drawn_by_the_generator_they_are_given() -> None:
     policy = policy_bound.SampledEvidence()
     env = gym.make(f"sbm_gym:{policy_bound.WORLDS[policy_bound.WORLD]}", colours=False)

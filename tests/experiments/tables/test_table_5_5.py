@@ -48,7 +48,7 @@ def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     return asked
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_table_runs_resumes_and_reports(
     boxed_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,6 +172,7 @@ def test_boxes_are_drawn_where_the_objects_are() -> None:
     assert inside.sum() > 0.9 * changed.sum()
 
 
+@pytest.mark.slow
 def test_targets_of_exact_masks_are_near_the_truth(tmp_path: Path) -> None:
     for seed in (1, 2):
         write_episode(tmp_path / "data" / f"room_{seed}", boxed_room(seed, 12))

@@ -36,7 +36,7 @@ from sbm_gym.assets.models.classes import NOVEL_CATEGORIES
 from ...labeling.synthetic_room import make_episode
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_table_runs_resumes_and_reports(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -105,7 +105,7 @@ def test_only_training_scenes_teach(name: str) -> None:
     assert set(MEANS.get(name, {})) <= set(names), "the thesis' figures stand beside rows that there are"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_second_round_labels_what_the_detector_finds_that_the_first_has_taught(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,6 +133,7 @@ def test_labels_of_test_scenes_are_refused_as_training_sets(tmp_path: Path) -> N
             sets.training_pictures(subset, "sbm", 0)
 
 
+@pytest.mark.slow
 def test_pooled_scenes_are_those_of_their_parts_ranked_together(
     small_rooms: list, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,7 +27,7 @@ def test_cameras_look_at_the_middle_from_all_around():
     assert np.diff(azimuths).max() < 2 * 2 * np.pi / 12
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_rooms_are_recorded_once_and_the_same_whatever_their_number(tmp_path: Path):
     context = RunContext("smoke", (0,), 1, tmp_path)
     (first,) = record_object_rooms(ObjectRooms(2, 1, views=3), context)
@@ -41,6 +41,7 @@ def test_rooms_are_recorded_once_and_the_same_whatever_their_number(tmp_path: Pa
     assert not np.array_equal(one.rgb, other.rgb)
 
 
+@pytest.mark.slow
 def test_rooms_of_an_exchange_differ_in_what_stands_in_them_alone(tmp_path: Path):
     folders = record_exchanges(Exchanges(1, views=3), RunContext("smoke", (0,), 1, tmp_path))
     a, b, c, answer = (read_episode(folders[part][0]) for part in ("a", "b", "c", "answer"))
@@ -105,7 +106,7 @@ def test_the_page_tells_of_arithmetic_once_it_has_been_done():
     assert "| L1 where A and the answer differ: GRNN | 0.250 ± 0.000 |" in text
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_table_is_made_from_recording_to_page(tmp_path: Path, capsys):
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["view_prediction", "--scale", "smoke", "--workers", "1", *places]) == 0

@@ -41,7 +41,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_labels_are_the_same_bytes_as_on_one_machine(
     ray_cluster: Any, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -61,7 +61,7 @@ def test_labels_are_the_same_bytes_as_on_one_machine(
     assert contents(there) == contents(here)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_scenes_that_share_labels_are_labelled_together(
     ray_cluster: Any, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,7 +75,7 @@ def test_scenes_that_share_labels_are_labelled_together(
     assert contents(Path("there")) == contents(Path("here"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_detections_come_home_into_the_episodes(
     ray_cluster: Any, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -91,7 +91,7 @@ def test_detections_come_home_into_the_episodes(
     assert "3 were done already" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_program_that_is_killed_goes_on_where_it_was(ray_cluster: Any, dataset: Path, tmp_path: Path) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     assert generate.main([str(dataset), "--out", str(here)]) == 0

@@ -27,6 +27,7 @@ def where(ray_cluster: Any, monkeypatch: pytest.MonkeyPatch) -> ClusterConfig:
     return ClusterConfig(ray_cluster.address)
 
 
+@pytest.mark.slow
 def test_results_come_in_order_from_processes_of_all_nodes(where: ClusterConfig, tmp_path: Path) -> None:
     jobs = [(str(tmp_path), number, 2) for number in range(20)]
     found = list(map_jobs(cluster_work.meet, jobs, 1, where=where, ordered=True))
@@ -39,7 +40,7 @@ def test_results_come_in_order_from_processes_of_all_nodes(where: ClusterConfig,
     assert folder.endswith(str(Path.cwd()))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_job_that_kills_its_process_three_times_is_told_and_the_others_are_done(
     where: ClusterConfig, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -55,6 +56,7 @@ def test_a_job_that_kills_its_process_three_times_is_told_and_the_others_are_don
     assert capfd.readouterr().err.count("its job is done again") == 2
 
 
+@pytest.mark.slow
 def test_files_travel_and_what_comes_home_is_what_would_be_written_here(
     where: ClusterConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,7 +112,7 @@ def test_a_whole_folder_appears_at_once(tmp_path: Path) -> None:
         bring_home(tmp_path, [("../evil", b"")], whole=False)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_jobs_without_end_are_taken_as_processes_become_free(where: ClusterConfig) -> None:
     taken = itertools.count()
     with closing(map_jobs(cluster_work.double, taken, 1, where=where, ordered=True)) as results:
@@ -118,7 +120,7 @@ def test_jobs_without_end_are_taken_as_processes_become_free(where: ClusterConfi
     assert next(taken) < 30
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_node_that_dies_costs_its_jobs_once(
     where: ClusterConfig, ray_cluster: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -146,7 +148,7 @@ def test_a_node_that_dies_costs_its_jobs_once(
     assert capfd.readouterr().err.count("its job is done again") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_input_larger_than_an_object_store_is_one_sentence(where: ClusterConfig, tmp_path: Path) -> None:
     large, small = tmp_path / "large.txt", tmp_path / "small.txt"
     small.write_text("small")
@@ -164,7 +166,7 @@ def test_an_input_larger_than_an_object_store_is_one_sentence(where: ClusterConf
         list(run_jobs(cluster_work.double, [1], 1, where=where, files=files))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_inputs_on_the_way_never_fill_an_object_store(where: ClusterConfig, tmp_path: Path) -> None:
     inputs = [tmp_path / f"{number}.txt" for number in range(3)]
     for path in inputs:
@@ -188,6 +190,7 @@ def len_of(path: Path) -> int:
     return path.stat().st_size
 
 
+@pytest.mark.slow
 def test_a_node_that_differs_is_named_with_what_differs(
     where: ClusterConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -208,7 +211,7 @@ def test_a_node_that_differs_is_named_with_what_differs(
         list(map_jobs(cluster_work.double, [1], 1, where=where))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_shared_disk_is_used_where_it_is(
     where: ClusterConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -39,6 +39,7 @@ def test_known_overlaps(other, iou):
     assert box_iou_3d(other, UNIT) == pytest.approx(iou, abs=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_any_orientation_agrees_with_counting_points(seed):
     a, b = any_box(seed), any_box(seed + 100)

@@ -1,6 +1,7 @@
 """Splatting against a loop over pixels and points."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -35,6 +36,7 @@ def splat_by_loops(points: np.ndarray, camera: Camera, point_size_m: float) -> n
     return index_map
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -111,6 +111,7 @@ def test_a_failing_detector_is_one_line_an_episode(dataset, detector, capsys):
     assert not list(dataset.rglob("detections.json"))
 
 
+@pytest.mark.slow
 def test_networks_write_detections_that_say_what_they_know(dataset, tmp_path):
     torch.manual_seed(0)
     network = build_network(NetworkSpec("compact", ("chair", "lamp")))
@@ -205,6 +206,7 @@ def start(tmp_path) -> Path:
     return tmp_path / "start"
 
 
+@pytest.mark.slow
 def test_finetuning_writes_a_detector_and_prints_what_changed(scene, start, tmp_path, capsys):
     scene.add_episode("one")
     scene.write_labels()
@@ -229,7 +231,8 @@ def test_finetuning_writes_a_detector_and_prints_what_changed(scene, start, tmp_
     assert (out / WEIGHTS_FILE).read_bytes() == before
 
 
-@pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.nightly)])
 def test_a_finetuning_told_to_stop_loses_no_batch_and_says_how_to_go_on(
     scene, start, tmp_path, monkeypatch, capsys, told
 ):
@@ -258,6 +261,7 @@ def test_a_finetuning_told_to_stop_loses_no_batch_and_says_how_to_go_on(
     assert all(torch.equal(value, whole[name]) for name, value in resumed.items())
 
 
+@pytest.mark.slow
 def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, capsys):
     scene.add_episode("one")
     scene.write_labels()
@@ -276,6 +280,7 @@ def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, cap
     assert "nothing to learn from was given" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_new_categories_are_learnt_on_request(scene, start, tmp_path):
     scene.add_episode("one")
     scene.write_labels()
@@ -284,6 +289,7 @@ def test_new_categories_are_learnt_on_request(scene, start, tmp_path):
     assert load_detector(str(tmp_path / "run")).categories == ("chair", "ball", "box", "plant")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flags", "message"),
     [

@@ -47,6 +47,7 @@ def test_a_folder_without_a_network_is_said_to_be_one(tmp_path):
         load_detector(str(tmp_path))
 
 
+@pytest.mark.slow
 def test_a_run_is_a_detector_by_its_folder_and_by_its_file(run_folder):
     picture = draw(0)[0][None]
     first, second = load_detector(str(run_folder)), load_detector(str(run_folder / WEIGHTS_FILE), batch_size=1)
@@ -96,6 +97,7 @@ def test_coco_names_become_ours_and_keep_their_places():
     assert category_names_of_coco(["__background__", "N/A", "dining table"]) == ("", "table")
 
 
+@pytest.mark.slow
 def test_the_network_of_the_thesis_takes_torchvisions_weights(monkeypatch):
     from labeling.detectors.networks import coco_weights as coco_network
     from labeling.detectors.networks.torchvision_operators import torchvision

@@ -53,6 +53,7 @@ def episodes(recorded: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(recorded, tmp_path / "episodes"))
 
 
+@pytest.mark.slow
 def test_training_on_labels_says_what_it_learnt_and_where_it_is(labels, recorded, tmp_path, capsys):
     out = tmp_path / "run"
     assert train3d.main([str(labels), "--out", str(out), "--val", str(recorded), *QUICK]) == 0
@@ -66,6 +67,7 @@ def test_training_on_labels_says_what_it_learnt_and_where_it_is(labels, recorded
     assert "going on from step 4" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_training_told_to_stop_loses_no_batch(labels, recorded, tmp_path, monkeypatch, capsys):
     from labeling.detectors3d.frustum_detector import load_network
     from labeling.detectors3d.frustum_training import FrustumTask
@@ -88,6 +90,7 @@ def test_a_training_told_to_stop_loses_no_batch(labels, recorded, tmp_path, monk
     assert all(np.array_equal(value, whole[name]) for name, value in resumed.items())
 
 
+@pytest.mark.slow
 def test_several_sources_are_learnt_from_together(labels, recorded, tmp_path, capsys):
     out = tmp_path / "run"
     assert train3d.main([str(labels), str(recorded), "--out", str(out), "--val", str(recorded), *QUICK]) == 0

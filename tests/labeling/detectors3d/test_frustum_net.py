@@ -188,7 +188,7 @@ def test_doubtful_labels_are_not_learnt_from():
         FrustumTask(doubted, [], Train3dConfig(least_confidence=0.6), NO_AUGMENTATION_3D)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_learns_a_few_objects_by_heart(tmp_path):
     some = frustum_samples_of(1, 2)[::2]
     config = Train3dConfig(
@@ -228,6 +228,7 @@ def test_detections_that_cannot_be_lifted_are_passed_over():
     assert detector.lift(dark, found_in(episode)) == []
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_and_ends_the_same(tmp_path):
     some = frustum_samples_of(1, 2)
     config = Train3dConfig(iterations=6, batch_size=4, num_points=64, width=0.25, validate_every=2)

@@ -24,7 +24,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home / "bin" / "python"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("kind", "field", "with_masks"),
     [("FiftyOneDataset", "pseudo_labels", True), ("FiftyOneImageDetectionDataset", "ground_truth", False)],

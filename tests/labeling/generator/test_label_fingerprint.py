@@ -71,6 +71,7 @@ def copied_code(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         return folder, fingerprint(folder / "no_episode", LabelConfig())
 
 
+@pytest.mark.slow
 def test_every_function_that_labels_counts(tmp_path: Path) -> None:
     """Oracle: what a process that labels an episode calls."""
     write_episode(tmp_path / "room", make_episode(3, num_views=4, size=(60, 80), num_objects=3, confident_share=2.0))
@@ -85,6 +86,7 @@ def test_every_function_that_labels_counts(tmp_path: Path) -> None:
     assert {one for one in missed if one[0] not in NOT_LABELLING and one[1] not in GIVEN} == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "counts"),
     [
@@ -124,6 +126,7 @@ def doing_more(source: bytes) -> bytes:
     return ast.unparse(tree).encode()
 
 
+@pytest.mark.slow
 def test_a_comment_does_not_count(copied_code: tuple[Path, str]) -> None:
     folder, before = copied_code
     module = folder / "labeling" / "generator" / "propagate.py"

@@ -84,6 +84,7 @@ def wait_for(condition, seconds: float = 60.0) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_labels_are_the_same_for_any_number_of_workers(dataset: Path, tmp_path: Path) -> None:
     before = dict(os.environ)
     for workers in (1, 2):
@@ -116,6 +117,7 @@ def test_episodes_read_ahead_and_written_behind_are_told_in_order(
     assert {"episodes/room_0.json", "episodes/room_2.json"} <= set(written)
 
 
+@pytest.mark.slow
 def test_threads_are_shared_out_among_the_workers(dataset: Path, tmp_path: Path, detector: str) -> None:
     flags = ["--detector", f"{detector}:steady", "--workers", "2"]
     assert main([str(dataset), "--out", "labels", *flags]) == 0
@@ -127,6 +129,7 @@ def test_threads_are_shared_out_among_the_workers(dataset: Path, tmp_path: Path,
     assert {log.read_text() for log in logs} == {f"{share} {share}"}
 
 
+@pytest.mark.slow
 def test_an_episode_whose_worker_dies_is_told_and_the_others_are_labelled(
     dataset: Path, tmp_path: Path, detector: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,7 +142,8 @@ def test_an_episode_whose_worker_dies_is_told_and_the_others_are_labelled(
     assert [state["status"] for state in states] == ["labelled", "failed", "labelled"]
 
 
-@pytest.mark.parametrize("how", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGKILL])
 def test_no_worker_and_no_half_file_outlives_the_program(
     dataset: Path, tmp_path: Path, detector: str, how: int
 ) -> None:

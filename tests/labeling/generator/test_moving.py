@@ -38,7 +38,7 @@ def runner(episode) -> int:
     return max(set(ids), key=ids.count)
 
 
-@pytest.fixture(scope="module", params=[4, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[4, pytest.param(6, marks=pytest.mark.nightly)])
 def rooms(request):
     """The same room twice: with everything still, and with one thing in motion."""
     still = make_episode(request.param, **ROOM)
@@ -199,6 +199,7 @@ def test_what_shows_through_something_that_passes_is_no_part_of_it(rooms):
     assert all(np.mean(one) < 0.01 for one in shown.values())
 
 
+@pytest.mark.slow
 def test_a_label_set_tells_what_moves_and_is_in_order(rooms, tmp_path, capsys):
     _, moving, number = rooms
     write_episode(tmp_path / "episodes" / "one", moving)

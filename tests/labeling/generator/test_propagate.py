@@ -248,6 +248,7 @@ def test_arrays_that_do_not_belong_together_are_refused(room: Episode) -> None:
         label(room, detections=(Detection(0, "chair", 0.9, np.ones((3, 3), bool)),))
 
 
+@pytest.mark.slow
 def test_a_real_capture_is_labelled_better_than_its_network_saw_it(apc_shelf) -> None:
     episode = read_episode(apc_shelf)
     labels = label(episode, LabelConfig(confident=0.6))

@@ -199,6 +199,7 @@ def test_what_is_no_function_is_refused(detector):
         load_function(f"{detector}:number")
 
 
+@pytest.mark.slow
 def test_a_detector_runs_once_and_its_findings_are_a_detections_file(detector, dataset, rooms, tmp_path):
     out, name = tmp_path / "out", f"{detector}:find"
     for room in rooms:

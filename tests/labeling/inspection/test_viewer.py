@@ -457,6 +457,7 @@ def test_a_browser_that_draws_nothing_is_told_so(viewer: SceneViewer) -> None:
     assert (browser.files, browser.said) == ({}, ["No film: the browser drew nothing"])
 
 
+@pytest.mark.slow
 def test_films_need_no_browser(labels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every object that is sure is seen in its colour in most frames, and frames differ."""
     from PIL import Image
@@ -488,7 +489,7 @@ def test_nothing_to_show_is_said(labels: Path) -> None:
         SceneViewer(labels, [], "127.0.0.1", 18080)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_file_of_a_scene_shows_its_objects_without_a_server(labels: Path, tmp_path: Path, browser_page) -> None:
     pytest.importorskip("viser")
     assert main([str(labels), "--html", str(tmp_path / "html")]) == 0

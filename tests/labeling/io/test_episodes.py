@@ -286,6 +286,7 @@ MALFORMED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "change", "message"), MALFORMED, ids=[f"{n}-{m[:40]}" for n, _, m in MALFORMED])
 def test_malformed_json_is_named_by_file_and_field(folder, name, change, message):
     edit(folder / name, change)
@@ -322,6 +323,7 @@ def test_a_missing_frame_is_named(folder, name):
         read_episode(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rgb/001.png", "depth/001.png"])
 def test_a_png_cut_anywhere_is_named(folder, name):
     whole = (folder / name).read_bytes()
@@ -444,6 +446,7 @@ def spoil(data: st.DataObject, content: Any) -> Any:
     return content["root"]
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(
     data=st.data(), name=st.sampled_from(["transforms.json", "detections.json", "ground_truth.json", "episode.json"])
@@ -463,6 +466,7 @@ def test_whatever_the_json_holds_only_format_errors_come_out(fuzzed, data, name)
         assert 0 <= label.view_index < episode.num_views
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(data=st.data(), name=st.sampled_from(["rgb/001.png", "depth/001.png"]))
 def test_whatever_a_picture_holds_only_format_errors_come_out(fuzzed, data, name):

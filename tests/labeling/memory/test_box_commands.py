@@ -68,6 +68,7 @@ def refused(capsys, main, *arguments: object) -> str:
     return error.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_training_says_what_it_learnt_and_where_it_is(recorded, trained, capsys):
     results = json.loads((trained / "results.json").read_text())
     assert results["memory"] == "cn3d"
@@ -80,6 +81,7 @@ def test_training_says_what_it_learnt_and_where_it_is(recorded, trained, capsys)
     assert f"detector: {trained}" in said
 
 
+@pytest.mark.slow
 def test_labels_are_learnt_from_as_ground_truth_is(labels, recorded, tmp_path):
     ours, _ = read_labelled_scenes([labels], TINY)
     truths, _ = read_labelled_scenes([recorded], TINY)
@@ -93,6 +95,7 @@ def test_labels_are_learnt_from_as_ground_truth_is(labels, recorded, tmp_path):
     assert train3d.main([str(labels), "--out", str(tmp_path / "run"), *NEW]) == 0
 
 
+@pytest.mark.slow
 def test_ground_truth_is_read_as_it_is(recorded):
     scenes, notes = read_labelled_scenes([recorded], TINY)
     assert not notes
@@ -110,6 +113,7 @@ def test_ground_truth_is_read_as_it_is(recorded):
             assert {one.scene.view_index[v] for v in np.flatnonzero(thing.shown_by)} == views
 
 
+@pytest.mark.slow
 def test_a_run_told_to_stop_loses_no_batch_and_ends_like_one_that_was_not(recorded, tmp_path, monkeypatch):
     out, whole_run, losses = tmp_path / "run", tmp_path / "whole", BoxTask.losses
 
@@ -130,6 +134,7 @@ def test_a_run_told_to_stop_loses_no_batch_and_ends_like_one_that_was_not(record
     assert histories[0] == histories[1]
 
 
+@pytest.mark.slow
 def test_training_begins_with_a_memory_that_has_learnt(recorded, tmp_path, capsys):
     learnt = tmp_path / "memory"
     assert train_memory.main([str(recorded), "--out", str(learnt), *SIZE, "--planes", "8", "--width", "8", *(
@@ -151,6 +156,7 @@ def test_training_begins_with_a_memory_that_has_learnt(recorded, tmp_path, capsy
     )
 
 
+@pytest.mark.slow
 def test_boxes_are_found_once_from_so_many_views(episodes, trained, capsys):
     assert detect3d.main([str(episodes), "--detector", str(trained)]) == 0
     file = read_json(episodes / "boxed_1" / "detections_3d.json")
@@ -168,6 +174,7 @@ def test_boxes_are_found_once_from_so_many_views(episodes, trained, capsys):
     assert all(one.get("views").value == [0, 2, 4] for one in found)
 
 
+@pytest.mark.slow
 def test_views_that_do_not_look_at_the_grid_are_refused_by_number(recorded, trained):
     detector, episode = load_memory_detector(trained, "cpu"), read_episode(recorded / "boxed_1")
     assert detector.find(episode, views=[4, 1])
@@ -175,6 +182,7 @@ def test_views_that_do_not_look_at_the_grid_are_refused_by_number(recorded, trai
         detector.find(episode, views=[17])
 
 
+@pytest.mark.slow
 def test_wrong_combinations_are_refused_in_one_sentence(recorded, labels, trained, tmp_path, capsys):
     out = tmp_path / "out"
     for options, why in (
@@ -203,6 +211,7 @@ def test_wrong_combinations_are_refused_in_one_sentence(recorded, labels, traine
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_memory_without_a_volume_is_refused(recorded, tmp_path, capsys):
     learnt = tmp_path / "tower"
     assert train_memory.main([str(recorded), "--model", "tower", "--out", str(learnt), *SIZE, *(
@@ -213,6 +222,7 @@ def test_a_memory_without_a_volume_is_refused(recorded, tmp_path, capsys):
     )
 
 
+@pytest.mark.slow
 def test_episodes_without_boxes_are_refused(recorded, tmp_path, capsys):
     for seed in (1, 2):
         folder = Path(shutil.copytree(recorded / f"boxed_{seed}", tmp_path / "bare" / f"boxed_{seed}"))

@@ -300,7 +300,8 @@ def test_the_head_says_of_a_shifted_memory_what_it_said_shifted():
         )
 
 
-@pytest.mark.parametrize("model", ["cn3d", pytest.param("grnn", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["cn3d", pytest.param("grnn", marks=pytest.mark.nightly)])
 def test_two_rooms_are_learnt_by_heart(model, tmp_path):
     spec = replace(TINY, model=model, width=16)
     scenes = [true_scene(boxed_room(seed, 3), spec) for seed in (1, 2)]

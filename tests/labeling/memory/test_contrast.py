@@ -15,6 +15,7 @@ from .test_networks import built, scene
 QUICK = TrainMemoryConfig(inputs=3, targets=2, pairs=32, hard_negatives=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contrast", ["info_nce", "margin"])
 def test_every_kind_of_contrast_reaches_all_weights(contrast):
     network = built("cn3d").train()

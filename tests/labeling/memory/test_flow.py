@@ -79,6 +79,7 @@ def test_shifted_volumes_hold_what_lies_that_far_away():
     assert moved[..., -1].abs().max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "step_voxels", [(1, 0, 0), (0, -2, 0), (3, 2, 1), (0.5, 0, 0), (1.4, -0.7, 0.3), (4.3, 0, 0), (0, 0, 0.4)]
 )
@@ -112,7 +113,7 @@ def remembered(volume: torch.Tensor) -> Remembered:
     return Remembered(volume, filled, 1 - filled, torch.zeros(len(volume), 2, *volume.shape[2:]))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_network_learns_shifts_of_volumes_and_zero_for_identical_ones():
     """The law of the untrained search, for learnt flow: after a few hundred small steps."""
     spec = GridSpec((8, 12, 12), 0.1)

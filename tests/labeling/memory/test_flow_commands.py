@@ -79,6 +79,7 @@ def refused(capsys, main, *arguments: object) -> str:
     return error.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_training_says_what_it_learnt_and_leaves_the_memory_as_it_is(command, memory, trained, capsys):
     results = json.loads((trained / "results.json").read_text())
     assert set(results["validation"]) >= {"f1", "moving_m", "standing_m"}
@@ -91,6 +92,7 @@ def test_training_says_what_it_learnt_and_leaves_the_memory_as_it_is(command, me
     assert "going on from step 4" in said
 
 
+@pytest.mark.slow
 def test_a_run_told_to_stop_loses_no_batch_and_ends_like_one_that_was_not(command, trained, tmp_path, monkeypatch):
     out, losses = tmp_path / "run", FlowTask.losses
 
@@ -109,6 +111,7 @@ def test_a_run_told_to_stop_loses_no_batch_and_ends_like_one_that_was_not(comman
     assert histories[0] == histories[1]
 
 
+@pytest.mark.slow
 def test_recordings_in_which_things_move_are_learnt_from_too(recorded, tmp_path, moving, capsys):
     grnn = trained_memory(recorded, tmp_path / "grnn", "grnn")
     options = ("--memory", str(grnn), "--moving", str(moving), *QUICK)
@@ -116,6 +119,7 @@ def test_recordings_in_which_things_move_are_learnt_from_too(recorded, tmp_path,
     assert "1 of episodes in which things move" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_supervised_rival_learns_from_what_really_moves(memory, moving, recorded, tmp_path, capsys):
     options = ("--memory", str(memory), "--supervised", "--val", str(moving), "--out", str(tmp_path / "run"), *QUICK)
     assert train_flow.main([str(moving), *options]) == 0
@@ -125,6 +129,7 @@ def test_a_supervised_rival_learns_from_what_really_moves(memory, moving, record
     assert "has no motion.json: its scene flow is not known" in error
 
 
+@pytest.mark.slow
 def test_what_moves_is_found_once(moving, trained, capsys):
     assert detect3d.main([str(moving), "--detector", str(trained)]) == 0
     file = moving / "one" / "detections_3d.json"
@@ -140,6 +145,7 @@ def test_what_moves_is_found_once(moving, trained, capsys):
     assert "0 boxes in 0 episodes; 1 were done already" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_flow_is_drawn_from_above_and_filmed(recorded, trained, moving, tmp_path, monkeypatch, capsys):
     out = tmp_path / "pictures"
     assert imagine.main([str(trained), str(recorded / "toys_1"), "--out", str(out), "--views", "0", "2"]) == 0
@@ -165,12 +171,14 @@ def test_flow_is_drawn_from_above_and_filmed(recorded, trained, moving, tmp_path
     assert "give the first ones with --views, no --inputs" in error
 
 
+@pytest.mark.slow
 def test_the_detector_gives_every_pair_of_views(recorded, trained):
     detector, episode = load_moving_detector(trained, "cpu"), read_episode(recorded / "toys_1")
     pairs = [pair.view_index for pair, _ in detector.find(episode.name, episode)]
     assert pairs == [(0, 1), (1, 2), (2, 3)]
 
 
+@pytest.mark.slow
 def test_wrong_input_is_refused_in_one_sentence(recorded, memory, trained, tmp_path, moving, capsys):
     out = tmp_path / "out"
     for options, why in (
@@ -193,6 +201,7 @@ def test_wrong_input_is_refused_in_one_sentence(recorded, memory, trained, tmp_p
         assert why in refused(capsys, detect3d.main, moving, "--detector", trained, *options)
 
 
+@pytest.mark.slow
 def test_episodes_whose_views_have_nothing_in_common_are_refused(trained, memory, tmp_path, capsys):
     middle = np.array([0.0, 0.0, 0.7])
     apart = orbit_episode(1, [orbit_pose(2.0 * view, 0.4, 2.0, middle) for view in range(3)])

@@ -47,6 +47,7 @@ def refused(capsys, main, *arguments: object) -> str:
     return error.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_training_says_what_it_learnt_from_and_what_to_run_next(episodes, run, capsys):
     results = json.loads((run / "results.json").read_text())
     assert results["iterations"] == 4
@@ -60,6 +61,7 @@ def test_training_says_what_it_learnt_from_and_what_to_run_next(episodes, run, c
     assert "python -m labeling.imagine" in said
 
 
+@pytest.mark.slow
 def test_every_tenth_episode_is_held_out(tmp_path, capsys):
     for number in range(11):
         write_episode(tmp_path / "many" / f"{number:02d}", orbit_episode(number % 2, ring(number, 3), (32, 32)))
@@ -68,6 +70,7 @@ def test_every_tenth_episode_is_held_out(tmp_path, capsys):
     assert json.loads((tmp_path / "run" / "train.json").read_text())["validation"] == ["09"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["grnn", "cn3d"])
 def test_predicted_views_are_drawn_and_filmed(episodes, run, model, tmp_path, capsys):
     from PIL import Image
@@ -90,6 +93,7 @@ def test_predicted_views_are_drawn_and_filmed(episodes, run, model, tmp_path, ca
         assert film.n_frames == 6  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_a_run_told_to_stop_loses_no_batch_and_ends_like_one_that_was_not(episodes, run, tmp_path, monkeypatch, capsys):
     out, losses = tmp_path / "run", MemoryTask.losses
 
@@ -109,6 +113,7 @@ def test_a_run_told_to_stop_loses_no_batch_and_ends_like_one_that_was_not(episod
     assert all(torch.equal(value, whole[name]) for name, value in resumed.items())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_done_is_refused_in_one_sentence(episodes, run, tmp_path, capsys):
     out = tmp_path / "out"
     assert "nothing to learn from was given" in refused(capsys, train_memory.main, "--out", out)
@@ -128,6 +133,7 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(episodes, run, tmp_path,
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_episodes_without_depth_are_left_out_with_a_note(episodes, tmp_path, capsys):
     blind = orbit_episode(4, ring(4, 4))
     write_episode(tmp_path / "some" / "blind", replace(blind, depth_m=np.zeros_like(blind.depth_m)))

@@ -77,6 +77,7 @@ def test_volumes_are_convolved_as_by_pytorch(batch, stride, threads, monkeypatch
 # Networks ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_every_weight_learns_and_scenes_of_a_batch_know_nothing_of_each_other(model):
     network = built(model)

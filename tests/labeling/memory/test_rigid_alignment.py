@@ -49,6 +49,7 @@ def apart(one: torch.Tensor, other: torch.Tensor) -> tuple[float, float]:
     return float(torch.rad2deg(torch.acos(((turn.trace() - 1) / 2).clamp(-1, 1)))), float((one - other)[:3, 3].norm())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "between_rad"), [(0, 0.0), (1, 0.7)])
 def test_a_view_is_found_within_a_voxel_and_a_few_degrees(seed, between_rad):
     """A grid that is half a metre and 20 degrees off where odometry takes it to be; the same view, and another one."""
@@ -67,6 +68,7 @@ def test_a_view_is_found_within_a_voxel_and_a_few_degrees(seed, between_rad):
     assert found.correlation > 0.4
 
 
+@pytest.mark.slow
 def test_the_motion_between_two_views_of_a_room_is_found():
     """In the frame of the first camera, from no more than pictures and depth: the second pose is made wrong."""
     poses = [orbit_pose(azimuth, 0.4, 2.0, MIDDLE) for azimuth in (1.0, 1.35)]

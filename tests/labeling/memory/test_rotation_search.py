@@ -1,6 +1,7 @@
 """GRNN's search: the right bin of azimuth and elevation, on pairs of views of rooms."""
 
 import numpy as np
+import pytest
 import torch
 
 from labeling.memory.lifting.egomotion import coloured_volume
@@ -32,6 +33,7 @@ def test_a_gaze_grid_is_the_memory_turned_back():
     assert np.allclose((expected @ camera_in_gaze_grid(DISTANCE_M)).numpy(), pose, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_right_bin_is_found_on_nine_pairs_of_ten():
     rng = np.random.default_rng(0)
     right = pairs = 0

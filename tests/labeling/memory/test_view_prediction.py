@@ -152,6 +152,7 @@ def test_samples_are_functions_of_their_number():
     assert counts == {1, 2, 3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["grnn", "cn3d", "tower"])
 def test_a_run_that_goes_on_ends_like_one_that_never_stopped(tmp_path, model):
     scenes = [scene(1), scene(2)]
@@ -185,7 +186,7 @@ def test_settings_that_make_no_sense_are_refused():
         MemoryTask(TINY, [scene(1)], [], replace(QUICK, margin=0.0))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_grnn_learns_to_predict_views_of_a_room():
     """On the scenes it learns from, better than a picture of the mean colour and than the nearest input view."""
     torch.manual_seed(0)
@@ -207,7 +208,7 @@ def test_grnn_learns_to_predict_views_of_a_room():
     assert np.mean(found["view_r1"]) >= 0.75
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cn3d_finds_held_out_pixels_ten_times_as_often_as_chance(tmp_path):
     spec = replace(TINY, model="cn3d", channels=16, embedding=16)
     scenes = [small_scene(f"toys_{seed}", orbit_episode(seed, ring(seed, 8)), spec) for seed in range(12)]

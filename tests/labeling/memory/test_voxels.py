@@ -107,6 +107,7 @@ def test_features_on_a_plane_are_exact():
     assert found.reshape(2, -1)[:, outside].abs().max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_occupied_voxels_lie_within_a_voxel_of_the_surface(seed):
     """Brute force: the distance of every occupied voxel's centre to the nearest point of a far denser depth image."""

@@ -41,6 +41,7 @@ def overlaps_tie(one: BoxInstance, truths: list[BoxInstance]) -> bool:
     return bool(np.any((np.diff(overlaps) < 1e-6) & (overlaps[1:] > 0.2)))
 
 
+@pytest.mark.slow
 @settings(max_examples=120, deadline=None)
 @given(seed=st.integers(0, 100_000))
 def test_flat_boxes_score_as_the_coco_protocol_scores_their_masks(seed):

@@ -90,6 +90,7 @@ def precision_by_pycocotools(predictions, truths, thresholds, kind):
     return evaluation.eval["precision"][:, :, :, 0, 0], names
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(predictions_strategy, truths_strategy, st.sampled_from(["mask", "box"]))
 def test_average_precision_agrees_with_pycocotools(predictions, truths, kind):
@@ -132,6 +133,7 @@ def all_point_by_loops(predictions, truths, threshold):
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(predictions_strategy, truths_strategy)
 def test_all_point_interpolation_agrees_with_loops(predictions, truths):
@@ -216,6 +218,7 @@ def test_senseless_instances_are_refused():
 # Matching ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(predictions_strategy, truths_strategy)
 def test_pairwise_iou_agrees_with_counting(predictions, truths):
     predictions = [item for item in predictions if item.image == 1]
@@ -253,6 +256,7 @@ def test_assign_finds_the_greatest_sum(num_predictions, num_truths, seed):
     assert sum(iou[p, g] for p, g in pairs) == pytest.approx(best)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(predictions_strategy, truths_strategy)
 def test_matches_stay_within_picture_and_category_and_are_one_to_one(predictions, truths):
@@ -279,6 +283,7 @@ def test_ignored_instances_change_nothing_for_the_others(predictions, truths):
     assert with_ignored == mean_iou(counted, match(predictions, counted))
 
 
+@pytest.mark.slow
 @given(predictions_strategy, truths_strategy)
 def test_mean_iou_does_not_look_at_confidence(predictions, truths):
     flat = [replace(item, confidence=0.5) for item in predictions]

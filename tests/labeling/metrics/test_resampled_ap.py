@@ -74,6 +74,7 @@ def boxed(items: list[MaskInstance]) -> list[BoxInstance]:
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_scenes_with_boxes_are_drawn_as_often_as_those_with_masks(seed):

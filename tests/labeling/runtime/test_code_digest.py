@@ -169,6 +169,7 @@ def test_what_a_package_gives_on_demand_is_found(package: Path) -> None:
     assert "idle" not in found
 
 
+@pytest.mark.slow
 def test_labels_and_recordings_depend_on_the_code_that_makes_them() -> None:
     names = {path.stem for path in reached_code("labeling.generator.propagate").contents()}
     assert {"association", "mean_field", "permutohedral_lattice", "per_detection", "published_defects"} <= names

@@ -128,6 +128,7 @@ def test_help_is_plain_and_fits_the_screen(command: str, capsys, monkeypatch) ->
         assert len(re.findall(r"^  [-A-Z]", group, re.MULTILINE)) <= MOST_OPTIONS, group
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_examples_at_the_end_are_understood(command: str, capsys, monkeypatch) -> None:
     examples = re.findall(rf"^  (python -m {command}.*)$", helped(command, capsys).partition("examples:")[2], re.M)
@@ -152,6 +153,7 @@ def test_every_setting_of_the_label_generator_is_in_a_group() -> None:
     assert not missing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_lists_its_commands(package: str) -> None:
     assert set(listed(package)) == {name for name in commands() if name.startswith(f"{package}.")}

@@ -70,6 +70,7 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resumes", [True, False])
 @pytest.mark.parametrize("number", STOPPING, ids=str)
 def test_a_command_says_one_line_and_ends_with_the_code_of_the_signal(number, resumes, tmp_path) -> None:

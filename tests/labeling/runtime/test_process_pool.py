@@ -128,6 +128,7 @@ def test_the_first_error_ends_the_work_once_begun_jobs_are_finished(tmp_path: Pa
     assert {path.name for path in tmp_path.iterdir()} == {"first", "second", "may end", "second done"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "code", "says"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, ""), (signal.SIGKILL, -signal.SIGKILL, "")],

@@ -87,7 +87,8 @@ print(seen)
 """
 
 
-@pytest.mark.parametrize("told", ["1", pytest.param("3", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("told", ["1", pytest.param("3", marks=pytest.mark.nightly)])
 def test_networks_keep_their_threads_when_compiled_loops_begin_theirs(told: str) -> None:
     environment = {**os.environ, "OMP_NUM_THREADS": told, "NUMBA_NUM_THREADS": "2"}
     done = subprocess.run([sys.executable, "-c", THREADS], env=environment, capture_output=True, text=True, check=True)

@@ -14,6 +14,7 @@ from sbm_gym.assets.scene_models import held_out, indoor_library, models_of_scen
 SEEDS = range(6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("use", list(RECIPES))
 def test_bounds_are_the_stated_size_and_normals_are_unit(use):
     for seed in SEEDS:

@@ -60,7 +60,7 @@ def test_converted_models_have_the_catalogues_size(library, use):
     assert_sizes_of_the_catalogue(library, use, library.models(use)[:1])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("use", list(USES))
 def test_all_converted_models_have_the_catalogues_size(library, use):
     assert_sizes_of_the_catalogue(library, use, library.models(use))

@@ -66,6 +66,7 @@ def test_all_installed_models_of_other_classes_stay_in_worlds():
         assert worlds_library().models(use) == default_library().models(use)
 
 
+@pytest.mark.slow
 def test_seeds_of_builtin_models_are_apart():
     """Worlds draw seeds below 2**31, photographs of either split above, from halves that do not meet."""
 
@@ -84,6 +85,7 @@ def test_seeds_of_builtin_models_are_apart():
     assert all(int(seed) < 2**31 for use in FROM_SEEDS for seed in seeds(indoor_library(), use))
 
 
+@pytest.mark.slow
 def test_recoloured_models_keep_their_shape():
     plain = default_library()
     library = PhotographLibrary(plain, "train", (3, 4))

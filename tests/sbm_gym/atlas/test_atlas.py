@@ -122,6 +122,7 @@ def test_stored_masks_are_those_of_the_codec_or_refused(seed, height, width, ins
     assert (second.category, second.confidence) == ("lamp", 0.9)
 
 
+@pytest.mark.slow
 def test_an_atlas_and_the_plain_environment_agree_at_the_same_poses(atlas):
     looking_up, drawing = plain(atlas=atlas), plain()
     seen_something = 0
@@ -145,6 +146,7 @@ def test_an_atlas_and_the_plain_environment_agree_at_the_same_poses(atlas):
     assert seen_something >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", [DETECTOR, "simulated"])
 def test_every_step_of_an_episode_sees_what_a_camera_would_draw_there(atlas, tmp_path, detector):
     folder = atlas
@@ -175,6 +177,7 @@ def test_every_step_of_an_episode_sees_what_a_camera_would_draw_there(atlas, tmp
         assert list(capture.detections) == info["detections"]
 
 
+@pytest.mark.slow
 def test_scenes_are_those_that_the_folder_holds(atlas, tmp_path):
     assert plain().scene_names == ("box_0", "box_1")
     assert plain(atlas=atlas).scene_names == ("box_0",)
@@ -186,6 +189,7 @@ def test_scenes_are_those_that_the_folder_holds(atlas, tmp_path):
         build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, skip=2, detector=DETECTOR))
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_rollout(atlas):
     def rollout():
         env = plain(atlas=atlas, split=None)
@@ -199,6 +203,7 @@ def test_the_same_seed_gives_the_same_rollout(atlas):
             np.testing.assert_array_equal(one[name], other[name])
 
 
+@pytest.mark.slow
 def test_an_atlas_is_gone_on_with_and_comes_out_the_same(atlas, tmp_path, monkeypatch):
     config = build_atlas.AtlasConfig(tmp_path, ENV, scenes=1, detector=DETECTOR)
     written = []
@@ -228,6 +233,7 @@ def test_an_atlas_is_gone_on_with_and_comes_out_the_same(atlas, tmp_path, monkey
     assert build_atlas.build(config) == [folder], "a finished one is left alone"
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_refused(atlas, tmp_path):
     with pytest.raises(AtlasError, match="has no views of scene 'box_1'; python -m"):
         plain(atlas=atlas).reset(options={"scene": "box_1"})
@@ -243,6 +249,7 @@ def test_what_does_not_fit_is_refused(atlas, tmp_path):
         build_atlas.build(build_atlas.AtlasConfig(tmp_path, ENV, scenes=1, detector=DETECTOR, headings=8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["truncated", "empty", "table", "views", "key", "places", "headings", "no key"])
 def test_a_damaged_atlas_is_named(atlas, tmp_path, damage):
     folder = tmp_path / "box_0"

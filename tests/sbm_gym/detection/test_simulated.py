@@ -56,6 +56,7 @@ def is_right(detection, view, names) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_confident_detections_are_mostly_right_and_others_less_so(views):
     confident, unsure = [], []
     for seed in range(4):
@@ -67,6 +68,7 @@ def test_confident_detections_are_mostly_right_and_others_less_so(views):
     assert np.mean(unsure) < 0.5
 
 
+@pytest.mark.slow
 def test_the_detector_as_a_whole_is_clearly_worse_than_perfect(views):
     figures = []
     for seed in range(4):
@@ -83,10 +85,12 @@ def test_the_detector_as_a_whole_is_clearly_worse_than_perfect(views):
     assert 0.2 < np.mean(figures) < 0.6
 
 
+@pytest.mark.slow
 def test_the_same_generator_gives_the_same_detections(views):
     assert [d for d, _, _ in detect_all(views[:40])] == [d for d, _, _ in detect_all(views[:40])]
 
 
+@pytest.mark.slow
 def test_confidences_do_not_depend_on_what_else_is_in_view(views):
     detector = SimulatedDetector(SimulatedDetectorConfig(phantoms_per_view=0.0))
     view = next(view for view, _ in views if len(view.objects) >= 2)

@@ -77,6 +77,7 @@ def fitted():
     return views, fit_settings(views, SimulatedDetectorConfig(), LastingPhantoms(0.0, 0.0, 0.0, 0.0, ()))
 
 
+@pytest.mark.slow
 def test_penalties_biases_and_spreads_are_found_again(fitted):
     _, found = fitted
     assert found.size_gain == pytest.approx(TRUE.size_gain, rel=0.15)
@@ -93,6 +94,7 @@ def test_penalties_biases_and_spreads_are_found_again(fitted):
     assert found.pose_sigma == pytest.approx(POSE_SIGMA, rel=0.25)
 
 
+@pytest.mark.slow
 def test_it_is_expected_to_be_as_often_sure(fitted):
     views, found = fitted
     shares = predicted_shares(found, views.objects, (0.05, 0.5, 0.9))
@@ -100,6 +102,7 @@ def test_it_is_expected_to_be_as_often_sure(fitted):
     assert shares == pytest.approx(real, abs=0.03)
 
 
+@pytest.mark.slow
 def test_phantoms_are_found_again(fitted):
     _, found = fitted
     phantoms = found.lasting_phantoms
@@ -122,6 +125,7 @@ def test_a_detector_that_finds_nothing_cannot_be_fitted():
         )
 
 
+@pytest.mark.slow
 def test_wrong_names_are_counted(fitted):
     views, right = fitted
     mixed = tuple(

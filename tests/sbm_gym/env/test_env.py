@@ -45,6 +45,7 @@ def test_registration_can_be_repeated():
     assert sbm_gym.ENV_IDS is ENV_IDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kwargs", [{}, {"worlds": "indoor", "split": "val"}], ids=["box rooms", "furnished rooms"])
 def test_same_seed_gives_the_same_rollout_bit_for_bit_in_a_fresh_process(kwargs):
     here = rollout_digest(3, **kwargs)

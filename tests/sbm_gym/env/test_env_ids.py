@@ -21,13 +21,14 @@ RENDER_MODES = [mode for mode in FixationEnv.metadata["render_modes"] if mode !=
 
 
 @pytest.fixture(
-    params=[pytest.param(name, marks=() if name in IN_SHORT else pytest.mark.slow) for name in sorted(ENV_IDS)]
+    params=[pytest.param(name, marks=() if name in IN_SHORT else pytest.mark.nightly) for name in sorted(ENV_IDS)]
 )
 def shared_id(request):
     """A kind of env after the other; scenes that were compiled once are opened from disk."""
     return request.param
 
 
+@pytest.mark.slow
 def test_the_checker_of_gymnasium_has_nothing_to_say(shared_id):
     # Warnings are errors in this test suite. The validation split keeps the number of scenes to build small.
     with gym.make(shared_id, split="val", disable_env_checker=True) as made:
@@ -35,6 +36,7 @@ def test_the_checker_of_gymnasium_has_nothing_to_say(shared_id):
 
 
 # One at a time, since the checker keeps the environments of all modes in memory.
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", RENDER_MODES)
 def test_the_checker_has_nothing_to_say_of_any_way_to_render(shared_id, mode):
     with gym.make(shared_id, split="val", render_mode=mode, disable_env_checker=True) as made:
@@ -42,10 +44,12 @@ def test_the_checker_has_nothing_to_say_of_any_way_to_render(shared_id, mode):
         env_render_passive_checker(made.unwrapped)
 
 
+@pytest.mark.slow
 def test_the_checker_of_sb3_has_nothing_to_say(shared_id):
     sb3_check_env(gym.make(shared_id, split="val"))
 
 
+@pytest.mark.slow
 def test_every_env_gives_the_same_episodes_for_the_same_seed_and_survives_pickling(shared_id):
     def episode(env) -> bytes:
         digest = hashlib.sha256()
@@ -65,6 +69,7 @@ def test_every_env_gives_the_same_episodes_for_the_same_seed_and_survives_pickli
     assert episode(pickle.loads(pickle.dumps(env))) == first
 
 
+@pytest.mark.slow
 def test_captures_have_the_size_of_the_worlds_profile_and_only_known_classes(shared_id):
     env = gym.make(shared_id, split="val").unwrapped
     env.reset(seed=1)

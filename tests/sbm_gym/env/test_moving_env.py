@@ -40,6 +40,7 @@ def started(env, seed=1):
     return env
 
 
+@pytest.mark.slow
 def test_a_moved_scene_is_drawn_as_if_everything_had_always_stood_there(env):
     started(env)
     for _ in range(6):
@@ -103,6 +104,7 @@ def test_shadows_follow_what_moves():
     assert apart_px <= 0.1 * np.count_nonzero(on_floor & expected)
 
 
+@pytest.mark.slow
 def test_what_does_not_move_is_as_in_environments_that_know_nothing_of_it():
     def told(**settings) -> str:
         with make("OutdoorBuiltin-v0", **settings) as env:
@@ -115,6 +117,7 @@ def test_what_does_not_move_is_as_in_environments_that_know_nothing_of_it():
     assert told() == told(moving=0, shifted=0, moving_speed=2.0)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_episode(env):
     def told():
         started(env, seed=2)
@@ -123,6 +126,7 @@ def test_the_same_seed_gives_the_same_episode(env):
     assert told() == told()
 
 
+@pytest.mark.slow
 def test_ground_truth_boxes_surfaces_and_poses_follow_what_moves(env):
     started(env)
     before = {one.instance_id: one.object_to_world for one in env.capture(32, 32).moving}
@@ -145,6 +149,7 @@ def test_ground_truth_boxes_surfaces_and_poses_follow_what_moves(env):
         assert np.allclose(env.scene.data.geom_xpos[geoms].mean(axis=0)[:2], box.centre_m[:2], atol=box.extent_m.max())
 
 
+@pytest.mark.slow
 def test_the_robot_and_what_moves_never_touch(env):
     started(env, seed=3)
     rng = np.random.default_rng(0)
@@ -165,6 +170,7 @@ def test_the_robot_and_what_moves_never_touch(env):
     assert -1e-3 < nearest < 2.0
 
 
+@pytest.mark.slow
 def test_flow_is_that_of_the_simulators_geoms(env, tmp_path):
     """Where a point of a geom went, MuJoCo's own poses of the geom at both times say."""
     for seed in range(1, 12):
@@ -222,6 +228,7 @@ def test_worlds_in_which_nothing_can_move_say_so():
         env.reset(seed=0)
 
 
+@pytest.mark.slow
 def test_the_robot_cannot_be_put_where_something_is_about_to_move(env):
     started(env)
     mover = env.scene.arrangement.movers[0]

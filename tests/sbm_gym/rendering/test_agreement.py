@@ -41,12 +41,13 @@ def assert_agreement(kind, scene):
     gl.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "scene"), SAMPLE)
 def test_renderers_agree(kind, scene):
     assert_agreement(kind, scene)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("kind", "scene"), SCENES)
 def test_renderers_agree_on_every_named_scene(kind, scene):
     assert_agreement(kind, scene)

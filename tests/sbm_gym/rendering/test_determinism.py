@@ -46,7 +46,8 @@ def picture_hash(glass: bool = False) -> str:
     return digest.hexdigest()
 
 
-@pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.nightly)])
 def test_other_processes_and_thread_counts_give_the_same_bytes(threads):
     environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "PYTHONPATH": os.pathsep.join(sys.path)}
     result = subprocess.run(
@@ -55,6 +56,7 @@ def test_other_processes_and_thread_counts_give_the_same_bytes(threads):
     assert result.stdout.strip() == picture_hash()
 
 
+@pytest.mark.slow
 def test_pictures_do_not_depend_on_what_memory_held(monkeypatch):
     def pictures() -> str:
         return picture_hash(glass=True)

@@ -286,6 +286,7 @@ def test_antialiasing_changes_colour_only():
     assert not changed[interior(plain.geom_id, 2) & (plain.geom_id == -1)].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geoms", [[1], [2, 3], [6], [5, 1, 4], [7], [0], [8], [2, 8]])
 def test_amodal_mask_is_what_the_geoms_alone_would_show(geoms):
     model, data = scene(ALL_SHAPES, TETRAHEDRON)

@@ -65,6 +65,7 @@ def assert_same(gl, rays, share=0.995):
     assert np.array_equal(gl.depth_m == 0, gl.geom_id < 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("antialias", [False, True])
 def test_every_shape_stands_where_rays_see_it(antialias):
     gl, rays = both(*scene(), antialias=antialias)
@@ -349,6 +350,7 @@ def test_software_drivers_are_no_gpu(monkeypatch):
     context.free()
 
 
+@pytest.mark.slow
 def test_a_process_that_never_closes_ends_quietly():
     """Contexts outlive the libraries they need unless somebody frees them in time."""
     code = (

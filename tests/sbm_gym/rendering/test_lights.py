@@ -175,6 +175,7 @@ def test_edges_of_shadows_are_softened_and_nothing_else_of_a_surface_changes():
     assert steps[1].max() < 0.8 * steps[0].max()
 
 
+@pytest.mark.slow
 def test_haze_hides_what_is_far_in_both_renderers():
     spec = mujoco.MjSpec()
     sky = [0.2, 0.4, 0.8, 0.7, 0.8, 0.9, 0.3, 0.3, 0.3]

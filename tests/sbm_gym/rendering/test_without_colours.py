@@ -70,6 +70,7 @@ def glass_and_holes() -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", RENDERERS)
 def test_depth_and_ids_behind_glass_and_in_holes_are_the_same_without_colours(make):
     model, data = glass_and_holes()
@@ -95,9 +96,10 @@ def test_colours_do_not_depend_on_pictures_without_them(make):
     second.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "scene"),
-    [("indoor", "train/12"), pytest.param("outdoor", "town/train/00", marks=pytest.mark.slow)],
+    [("indoor", "train/12"), pytest.param("outdoor", "town/train/00", marks=pytest.mark.nightly)],
 )
 def test_furnished_rooms_and_towns_are_the_same_without_colours(kind, scene):
     world = world_source(kind).build(scene)

@@ -100,6 +100,7 @@ def test_a_body_at_rest_does_not_drift(room):
     assert (body.yaw_rad, body.tilt_rad) == (yaw, tilt)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "scene"), [("indoor", "seed/3"), ("outdoor", "town/seed/3")])
 def test_being_set_down_where_the_map_is_free_is_what_driving_there_gives(kind, scene):
     source = world_source(kind)

@@ -44,6 +44,7 @@ def distinct_looks(from_object_m: np.ndarray) -> float:
     return total
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.0, 6.28), st.floats(1.0, 3.0), st.floats(0.0, 1.0)), min_size=1, max_size=6))
 def test_expected_labels_are_what_their_definition_says(looks):

@@ -52,7 +52,8 @@ def another_process(which: tuple[str, str]) -> subprocess.Popen:
     return subprocess.Popen(program, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
 
-@pytest.mark.parametrize("which", [HOME, pytest.param(TOWN, marks=pytest.mark.slow)], ids=["home", "town"])
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [HOME, pytest.param(TOWN, marks=pytest.mark.nightly)], ids=["home", "town"])
 def test_rollouts_are_the_same_to_the_last_bit(which, kept_scenes):
     """Built and kept here, opened again here, opened by another process."""
     assert rollout(*which) == rolled_out_afresh(which)
@@ -65,6 +66,7 @@ def test_rollouts_are_the_same_to_the_last_bit(which, kept_scenes):
     assert kept.path.stat().st_ino == modified
 
 
+@pytest.mark.slow
 def test_two_processes_may_race_for_a_scene(kept_scenes):
     racers = [another_process(HOME) for _ in range(2)]
     assert {racer.communicate()[0].strip() for racer in racers} == {rolled_out_afresh(HOME)}
@@ -87,10 +89,11 @@ FIRST = [("scene", _cut), ("texture", _flip), ("texture", Path.unlink)]
 """What every run tries: each kind of damage, and both kinds of file."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "damage"),
     [
-        pytest.param(what, damage, marks=() if (what, damage) in FIRST else pytest.mark.slow, id=f"{how}-{what}")
+        pytest.param(what, damage, marks=() if (what, damage) in FIRST else pytest.mark.nightly, id=f"{how}-{what}")
         for what in ("scene", "texture")
         for damage, how in ((_cut, "cut"), (_flip, "flipped"), (Path.unlink, "removed"))
     ],
@@ -114,6 +117,7 @@ def test_what_is_damaged_is_made_again(what, damage, kept_scenes, monkeypatch):
     assert len(built) == 1
 
 
+@pytest.mark.slow
 def test_scenes_in_use_outlive_their_files(kept_scenes):
     with gym.make(f"sbm_gym:{HOME[0]}") as env:
         env.reset(seed=0, options={"scene": HOME[1]})
@@ -124,6 +128,7 @@ def test_scenes_in_use_outlive_their_files(kept_scenes):
     assert rollout(*HOME) == rolled_out_afresh(HOME)
 
 
+@pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("not a folder")
     monkeypatch.setenv("SBM_CACHE", str(tmp_path / "file"))
@@ -131,7 +136,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, monkeypatch):
         assert rollout(*HOME) == rolled_out_afresh(HOME)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_old_scenes_make_room(kept_scenes, monkeypatch):
     source, body = IndoorWorlds(builtin=True), BodyConfig()
     open_scene(source, HOME[1], "rays", body)
@@ -143,6 +148,7 @@ def test_old_scenes_make_room(kept_scenes, monkeypatch):
     assert not kept_scenes.scenes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "scene"), [(IndoorWorlds(builtin=True), HOME[1]), (OutdoorWorlds(builtin=True), "town/train/00")]
 )
@@ -182,12 +188,13 @@ def test_a_model_without_looks_moves_as_the_whole_one(source, scene):
         assert names[0] == names[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "scene"),
     [
         (IndoorWorlds(builtin=True), HOME[1]),
-        pytest.param(IndoorWorlds(builtin=True), "train/00", marks=pytest.mark.slow),
-        pytest.param(OutdoorWorlds(builtin=True), TOWN[1], marks=pytest.mark.slow),
+        pytest.param(IndoorWorlds(builtin=True), "train/00", marks=pytest.mark.nightly),
+        pytest.param(OutdoorWorlds(builtin=True), TOWN[1], marks=pytest.mark.nightly),
     ],
 )
 def test_what_a_model_does_without_looks_as_in_the_whole_one(source, scene):
@@ -206,7 +213,7 @@ def test_what_a_model_does_without_looks_as_in_the_whole_one(source, scene):
     np.testing.assert_array_equal(light.whole_data().geom_xpos, whole.data.geom_xpos)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pictures_from_outside_are_the_same(kept_scenes, monkeypatch):
     pictures = []
     for _ in range(2):
@@ -256,6 +263,7 @@ def test_nothing_is_kept_once_the_code_has_changed(kept_scenes, monkeypatch):
     assert not kept_scenes.scenes()
 
 
+@pytest.mark.slow
 def test_gl_draws_kept_scenes_as_fresh_ones(kept_scenes, monkeypatch):
     pictures = []
     for limit in ("1", "1", "off"):
@@ -267,6 +275,7 @@ def test_gl_draws_kept_scenes_as_fresh_ones(kept_scenes, monkeypatch):
     assert all(np.array_equal(picture, pictures[-1]) for picture in pictures)
 
 
+@pytest.mark.slow
 def test_the_digest_of_code_is_found_out_once(kept_scenes, monkeypatch):
     found = scene_keys._code()
     monkeypatch.setattr(scene_keys, "code_digest", None)

@@ -15,6 +15,7 @@ def cache(tmp_path, monkeypatch) -> SceneFolder:
     return SceneFolder()
 
 
+@pytest.mark.slow
 def test_scenes_are_built_once_listed_and_cleared(cache, capsys):
     assert main(["list", *BUILTIN]) == 0
     assert capsys.readouterr().out.splitlines() == ["test/00", "test/01"]
@@ -39,6 +40,7 @@ def test_scenes_are_built_once_listed_and_cleared(cache, capsys):
     assert cache.total_bytes() == 0
 
 
+@pytest.mark.slow
 def test_a_cache_too_small_for_the_scenes_says_so(cache, monkeypatch, capsys):
     monkeypatch.setenv("SBM_SCENE_CACHE", "0.001")
     assert main(["build", *BUILTIN, "--scenes", "1"]) == 2
@@ -55,6 +57,7 @@ def test_bad_input_is_one_line(cache, monkeypatch, capsys):
     assert "SBM_SCENE_CACHE says that no scenes are kept" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_scene_that_another_machine_has_compiled_is_kept_here(tmp_path, monkeypatch):
     from sbm_gym.scenes.scene_cache import is_kept, keep_scene_files, scene_files
     from sbm_gym.scenes.world_sources import world_source

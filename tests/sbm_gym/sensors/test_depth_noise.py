@@ -85,6 +85,7 @@ def test_objects_grow_in_stereo_and_lose_a_side():
     assert len(hidden) == pytest.approx(K[0, 0] * 0.05 * (1 / 1.0 - 1 / 3.0), abs=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance_m", [2.0, 10.0, 25.0])
 def test_lidar_has_one_noise_at_all_ranges_and_loses_pulses_by_the_law_of_speckle(distance_m):
     measured = lidar(wall(distance_m, (400, 400)), np.diag([1e6, 1e6, 1.0]), np.random.default_rng(0))

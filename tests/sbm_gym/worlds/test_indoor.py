@@ -32,11 +32,11 @@ SCENES = (
 
 
 QUICK = ("train/00", "test/01", "seed/3", "builtin/0")
-"""What is law in these is law in the others, which ``make slow`` looks at."""
+"""What is law in these is law in the others, which ``make nightly`` looks at."""
 
 
 @pytest.fixture(
-    scope="module", params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+    scope="module", params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.nightly) for name in SCENES]
 )
 def name(request):
     """A scene. All tests of a scene run one after the other, so that one scene at a time is in memory."""
@@ -91,6 +91,7 @@ def room_bodies(model, data):
     return rooms
 
 
+@pytest.mark.slow
 def test_rooms_hold_enough_and_no_unknown_classes(name):
     objects = world(name).objects
     assert 6 <= len(objects) <= 60
@@ -99,6 +100,7 @@ def test_rooms_hold_enough_and_no_unknown_classes(name):
     assert all(instance.model_name for instance in objects)
 
 
+@pytest.mark.slow
 def test_scenes_stay_light(name):
     model, _ = compiled(name)
     meshes = model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]
@@ -256,7 +258,7 @@ def test_open_door_leaves_stand_where_they_are_drawn_in_one_room_and_in_nobodys_
             assert not navigable.is_free((middle + t * half_x * turn[:, 0])[:2])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_most_homes_have_doors_that_stand_open():
     leaves = {}
     for name in INTERIORS.of_split("train"):
@@ -308,6 +310,7 @@ def test_kitchen_cabinets_of_a_row_leave_no_gap(name):
     assert alone <= max(2, len(boxes) // 3)
 
 
+@pytest.mark.slow
 def test_the_agent_touches_nothing_where_the_map_is_free(name):
     """MuJoCo as the oracle: a pole of the agent's radius, put down at free places, has no contact."""
     compiled.cache_clear()  # so that one model at a time is in memory
@@ -329,7 +332,7 @@ def test_the_agent_touches_nothing_where_the_map_is_free(name):
     assert not world(name).navigable.is_free(outside)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_class_has_ten_instances_in_training_and_some_to_spare():
     found = [instance.category for name in INTERIORS.of_split("train") for instance in world(name).objects]
     counts = {category: found.count(category) for category in COCO_CATEGORIES + NOVEL_CATEGORIES}
@@ -358,12 +361,13 @@ def test_homes_have_what_they_are_lived_in_with(name):
                 assert any(n.startswith(expected) for n in fixtures), (name, kind, expected)
 
 
+@pytest.mark.slow
 def test_lamps_cast_shadows():
     model, _ = compiled("train/00")
     assert np.all(model.light_castshadow)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_unseen_models_never_meet():
     """Test scenes are the same either way; with the switch on, training shows none of their models."""
     library = indoor_library()
@@ -394,6 +398,7 @@ def fingerprint(name: str) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.slow
 def test_the_same_name_gives_the_same_world_in_another_process():
     names = ["train/03", "seed/12345"]
     script = (

@@ -108,6 +108,7 @@ def test_what_is_carried_goes_back_where_its_way_is_blocked_or_ends():
     assert max(x[8:]) > 1.0
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_nothing_that_moves_ever_touches_anything_else_that_does(seed):
@@ -169,6 +170,7 @@ def nearest_m(compiled, data, geoms, others):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("kind", list(WORLDS))
 def test_what_moves_touches_nothing_that_stands(kind, seed):
@@ -199,6 +201,7 @@ def test_what_moves_touches_nothing_that_stands(kind, seed):
     assert moved_m > 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(WORLDS))
 def test_motion_is_decided_by_the_seed_and_sets_out_from_where_it_would_stand_without_speed(kind):
     def told(arrangement):
@@ -218,6 +221,7 @@ def test_motion_is_decided_by_the_seed_and_sets_out_from_where_it_would_stand_wi
         assert not one.starts.is_free(np.array(mover.pose(0.0)[:2]))
 
 
+@pytest.mark.slow
 def test_a_child_of_the_generator_draws_what_moves_so_that_all_else_is_as_without():
     stage, rng, alike = world("town").stage, np.random.default_rng(3), np.random.default_rng(3)
     plain = stage.arrange(alike)
@@ -227,6 +231,7 @@ def test_a_child_of_the_generator_draws_what_moves_so_that_all_else_is_as_withou
     assert np.array_equal(moving.navigable.free, plain.navigable.free)
 
 
+@pytest.mark.slow
 def test_loose_furniture_stands_where_fixed_furniture_does():
     fixed = IndoorWorlds(builtin=True).build("seed/3")
     loose = world("room")

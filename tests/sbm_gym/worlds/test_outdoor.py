@@ -29,11 +29,11 @@ NAMED = TOWNS.of_split(None)
 SCENES = (*NAMED, "town/seed/7")
 EPISODES = 12
 QUICK = ("town/train/00", "town/test/00", "town/seed/7")
-"""What is law in these is law in the others, which ``make slow`` looks at."""
+"""What is law in these is law in the others, which ``make nightly`` looks at."""
 
 
 @pytest.fixture(
-    scope="module", params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+    scope="module", params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.nightly) for name in SCENES]
 )
 def name(request):
     """A town. All tests of a town run one after the other, so that one town at a time is in memory."""
@@ -122,7 +122,7 @@ def fingerprint(name: str) -> str:
     return digest.hexdigest()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_same_name_gives_the_same_town_in_another_process():
     names = ["town/train/01", "town/seed/3"]
     script = (
@@ -136,6 +136,7 @@ def test_the_same_name_gives_the_same_town_in_another_process():
     assert first != second
 
 
+@pytest.mark.slow
 def test_towns_hold_vehicles_of_the_classes_and_models_of_their_own(name):
     objects = town(name).objects
     assert len(objects) >= 8
@@ -146,11 +147,13 @@ def test_towns_hold_vehicles_of_the_classes_and_models_of_their_own(name):
         assert len(set(ids)) == len(ids) == len(objects) + 2
 
 
+@pytest.mark.slow
 def test_all_classes_come_as_visitors():
     seen = {instance.category for name in NAMED for a in arrangements(name) for instance in a.objects}
     assert seen == set(OUTDOOR_CATEGORIES)
 
 
+@pytest.mark.slow
 def test_the_two_vehicles_of_an_episode_stand_apart_and_the_agent_starts_near(name):
     rng = np.random.default_rng(0)
     for arrangement in arrangements(name):
@@ -167,6 +170,7 @@ def test_episodes_of_a_town_differ():
     assert len(places) > EPISODES // 2
 
 
+@pytest.mark.slow
 def test_nothing_solid_is_inside_a_vehicle(name):
     """Points of each vehicle's collision boxes lie in no other body's, and the other way round."""
     for arrangement in arrangements(name)[:4]:
@@ -191,6 +195,7 @@ def test_nothing_solid_is_inside_a_vehicle(name):
                     assert not inside.any(), tuple(names)
 
 
+@pytest.mark.slow
 def test_vehicles_stand_on_the_ground_where_vehicles_stand(name):
     plan = draw_plan(np.random.default_rng(TOWNS.resolve(name)[1].seed))
     for arrangement in arrangements(name)[:4]:
@@ -249,6 +254,7 @@ def directions_seen_from(model, data, navigable, instance):
     return count
 
 
+@pytest.mark.slow
 def test_every_vehicle_can_be_seen_from_a_ring_of_eight_viewpoints(name):
     world = town(name)
     np.testing.assert_array_equal(world.navigable.free, world.navigable.largest_component)
@@ -261,6 +267,7 @@ def test_every_vehicle_can_be_seen_from_a_ring_of_eight_viewpoints(name):
         assert directions_seen_from(model, data, world.navigable, instance) >= 8, instance.body_name
 
 
+@pytest.mark.slow
 def test_the_agent_touches_nothing_where_the_map_of_an_episode_is_free(name):
     """MuJoCo as the oracle: a pole of the agent's radius, put down at free places, has no contact."""
     compiled.cache_clear()  # so that one model at a time is in memory
@@ -337,11 +344,12 @@ def silhouette_m2(model) -> float:
     return float(picture.sum()) * 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model_id",
     [
         "Scopia#palm",
-        *(pytest.param(f"Scopia#{tree}", marks=pytest.mark.slow) for tree in ("ficusTree", "peachBlossom")),
+        *(pytest.param(f"Scopia#{tree}", marks=pytest.mark.nightly) for tree in ("ficusTree", "peachBlossom")),
     ],
 )
 def test_thinned_trees_keep_their_size_and_cover(model_id):
@@ -355,6 +363,7 @@ def test_thinned_trees_keep_their_size_and_cover(model_id):
     np.testing.assert_allclose(np.ptp(points, axis=0), whole.size_m, rtol=0.12)
 
 
+@pytest.mark.slow
 def test_towns_are_no_heavier_than_they_must_be(name):
     """Renderers and resets pay for triangles, and towns hold many things."""
     model, _ = compiled(name)
@@ -365,6 +374,7 @@ def test_towns_are_no_heavier_than_they_must_be(name):
     assert model.mesh_facenum[model.geom_dataid[drawn]].sum() < 45_000
 
 
+@pytest.mark.slow
 def test_training_towns_use_no_model_that_test_towns_use():
     tests = {o.model_name for name in ("town/val/00", "town/test/00") for o in shown(name, unseen_models=False)}
     assert tests == {o.model_name for name in ("town/val/00", "town/test/00") for o in shown(name, unseen_models=True)}

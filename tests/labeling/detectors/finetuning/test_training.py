@@ -49,6 +49,7 @@ def quietly(start, out, *arguments):
     return train(FinetuneTask(start, *arguments), out, say=lambda text: None)
 
 
+@pytest.mark.slow
 def test_the_loss_falls(pictures, tmp_path):
     config = replace(SHORT, iterations=24, learning_rate=1e-3, validate_every=8)
     state = quietly(network(), tmp_path / "run", pictures, [], config, PLAIN)
@@ -56,7 +57,7 @@ def test_the_loss_falls(pictures, tmp_path):
     assert last < 0.8 * first
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_tiny_set_is_learnt_by_heart(tmp_path):
     pictures = read_pictures(write_coco_folder(tmp_path / "photos", 6, side=96))
     config = replace(SHORT, iterations=100, batch_size=4, learning_rate=1e-3, warmup=10, validate_every=50)
@@ -67,6 +68,7 @@ def test_a_tiny_set_is_learnt_by_heart(tmp_path):
     assert scores.mask_ap50 > 0.95
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_it_had_never_stopped(pictures, tmp_path):
     config = replace(SHORT, average=0.9, replay_share=0.25)
     source = read_pictures(write_coco_folder(tmp_path / "source", 2, first_seed=50))
@@ -86,6 +88,7 @@ def test_a_killed_run_goes_on_as_if_it_had_never_stopped(pictures, tmp_path):
     assert history[0] == history[1]
 
 
+@pytest.mark.slow
 def test_a_folder_with_another_run_is_left_alone(pictures, tmp_path):
     one_step = replace(SHORT, iterations=1)
     quietly(network(), tmp_path / "run", pictures, [], one_step, PLAIN)
@@ -112,6 +115,7 @@ def test_checkpoints_that_would_run_code_are_not_opened(pictures, tmp_path):
     assert (tmp_path / "precious").is_dir()
 
 
+@pytest.mark.slow
 def test_training_stops_early_and_keeps_the_best(pictures, tmp_path):
     # So small a rate changes nothing: no validation is better than the first.
     config = replace(SHORT, iterations=40, learning_rate=1e-12, validate_every=1, patience=2)
@@ -121,6 +125,7 @@ def test_training_stops_early_and_keeps_the_best(pictures, tmp_path):
     assert load_network(tmp_path / "run" / WEIGHTS_FILE).spec.about["trained"]["iteration"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("new_categories", "share"), [((), 0.25), (CATEGORIES[-1:], 1.0)])
 def test_what_is_kept_lies_between_start_and_what_was_learnt(pictures, tmp_path, new_categories, share):
     # Outputs of new categories knew nothing at the start: there, what was learnt is kept.
@@ -138,6 +143,7 @@ def test_what_is_kept_lies_between_start_and_what_was_learnt(pictures, tmp_path,
     assert moved > 20
 
 
+@pytest.mark.slow
 def test_pictures_without_labels_teach_background(pictures, tmp_path):
     empty = with_annotations(pictures, lambda one: None)
     state = quietly(network(), tmp_path / "run", empty, [], replace(SHORT, iterations=2), PLAIN)

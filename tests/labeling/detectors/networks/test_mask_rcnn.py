@@ -188,6 +188,7 @@ def test_fewer_outputs_are_those_that_there_were(network):
 # As a detector -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(64, 64), (50, 70), (20, 48), (400, 500)])
 def test_findings_are_in_the_pictures_own_pixels(network, size):
     rgb = np.random.default_rng(0).integers(0, 256, (2, *size, 3), dtype=np.uint8)
@@ -216,6 +217,7 @@ def test_the_size_of_batches_changes_nothing(network, pictures):
         np.testing.assert_allclose(a.scores, b.scores, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_boxes_keep_single_precision_where_features_are_half(network, pictures):
     with torch.autocast("cpu", torch.bfloat16):
         found = run(network, pictures)
@@ -261,6 +263,7 @@ def test_a_full_mask_fills_exactly_its_box():
         assert not paste_mask(np.ones((28, 28), np.float32), np.array(outside, np.float32), (20, 30)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("architecture", ["compact", "maskrcnn_resnet50_fpn"])
 def test_frozen_stages_are_the_first_of_the_trunk_and_no_gradient_reaches_them(architecture):
     counts = []

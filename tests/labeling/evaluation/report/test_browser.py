@@ -57,6 +57,7 @@ def test_the_script_runs_under_the_policy_of_the_page(report: Path, said) -> Non
     assert not re.search(r'id="filter"[^>]*hidden', text)
 
 
+@pytest.mark.slow
 def test_confidence_hides_what_is_less_sure_and_show_all_brings_it_back(report: Path, said) -> None:
     count = "seen('g.one[data-confidence=\"0.1000\"]').length"
     script = f"say({count}); document.getElementById('all').click(); say({count});"
@@ -75,7 +76,8 @@ def test_category_and_kind_leave_only_what_they_name(report: Path, said) -> None
 
 
 @pytest.mark.parametrize(
-    "tab", [pytest.param("figures", marks=pytest.mark.slow), "views", pytest.param("scene", marks=pytest.mark.slow)]
+    "tab",
+    [pytest.param("figures", marks=pytest.mark.nightly), "views", pytest.param("scene", marks=pytest.mark.nightly)],
 )
 def test_a_phone_needs_no_scrolling_to_the_side(report: Path, said, tab: str) -> None:
     script = "say(document.documentElement.scrollWidth, window.innerWidth, seen('.tab').length, seen('.tab')[0].id);"
@@ -84,11 +86,12 @@ def test_a_phone_needs_no_scrolling_to_the_side(report: Path, said, tab: str) ->
     assert open_tabs == ["1", f"tab-{tab}"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("confidence", "category"),
     [
-        pytest.param(0, "", marks=pytest.mark.slow),
-        pytest.param(0.5, "", marks=pytest.mark.slow),
+        pytest.param(0, "", marks=pytest.mark.nightly),
+        pytest.param(0.5, "", marks=pytest.mark.nightly),
         (0.35, "chair"),
         (1, ""),
     ],
@@ -170,6 +173,7 @@ const titles = () => [...document.querySelectorAll("#scene-view .titles span")].
 """``drawn``: how many pixels the scene has of each colour, after the next frame."""
 
 
+@pytest.mark.slow
 def test_the_scene_shows_points_and_boxes_of_what_confidence_leaves(room_report: Path, said) -> None:
     (scene,) = read_scenes(room_report.parent / "labels")
     everything = [one.title for one in scene.objects]

@@ -139,6 +139,7 @@ def test_choose_worst_shows_a_view_once():
     assert choose_worst(cases, 0) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("max_views", "max_worst"), [(0, 0), (1, 5), (3, 1), (100, 2)])
 def test_no_more_views_than_asked_for(scene, max_views, max_worst):
     for number in range(4):

@@ -89,6 +89,7 @@ def outlines(episode: Episode, inside: bool) -> list[Detection]:
     return [Detection(0, truth.category, 1.0, mask, True) for truth, mask in zip(own, masks, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("scene", SCENES)
 def test_outlines_of_one_view_label_small_things_on_large_ones_in_all(scene: str, inside: bool) -> None:

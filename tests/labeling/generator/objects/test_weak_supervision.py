@@ -166,6 +166,7 @@ def test_weak_mode_without_ground_truth_asks_for_annotations(recorded, tmp_path,
     assert "--annotations FILE" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_real_capture_is_labelled_well_from_one_view_per_object(apc_shelf):
     episode = read_episode(apc_shelf)
     chosen = one_view_per_object(episode.ground_truth or (), episode.depth_m, 32, 1, episode.name)

@@ -159,6 +159,7 @@ def test_regions_leave_out_what_is_labelled_and_are_connected() -> None:
     assert np.array_equal(np.any([one.mask for one in regions if one.view_index == 0], axis=0), wide)
 
 
+@pytest.mark.slow
 def test_ignored_regions_reach_the_files_and_count_neither_for_nor_against(room, tmp_path: Path) -> None:
     doubtful = (*room.detections, phantom(room, 1, 0.6))
     write_episode(tmp_path / "data" / "room", replace(room, detections=doubtful))

@@ -97,6 +97,7 @@ def test_an_effect_that_bends_is_followed() -> None:
     assert curve.expected_calibration_error < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_no_feature_can_count_the_wrong_way(name: str) -> None:
     """Whatever the data say, more agreement never makes a label less trusted."""

@@ -46,6 +46,7 @@ def scene(count: int, objects: int, seed: int = 0):
     return points, colour, unary.astype(np.float32), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exclusive", [True, False])
 def test_marginals_on_the_lattice_agree_with_brute_force(exclusive: bool) -> None:
     points, colour, unary, _ = scene(3000, 3)

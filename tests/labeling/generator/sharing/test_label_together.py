@@ -60,6 +60,7 @@ def annotations(labels: Path, episode: str | None = None) -> list[dict]:
     return [one for one in content["annotations"] if episode in (None, images[one["image_id"]]["episode"])]
 
 
+@pytest.mark.slow
 def test_the_parts_are_those_of_one_recording(visits: list[Episode]) -> None:
     views, detections = join_episodes(visits, [one.detections or () for one in visits])
     labels = propagate(views, detections)
@@ -93,6 +94,7 @@ def test_the_parts_are_those_of_one_recording(visits: list[Episode]) -> None:
     assert sources == sum(len(one.sources) for one in labels.objects)
 
 
+@pytest.mark.slow
 def test_sources_are_an_episodes_own_or_said_to_be_another_s(visits: list[Episode]) -> None:
     views, detections = join_episodes(visits, [one.detections or () for one in visits])
     parts = split_labels(propagate(views, detections), [one.num_views for one in visits])
@@ -111,6 +113,7 @@ def unsure(visit: Episode, confidence: float) -> Episode:
     return replace(visit, detections=tuple(replace(one, confidence=confidence) for one in visit.detections or ()))
 
 
+@pytest.mark.slow
 def test_what_no_episode_is_sure_of_all_may_be_together(visits: list[Episode]) -> None:
     """The chance of an object grows with looks that agree: three visits are worth more than one."""
     doubtful = [unsure(one, 0.5) for one in visits]
@@ -122,6 +125,7 @@ def test_what_no_episode_is_sure_of_all_may_be_together(visits: list[Episode]) -
     assert propagate(views, detections, config).objects
 
 
+@pytest.mark.slow
 def test_an_unsure_phantom_of_one_episode_is_outvoted_by_the_others(visits: list[Episode]) -> None:
     """They look at the same place and find nothing there. A confident one stays: it makes an object by itself."""
     first = list(visits[0].detections or ())
@@ -142,6 +146,7 @@ def test_an_unsure_phantom_of_one_episode_is_outvoted_by_the_others(visits: list
     assert joined >= {"chair", "couch", "plant", "table"}
 
 
+@pytest.mark.slow
 def test_the_order_of_episodes_decides_no_object(visits: list[Episode]) -> None:
     """Voxels are filled in another order, so that posteriors may differ in the third digit, but nothing else."""
     found = []
@@ -152,6 +157,7 @@ def test_the_order_of_episodes_decides_no_object(visits: list[Episode]) -> None:
     assert [chance for _, chance in found[0]] == pytest.approx([chance for _, chance in found[1]], abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_label_set_is_sound_and_says_where_objects_were_found(together: Path, dataset: Path) -> None:
     assert inspect_label_set(together, []) == []
     about = json.loads((together / "label_set.json").read_text())
@@ -160,6 +166,7 @@ def test_the_label_set_is_sound_and_says_where_objects_were_found(together: Path
         assert annotations(together, visit.name)
 
 
+@pytest.mark.slow
 def test_a_scene_has_as_fine_voxels_as_its_episodes(dataset: Path, tmp_path: Path) -> None:
     """The bound on voxels is that of one episode: three that show different things may have three times as many."""
     bound = 1500
@@ -168,6 +175,7 @@ def test_a_scene_has_as_fine_voxels_as_its_episodes(dataset: Path, tmp_path: Pat
         assert bound < len(read_ply(file)["x"]) <= 3 * bound
 
 
+@pytest.mark.slow
 def test_workers_change_nothing_and_what_is_done_is_kept(together: Path, dataset: Path, tmp_path: Path) -> None:
     again = labelled(dataset, tmp_path / "again", "--workers", "2")
     for name in ("instances_modal.json", "instances_amodal.json", "boxes_3d.json"):
@@ -179,6 +187,7 @@ def test_workers_change_nothing_and_what_is_done_is_kept(together: Path, dataset
     assert all(file.stat().st_mtime_ns != before for file, before in clouds.items())
 
 
+@pytest.mark.slow
 def test_a_change_in_one_episode_labels_its_scene_anew(visits: list[Episode], tmp_path: Path) -> None:
     dataset, out = tmp_path / "visits", tmp_path / "labels"
     for number, visit in enumerate(visits[:2]):
@@ -190,6 +199,7 @@ def test_a_change_in_one_episode_labels_its_scene_anew(visits: list[Episode], tm
     assert all(file.stat().st_mtime_ns != time for file, time in before.items())
 
 
+@pytest.mark.slow
 def test_an_episode_that_cannot_be_labelled_fails_alone(
     visits: list[Episode], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +213,7 @@ def test_an_episode_that_cannot_be_labelled_fails_alone(
     assert annotations(tmp_path / "labels", "2")
 
 
+@pytest.mark.slow
 def test_pictures_of_different_sizes_are_labelled_one_by_one_and_shared(visits: list[Episode], tmp_path: Path) -> None:
     small = make_episode(3, num_views=12, size=(60, 80), num_objects=4, wrong_class=0.0)
     write_episode(tmp_path / "visits" / "0", visits[0])
@@ -215,6 +226,7 @@ def test_pictures_of_different_sizes_are_labelled_one_by_one_and_shared(visits: 
     assert annotations(labels) == annotations(tmp_path / "apart")
 
 
+@pytest.mark.slow
 def test_a_frame_for_each_recording_is_refused(
     dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,6 +235,7 @@ def test_a_frame_for_each_recording_is_refused(
     assert not (tmp_path / "labels").exists()
 
 
+@pytest.mark.slow
 def test_long_recordings_are_labelled_one_by_one_and_shared(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -231,6 +244,7 @@ def test_long_recordings_are_labelled_one_by_one_and_shared(
     assert annotations(labels) == annotations(apart)
 
 
+@pytest.mark.slow
 def test_groups_of_a_scene_share_what_one_episode_of_a_group_has_found(
     visits: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -39,6 +39,7 @@ def angle_deg(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_the_floor_is_found_under_any_rotation(room, noisy, quaternion) -> None:

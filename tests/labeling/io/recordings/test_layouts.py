@@ -111,6 +111,7 @@ def test_the_up_axis_becomes_z(tmp_path, room, up):
     np.testing.assert_allclose(turn[:3, :3] @ axis, [0, 0, 1], atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     st.tuples(*[st.floats(-2, 2).map(lambda value: round(value, 3))] * 3).filter(lambda up: np.linalg.norm(up) > 0.1)
@@ -349,6 +350,7 @@ def sound(tmp_path_factory, room) -> dict[str, Path]:
     return {layout: written(root, layout, room) for layout in ("tum", "scannet")}
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
 def test_whatever_the_text_files_hold_only_our_errors_come_out(sound, data):

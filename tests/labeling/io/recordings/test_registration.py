@@ -27,11 +27,13 @@ def shifted(room: Episode, right_px: int, down_px: int) -> Episode:
     return replace(room, depth_m=np.roll(room.depth_m, (down_px, right_px), axis=(1, 2)))
 
 
+@pytest.mark.slow
 def test_registered_depth_lies_where_colour_lies(room):
     assert depth_offset(room) is None
     assert offset_note(room) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("right_px", "down_px"), [(10, 0), (-25, 0), (0, 14), (18, -12), (-8, 6)])
 def test_the_offset_is_measured(room, right_px, down_px):
     found = depth_offset(shifted(room, right_px, down_px))
@@ -50,6 +52,7 @@ def zoomed(room: Episode, factor: float) -> Episode:
     return replace(room, depth_m=room.depth_m[:, rows][:, :, columns])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [585 / 525, 0.88, 1.15])
 def test_another_focal_length_is_measured(room, factor):
     found = depth_offset(zoomed(room, factor))
@@ -61,6 +64,7 @@ def test_another_focal_length_is_measured(room, factor):
     assert f"depth draws things {found.scale:.2f} times as large as colour does" in note
 
 
+@pytest.mark.slow
 def test_small_offsets_are_none_and_noise_hides_none(room):
     assert depth_offset(shifted(room, 1, 0)) is None
     rng = np.random.default_rng(0)
@@ -99,6 +103,7 @@ def test_planes_have_no_edges_however_tilted(across, along, distance_m):
     assert set(np.flatnonzero(depth_edges(depth_m).any(axis=0))) == {24, 25}
 
 
+@pytest.mark.slow
 def test_it_is_told_when_a_recording_is_read_but_not_of_simulators(tmp_path, room, capsys):
     folder = written(tmp_path, "polycam", shifted(room, -25, 0))
     (note,) = read_episode(folder).notes
