@@ -198,7 +198,7 @@ def ray_cluster() -> Iterator[Any]:
         cluster.add_node(num_cpus=1)
     # Ray's processes look for modules in the folder that this process had when it connected; a test may be elsewhere.
     with contextlib.chdir(ROOT):
-        connect(cluster.address)
+        connect(str(cluster.address))
     yield cluster
     import ray
 
