@@ -21,7 +21,7 @@ types: $(INSTALLED)
 tests: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist worksteal
 
-# The tests that take more than two seconds each: a quarter of an hour. CI runs them as well.
+# The tests that take more than two seconds each: ten minutes. CI runs them as well.
 slow: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist worksteal -m "slow and not nightly"
 
