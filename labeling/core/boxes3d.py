@@ -9,9 +9,10 @@ from labeling.core.types import Box3d
 ANGLES = 90
 """Directions tried in a quarter turn, besides those of the hull's edges."""
 NEAR_SIDE = 0.05
-"""Points so near a side, as a share of the root of the smallest rectangle's area, lie on it; voxels are no finer."""
+"""Points so near a side, as a share of the root of the smallest rectangle's area, lie on it."""
 SMALLNESS = 6.0
-"""Power of a rectangle's smallness in its score: 4 to 8 made the same boxes of training scenes."""
+"""Power of a rectangle's smallness in its score. With 4 or 8 mean IoU on training scenes was within .02 of that with 6,
+in every category."""
 
 
 def fit_box(points: Float[np.ndarray, "n 3"], trim: float = 0.01, margin_m: float = 0.0) -> Box3d | None:

@@ -53,8 +53,8 @@ class FrustumSpec:
             and 0 < self.num_points <= 1_000_000
         ):
             raise UsageError(
-                f"a frustum PointNet knows categories, a size above 0 m of each, a width up to 8 and up to a million "
-                f"points, not {self.categories}, {self.sizes_m}, {self.width} and {self.num_points}"
+                f"a frustum PointNet knows categories, a size above 0 m of each, a width above 0 and up to 8, and one "
+                f"to a million points, not {self.categories}, {self.sizes_m}, {self.width} and {self.num_points}"
             )
 
 

@@ -277,8 +277,8 @@ def test_weights_come_back_and_damaged_ones_are_refused(tmp_path):
         ({"sizes_m": [[1, 1, 1]]}, "a size above 0 m of each"),
         ({"sizes_m": [[1, 1, 1], [1, 0, 1]]}, "a size above 0 m of each"),
         ({"categories": [], "sizes_m": []}, "knows categories"),
-        ({"width": 0}, "a width up to 8"),
-        ({"num_points": 10**9}, "up to a million points"),
+        ({"width": 0}, "a width above 0 and up to 8"),
+        ({"num_points": 10**9}, "one to a million points"),
         ({"width": 0.5}, "its tensors are not those of a frustum PointNet for crate, locker"),
     ],
 )
