@@ -93,7 +93,9 @@ def browser() -> Iterator[Page]:
         command += ["--remote-debugging-port=0", "about:blank"]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            with connect(_address(Path(profile) / "DevToolsActivePort"), max_size=None) as socket:
+            # No pings: the browser is ours, and a thread that sends them draws from ``random`` in the midst of others.
+            address = _address(Path(profile) / "DevToolsActivePort")
+            with connect(address, max_size=None, ping_interval=None) as socket:
                 page = Page(socket)
                 page.send("Page.enable")
                 yield page

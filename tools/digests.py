@@ -155,6 +155,8 @@ def content(path: Path, out: Path) -> bytes:
         import cv2
 
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if picture is None:
+            raise SystemExit(f"{path}: not a picture that can be read")
         return str(picture.shape).encode() + picture.tobytes()
     return path.read_bytes()
 

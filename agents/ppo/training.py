@@ -40,7 +40,7 @@ from labeling.runtime.interrupts import graceful_interrupt
 from labeling.runtime.process_pool import WorkerDiedError
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.threads import num_threads, one_network_thread
-from labeling.training.curves import open_tensorboard
+from labeling.training.curves import tensorboard_writer
 
 MAX_WEIGHT = 1e9
 """Networks with larger weights, or with some that are no numbers, have diverged."""
@@ -150,10 +150,12 @@ def _train(
         env.seed(int(np.random.SeedSequence([seed, 0]).generate_state(1)[0] % 2**31))
         views = validation_env.spec.max_episode_steps if validation_env.spec else None
         env.env_method("begin_at", progress.steps // (hyperparameters.n_envs * (views or 1)))
-        curves = open_tensorboard(folder / TENSORBOARD_FOLDER, progress.steps, say)
+        curves = stack.enter_context(tensorboard_writer(folder / TENSORBOARD_FOLDER, progress.steps, say))
         model.set_logger(Logger(None, [] if curves is None else [_Curves(curves)]))
         levels = {} if curves is None else {name: folder / TENSORBOARD_FOLDER / name for name in baselines}
-        lines = {name: open_tensorboard(path, progress.steps, say) for name, path in levels.items()}
+        lines = {
+            name: stack.enter_context(tensorboard_writer(path, progress.steps, say)) for name, path in levels.items()
+        }
         origin = simulation_provenance()
 
         def save(is_best: bool) -> None:
@@ -185,9 +187,6 @@ def _train(
                 f"training has diverged after step {progress.steps}: weights are too large for any use; start anew "
                 "with a smaller learning_rate"
             ) from None
-        model.logger.close()
-        for line in lines.values():
-            line.close()
     if callback.stopped or not progress.is_validated:
         say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
         request.leave()

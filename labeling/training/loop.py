@@ -24,7 +24,7 @@ from labeling.runtime.interrupts import StopRequest
 from labeling.runtime.threads import settle_network_threads
 from labeling.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from labeling.training.config import CONFIG_FILE, WEIGHTS_FILE, TrainingConfig
-from labeling.training.curves import open_tensorboard
+from labeling.training.curves import tensorboard_writer
 
 SAVE_EVERY_S = 300.0
 """A checkpoint is written at least so often, however long the next validation is away."""
@@ -165,13 +165,27 @@ def train(
         say(f"going on from step {progress.iteration}")
     machine = {"device": device_name(task.device), "torch": torch.__version__}
     write_json(out / CONFIG_FILE, {**json.loads(identity), "about": dict(task.about), "machine": machine})
-    writer = open_tensorboard(out / "tensorboard", progress.iteration, say)
+    with tensorboard_writer(out / "tensorboard", progress.iteration, say) as writer:
 
-    def draw(group: str, figures: Mapping[str, Any], step: int) -> None:
-        for name, value in figures.items():
-            if writer is not None and isinstance(value, float):
-                writer.add_scalar(f"{group}/{name}", value, step)
+        def draw(group: str, figures: Mapping[str, Any], step: int) -> None:
+            for name, value in figures.items():
+                if writer is not None and isinstance(value, float):
+                    writer.add_scalar(f"{group}/{name}", value, step)
 
+        _train_on(task, out, progress, draw, say, bar, stop)
+    return progress
+
+
+def _train_on(
+    task: TrainingTask,
+    out: Path,
+    progress: Progress,
+    draw: Callable[[str, Mapping[str, Any], int], None],
+    say: Callable[[str], None],
+    bar: Callable[..., Iterable[Any]] | None,
+    stop: StopRequest | None,
+) -> None:
+    """Trains until the task is finished, or the program is told to stop and left."""
     scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
     began, begun_at, saved = time.monotonic(), task.share_done(progress), time.monotonic()
 
@@ -180,7 +194,7 @@ def train(
 
     def save() -> None:
         nonlocal saved
-        save_checkpoint(out, identity, progress, _state(task))
+        save_checkpoint(out, json.dumps(task.identity, sort_keys=True), progress, _state(task))
         saved = time.monotonic()
 
     def note(step: int, losses: Mapping[str, float]) -> None:
@@ -196,7 +210,7 @@ def train(
         losses = train_one_epoch(task, _until(stop, batches), progress, scaler, note)
         if stop is not None and stop.is_set() and is_within():
             save()
-            _leave(stop, writer)
+            stop.leave()
         progress.sums, progress.summed = {}, 0
         figures = task.validate(progress)
         draw("val", figures, progress.iteration)
@@ -214,10 +228,7 @@ def train(
         over = task.is_finished(progress)
         say(task.summary(record, progress) + ("" if over else f"; at most {duration(left_s)} left"))
         if stop is not None and stop.is_set():
-            _leave(stop, writer)
-    if writer is not None:
-        writer.close()
-    return progress
+            stop.leave()
 
 
 def device_name(device: torch.device) -> str:
@@ -234,13 +245,6 @@ def duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-def _leave(stop: StopRequest, writer: Any) -> None:
-    """Ends the program as it was told to, with all curves written."""
-    if writer is not None:
-        writer.close()
-    stop.leave()
 
 
 def _until(stop: StopRequest | None, batches: Iterable[Batch]) -> Iterator[Batch]:

@@ -1,6 +1,7 @@
 """The training loop on a task that is solved by hand: a line fitted to points."""
 
 import json
+import threading
 
 import pytest
 import torch
@@ -124,10 +125,11 @@ def test_losses_that_are_no_numbers_and_folders_of_other_runs_are_refused(tmp_pa
     (tmp_path / CHECKPOINT_FILE).write_bytes(b"PK\x03\x04 broken")
     with pytest.raises(SbmError, match="is damaged"):
         loop.train(Line(CONFIG), tmp_path, say=silent)
-    broken = Line(CONFIG)
+    broken, others = Line(CONFIG), set(threading.enumerate())
     torch.nn.init.constant_(broken.line.weight, float("nan"))
     with pytest.raises(SbmError, match="training broke down in step 0"):
         loop.train(broken, tmp_path / "broken", say=silent)
+    assert set(threading.enumerate()) <= others, "curves are still being written"
 
 
 @pytest.mark.parametrize(
