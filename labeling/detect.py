@@ -104,7 +104,7 @@ def detect_episode(
         return None
     if path.is_file() and not _kept_run(folder) and not replace:
         raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
-    episode = read_episode(folder, recording)
+    episode = read_episode(folder, recording, detections=False)
     with progress_bar(total=episode.num_views, unit="view", desc=episode.name) as views:
         found = run_detector(detector, episode, views.update)
     ids, categories = _category_ids(folder, about, found, detector)

@@ -2,7 +2,7 @@
 
 import hashlib
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,7 +62,8 @@ def run(command: Detect3dCommand) -> None:
         [name for name in (command.detector, command.boxes) if name not in (*NAMES, RECORDED, LDLS)],
         DETECTIONS_3D_FILE,
     )
-    print(command.dataset / "*" / DETECTIONS_3D_FILE)
+    single = (command.dataset / DETECTIONS_3D_FILE).is_file()
+    print(command.dataset / ("" if single else "*") / DETECTIONS_3D_FILE)
 
 
 def _has_memory(command: Detect3dCommand) -> bool:
@@ -137,7 +138,7 @@ def detect_episode(
     from labeling.io.episodes import box_3d_record, read_episode
 
     path = folder / DETECTIONS_3D_FILE
-    mark = _mark(folder, detector_3d, detector_2d)
+    mark = _mark(recording, detector_3d.digest, _lifted_from(folder, detector_2d))
     if _mark_of_file(path) == mark:
         return None
     episode = read_episode(folder, recording, ground_truth=False)
@@ -184,7 +185,7 @@ def detect_with_memory(
     from labeling.io.episodes import box_3d_record, read_episode
 
     path = folder / DETECTIONS_3D_FILE
-    mark = hashlib.sha256(f"{detector.digest}\0{views}".encode()).hexdigest()
+    mark = _mark(recording, detector.digest, str(views))
     if _mark_of_file(path) == mark:
         return None
     found = detector.find(read_episode(folder, recording, ground_truth=False), views)
@@ -219,7 +220,7 @@ def detect_moving(folder: Path, detector: "MovingDetector", recording: Recording
     from labeling.memory.flow.moving_objects import MOVING
 
     path = folder / DETECTIONS_3D_FILE
-    mark = hashlib.sha256(f"{detector.digest}\0moving".encode()).hexdigest()
+    mark = _mark(recording, detector.digest, "moving")
     if _mark_of_file(path) == mark:
         return None
     episode = read_episode(folder, recording, ground_truth=False)
@@ -238,13 +239,16 @@ def detect_moving(folder: Path, detector: "MovingDetector", recording: Recording
     return len(records)
 
 
-def _mark(folder: Path, detector_3d: "Detector3d", detector_2d: "Detector | None") -> str:
-    """Changes with both detectors, and with the detections that are lifted."""
+def _lifted_from(folder: Path, detector_2d: "Detector | None") -> str:
+    """Changes with the detections that are lifted."""
     recorded = folder / DETECTIONS_FILE
-    source = (
-        detector_2d.digest if detector_2d is not None else recorded.read_bytes().hex() if recorded.is_file() else ""
-    )
-    return hashlib.sha256(f"{detector_3d.digest}\0{source}".encode()).hexdigest()
+    return detector_2d.digest if detector_2d is not None else recorded.read_bytes().hex() if recorded.is_file() else ""
+
+
+def _mark(recording: RecordingConfig | None, *found_by: str) -> str:
+    """Changes with what finds boxes, and with how it is shown the views."""
+    how = sorted(asdict(recording or RecordingConfig()).items())
+    return hashlib.sha256("\0".join([*found_by, str(how)]).encode()).hexdigest()
 
 
 def _mark_of_file(path: Path) -> object:

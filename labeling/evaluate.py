@@ -98,15 +98,22 @@ def score_alone(config: EvaluateConfig) -> None:
     Raises:
         SbmError: if detector or pictures are at fault, or there is no ground truth.
     """
+    from labeling.detectors.registry import load_detector
     from labeling.evaluation.detector_scores import score_detector, score_episodes
     from labeling.formats.atomic import write_json
 
-    if config.detector is None:
-        metrics = score_episodes(config.labels, config.recording)
+    are_episodes = _holds_episodes(config.labels, config.recording)
+    if are_episodes and config.dataset is not None:
+        raise UsageError(
+            f"--dataset is where the episodes of a label set lie; {config.labels} holds episodes itself"
+        )
+    if not are_episodes and config.recording != RecordingConfig():
+        raise UsageError(f"{config.labels}: holds no episodes, and how these are read is all that such options say")
+    detector = None if config.detector is None else load_detector(config.detector)
+    if detector is None or are_episodes:
+        metrics = score_episodes(config.labels, config.recording, detector)
     else:
-        from labeling.detectors.registry import load_detector
-
-        metrics = score_detector(config.labels, load_detector(config.detector))
+        metrics = score_detector(config.labels, detector, config.dataset)
     if config.metrics is not None:
         write_json(config.metrics, metrics)
     print_table(metrics)

@@ -21,6 +21,7 @@ from labeling.io.recordings.recording_config import FLOOR, RecordingConfig
 from labeling.runtime.cli import printable, progress_bar, run_command, say_next, showing_stages
 from labeling.runtime.help import CommandHelp
 from labeling.runtime.named_option import named_option
+from labeling.runtime.run_folder import check_outside_recordings
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,7 @@ def _print_notes(result: EpisodeResult) -> None:
 def _check_out(out: Path, dataset: Path) -> None:
     if out.resolve() == dataset.resolve():
         raise UsageError(f"--out {out} is the dataset itself; give another folder")
+    check_outside_recordings(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

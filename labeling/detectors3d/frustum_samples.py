@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from labeling.core.episode import Episode
-from labeling.core.errors import UsageError
+from labeling.core.errors import LabelFormatError, UsageError
 from labeling.core.masks import box_xywh
-from labeling.core.rle import decode_mask
 from labeling.core.types import Box3d
 from labeling.detectors3d.frustums import (
     Frustum,
@@ -23,7 +22,7 @@ from labeling.detectors3d.frustums import (
 )
 from labeling.detectors3d.upright_boxes import encode_box
 from labeling.formats.checked_json import Json, read_json
-from labeling.io.coco import CategoryTable, is_ignored, read_valid_box_3d
+from labeling.io.coco import CategoryTable, image_of, is_ignored, read_mask, read_valid_box_3d
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE
 from labeling.io.label_set import read_label_set, recording_config
@@ -123,7 +122,7 @@ def _of_label_set(path: Path, seed: int, dataset: Path | None) -> Iterator[Frust
     views = {image.integer("id"): (image.text("episode"), image.integer("view")) for image in modal.list_of("images")}
     of_episode: dict[str, list[tuple[int, Json]]] = defaultdict(list)
     for record in modal.list_of("annotations"):
-        episode, view = views[record.integer("image_id")]
+        episode, view = image_of(record, views)
         if not is_ignored(record) and record.integer("instance_id") in boxes:
             of_episode[episode].append((view, record))
     config = recording_config(labels.provenance)
@@ -133,7 +132,9 @@ def _of_label_set(path: Path, seed: int, dataset: Path | None) -> Iterator[Frust
             continue
         episode = read_episode(folder, config, ground_truth=False)
         for place, (view, record) in enumerate(wanted):
-            mask, box = decode_mask(record.get("segmentation").value), boxes[record.integer("instance_id")]
+            if not 0 <= view < episode.num_views:
+                raise LabelFormatError(f"{path}: episode {episode.name!r} has no view {view}")
+            mask, box = read_mask(record, "segmentation", episode.size), boxes[record.integer("instance_id")]
             rng = np.random.default_rng([seed, number, place])
             sample = make_frustum_sample(episode, view, table.name(record), mask, box, record.number("score", 1.0), rng)
             if sample is not None:

@@ -49,7 +49,7 @@ def read_records(
     for folder in progress([folder for name, folder in folders.items() if name in labelled]):
         try:
             episode = with_source_detections(read_episode(folder, config), labels.folder, labels.provenance)
-            categories = _detector_categories(folder, episode)
+            categories = detector_categories(folder, episode)
         except EpisodeFormatError as error:
             notes.append(f"left out, malformed: {error}")
             continue
@@ -108,7 +108,12 @@ def _records(folder: Path, episode: Episode, categories: frozenset[str] | None, 
     )
 
 
-def _detector_categories(folder: Path, episode: Episode) -> frozenset[str] | None:
+def detector_categories(folder: Path, episode: Episode) -> frozenset[str] | None:
+    """What an episode says that its detector has names for; None if it does not say.
+
+    Raises:
+        EpisodeFormatError: if it says so in another way.
+    """
     names = episode.metadata.get("detector_categories")
     if names is None:
         return None

@@ -43,7 +43,8 @@ def write_yolo(out: Path, views: Iterable[LabelledView], categories: Sequence[st
         count += len(lines)
     # JSON strings are YAML strings, whatever a category is called.
     names = "".join(f"  {index}: {json.dumps(name)}\n" for index, name in enumerate(categories))
-    content = f"path: .\ntrain: images/train\nval: images/train\nnames:\n{names}"
+    # Without a path folders are those beside the file; "." would be wherever the training is started.
+    content = f"train: images/train\nval: images/train\nnames:\n{names}"
     (out / "data.yaml").write_text(content, encoding="utf-8")
     return count
 

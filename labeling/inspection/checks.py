@@ -11,6 +11,7 @@ import numpy as np
 from labeling.core.box_overlap import box_iou_3d
 from labeling.core.errors import EpisodeFormatError, LabelFormatError
 from labeling.core.masks import box_xywh
+from labeling.core.rle import decode_mask, encode_mask
 from labeling.core.types import Box3d
 from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import read_mask, read_valid_box_3d
@@ -69,7 +70,7 @@ def _problems(folder: Path, files: list[Json], boxes: Json, summary: Json, notes
         yield from _repeated(file, "categories")
         names.update({one.integer("id"): one.text("name") for one in file.list_of("categories")})
     yield from _check_boxes(boxes, names, known)
-    masks: dict[str, dict[int, np.ndarray]] = {}
+    masks: dict[str, dict[int, dict[str, Any]]] = {}
     for file in files:
         masks[file.file.name] = {}
         yield from _check_instances(file, names, known, masks[file.file.name])
@@ -143,7 +144,9 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
         found.append((record, episode, names.get(category_id, ""), box))
 
 
-def _check_instances(file: Json, names: dict[int, str], known: _Known, masks: dict[int, np.ndarray]) -> Iterator[str]:
+def _check_instances(
+    file: Json, names: dict[int, str], known: _Known, masks: dict[int, dict[str, Any]]
+) -> Iterator[str]:
     yield from _repeated(file, "images")
     yield from _repeated(file, "annotations")
     sizes = {}
@@ -189,7 +192,7 @@ def _check_score(record: Json, name: str) -> Iterator[str]:
         yield f"{record.where(name)}: a score lies in [0, 1], not {value}"
 
 
-def _check_mask(record: Json, size: tuple[int, int], masks: dict[int, np.ndarray]) -> Iterator[str]:
+def _check_mask(record: Json, size: tuple[int, int], masks: dict[int, dict[str, Any]]) -> Iterator[str]:
     height_px, width_px = size
     left, top, width, height = record.array("bbox", (4,)).tolist()
     if left < 0 or top < 0 or left + width > width_px or top + height > height_px:
@@ -199,7 +202,7 @@ def _check_mask(record: Json, size: tuple[int, int], masks: dict[int, np.ndarray
     except EpisodeFormatError as error:
         yield str(error)
         return
-    masks[record.integer("id")] = mask
+    masks[record.integer("id")] = encode_mask(mask)
     area = int(np.count_nonzero(mask))
     if area == 0:
         yield f"{record.where('segmentation')}: the mask is empty"
@@ -211,11 +214,13 @@ def _check_mask(record: Json, size: tuple[int, int], masks: dict[int, np.ndarray
         yield f"{record.where('area')}: is {record.number('area'):g}, but the mask has {area} pixels"
 
 
-def _check_pairs(masks: dict[str, dict[int, np.ndarray]]) -> Iterator[str]:
+def _check_pairs(masks: dict[str, dict[int, dict[str, Any]]]) -> Iterator[str]:
     """The visible part of an object belongs to the whole of it."""
     for number, visible in masks.get(MODAL_FILE, {}).items():
         whole = masks.get(AMODAL_FILE, {}).get(number)
-        if whole is not None and whole.shape == visible.shape and np.any(visible & ~whole):
+        if whole is None or whole["size"] != visible["size"]:
+            continue
+        if np.any(decode_mask(visible) & ~decode_mask(whole)):
             yield f"{AMODAL_FILE}: the whole-object mask of label {number} lacks pixels of its visible part"
 
 

@@ -160,7 +160,8 @@ def read_shared_file(
         file: its content; it may speak of other episodes too.
         episode: the views.
         place: folder of the episode relative to its dataset, ``.`` if it is the dataset. If not, the pictures' file
-            names must tell the episode; if it is, the bare file name is enough where it is unique.
+            names must tell the episode; if it is, the bare file name is enough where it is unique. Of several pictures
+            that end like one view that counts which names the episode's folder, too.
         scored: whether each annotation has a ``score``. If not, they are a person's, and certain.
 
     Returns:
@@ -287,11 +288,28 @@ def _view_of_shared_image(file: Json, episode: "Episode", place: str) -> dict[in
         for start in range(len(parts) - least + 1):
             ending = "/".join(parts[start:])
             views[ending] = view if ending not in views else None  # a bare name that two views share names neither
-    found = {}
+    found: dict[int, int | None] = {}
+    names: dict[int, dict[str, list[int]]] = {}
     for image in file.list_of("images"):
-        parts = PurePosixPath(_plain(image.text("file_name"))).parts
+        name, number = _plain(image.text("file_name")), image.integer("id")
+        parts = PurePosixPath(name).parts
         endings = ("/".join(parts[start:]) for start in range(len(parts)))
-        found[image.integer("id")] = next((views[ending] for ending in endings if ending in views), None)
+        view = found[number] = next((views[ending] for ending in endings if ending in views), None)
+        if view is not None:
+            names.setdefault(view, {}).setdefault(name, []).append(number)
+    for view, called in names.items():
+        if len(called) == 1:
+            continue
+        # Pictures of several episodes end alike; those of this one also name its folder.
+        own = f"{episode.name}/{episode.file_names[view]}"
+        of_others = [name for name in called if not f"/{name}".endswith(f"/{own}")]
+        if len(of_others) != len(called) - 1:
+            raise file.error(
+                f"{' and '.join(map(repr, sorted(called)))} may both be {episode.file_names[view]!r}; give the folder "
+                f"of all these episodes in place of {episode.name}, or a file that speaks of {episode.name} alone",
+                "images",
+            )
+        found.update({number: None for name in of_others for number in called[name]})
     return found
 
 

@@ -79,7 +79,11 @@ def find_episodes(dataset: Path, config: RecordingConfig | None = None) -> list[
 
 
 def read_episode(
-    folder: Path, config: RecordingConfig | None = None, undistort: bool = False, ground_truth: bool = True
+    folder: Path,
+    config: RecordingConfig | None = None,
+    undistort: bool = False,
+    ground_truth: bool = True,
+    detections: bool = True,
 ) -> Episode:
     """Reads and validates one episode, or any other recording whose layout is known (labeling.io.recordings).
 
@@ -89,6 +93,7 @@ def read_episode(
         undistort: remove lens distortion from pictures and masks; without it distorted pictures are refused.
         ground_truth: take ``ground_truth.json`` (whose masks are most of what is to be read) and ``motion.json`` too,
             where they are there.
+        detections: take ``detections.json``, too.
 
     Raises:
         EpisodeFormatError: naming file and field, if anything is missing or malformed.
@@ -116,7 +121,7 @@ def read_episode(
         frame_names=() if names == found.names else found.names,
         notes=(*found.notes, *notes),
     )
-    episode = _undistorted_masks(_with_annotations(folder, episode, ground_truth), undistortions)
+    episode = _undistorted_masks(_with_annotations(folder, episode, ground_truth, detections), undistortions)
     if "world" in episode.metadata:  # a simulator's depth lies where its colour lies
         return episode
     beside = offset_note(views)
@@ -208,10 +213,11 @@ def _check_focal_lengths(folder: Path, views: "RgbdViews") -> None:
         )
 
 
-def _with_annotations(folder: Path, episode: Episode, ground_truth: bool) -> Episode:
+def _with_annotations(folder: Path, episode: Episode, ground_truth: bool, detections: bool) -> Episode:
     from labeling.io.coco import CategoryTable, read_detections, read_ground_truth
 
-    found = {name: read_json(folder / name) for name in OPTIONAL_FILES if (folder / name).is_file()}
+    wanted = (name for name in OPTIONAL_FILES if detections or name != DETECTIONS_FILE)
+    found = {name: read_json(folder / name) for name in wanted if (folder / name).is_file()}
     table = CategoryTable.from_files([found[name] for name in NAMING_FILES if name in found])
     if ABOUT_FILE in found:
         metadata = {key: value for key, value in found[ABOUT_FILE].finite_mapping().items() if key != "categories"}

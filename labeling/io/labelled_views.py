@@ -4,12 +4,13 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, UInt8
 
 from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageError
-from labeling.core.rle import decode_mask
+from labeling.core.rle import decode_mask, rle_area
 from labeling.core.types import Box3d
 from labeling.core.views import Camera
 from labeling.formats.checked_json import Json, read_json
@@ -51,13 +52,16 @@ class LabelledView:
 
 
 def categories_of(labels: Path) -> tuple[str, ...]:
-    """Names of a label set's categories, in the order of their ids.
+    """Names of a label set's categories, in the order of their ids; where it declares none, of those that labels have.
 
     Raises:
         LabelFormatError: naming file and field, if the label set is malformed.
     """
     read_label_set(labels)
-    return CategoryTable.from_files([read_json(labels / MODAL_FILE)]).names
+    modal = read_json(labels / MODAL_FILE)
+    table = CategoryTable.from_files([modal])
+    by_id = {record.integer("category_id"): table.name(record) for record in modal.list_of("annotations")}
+    return table.names or tuple(by_id[number] for number in sorted(by_id))
 
 
 def labelled_views(
@@ -91,15 +95,28 @@ def labelled_views(
             if not 0 <= view < episode.num_views:
                 raise LabelFormatError(f"{labels}: episode {name!r} has no view {view}")
             camera = Camera(episode.intrinsics[view], episode.camera_to_world[view], episode.size)
-            yield LabelledView(name, view, episode.rgb[view], camera, found)
+            yield LabelledView(name, view, episode.rgb[view], camera, tuple(one.decoded() for one in found))
 
 
-def _by_episode(labels: Path, min_confidence: float, only: str | None) -> dict[str, dict[int, tuple[ViewLabel, ...]]]:
+class _StoredLabel(NamedTuple):
+    """A ``ViewLabel`` as it is stored: the masks of thousands of views would not fit memory."""
+
+    instance_id: int
+    category: str
+    confidence: float
+    rle: dict[str, Any]
+    box_3d: Box3d | None
+
+    def decoded(self) -> ViewLabel:
+        return ViewLabel(self.instance_id, self.category, self.confidence, decode_mask(self.rle), self.box_3d)
+
+
+def _by_episode(labels: Path, min_confidence: float, only: str | None) -> dict[str, dict[int, list[_StoredLabel]]]:
     file = read_json(labels / MODAL_FILE)
     table = CategoryTable.from_files([file])
     boxes = _boxes(labels / BOXES_FILE)
     views, sizes = {}, {}
-    found: dict[str, dict[int, list[ViewLabel]]] = defaultdict(dict)
+    found: dict[str, dict[int, list[_StoredLabel]]] = defaultdict(dict)
     for image in file.list_of("images"):
         view = (image.file_name("episode"), image.integer("view"))
         views[image.integer("id")], sizes[view] = view, read_size(image)
@@ -109,14 +126,14 @@ def _by_episode(labels: Path, min_confidence: float, only: str | None) -> dict[s
         view, score = image_of(record, views), read_score(record)
         if only not in (None, view[0]):
             continue
-        mask = decode_mask(read_rle(record, "segmentation", sizes[view]))
-        if is_ignored(record) or score < min_confidence or not mask.any():
+        rle = read_rle(record, "segmentation", sizes[view])
+        if is_ignored(record) or score < min_confidence or not rle_area(rle):
             continue
         number = record.integer("instance_id")
-        label = ViewLabel(number, table.name(record), score, mask, boxes.get((view[0], number)))
+        label = _StoredLabel(number, table.name(record), score, rle, boxes.get((view[0], number)))
         found[view[0]][view[1]].append(label)
     return {
-        name: {view: tuple(sorted(there, key=lambda one: one.confidence)) for view, there in of_view.items()}
+        name: {view: sorted(there, key=lambda one: one.confidence) for view, there in of_view.items()}
         for name, of_view in found.items()
     }
 

@@ -13,6 +13,17 @@ RECORDING_FILE = "transforms.json"
 """Makes a folder a recording: ``TRANSFORMS_FILE`` of ``labeling.io``, which builds on this package."""
 
 
+def check_outside_recordings(folder: Path) -> None:
+    """Refuses to write results into a recording, of which they would become a part.
+
+    Raises:
+        UsageError: if the folder lies inside of one.
+    """
+    recording = next((one for one in folder.resolve().parents if (one / RECORDING_FILE).is_file()), None)
+    if recording is not None:
+        raise UsageError(f"{folder} lies inside the recording {recording}; give an --out outside of it")
+
+
 def claim_run_folder(
     folder: Path,
     file_name: str,
@@ -34,9 +45,7 @@ def claim_run_folder(
         UsageError: if the folder was begun with other settings, holds something else, lies inside a recording, or
             cannot be written to.
     """
-    recording = next((one for one in folder.resolve().parents if (one / RECORDING_FILE).is_file()), None)
-    if recording is not None:
-        raise UsageError(f"{folder} lies inside the recording {recording}; give an --out outside of it")
+    check_outside_recordings(folder)
     path = folder / file_name
     earlier = read_json(path).mapping() if path.is_file() else None
     if earlier is not None:

@@ -244,6 +244,15 @@ def test_labels_cannot_replace_the_dataset(dataset: Path) -> None:
     assert run(dataset, dataset) == 2
 
 
+def test_labels_do_not_become_a_part_of_their_recording(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    episode = min(path.parent for path in dataset.rglob("transforms.json"))
+    assert run(episode, episode / "labels") == 2
+    assert "lies inside the recording" in capsys.readouterr().err
+    assert not (episode / "labels").exists()
+
+
 def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys, labeling.generate as g\n"

@@ -57,7 +57,8 @@ class AnnotatedPicture:
 
         from labeling.io.recordings.pictures import read_picture
 
-        picture = read_picture(self.file, cv2.IMREAD_COLOR)
+        # As recordings are read, whose labels these are: pixels as they are stored, whatever way a viewer turns them.
+        picture = read_picture(self.file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if picture.shape[:2] != self.size:
             raise EpisodeFormatError(
                 f"{self.file}: is {picture.shape[:2]} pixels (height, width), but {self.size} stated"

@@ -2,8 +2,6 @@
 
 from urllib.error import URLError
 
-from torch import nn
-
 from labeling.core.detector import DetectorError
 from labeling.detectors.data.coco_names import RENAMED
 from labeling.detectors.networks.mask_rcnn import Network, build_network
@@ -48,9 +46,5 @@ def load_coco_network() -> Network:
             f"downloaded ({error}); with a network once, or put {weights.url} there; compact needs no download"
         ) from None
     network = build_network(coco_spec())
-    # torchvision trained these with normalisation that has no epsilon.
-    for module in network.modules():
-        if isinstance(module, nn.BatchNorm2d):
-            module.eps = 0.0
     network.load_state_dict(state)
     return network

@@ -104,6 +104,10 @@ def build_network(spec: NetworkSpec) -> Network:
     if spec.architecture == "compact":
         return Network(spec, compact_parts(classes))
     parts = torchvision.models.detection.maskrcnn_resnet50_fpn(weights=None, weights_backbone=None, num_classes=classes)
+    # All of these come from the COCO weights, which torchvision trained with normalisation that has no epsilon.
+    for module in parts.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.eps = 0.0
     return Network(spec, parts)
 
 

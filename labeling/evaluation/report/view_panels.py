@@ -12,6 +12,7 @@ from labeling.evaluation.compare import Case, Evaluation
 from labeling.evaluation.records import EpisodeRecords
 from labeling.evaluation.report.errors import RIGHT_IOU, kinds_of
 from labeling.evaluation.report.pictures import PALETTE, UNMATCHED, Overlay, panel, thumbnail
+from labeling.generator.sources import with_source_detections
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import View, recording_config
 from labeling.metrics.matching import MaskInstance, instances_of, match
@@ -92,7 +93,9 @@ def draw_views(
         views = [view for view in records.views if view in wanted]
         if not views:
             continue
-        episode = read_episode(records.folder, recording_config(evaluation.labels.provenance))
+        provenance = evaluation.labels.provenance
+        episode = read_episode(records.folder, recording_config(provenance))
+        episode = with_source_detections(episode, evaluation.labels.folder, provenance)
         labels = [item for item in evaluation.labels.modal if item.image[0] == records.name]
         for view in views:
             image_id = f"e{number}v{view[1]}"

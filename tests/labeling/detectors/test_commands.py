@@ -39,6 +39,10 @@ def find(rgb):
     vase[0:3, 28:31] = True
     return [("chair", 0.9, chair), ("vase", 0.7, vase)]
 
+def find_near(rgb, depth_m):
+    """All that is nearer than two metres."""
+    return [("chair", 0.9, (depth_m > 0) & (depth_m < 2))]
+
 def fail(rgb):
     raise RuntimeError("out of film")
 '''
@@ -104,6 +108,13 @@ def test_detections_of_others_are_left_alone_unless_told(scene, detector, capsys
     assert (scene.dataset / "one" / "detections.json").read_bytes() != before
 
 
+def test_detections_that_cannot_be_read_can_be_replaced(dataset, detector):
+    (dataset / "one" / "detections.json").write_text("{ not JSON")
+    assert detect([str(dataset), "--detector", f"{detector}:find"]) == 2
+    assert detect([str(dataset), "--detector", f"{detector}:find", "--replace"]) == 0
+    assert read_episode(dataset / "one").detections
+
+
 def test_a_failing_detector_is_one_line_an_episode(dataset, detector, capsys):
     assert detect([str(dataset), "--detector", f"{detector}:fail"]) == 2
     error = capsys.readouterr().err
@@ -140,6 +151,36 @@ def test_a_detector_scores_the_same_beside_the_frames_and_run_anew(dataset, dete
         assert metrics["per_class"]["chair"]["mask_ap50"] == pytest.approx(1.0)
         assert metrics["per_class"]["plant"]["mask_ap50"] == 0.0
     assert anew["mask_ap50"] == beside["mask_ap50"] == pytest.approx(0.5)
+
+
+def test_a_detector_that_is_scored_sees_depth_as_it_does_when_it_detects(dataset, detector, tmp_path):
+    name = f"{detector}:find_near"
+    for flags, views in ((("--every", "2"), 2), ((), 4)):
+        out = tmp_path / f"{views}.json"
+        assert evaluate([str(dataset), "--detector", name, "--metrics", str(out), *flags]) == 0
+        counts = json.loads(out.read_text())["counts"]
+        assert (counts["views"], counts["detections"]) == (views, views)
+
+
+def test_a_detector_is_scored_on_a_label_set_wherever_its_pictures_lie(scene, detector, tmp_path, capsys):
+    scene.add_episode("one")
+    scene.write_labels()
+    command = [str(scene.labels), "--detector", f"{detector}:find"]
+    scene.dataset.rename(tmp_path / "moved")
+    assert evaluate(command) == 2
+    assert evaluate([*command, "--dataset", str(tmp_path / "moved")]) == 0
+    assert evaluate([*command, "--every", "2"]) == 2
+    assert "holds no episodes, and how these are read" in capsys.readouterr().err
+    assert evaluate([str(tmp_path / "moved"), "--dataset", str(tmp_path / "moved")]) == 2
+    assert "holds episodes itself" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("about", [{"detector": {"name": "yolo"}}, {"detector_categories": [{"id": 1}]}])
+def test_odd_words_about_a_detector_are_no_traceback(scene, capsys, about):
+    scene.add_episode("one", metadata=about)
+    is_odd = "detector_categories" in about
+    assert evaluate([str(scene.dataset)]) == (2 if is_odd else 0)
+    assert ("detector_categories: must be a list of names" in capsys.readouterr().err) == is_odd
 
 
 def test_a_detector_scores_beside_the_frames_as_it_does_in_a_label_set(scene, detector, tmp_path):

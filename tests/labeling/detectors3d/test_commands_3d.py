@@ -159,6 +159,17 @@ def test_boxes_of_another_detector_replace_those_there(episodes, trained):
     assert path.read_text() != first
 
 
+def test_views_that_are_read_otherwise_are_looked_at_anew(episodes, capsys):
+    episode = episodes / "boxed_1"
+    assert detect3d.main([str(episode), "--detector", "ldls"]) == 0
+    assert capsys.readouterr().out.endswith(f"{episode / 'detections_3d.json'}\n")
+    before = read_json(episode / "detections_3d.json").list_of("detections")
+    assert detect3d.main([str(episode), "--detector", "ldls", "--depth-unit-m", "0.002"]) == 0
+    assert "were done already" not in capsys.readouterr().out
+    after = read_json(episode / "detections_3d.json").list_of("detections")
+    assert [one.get("box_3d").value for one in after] != [one.get("box_3d").value for one in before]
+
+
 def test_found_boxes_do_not_change_the_labels_of_an_episode(episodes, tmp_path, capsys):
     out = tmp_path / "labels"
     assert generate([str(episodes), "--out", str(out)]) == 0
@@ -199,6 +210,37 @@ def test_no_boxes_nothing_to_learn(episodes, tmp_path, capsys):
     error = refused(capsys, train3d.main, str(episodes), "--out", str(tmp_path / "run"), *QUICK)
     assert "holds no object with a 3-D box" in error
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"segmentation": {"size": [1, 1], "counts": "1"}}, "size: must be"),
+        ({"image_id": 99999}, "unknown image id 99999"),
+        ({"view": 77}, "has no view 77"),
+    ],
+)
+def test_labels_that_do_not_fit_their_recordings_are_refused(labels, recorded, tmp_path, capsys, change, why):
+    copy = Path(shutil.copytree(labels, tmp_path / "labels"))
+    for name in ("instances_modal.json", "instances_amodal.json"):
+        content = json.loads((copy / name).read_text())
+        changed = content["annotations"][0]
+        if "view" in change:
+            changed = next(one for one in content["images"] if one["id"] == changed["image_id"])
+        changed |= change
+        (copy / name).write_text(json.dumps(content))
+    command = [str(copy), "--dataset", str(recorded), "--out", str(tmp_path / "run"), *QUICK]
+    assert why in refused(capsys, train3d.main, *command)
+
+
+def test_polygons_teach_boxes_like_masks(labels, recorded, tmp_path):
+    copy = Path(shutil.copytree(labels, tmp_path / "labels"))
+    content = json.loads((copy / "instances_modal.json").read_text())
+    for one in content["annotations"]:
+        left, top, width, height = one["bbox"]
+        one["segmentation"] = [[left, top, left + width, top, left + width, top + height, left, top + height]]
+    (copy / "instances_modal.json").write_text(json.dumps(content))
+    assert read_frustum_samples(copy, dataset=recorded)
 
 
 @pytest.mark.parametrize(

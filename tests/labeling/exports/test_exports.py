@@ -2,11 +2,13 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -164,6 +166,25 @@ def test_gltf_holds_clouds_and_boxes(labels: Path, tmp_path: Path) -> None:
         assert len(paths) == len(scene.objects)
         low, high = read.bounds
         assert (high - low)[1] == pytest.approx(np.ptp(scene.points[:, 2]), abs=0.5)  # +Y is up
+
+
+def test_yolo_folders_are_those_beside_the_file(labels: Path, tmp_path: Path) -> None:
+    content = yaml.safe_load((export(labels, tmp_path / "yolo", "yolo-detect") / "data.yaml").read_text())
+    assert "path" not in content  # Ultralytics takes the folder of the file then
+    assert {content["train"], content["val"]} == {"images/train"}
+
+
+@pytest.mark.parametrize("to", ["yolo-detect", "masks", "fiftyone", "hugging-face"])
+def test_categories_that_are_not_declared_are_called_by_their_ids(labels: Path, tmp_path: Path, to: str) -> None:
+    copy = tmp_path / "labels"
+    shutil.copytree(labels, copy)
+    for name in ("instances_modal.json", "instances_amodal.json"):
+        content = json.loads((copy / name).read_text())
+        del content["categories"]
+        (copy / name).write_text(json.dumps(content))
+    used = {one["category_id"] for one in json.loads((copy / "instances_modal.json").read_text())["annotations"]}
+    assert categories_of(copy) == tuple(f"category_{number}" for number in sorted(used))
+    export(copy, tmp_path / "out", to, "--dataset", str(labels.parent / "dataset"))
 
 
 def test_confidence_leaves_labels_out(labels: Path, views: list[LabelledView], tmp_path: Path) -> None:

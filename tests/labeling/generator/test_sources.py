@@ -304,6 +304,31 @@ def test_an_episode_without_any_masks_is_told_all_ways_to_give_them(dataset, roo
         assert flag in problem
 
 
+def test_of_pictures_of_several_episodes_a_single_one_takes_its_own(rooms, tmp_path):
+    from labeling.formats.checked_json import Json
+    from labeling.io.coco import read_shared_file
+
+    room = rooms[0]
+
+    def categories_of(*names: str) -> list[str]:
+        images = [{"id": n, "file_name": name} for n, name in enumerate(names)]
+        categories = [{"id": n, "name": f"of {name}"} for n, name in enumerate(names)]
+        outline = [[2, 3, 7, 3, 7, 9, 2, 9]]
+        annotations = [{"image_id": n, "category_id": n, "segmentation": outline} for n in range(len(names))]
+        content = {"images": images, "categories": categories, "annotations": annotations}
+        return [one.category for one in read_shared_file(Json(content, tmp_path), room, ".", scored=False)[0]]
+
+    first, second = room.file_names[:2]
+    own, other = f"{room.name}/{first}", f"bath/{first}"
+    assert categories_of(own, other) == [f"of {own}"]
+    assert categories_of(other, f"x/{own}") == [f"of x/{own}"]
+    assert categories_of(f"bath/{first}", f"bath/{second}") == [f"of bath/{first}", f"of bath/{second}"]
+    with pytest.raises(EpisodeFormatError, match=f"'bath/{first}' and 'hall/{first}' may both be '{first}'; give"):
+        categories_of(other, f"hall/{first}")
+    with pytest.raises(EpisodeFormatError, match="may both be"):
+        categories_of(own, f"x/{own}")
+
+
 def test_a_bare_file_name_that_two_views_share_names_neither(rooms, tmp_path):
     from labeling.formats.checked_json import Json
     from labeling.io.coco import read_shared_file

@@ -11,6 +11,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.rle import decode_mask, encode_mask
@@ -26,6 +27,7 @@ from labeling.detectors.data.augment import Sample, augment
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, repeats_of, to_target
+from labeling.io.recordings.pictures import read_colour
 from labeling.training.checkpoint import Progress
 from labeling.training.loop import TrainingTask
 
@@ -44,6 +46,18 @@ def test_a_coco_folder_holds_what_was_drawn(tmp_path):
         for one, (_, mask) in zip(picture.annotations, found, strict=True):
             np.testing.assert_array_equal(decode_mask(one.rle), mask)
             assert (one.weight, one.ignore) == (1.0, False)
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_pictures_are_taken_as_they_are_stored_whatever_exif_says(tmp_path, orientation):
+    rgb = np.zeros((32, 48, 3), np.uint8)
+    rgb[:16] = 255
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(rgb).save(tmp_path / "1.jpg", quality=100, exif=exif)
+    picture = AnnotatedPicture(tmp_path / "1.jpg", (32, 48), ())
+    np.testing.assert_array_equal(picture.rgb(), read_colour(tmp_path / "1.jpg"))
+    assert picture.rgb()[:16].min() > 200
 
 
 def test_a_split_folder_gives_the_part_asked_for(tmp_path):

@@ -179,6 +179,24 @@ def test_new_categories_leave_the_old_outputs_as_they_were(network, pictures):
     torch.testing.assert_close(after[:, 1], before[:, 1:].mean(dim=1))
 
 
+@pytest.mark.slow
+def test_the_network_of_the_thesis_computes_the_same_wherever_it_comes_from(tmp_path):
+    spec = NetworkSpec("maskrcnn_resnet50_fpn", ("cup", "", "box"))
+    made = build_network(spec).eval()
+    with torch.no_grad():  # so small that an epsilon would show
+        for module in made.modules():
+            if isinstance(module, torch.nn.BatchNorm2d):
+                module.running_var.fill_(1e-4)
+                module.weight.fill_(1e-2)
+    save_network(tmp_path / "x.safetensors", made)
+    x = torch.rand(1, 3, 64, 64)
+    expected = load_network(tmp_path / "x.safetensors").eval().backbone(x)
+    found = with_categories(load_network(tmp_path / "x.safetensors"), ("cup", "bowl")).eval().backbone(x)
+    for name in expected:
+        torch.testing.assert_close(found[name], expected[name])
+    assert {one.eps for one in made.modules() if isinstance(one, torch.nn.BatchNorm2d)} == {0.0}
+
+
 def test_fewer_outputs_are_those_that_there_were(network):
     less = with_categories(network, ("box",)).eval()
     x = torch.randn(4, network.roi_heads.box_predictor.cls_score.in_features)

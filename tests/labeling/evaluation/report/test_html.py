@@ -19,6 +19,8 @@ from labeling.evaluation.compare import Case, evaluate_label_set
 from labeling.evaluation.report.html import write_report
 from labeling.evaluation.report.pictures import Overlay, mask_path, panel, shorten, thumbnail, thumbnail_size
 from labeling.evaluation.report.view_panels import choose_worst
+from labeling.formats.atomic import write_json
+from labeling.generator.sources import DETECTIONS_FOLDER, detections_record
 
 VOID = {"meta", "br", "img", "link", "input"}
 
@@ -91,6 +93,17 @@ def test_every_view_shows_detector_labels_and_truth_side_by_side(scene):
     assert page.texts.count("plant 0.80") == 2
     assert "chair 0.90, IoU 0.50 with ground truth" in page.texts
     assert "chair 0.30, stands for no object of this category" in page.texts
+
+
+def test_the_detector_shown_is_the_one_that_the_labels_were_made_from(scene):
+    episode = scene.add_episode("one")
+    scene.write_labels(summary={"dataset": "../dataset", "sources": {"detections": "found.json"}})
+    found = [replace(one, category="plant", confidence=0.66) for one in episode.detections[:1]]
+    kept = scene.labels / DETECTIONS_FOLDER / "one.json"
+    write_json(kept, detections_record(episode, tuple(found), {"origin": "found.json"}))
+    _, page = report_of(scene, max_worst=0)
+    assert page.texts.count("plant 0.66") == 1
+    assert "chair 0.30" not in page.texts
 
 
 def test_an_object_has_one_colour_in_all_panels(scene):
