@@ -40,8 +40,8 @@ def run(config: PlayConfig) -> None:
     Raises:
         SbmError: if there is no such environment, no pygame or no screen.
     """
-    from agents.rollouts.environments import make_env
     from agents.rollouts.keyboard import KEYS, play
+    from sbm_gym.named_env import make_env
 
     config.check()
     mode = "rgb_array" if config.view == "eyes" else "third_person"

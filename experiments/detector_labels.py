@@ -53,7 +53,7 @@ def run(config: DetectorLabelsConfig) -> None:
 def _scores(name: str, dataset: Path, cache: Path) -> dict[str, Any]:
     """What one detector finds in the episodes of a dataset, and what labels made of it are worth."""
     from experiments.cache.episode_pool import link_dataset
-    from experiments.cache.stages import RunContext, digest
+    from experiments.cache.stages import RunContext, digest, folder_digest
     from labeling.detect import DetectCommand
     from labeling.detect import run as detect
     from labeling.detectors.registry import detector_digest
@@ -64,10 +64,11 @@ def _scores(name: str, dataset: Path, cache: Path) -> dict[str, Any]:
 
     weights = detector_digest(name)
     folders = {folder.name: folder for folder in find_episodes(dataset)}
-    own = f"detector-labels-{digest(str(dataset.resolve()), weights)}"
+    episodes = [folder_digest(folder) for folder in folders.values()]
+    own = f"detector-labels-{digest(str(dataset.resolve()), weights, episodes)}"
     linked = link_dataset(own, folders, RunContext(scale="quick", seeds=(0,), workers=1, cache=cache))
     detect(DetectCommand(dataset=linked[0].parent, detector=name, replace=True))
-    labelled: dict[str, dict[str, float]] = {}
+    labelled: dict[str, dict[str, float | None]] = {}
     for kind, shared in {"alone": False, "shared": True}.items():
         out = cache / "label_sets" / f"{own}-{kind}"
         generate(GenerateConfig(dataset=linked[0].parent, out=out, share_scenes=shared))
@@ -96,10 +97,11 @@ def _about(folders: Mapping[str, Path]) -> dict[str, Any]:
     }
 
 
-def _figures(metrics: Mapping[str, Any]) -> dict[str, float]:
+def _figures(metrics: Mapping[str, Any]) -> dict[str, float | None]:
+    """None where the detector has no name for anything that is there."""
     from labeling.evaluation.compare import FIGURES
 
-    return {name: round(float(metrics[name]), 4) for name in FIGURES}
+    return {name: None if metrics[name] is None else round(float(metrics[name]), 4) for name in FIGURES}
 
 
 def _public(name: str) -> str:

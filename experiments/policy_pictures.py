@@ -59,16 +59,17 @@ def run(config: PolicyPicturesConfig) -> None:
 
     from agents.evaluation.trajectories import draw_trajectories
     from agents.policies.registry import make_policy
-    from agents.rollouts.environments import inner_env, make_env
+    from agents.rollouts.environments import inner_env
     from agents.rollouts.run_episode import episode_spec, run_episode
     from labeling.formats.atomic import write_json
     from labeling.formats.film import write_film
     from labeling.runtime.provenance import experiment_provenance
+    from sbm_gym.named_env import make_env
 
-    names = [label(policy) for policy in config.policies]
+    names = labels(config.policies)
     if config.episodes < 1 or config.seed < 0:
         raise UsageError(f"--episodes must be at least 1 and --seed at least 0, not {config.episodes}, {config.seed}")
-    if not names or len(set(names)) < len(names):
+    if not names or len(set(config.policies)) < len(config.policies):
         raise UsageError("--policies must name one policy or more, each once")
     name = config.env.rpartition("/")[2]
     policies = {policy: make_policy(policy, config.env) for policy in config.policies}
@@ -77,7 +78,8 @@ def run(config: PolicyPicturesConfig) -> None:
         scenes, (height, width) = inner_env(env).scene_names, inner_env(env).profile.capture_size
         specs = [episode_spec(scenes, config.seed, number) for number in range(config.episodes)]
         for spec in specs:
-            records = {label(policy): run_episode(env, chosen, spec, None)[0] for policy, chosen in policies.items()}
+            played = [run_episode(env, chosen, spec, None)[0] for chosen in policies.values()]
+            records = dict(zip(names, played, strict=True))
             picture = f"policies_ways_{name}_{spec.seed}_{spec.episode}.png"
             draw_trajectories(inner_env(env), records, config.out / picture)
             print(config.out / picture)
@@ -95,7 +97,7 @@ def run(config: PolicyPicturesConfig) -> None:
         "episodes": episodes,
         "film": {
             **{key: episodes[0][key] for key in ("scene", "seed", "episode")},
-            "policy": label(last),
+            "policy": names[-1],
             "file": film,
             "frames": len(frames),
         },
@@ -105,9 +107,15 @@ def run(config: PolicyPicturesConfig) -> None:
     print(config.results / RECORD.format(name))
 
 
-def label(policy: str) -> str:
-    """What a policy is called in a picture: trained ones without the place of their checkpoint."""
-    return policy.partition(":")[0]
+def labels(policies: Sequence[str]) -> list[str]:
+    """What policies are called in a picture: without the place of their checkpoint, or what they value, unless that is
+    what tells them apart.
+
+    >>> labels(["ring", "ppo:RUN/best"]), labels(["ppo:A/best", "ppo:B/best"])
+    (['ring', 'ppo'], ['ppo:A/best', 'ppo:B/best'])
+    """
+    short = [policy.partition(":")[0] for policy in policies]
+    return [policy if short.count(name) > 1 else name for policy, name in zip(policies, short, strict=True)]
 
 
 # Film ----------------------------------------------------------------------------------------------------------------
@@ -132,8 +140,8 @@ def filmed(
     from gymnasium.wrappers import RenderCollection
 
     from agents.policies.registry import make_policy
-    from agents.rollouts.environments import make_env
     from agents.rollouts.run_episode import run_episode
+    from sbm_gym.named_env import make_env
 
     seen: list[Sequence[Any]] = []
     for mode in ("third_person", "rgb_array"):
@@ -151,7 +159,7 @@ def filmed(
 
 
 HELP = CommandHelp(
-    examples=(("--policies ring planner", "episodes of two policies from above"),),
+    examples=(("--policies ring next_best_view", "episodes of two policies from above"),),
 )
 main = make_main("experiments.policy_pictures", PolicyPicturesConfig, run, about=HELP)
 

@@ -4,7 +4,7 @@ import hashlib
 import re
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -175,9 +175,15 @@ def unseen_returns(folder: Path) -> dict[str, Any] | None:
         above = content["pairs"].get(f"{name} minus {trained}", {}).get("return")
         policies[Path(checkpoint).name if kind == "ppo" else name] = {
             "return": round(found["figures"]["return"]["mean"], 4),
-            "above": above and {**above, "mean": -above["mean"], "low": -above["high"], "high": -above["low"]},
+            "above": above and {**above, **_turned_round(above)},
         }
     return {"starts": settings["episodes"], "scenes": len(settings["scenes"]), "policies": policies}
+
+
+def _turned_round(difference: Mapping[str, Any]) -> dict[str, float | None]:
+    """A difference and its interval, None where starts are few, of the other minus this one."""
+    negative = {name: None if difference[name] is None else -difference[name] for name in ("mean", "low", "high")}
+    return {"mean": negative["mean"], "low": negative["high"], "high": negative["low"]}
 
 
 def thinned(points: Sequence[Any], count: int) -> list[Any]:

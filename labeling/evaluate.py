@@ -104,9 +104,7 @@ def score_alone(config: EvaluateConfig) -> None:
 
     are_episodes = _holds_episodes(config.labels, config.recording)
     if are_episodes and config.dataset is not None:
-        raise UsageError(
-            f"--dataset is where the episodes of a label set lie; {config.labels} holds episodes itself"
-        )
+        raise UsageError(f"--dataset is where the episodes of a label set lie; {config.labels} holds episodes itself")
     if not are_episodes and config.recording != RecordingConfig():
         raise UsageError(f"{config.labels}: holds no episodes, and how these are read is all that such options say")
     detector = None if config.detector is None else load_detector(config.detector)

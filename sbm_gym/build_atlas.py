@@ -12,7 +12,7 @@ from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
-from labeling.runtime.ranges import Count, NonNegative
+from labeling.runtime.ranges import Count, NonNegative, check_ranges
 from sbm_gym.worlds.splits import Split
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def build(config: AtlasConfig) -> list[Path]:
     from sbm_gym.assets.catalog.same_libraries import same_libraries
     from sbm_gym.atlas.scene_atlas import KEY_FILE, scene_folder
 
+    check_ranges(config)
     env = _make_env(config)
     names = env.get_wrapper_attr("scene_names")[config.skip :][: config.scenes]
     if not names:
@@ -96,19 +97,9 @@ def build(config: AtlasConfig) -> list[Path]:
 
 def _make_env(config: AtlasConfig) -> "gymnasium.Env":
     """The environment that views are rendered in, itself without an atlas."""
-    import gymnasium
+    from sbm_gym.named_env import make_env
 
-    import sbm_gym  # noqa: F401, registers the environments
-
-    if config.env not in gymnasium.registry:
-        raise UsageError(
-            f"unknown env {config.env!r}; known: {', '.join(e for e in gymnasium.registry if 'sbm_gym' in e)}"
-        )
-    try:
-        env = gymnasium.make(config.env, split=config.split, detector=config.detector, colours=False, scene_cache=1)
-    except ValueError as error:
-        raise UsageError(f"env {config.env!r}: {error}") from error
-    return env
+    return make_env(config.env, config.split, config.detector, colours=False, scene_cache=1)
 
 
 def _builder(config: AtlasConfig, env: "gymnasium.Env", name: str) -> "AtlasBuilder":

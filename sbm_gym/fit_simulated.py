@@ -8,7 +8,7 @@ from typing import Any
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
-from labeling.runtime.ranges import Count
+from labeling.runtime.ranges import Count, check_ranges
 
 THRESHOLDS = (0.05, 0.5, 0.9)
 """Confidences at which the page tells how often the real and the fitted detector reach them."""
@@ -44,22 +44,26 @@ def run(config: FitConfig) -> None:
     Raises:
         SbmError: if there is no such env or detector, or it detects next to nothing.
     """
-    import gymnasium
     import numpy as np
 
-    import sbm_gym  # noqa: F401, registers the environments
     from labeling.formats.atomic import write_json
     from labeling.runtime.cli import progress_bar
     from sbm_gym.detection.detector_views import DetectorViews, detector_views
     from sbm_gym.detection.fitted_settings import as_json, settings_file
     from sbm_gym.detection.lasting_phantoms import LastingPhantoms
     from sbm_gym.detection.simulated_fit import fit_settings, predicted_shares
+    from sbm_gym.named_env import make_env
 
-    try:
-        env = gymnasium.make(config.env, split="endless", detector=config.detector, colours=False, scene_cache=1)
-    except (ValueError, gymnasium.error.Error) as error:
-        raise UsageError(f"env {config.env!r}, detector {config.detector!r}: {error}") from error
-    scenes = env.get_wrapper_attr("scene_names")[FIRST_SCENE : FIRST_SCENE + config.scenes]
+    check_ranges(config)
+    env = make_env(config.env, "endless", config.detector, colours=False, scene_cache=1)
+    names = env.get_wrapper_attr("scene_names")
+    scenes = names[FIRST_SCENE : FIRST_SCENE + config.scenes]
+    if not scenes:
+        env.close()
+        raise UsageError(
+            f"env {config.env!r} has {len(names)} scenes in its split 'endless'; fitting takes those from number "
+            f"{FIRST_SCENE} on, in which nothing is trained or compared"
+        )
     env.unwrapped.scene_names = tuple(scenes)
     profile = env.get_wrapper_attr("profile")
     start = profile.detector

@@ -7,6 +7,7 @@ import tyro
 
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.ranges import Count, NonNegative, PictureHeight
+from sbm_gym.env.rewards import Reward
 from sbm_gym.worlds.splits import Split
 
 VIEW_COUNTS = (5, 10, 12, 15, 20, 25)
@@ -40,6 +41,9 @@ class EvaluateConfig:
     """Every start is played so often by policies that draw at random, and their figures averaged."""
     detector: str = "simulated"
     """The detector in the loop."""
+    reward: Reward = "views"
+    """What is paid: "views", the thesis' discoveries and new sides, or "evidence", labels that may be expected to be
+    right (see the environment)."""
     labels: bool = False
     """Make labels of the first views, too, and score them; takes many times as long."""
     label_views: tuple[int, ...] = VIEW_COUNTS

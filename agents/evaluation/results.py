@@ -12,9 +12,9 @@ from labeling.formats.atomic import write_json
 from labeling.formats.regular_file import regular
 
 SETTINGS_FILE, EPISODES_FOLDER = "settings.json", "episodes"
-DECISIVE_SETTINGS = ("env", "split", "scenes", "detector", "labels", "size")
+DECISIVE_SETTINGS = ("env", "split", "scenes", "detector", "reward", "labels", "size")
 """Settings that decide what an episode's result is."""
-EARLIER_DEFAULTS = {"views": [5, 10, 15, 20, 25], "scenes": None}
+EARLIER_DEFAULTS = {"views": [5, 10, 15, 20, 25], "scenes": None, "reward": "views"}
 """Settings of folders that are older than these settings."""
 
 

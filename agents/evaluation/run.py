@@ -22,7 +22,7 @@ from agents.evaluation.summary import summary
 from agents.evaluation.table import print_tables
 from agents.policies.base import Policy
 from agents.policies.registry import make_policy
-from agents.rollouts.environments import capture_size, inner_env, make_env, same_furniture
+from agents.rollouts.environments import capture_size, inner_env, same_furniture
 from agents.rollouts.run_episode import EpisodeSpec, another_draw, episode_spec, run_episode
 from agents.rollouts.scene_shares import scenes_to_compare_in
 from labeling.cluster.cluster_config import JobFiles
@@ -33,6 +33,7 @@ from labeling.runtime.process_pool import PerProcess
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from labeling.runtime.threads import one_network_thread
+from sbm_gym.named_env import make_env
 
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
 
@@ -105,7 +106,8 @@ class Evaluator:
         self.config = config
         self._keys = {policy: policy_key(policy, config.env) for policy in config.policies}
         self._policies: dict[str, Policy] = {policy: make_policy(policy, config.env) for policy in config.policies}
-        self.env = make_env(config.env, config.split, config.detector)
+        paid = {} if config.reward == "views" else {"reward": config.reward}
+        self.env = make_env(config.env, config.split, config.detector, **paid)
         self.scenes = scenes_to_compare_in(config.split, inner_env(self.env).scene_names)[: config.scenes]
         """Names of the scenes that episodes begin in."""
 

@@ -65,6 +65,7 @@ def summary(config: EvaluateConfig, records: dict[str, list[Plays]]) -> dict[str
             "env": config.env,
             "split": config.split,
             "detector": config.detector,
+            "reward": config.reward,
             "episodes": config.episodes,
             "seeds": list(range(config.seeds)),
             "size": config.size,

@@ -13,11 +13,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from agents.ppo.config import PaidReward
 from agents.ppo.hyperparameters import ENV_WRAPPERS
 from agents.ppo.vec_env import GroupedVecEnv, ProcessGroup
-from agents.rollouts import environments
 from agents.rollouts.episode_statistics import EpisodeStatistics
+from agents.rollouts.scene_shares import SHARED_SPLIT, scenes_to_compare_in
 from labeling.core.errors import UsageError
 from labeling.runtime.interrupts import hold_back_interrupts
 from labeling.runtime.threads import threads_of_children
+from sbm_gym import named_env
 from sbm_gym.env.rewards import RewardWeights
 
 Item = TypeVar("Item")
@@ -136,7 +137,7 @@ def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
     if config.reward == "evidence":
         settings["reward"] = "evidence"
     weights = REWARDS.get(config.reward)
-    env = environments.make_env(
+    env = named_env.make_env(
         config.env, "endless", config.detector, reward_weights=weights, scene_cache=scene_cache, **settings
     )
     if config.wrapper is not None:
@@ -159,7 +160,7 @@ def validation_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
     """Names of the scenes to validate in, none of them trained in; none if the environment has none by name.
 
     Raises:
-        UsageError: if all scenes that there are would be trained in.
+        UsageError: if all scenes that there are would be trained in, or one would be that policies are compared in.
     """
     names = _scene_names(env)
     if 0 < len(names) <= config.scenes:
@@ -167,7 +168,16 @@ def validation_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
         raise UsageError(
             f"--scenes {config.scenes} leaves none to validate in: there are {len(names)} scenes{where}; give fewer"
         )
-    return names[config.scenes : config.scenes + config.validation_scenes]
+    learnt_from = names[: config.scenes + config.validation_scenes]
+    compared_in = set(scenes_to_compare_in(SHARED_SPLIT, names))
+    # On an atlas few scenes have views, and policies are compared in the world itself.
+    if config.atlas is None and compared_in & set(learnt_from):
+        raise UsageError(
+            f"--scenes {config.scenes} and --validation-scenes {config.validation_scenes} leave too few to compare "
+            f"policies in: there are {len(names)} scenes, the last {len(compared_in)} of which are for that; give "
+            f"{len(names) - len(compared_in)} or less together"
+        )
+    return learnt_from[config.scenes :]
 
 
 def _scene_names(env: gym.Env) -> tuple[str, ...]:

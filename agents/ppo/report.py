@@ -112,6 +112,8 @@ def comparison(settings: RunSettings, starts: int, workers: int) -> EvaluateConf
         scenes=COMPARED_SCENES,
         episodes=starts,
         detector=settings.options.detector,
+        # Parts of the thesis' reward are for training alone: all else has the whole of it.
+        reward="evidence" if settings.options.reward == "evidence" else "views",
         workers=workers,
         out=folder / UNSEEN_FOLDER,
     )
@@ -128,8 +130,9 @@ def table(content: Mapping[str, Any], progress: Progress) -> str:
     figures = [found["figures"]["return"] for found in content["policies"].values()]
     width = max(map(len, names))
     starts, scenes = content["settings"]["episodes"], len(content["settings"]["scenes"])
+    paid = " of evidence" if content["settings"].get("reward") == "evidence" else ""
     lines = [
-        f"return from {starts} unseen starts in {scenes} scenes, with 95 % intervals over both:",
+        f"return{paid} from {starts} unseen starts in {scenes} scenes, with 95 % intervals over both:",
         f"  {'':{width}}  {'return':>12}  trained policy minus this one",
     ]
     for name, figure in zip(names, figures, strict=True):

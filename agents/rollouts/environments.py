@@ -1,50 +1,14 @@
-"""Making the environments that command lines name, with errors in one line."""
+"""What the environment inside its wrappers is, and needs."""
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import gymnasium as gym
 
-import sbm_gym  # noqa: F401, registers the environments
 from labeling.cluster.cluster_config import SameThere
-from labeling.core.errors import UsageError
 from sbm_gym.assets.catalog.same_libraries import same_libraries
-from sbm_gym.registration import ENV_IDS
 
 if TYPE_CHECKING:
     from sbm_gym.env.fixation_env import FixationEnv
-
-
-def make_env(env_id: str, split: str, detector: str, **settings: Any) -> gym.Env:
-    """The environment; ``module:id`` imports the module first, as in ``gymnasium.make``.
-
-    Args:
-        env_id: its Gymnasium id.
-        split: of scenes.
-        detector: in the loop.
-        settings: other arguments of the environment.
-
-    Raises:
-        UsageError: if env or detector are unknown.
-    """
-    module, _, name = env_id.rpartition(":")
-    if module:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise UsageError(f"unknown env {env_id!r}: cannot import {module!r} ({error})") from error
-    if name not in gym.registry:
-        raise UsageError(f"unknown env {env_id!r}; known: {', '.join(sorted(ENV_IDS))}")
-    try:
-        return gym.make(name, split=split, detector=detector, **settings)
-    except ValueError as error:
-        raise UsageError(f"env {env_id!r}: {error}") from error
-    except TypeError as error:
-        if not any(f"unexpected keyword argument {argument!r}" in str(error) for argument in ("split", "detector")):
-            raise
-        raise UsageError(
-            f"env {env_id!r} has no scenes and no detector, as those of this project: {', '.join(sorted(ENV_IDS))}"
-        ) from None
 
 
 def inner_env(env: gym.Env) -> "FixationEnv":

@@ -79,10 +79,10 @@ def play(env: gym.Env, seed: int, zoom: float, report: Reported) -> None:
         if terminated or truncated:
             step = itertools.count(1)
 
-    # Gymnasium's player asks for a picture before its first reset.
+    # Gymnasium's player asks for a picture before its first reset, which begins the same episode again.
     env.reset(seed=seed)
-    keys = keys_to_action()
-    player.play(PictureWindow(env), zoom=zoom, callback=told, keys_to_action=keys, noop=NO_MOVE, wait_on_player=True)
+    keys, window = keys_to_action(), PictureWindow(env)
+    player.play(window, zoom=zoom, callback=told, keys_to_action=keys, noop=NO_MOVE, seed=seed, wait_on_player=True)
 
 
 def _dummy_screen() -> bool:

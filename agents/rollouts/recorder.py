@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.policies.registry import make_policy
 from agents.rollouts.collect_config import CollectConfig
-from agents.rollouts.environments import capture_size, inner_env, make_env, same_furniture
+from agents.rollouts.environments import capture_size, inner_env, same_furniture
 from agents.rollouts.rollout import rollout
 from labeling.cluster.cluster_config import JobFiles
 from labeling.cluster.jobs import map_jobs
@@ -26,6 +26,7 @@ from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
+from sbm_gym.named_env import make_env
 from sbm_gym.sensors.sensor_noise import add_noise
 
 SETTINGS_FILE = "collection.json"

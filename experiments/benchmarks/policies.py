@@ -38,8 +38,8 @@ def seconds_to_act(name: str, env_id: str, episodes: int) -> float:
     import torch
 
     from agents.policies.registry import make_policy
-    from agents.rollouts.environments import make_env
     from agents.rollouts.run_episode import episode_spec
+    from sbm_gym.named_env import make_env
 
     torch.set_num_threads(1)
     policy, seconds, steps = make_policy(name, env_id), 0.0, 0

@@ -39,11 +39,11 @@ def box_targets(labels: Path, episodes: Sequence[Path]) -> dict[str, dict[str, A
     truths = _true_boxes(episodes)
     of_object: dict[tuple[Any, ...], list[FrustumSample]] = defaultdict(list)
     for one in read_frustum_samples(labels):
-        of_object[(one.category, *one.box.centre_m.tolist())].append(one)
+        of_object[(one.episode, one.category, *one.box.centre_m.tolist())].append(one)
     found: dict[str, list[dict[str, float]]] = defaultdict(list)
-    for (category, *_), samples in of_object.items():
+    for (episode, category, *_), samples in of_object.items():
         box = samples[0].box
-        truth = _nearest(box, [one for name, one in truths if name == category])
+        truth = _nearest(box, truths.get((episode, category), []))
         singles = []
         for sample in samples:
             single = fit_box(sample.frustum.points[sample.foreground].astype(float))
@@ -66,15 +66,16 @@ def heading_apart_deg(box: "Box3d", truth: "Box3d") -> float:
     return float(np.rad2deg(min(apart, period - apart)))
 
 
-def _true_boxes(episodes: Sequence[Path]) -> "list[tuple[str, Box3d]]":
+def _true_boxes(episodes: Sequence[Path]) -> "dict[tuple[str, str], list[Box3d]]":
+    """By episode and category: scenes share their coordinates, so that others have objects at the same places."""
     from labeling.io.episodes import read_episode
 
-    found: dict[tuple[str, int], tuple[str, Box3d]] = {}
+    found: dict[tuple[str, str], dict[int, Box3d]] = defaultdict(dict)
     for folder in episodes:
         for one in read_episode(folder).ground_truth or ():
             if one.box_3d is not None:
-                found[folder.name, one.instance_id] = (one.category, one.box_3d)
-    return list(found.values())
+                found[folder.resolve().name, one.category][one.instance_id] = one.box_3d
+    return {key: list(boxes.values()) for key, boxes in found.items()}
 
 
 def _nearest(box: "Box3d", truths: "Sequence[Box3d]") -> "Box3d | None":

@@ -107,7 +107,7 @@ def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
     weights = {name: load_named_network(name)[1] for name in {job.detector for job in jobs}}
     code, keyed = code_digest(_train), []
     for job in jobs:
-        inputs = [weights[job.detector], _content(job.learn), _content(job.choose), len(job.replay)]
+        inputs = [weights[job.detector], _content(job.learn), _content(job.choose), _content(job.replay)]
         inputs += [asdict(replace(job.train, seed=job.seed)), asdict(job.augment)]
         key = digest(*inputs, list(job.new_categories), code)
         keyed.append((key, (job, context.cache / "detectors" / key)))
@@ -189,7 +189,7 @@ def _score(task: tuple[str, Sequence[AnnotatedPicture]]) -> dict[str, Any]:
 
 
 def _content(pictures: Sequence[AnnotatedPicture]) -> str:
-    """Changes with the names of pictures (folders of recorded episodes have names that change with what they hold)
-    and with their annotations.
+    """Changes with the names of pictures (folders of recorded episodes and of photographs have names that change with
+    what they hold) and with their annotations.
     """
     return digest([["/".join(one.file.parts[-4:]), [asdict(a) for a in one.annotations]] for one in pictures])

@@ -121,14 +121,16 @@ def source_photographs(
         context: cache and workers.
     """
     from labeling.detectors.data.annotated_pictures import read_pictures
+    from labeling.runtime.code_digest import code_digest
     from sbm_gym.photographs.album import AlbumSettings, make_album
 
+    code = code_digest(make_album)
     found: list[list[AnnotatedPicture]] = []
     for split, count in zip(("train", "val"), counts, strict=True):
         if count == 0:
             found.append([])
             continue
-        folder = context.cache / "photographs" / f"{split}_{count}"
+        folder = context.cache / "photographs" / f"{split}_{count}-{code[:12]}"
         make_album(folder, AlbumSettings(split, 0, 192, False), count, context.workers, context.where)
         found.append(read_pictures(folder))
     return found[0], found[1]

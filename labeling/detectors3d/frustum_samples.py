@@ -43,6 +43,8 @@ BEYOND_BOX = 1.15
 class FrustumSample:
     """One object in one view."""
 
+    episode: str
+    """Its name."""
     category: str
     frustum: Frustum
     """Of its 2-D box with a margin."""
@@ -180,4 +182,4 @@ def make_frustum_sample(
     if np.count_nonzero(foreground) < MIN_POINTS:
         return None
     box_xyxy = x, y, x + width, y + height
-    return FrustumSample(category, frustum, foreground, box_xyxy, box, weight, horizontal_rays(camera))
+    return FrustumSample(episode.name, category, frustum, foreground, box_xyxy, box, weight, horizontal_rays(camera))

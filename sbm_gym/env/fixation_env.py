@@ -315,7 +315,9 @@ class FixationEnv(gym.Env, EzPickle):
         """Steps of an episode."""
         if self._num_views is not None:
             return self._num_views
-        return (self.spec.max_episode_steps if self.spec is not None else None) or MAX_EPISODE_STEPS
+        # What gym.make gives to an environment no longer says it: TimeLimit, around it, counts the steps.
+        registered = None if self.spec is None else gym.registry.get(self.spec.id)
+        return (None if registered is None else registered.max_episode_steps) or MAX_EPISODE_STEPS
 
     @property
     def categories(self) -> tuple[str, ...]:

@@ -1,10 +1,11 @@
 """The reward of looking: terms by name, pure functions of what the agent's own senses have learned in a step."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
-from sbm_gym.robot.object_beliefs import BeliefUpdate
-from sbm_gym.robot.object_memory import MemoryUpdate
+if TYPE_CHECKING:
+    from sbm_gym.robot.object_beliefs import BeliefUpdate
+    from sbm_gym.robot.object_memory import MemoryUpdate
 
 Reward = Literal["views", "evidence"]
 """What is paid for: confirmed objects and new views of them, as in the thesis, or labels that may be expected to be
@@ -35,7 +36,7 @@ class RewardWeights:
     time, times the share of the views that are left."""
 
 
-def reward_terms(update: MemoryUpdate, collided: bool, weights: RewardWeights) -> dict[str, float]:
+def reward_terms(update: "MemoryUpdate", collided: bool, weights: RewardWeights) -> dict[str, float]:
     """All terms of one step by name; the reward is their sum, in this order."""
     new_views = weights.new_azimuth * update.num_new_azimuths
     return {
@@ -46,7 +47,9 @@ def reward_terms(update: MemoryUpdate, collided: bool, weights: RewardWeights) -
     }
 
 
-def evidence_terms(update: BeliefUpdate, collided: bool, views_left: float, weights: RewardWeights) -> dict[str, float]:
+def evidence_terms(
+    update: "BeliefUpdate", collided: bool, views_left: float, weights: RewardWeights
+) -> dict[str, float]:
     """All terms of one step by name with the reward ``evidence``; the reward is their sum, in this order.
 
     Args:

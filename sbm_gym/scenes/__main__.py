@@ -94,11 +94,12 @@ def _worlds(env_id: str) -> "str | WorldSource":
     import gymnasium as gym
 
     from labeling.core.errors import UsageError
+    from sbm_gym.named_env import registered_id
 
-    try:
-        return gym.spec(env_id).kwargs["worlds"]
-    except (gym.error.Error, KeyError) as error:
-        raise UsageError(f"unknown env {env_id!r}: {error}") from error
+    worlds = gym.spec(registered_id(env_id)).kwargs.get("worlds")
+    if worlds is None:
+        raise UsageError(f"env {env_id!r} has no scenes, as those of this project have")
+    return worlds
 
 
 def _build(source: "WorldSource", names: list[str], command: Build) -> None:

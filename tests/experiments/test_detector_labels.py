@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments.detector_labels import main
+from experiments.detector_labels import _figures, main
 from experiments.pages.detector_labels import page
-from labeling.evaluation.compare import FIGURES
+from labeling.evaluation.compare import FIGURES, figures
 from labeling.evaluation.detector_scores import score_episodes
 from labeling.io.episodes import write_episode
 
@@ -37,6 +37,22 @@ def test_detections_and_labels_are_scored_on_copies(tmp_path: Path) -> None:
     text = page(content)
     assert "`compact`" in text
     assert f"{100 * record['alone']['mask_ap50']:.1f}" in text
+    # Recorded again into the same folder: these episodes are looked at, not those of before.
+    anew = make_episode(7, num_views=2, size=(64, 64), num_objects=3, confident_share=2.0)
+    write_episode(rooms / "0000", replace(anew, metadata={"world": "rooms", "scene": "room/7", "detector": "drawn"}))
+    assert main(["compact", "--episodes", str(rooms), "--cache", str(cache), "--results", str(results)]) == 0
+    (changed,) = json.loads(results.read_text())["detectors"]
+    assert changed["scenes"] == ["room/1", "room/7"]
+    views = sorted(len(list((one / "0000" / "rgb").iterdir())) for one in (cache / "episodes").iterdir())
+    assert views == [2, 3]
+
+
+def test_what_is_undefined_stays_so() -> None:
+    undefined = _figures(figures([], [], []))
+    assert undefined["mask_ap50"] is None
+    record = {"detector": "x", "dataset": "d", "episodes": 1, "worlds": [], "scenes": ["a"]}
+    text = page({"detectors": [record | dict.fromkeys(("detections", "alone", "shared"), undefined)]})
+    assert "| - |" in text
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.evaluation.statistics import paired_record
 from agents.policies import registry
 from agents.policies.registry import make_policy
 from agents.ppo.config import PpoConfig
@@ -103,6 +104,14 @@ def test_what_unseen_starts_showed_is_kept(trained: Path, tmp_path: Path) -> Non
             "ring": {"return": 1.0, "above": {"mean": 2.0, "low": -0.5, "high": 4.5}},
         },
     }
+    few = paired_record([1.0, 2.0, 3.0], [0.0, 0.5, 0.0], ["a", "b", "c"])
+    assert few is not None
+    content["pairs"][f"ring minus {names[0]}"] = {"return": few}
+    (run / "unseen" / "evaluation.json").write_text(json.dumps(content))
+    shipped = ship_policy.unseen_returns(run)
+    assert shipped is not None
+    above = shipped["policies"]["ring"]["above"]
+    assert (above["mean"], above["low"], above["high"]) == (-few["mean"], None, None)
 
 
 @pytest.mark.slow

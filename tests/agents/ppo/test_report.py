@@ -18,12 +18,13 @@ from agents.policies.registry import make_policy
 from agents.ppo import report, training
 from agents.ppo.baselines import BASELINES
 from agents.ppo.config import PpoConfig
-from agents.ppo.envs import EnvConfig, make_env, validation_scenes
+from agents.ppo.envs import EnvConfig, make_env, training_scenes, validation_scenes
 from agents.ppo.report import Pace, commands, duration, plan, resident_bytes, table
 from agents.ppo.run_settings import resolve_settings
 from agents.ppo.training_state import Progress
 from agents.ppo.validation import validate
 from agents.rollouts.collect_config import CollectConfig
+from agents.rollouts.scene_shares import scenes_to_compare_in
 from labeling.core.errors import UsageError
 
 from ...sbm_gym.box_rooms import BoxRooms
@@ -268,6 +269,35 @@ def test_plans_of_runs_that_go_on_count_what_is_left(config):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("count", "train", "validate_in"), [(40, 30, 10), (41, 36, 20), (12, 8, 4)])
+def test_worlds_with_few_scenes_keep_some_to_compare_in(count, train, validate_in):
+    class Named(gym.Env):
+        scene_names = tuple(f"scene/{number}" for number in range(count))
+
+    env = Named()
+    with pytest.raises(UsageError, match=f"leave too few to compare policies in: there are {count} scenes"):
+        validation_scenes(env, EnvConfig("any", scenes=train, validation_scenes=validate_in))
+    compared = count // 4
+    fitting = EnvConfig("any", scenes=count - compared - 2, validation_scenes=2)
+    found = validation_scenes(env, fitting)
+    assert found == Named.scene_names[count - compared - 2 : count - compared]
+    assert not {*found, *training_scenes(env, fitting)} & set(scenes_to_compare_in("endless", Named.scene_names))
+
+
+def test_the_table_at_the_end_is_of_the_reward_that_was_trained_for(config):
+    for reward, paid in (("evidence", "evidence"), ("both", "views"), ("discovery", "views")):
+        asked = report.comparison(resolve_settings(replace(config, reward=reward)), 8, 1)
+        assert asked.reward == paid
+    difference = paired_record([1.0, 2.0], [0.0, 0.5], ["a", "a"])
+    figures = {"return": {"mean": 1.0, "low": None, "high": None, "difference": difference}}
+    for settings, title in (({"reward": "evidence"}, "return of evidence from 8"), ({}, "return from 8")):
+        content = {
+            "settings": {"episodes": 8, "scenes": ["a"], **settings},
+            "policies": {name: {"figures": figures} for name in range(2 + len(BASELINES))},
+        }
+        assert table(content, Progress()).startswith(title)
+
+
 def test_scenes_for_comparing_cannot_be_trained_in(config):
     with pytest.raises(UsageError, match="99500 or less together, not 99490 and 20"):
         resolve_settings(replace(config, scenes=99_490, validation_scenes=20))

@@ -1,6 +1,7 @@
 """Playing by the keyboard: what keys do, and a whole game without a screen."""
 
 import itertools
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from agents.play import main
 from agents.rollouts.keyboard import PictureWindow, keys_to_action
+from sbm_gym.env.fixation_env import FixationEnv
 
 OPPOSITES = ("ws", "ad", "qe", "rf")
 
@@ -66,7 +68,14 @@ def test_a_game_steps_as_keys_are_pressed_and_ends_with_escape(
     script = iter([[], [down("w")], [down("q")], [up("w"), up("q")], [], [ended]])
     monkeypatch.setattr(pygame.event, "get", lambda: next(script))
     actions: list[np.ndarray] = []
-    step = PictureWindow.step
+    step, reset = PictureWindow.step, FixationEnv.reset
+    seeds: list[int | None] = []
+
+    def noted(self: FixationEnv, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        seeds.append(seed)
+        return reset(self, seed=seed, options=options)
+
+    monkeypatch.setattr(FixationEnv, "reset", noted)
     monkeypatch.setattr(PictureWindow, "step", lambda self, action: (actions.append(action), step(self, action))[1])
     assert main(["--view", view, "--seed", "3", "--zoom", "0.5"]) == 0
     known = {frozenset(keys): action for keys, action in keys_to_action().items()}
@@ -75,3 +84,4 @@ def test_a_game_steps_as_keys_are_pressed_and_ends_with_escape(
     assert "keys: w/s" in said
     assert [line.split(":")[0] for line in said.splitlines() if line.startswith("step")] == ["step 1", "step 2"]
     assert next(script, None) is None
+    assert set(seeds) == {3}

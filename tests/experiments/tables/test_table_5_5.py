@@ -188,6 +188,21 @@ def test_targets_of_exact_masks_are_near_the_truth(tmp_path: Path) -> None:
     assert 0.5 < found["crate"]["single_view_iou"] <= 1.0
 
 
+@pytest.mark.slow
+def test_boxes_are_compared_with_objects_of_their_own_episode(tmp_path: Path) -> None:
+    for name in ("one", "other"):  # two homes whose objects have the same coordinates
+        write_episode(tmp_path / "data" / name, boxed_room(1, 12))
+    assert generate([str(tmp_path / "data"), "--out", str(tmp_path / "labels")]) == 0
+    path = tmp_path / "data" / "one" / "ground_truth.json"
+    content = json.loads(path.read_text())
+    for one in content["annotations"]:
+        del one["box_3d"]
+    path.write_text(json.dumps(content))
+    for figures_ in box_targets(tmp_path / "labels", sorted((tmp_path / "data").iterdir())).values():
+        assert figures_["objects"] % 2 == 0
+        assert figures_["reach_half"] == 0.5
+
+
 @pytest.mark.parametrize(
     ("sides", "turn_deg", "apart"),
     [((2.0, 1.0, 1.0), 30, 30), ((2.0, 1.0, 1.0), 90, 90), ((2.0, 1.0, 1.0), 180, 0), ((1.0, 1.0, 1.0), 90, 0)],

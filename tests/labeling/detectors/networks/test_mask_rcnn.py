@@ -186,8 +186,9 @@ def test_the_network_of_the_thesis_computes_the_same_wherever_it_comes_from(tmp_
     with torch.no_grad():  # so small that an epsilon would show
         for module in made.modules():
             if isinstance(module, torch.nn.BatchNorm2d):
-                module.running_var.fill_(1e-4)
-                module.weight.fill_(1e-2)
+                assert module.running_var is not None
+                torch.nn.init.constant_(module.running_var, 1e-4)
+                torch.nn.init.constant_(module.weight, 1e-2)
     save_network(tmp_path / "x.safetensors", made)
     x = torch.rand(1, 3, 64, 64)
     expected = load_network(tmp_path / "x.safetensors").eval().backbone(x)
