@@ -64,7 +64,13 @@ ROUND_COLUMNS = (
     ("test", "photographs_ap50"),
 )
 """Where the columns of a loop's table stand in the record of a round."""
-OTHER_SHARES = {"ap30": "AP30 of masks", "box_ap50": "AP50 of boxes", "box_ap30": "AP30 of boxes"}
+OTHER_SHARES = {
+    "ap30": "AP30 of masks",
+    "ap": "COCO's AP of masks",
+    "box_ap50": "AP50 of boxes",
+    "box_ap30": "AP30 of boxes",
+    "box_ap": "COCO's AP of boxes",
+}
 """Figures whose share of the gap stands beside that in AP50 of masks."""
 LABEL_NAMES = {"sbm": "SbM labels", "shared": "shared SbM labels"}
 """What the detector of pictures before and after was fine-tuned on."""

@@ -37,8 +37,8 @@ class Scores:
     pictures: int
     objects: int
     resampled: dict[str, list[float]] | None = None
-    """AP at .5 and .3 of masks and boxes when scenes are drawn again, draw by draw the same for all detectors; None
-    where this was not asked for, or there are too few scenes."""
+    """AP at .5 and .3 and COCO's AP of masks and boxes when scenes are drawn again, draw by draw the same for all
+    detectors; None where this was not asked for, or there are too few scenes."""
 
 
 def evaluate(
@@ -82,8 +82,9 @@ def _resampled(
         return None
     result = {}
     for kind in KINDS:
-        for threshold, draws in resampled_ap(found, truths, scenes, (0.5, 0.3), kind).items():
-            result[f"{kind}_ap{threshold * 100:.0f}"] = np.nan_to_num(draws).round(4).tolist()
+        draws = {at: np.nan_to_num(one) for at, one in resampled_ap(found, truths, scenes, THRESHOLDS, kind).items()}
+        figures = {"ap50": draws[0.5], "ap30": draws[0.3], "ap": np.mean([draws[at] for at in COCO_IOU_THRESHOLDS], 0)}
+        result |= {f"{kind}_{name}": one.round(4).tolist() for name, one in figures.items()}
     return result
 
 

@@ -195,7 +195,7 @@ def test_a_perfect_detector_scores_one_and_a_random_one_does_not(pictures):
     in_scenes = [replace(picture, scene=f"home {number % 4}") for number, picture in enumerate(pictures)]
     resampled = evaluate(Oracle(in_scenes), in_scenes, resample=True).resampled
     assert resampled is not None
-    assert set(resampled) == {"mask_ap50", "mask_ap30", "box_ap50", "box_ap30"}
+    assert set(resampled) == {f"{kind}_{figure}" for kind in ("mask", "box") for figure in ("ap", "ap30", "ap50")}
     assert all(len(draws) == RESAMPLES and min(draws) == 1.0 for draws in resampled.values())
     assert (scores.mask_ap50, scores.mask_ap30, scores.box_ap50, scores.box_ap30) == pytest.approx((1.0,) * 4)
     assert set(scores.per_class_ap50) == set(scores.per_class_ap30) == set(CATEGORIES)
