@@ -192,9 +192,9 @@ def print_table(before: "dict[str, Scores]", after: "dict[str, Scores]") -> None
     table = Table(title="AP in percent: before -> after", title_justify="left", title_style="bold")
     table.add_column("")
     table.add_column("category", overflow="fold")
-    for heading in ("mask\nAP50", "mask\nAP30", "box\nAP50", "box\nAP30"):
+    for heading in ("mask\nAP50", "mask\nAP30", "box\nAP50", "box around\nmask, AP50"):
         table.add_column(heading, justify="right", no_wrap=True)
-    figures = ("mask_ap50", "mask_ap30", "box_ap50", "box_ap30")
+    figures = ("mask_ap50", "mask_ap30", "own_box_ap50", "box_ap50")
     for name, old in before.items():
         new = after[name]
         cells = [_change(getattr(old, figure), getattr(new, figure)) for figure in figures]

@@ -157,27 +157,26 @@ def training_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
 
 
 def validation_scenes(env: gym.Env, config: EnvConfig) -> tuple[str, ...]:
-    """Names of the scenes to validate in, none of them trained in; none if the environment has none by name.
+    """Names of the scenes to validate in; none if the environment has none by name.
+
+    None of them is trained in, and none is one that policies are compared in: of a world that has few scenes they are
+    fewer than asked for.
 
     Raises:
-        UsageError: if all scenes that there are would be trained in, or one would be that policies are compared in.
+        UsageError: if training leaves none.
     """
     names = _scene_names(env)
-    if 0 < len(names) <= config.scenes:
-        where = "" if config.atlas is None else f" in {config.atlas}"
-        raise UsageError(
-            f"--scenes {config.scenes} leaves none to validate in: there are {len(names)} scenes{where}; give fewer"
-        )
-    learnt_from = names[: config.scenes + config.validation_scenes]
-    compared_in = set(scenes_to_compare_in(SHARED_SPLIT, names))
     # On an atlas few scenes have views, and policies are compared in the world itself.
-    if config.atlas is None and compared_in & set(learnt_from):
+    compared = 0 if config.atlas is not None or not names else len(scenes_to_compare_in(SHARED_SPLIT, names))
+    free = names[: len(names) - compared]
+    if names and len(free) <= config.scenes:
+        where = "" if config.atlas is None else f" in {config.atlas}"
+        kept = f", the last {compared} of which are for comparing policies" if compared else ""
         raise UsageError(
-            f"--scenes {config.scenes} and --validation-scenes {config.validation_scenes} leave too few to compare "
-            f"policies in: there are {len(names)} scenes, the last {len(compared_in)} of which are for that; give "
-            f"{len(names) - len(compared_in)} or less together"
+            f"--scenes {config.scenes} leaves none to validate in: there are {len(names)} scenes{where}{kept}; "
+            "give fewer"
         )
-    return learnt_from[config.scenes :]
+    return free[config.scenes : config.scenes + config.validation_scenes]
 
 
 def _scene_names(env: gym.Env) -> tuple[str, ...]:

@@ -28,14 +28,20 @@ def values(row: Mapping[str, Any], figure: str, category: str | None = None) -> 
 
     Args:
         row: of a result.
-        figure: "ap50" or "ap30" of masks, "box_ap50" or "box_ap30". Tables of before may lack those of boxes.
+        figure: "ap50", "ap30" or "ap" (COCO's) of masks; with "box_" before it of boxes around masks, with "own_box_"
+            of boxes that detectors give. Tables of before may lack those of boxes.
         category: None for the mean over all.
     """
-    mean = figure if figure.startswith("box_") else f"mask_{figure}"
+    mean = _name_of_mean(figure)
     found = [
         run.get(mean) if category is None else run.get(f"per_class_{figure}", {}).get(category) for run in row["runs"]
     ]
     return [100.0 * value for value in found if value is not None]
+
+
+def _name_of_mean(figure: str) -> str:
+    """What a figure is called where it is the mean over categories."""
+    return figure if "box_" in figure else f"mask_{figure}"
 
 
 def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[float]:
@@ -96,7 +102,7 @@ def share_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -
 
 def _gap_draws(content: Mapping[str, Any], gap: Gap, figure: str) -> Float[np.ndarray, "3 draws"] | None:
     """Figures of before, after and ceiling in points, means over seeds, by draw of scenes."""
-    name = figure if figure.startswith("box_") else f"mask_{figure}"
+    name = _name_of_mean(figure)
     rows: dict[str, list[list[float] | None]] = {
         one["name"]: [(run.get("resampled") or {}).get(name) for run in one["runs"]] for one in content["rows"]
     }

@@ -70,6 +70,8 @@ OTHER_SHARES = {
     "box_ap50": "AP50 of boxes",
     "box_ap30": "AP30 of boxes",
     "box_ap": "COCO's AP of boxes",
+    "own_box_ap50": "AP50 of boxes as detectors give them",
+    "own_box_ap": "COCO's AP of these",
 }
 """Figures whose share of the gap stands beside that in AP50 of masks."""
 LABEL_NAMES = {"sbm": "SbM labels", "shared": "shared SbM labels"}
@@ -170,6 +172,7 @@ def table_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
         "means": _means(name, content),
         "has_boxes": _has_boxes(content),
         "has_coco_ap": _has_coco_ap(content),
+        "has_own_boxes": _has_own_boxes(content),
         "gaps": [one for gap in content["gaps"] if (one := _gap(name, content, gap))],
         "above": [compare_categories(content, *pair) for pair in content.get("above", ())],
         "photographs": _on_photographs(content),
@@ -189,6 +192,8 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
             cells += [mean_std(values(row, figure)) for figure in ("box_ap50", "box_ap30")]
         if _has_coco_ap(content):
             cells += [mean_std(values(row, figure)) for figure in ("ap", "box_ap")]
+        if _has_own_boxes(content):
+            cells += [mean_std(values(row, figure)) for figure in ("own_box_ap50", "own_box_ap")]
         rows.append(cells)
     return rows
 
@@ -216,6 +221,11 @@ def _has_boxes_by_category(content: Mapping[str, Any]) -> bool:
 def _has_coco_ap(content: Mapping[str, Any]) -> bool:
     """Whether a table tells COCO's AP of its detectors; those of before do not."""
     return any(values(row, "ap") for row in content["rows"])
+
+
+def _has_own_boxes(content: Mapping[str, Any]) -> bool:
+    """Whether a table tells AP of boxes as detectors give them; those of before have boxes around masks alone."""
+    return any(values(row, "own_box_ap50") for row in content["rows"])
 
 
 def _gap(name: str, content: Mapping[str, Any], gap: Sequence[str]) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from experiments.cache.origin import MACHINES, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
-from experiments.tables.training_sets import PARTS, PER_CLASS, Student, Subset, TrainingSets
+from experiments.tables.training_sets import OF_DETECTORS, PARTS, PER_CLASS, Student, Subset, TrainingSets
 
 
 @dataclass(frozen=True)
@@ -117,13 +117,14 @@ def only(categories: Sequence[str], figures: dict[str, Any]) -> dict[str, Any]:
     Means over other categories are left out, and so is AP of boxes that was kept as a mean only, as it once was; what
     is no mean over categories of views stays.
     """
+    every = {**PER_CLASS, **OF_DETECTORS}
     of_each = {
         name: {category: figures[name][category] for category in categories if category in figures[name]}
-        for name in (*(f"per_class_{saved}" for saved in PER_CLASS.values()), "instances")
+        for name in (*(f"per_class_{saved}" for saved in every.values()), "instances")
         if name in figures
     }
     means = {}
-    for figure, saved in PER_CLASS.items():
+    for figure, saved in every.items():
         if f"per_class_{saved}" in of_each:
             known = [value for value in of_each[f"per_class_{saved}"].values() if value is not None]
             means[figure] = sum(known) / len(known) if known else None

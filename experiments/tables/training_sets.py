@@ -46,6 +46,8 @@ STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.
 """The thesis' own label settings for streets. Source: field notes."""
 PER_CLASS = {"mask_ap50": "ap50", "mask_ap30": "ap30", "box_ap50": "box_ap50", "box_ap30": "box_ap30"}
 """AP over all categories -> what its parts by category are called after ``per_class_``."""
+OF_DETECTORS = {"own_box_ap50": "own_box_ap50", "own_box_ap30": "own_box_ap30"}
+"""The same of figures that labels do not have."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from labeling.metrics.mask_ap import COCO_IOU_THRESHOLDS, average_precision
 from labeling.metrics.matching import Kind, MaskInstance
 from labeling.metrics.resampled_ap import MIN_SCENES, resampled_ap
 
-KINDS: tuple[Kind, ...] = ("mask", "box")
+KINDS: tuple[Kind, ...] = ("mask", "box", "own_box")
 THRESHOLDS = (0.3, *COCO_IOU_THRESHOLDS)
 
 
@@ -25,20 +25,27 @@ class Scores:
     mask_ap50: float | None
     mask_ap30: float | None
     box_ap50: float | None
+    """Of the tightest boxes around masks, as ``box_ap30`` and ``box_ap``; ``own_box_ap50`` and the like are of boxes as
+    the detector gives them, which is COCO's AP of boxes."""
     box_ap30: float | None
     mask_ap: float | None
     """Mean over the IoU thresholds .50, .55, ..., .95, COCO's main figure; so is ``box_ap``."""
     box_ap: float | None
+    own_box_ap50: float | None
+    own_box_ap30: float | None
+    own_box_ap: float | None
     per_class_ap50: dict[str, float | None]
     """Of masks, as ``per_class_ap30``."""
     per_class_ap30: dict[str, float | None]
     per_class_box_ap50: dict[str, float | None]
     per_class_box_ap30: dict[str, float | None]
+    per_class_own_box_ap50: dict[str, float | None]
+    per_class_own_box_ap30: dict[str, float | None]
     pictures: int
     objects: int
     resampled: dict[str, list[float]] | None = None
-    """AP at .5 and .3 and COCO's AP of masks and boxes when scenes are drawn again, draw by draw the same for all
-    detectors; None where this was not asked for, or there are too few scenes."""
+    """AP at .5 and .3 and COCO's AP of masks and both kinds of boxes when scenes are drawn again, draw by draw the same
+    for all detectors; None where this was not asked for, or there are too few scenes."""
 
 
 def evaluate(
@@ -56,18 +63,24 @@ def evaluate(
         resample: draw the scenes again, to tell how much figures hang on them.
     """
     truths, found = detect_all(detector, pictures, progress)
-    masks, boxes = (average_precision(found, truths, THRESHOLDS, kind) for kind in KINDS)
+    masks, boxes, own = (average_precision(found, truths, THRESHOLDS, kind) for kind in KINDS)
+    mask_ap, box_ap, own_box_ap = (mean_of([one.mean[at] for at in COCO_IOU_THRESHOLDS]) for one in (masks, boxes, own))
     return Scores(
-        mask_ap=mean_of([masks.mean[threshold] for threshold in COCO_IOU_THRESHOLDS]),
-        box_ap=mean_of([boxes.mean[threshold] for threshold in COCO_IOU_THRESHOLDS]),
+        mask_ap=mask_ap,
+        box_ap=box_ap,
+        own_box_ap=own_box_ap,
         mask_ap50=masks.mean[0.5],
         mask_ap30=masks.mean[0.3],
         box_ap50=boxes.mean[0.5],
         box_ap30=boxes.mean[0.3],
+        own_box_ap50=own.mean[0.5],
+        own_box_ap30=own.mean[0.3],
         per_class_ap50={name: ap[0.5] for name, ap in masks.per_class.items()},
         per_class_ap30={name: ap[0.3] for name, ap in masks.per_class.items()},
         per_class_box_ap50={name: ap[0.5] for name, ap in boxes.per_class.items()},
         per_class_box_ap30={name: ap[0.3] for name, ap in boxes.per_class.items()},
+        per_class_own_box_ap50={name: ap[0.5] for name, ap in own.per_class.items()},
+        per_class_own_box_ap30={name: ap[0.3] for name, ap in own.per_class.items()},
         pictures=len(pictures),
         objects=sum(not truth.ignore for truth in truths),
         resampled=_resampled(found, truths, pictures) if resample else None,
@@ -108,9 +121,12 @@ def detect_all(
         rgb = np.stack([pictures[index].rgb() for index in group])
         for index, detections in zip(group, detector.detect(rgb), strict=True):
             found.extend(
-                MaskInstance(index, category, encode_mask(mask), float(score))
-                for category, score, mask in zip(
-                    detections.categories, detections.scores, detections.masks, strict=True
+                MaskInstance(
+                    index, category, encode_mask(mask), float(score), box_xywh=(left, top, right - left, bottom - top)
+                )
+                for category, score, mask, (left, top, right, bottom) in zip(
+                    *(detections.categories, detections.scores, detections.masks, detections.boxes_xyxy.tolist()),
+                    strict=True,
                 )
                 if category in shared and mask.any()
             )

@@ -18,7 +18,7 @@ from hotcoco import mask as coco_mask
 from jaxtyping import Bool, Float
 
 from labeling.metrics.average_precision import AveragePrecision, all_point_area, check_ranking, summarise
-from labeling.metrics.matching import Kind, MaskInstance
+from labeling.metrics.matching import Kind, MaskInstance, boxes_of
 
 Interpolation = Literal["101-point", "all-point"]
 
@@ -64,7 +64,7 @@ def average_precision(
             sequence comes first.
         ground_truth: what there is to find.
         iou_thresholds: overlap from which on a prediction counts as right, each in (0, 1].
-        kind: compare masks, or the tightest boxes around them.
+        kind: what to compare.
         interpolation: "101-point" (COCO, the default) or "all-point" (the area under the monotone precision curve,
             Padilla et al.). Matching is COCO's in both.
 
@@ -130,7 +130,7 @@ def ranked_matches(
         predictions: as ``average_precision`` takes them.
         ground_truth: likewise.
         iou_thresholds: each in (0, 1].
-        kind: compare masks, or the tightest boxes around them.
+        kind: what to compare.
 
     Raises:
         ValueError: if a threshold lies outside (0, 1] or a confidence is not finite.
@@ -187,8 +187,8 @@ def _coco_evaluate(
         "images": [{"id": images[image], "width": sizes[image][1], "height": sizes[image][0]} for image in images],
         "categories": [{"id": number, "name": name} for name, number in ids.items()],
     }
-    truth = COCO({**header, "annotations": _records(ground_truth, images, ids)})
-    found = COCO({**header, "annotations": _records(predictions, images, ids, scored=True)})
+    truth = COCO({**header, "annotations": _records(ground_truth, images, ids, kind)})
+    found = COCO({**header, "annotations": _records(predictions, images, ids, kind, scored=True)})
     evaluation = COCOeval(truth, found, "segm" if kind == "mask" else "bbox")
     evaluation.params.iou_thrs = thresholds
     evaluation.params.max_dets = [MAX_DETECTIONS]
@@ -210,13 +210,13 @@ def _picture_sizes(items: Sequence[MaskInstance]) -> dict[Any, list[int]]:
 
 
 def _records(
-    items: Sequence[MaskInstance], images: dict[Any, int], ids: dict[str, int], scored: bool = False
+    items: Sequence[MaskInstance], images: dict[Any, int], ids: dict[str, int], kind: Kind, scored: bool = False
 ) -> list[dict]:
     """Instances as COCO annotations."""
     if not items:
         return []
     rles = [item.rle for item in items]
-    boxes, areas = coco_mask.to_bbox(rles).tolist(), coco_mask.area(rles).tolist()
+    boxes, areas = boxes_of(items, kind), coco_mask.area(rles).tolist()
     records = []
     for number, (item, box, area) in enumerate(zip(items, boxes, areas, strict=True), start=1):
         record = {

@@ -14,7 +14,9 @@ from labeling.core.rle import encode_mask
 from labeling.core.types import Detection, GroundTruth, PseudoLabel
 from labeling.metrics.average_precision import mean_of
 
-Kind = Literal["mask", "box"]
+Kind = Literal["mask", "box", "own_box"]
+"""What is compared: masks, the tightest boxes around them, or boxes as detectors give them (``MaskInstance.box_xywh``),
+which is COCO's AP of boxes."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class MaskInstance:
     """Ranks predictions; unused for ground truth."""
     ignore: bool = False
     """Ground truth only, COCO's iscrowd: neither rewarded nor punished."""
+    box_xywh: tuple[float, float, float, float] | None = None
+    """Left, top, width and height of the box that a detector gives beside the mask, pixels; None: the tightest one."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ def pairwise_iou(
     Args:
         predictions: p instances of one picture.
         ground_truth: g instances of the same picture; ``ignore`` is not looked at: this is plain IoU.
-        kind: compare masks, or the tightest boxes around them.
+        kind: what to compare.
     """
     if not predictions or not ground_truth:
         return np.zeros((len(predictions), len(ground_truth)))
@@ -100,8 +104,17 @@ def pairwise_iou(
     if kind == "mask":
         iou = coco_mask.iou(p, g, plain)
     else:
-        iou = coco_mask.bbox_iou(coco_mask.to_bbox(p), coco_mask.to_bbox(g), plain)
+        ours, theirs = (np.array(boxes_of(items, kind)) for items in (predictions, ground_truth))
+        iou = coco_mask.bbox_iou(ours, theirs, plain)
     return np.asarray(iou, float).reshape(len(p), len(g))
+
+
+def boxes_of(items: Sequence[MaskInstance], kind: Kind) -> list[list[float]]:
+    """Left, top, width and height of the box of each; the tightest around its mask but for an ``own_box`` it has."""
+    tight = coco_mask.to_bbox([item.rle for item in items]).tolist() if items else []
+    if kind != "own_box":
+        return tight
+    return [list(item.box_xywh) if item.box_xywh is not None else box for item, box in zip(items, tight, strict=True)]
 
 
 def assign(iou: Float[np.ndarray, "p g"]) -> list[tuple[int, int]]:

@@ -33,7 +33,7 @@ def resampled_ap(
         ground_truth: likewise.
         scenes: as ``resample_matches`` takes them.
         iou_thresholds: each in (0, 1].
-        kind: compare masks, or the tightest boxes around them.
+        kind: what to compare.
         resamples: how many draws.
         seed: of the draws.
 

@@ -118,7 +118,7 @@ INTERIORS = SceneNames(
         "val": {"val/00": SceneSeed((0, 2000), "flat")},
         "test": {"test/00": SceneSeed((0, 3000), "apartment"), "test/01": SceneSeed((0, 3001), "living_room")},
     },
-    # Nothing is trained or chosen on those of the wide and the final split. Earlier versions were looked at on the wide ones.
+    # Nothing is trained or chosen on those of the wide and the final split; the wide ones have been looked at.
     numbered={WIDE: range(100_000, 100_040), FINAL: range(200_000, 200_040), ENDLESS: range(100_000)},
     entropy=1,
 )

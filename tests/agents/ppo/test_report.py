@@ -269,19 +269,23 @@ def test_plans_of_runs_that_go_on_count_what_is_left(config):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "train", "validate_in"), [(40, 30, 10), (41, 36, 20), (12, 8, 4)])
+@pytest.mark.parametrize(("count", "train", "validate_in"), [(40, 28, 10), (41, 36, 20), (12, 8, 4), (12, 9, 1)])
 def test_worlds_with_few_scenes_keep_some_to_compare_in(count, train, validate_in):
     class Named(gym.Env):
         scene_names = tuple(f"scene/{number}" for number in range(count))
 
     env = Named()
-    with pytest.raises(UsageError, match=f"leave too few to compare policies in: there are {count} scenes"):
-        validation_scenes(env, EnvConfig("any", scenes=train, validation_scenes=validate_in))
     compared = count // 4
-    fitting = EnvConfig("any", scenes=count - compared - 2, validation_scenes=2)
-    found = validation_scenes(env, fitting)
-    assert found == Named.scene_names[count - compared - 2 : count - compared]
-    assert not {*found, *training_scenes(env, fitting)} & set(scenes_to_compare_in("endless", Named.scene_names))
+    asked = EnvConfig("any", scenes=train, validation_scenes=validate_in)
+    if train >= count - compared:
+        kept = f"there are {count} scenes, the last {compared} of which are for comparing"
+        with pytest.raises(UsageError, match=f"leaves none to validate in: {kept}"):
+            validation_scenes(env, asked)
+        asked = replace(asked, scenes=count - compared - 2)
+    found = validation_scenes(env, asked)
+    assert found == Named.scene_names[asked.scenes : min(asked.scenes + validate_in, count - compared)]
+    assert found
+    assert not {*found, *training_scenes(env, asked)} & set(scenes_to_compare_in("endless", Named.scene_names))
 
 
 def test_the_table_at_the_end_is_of_the_reward_that_was_trained_for(config):

@@ -27,6 +27,9 @@ def rectangle(top: int, left: int, height: int, width: int) -> dict:
     return encode_mask(mask)
 
 
+own_boxes = st.tuples(st.floats(0, 6), st.floats(0, 8), st.floats(0.5, 7), st.floats(0.5, 6))
+
+
 @st.composite
 def instances(draw, truth: bool, most: int = 9):
     """Rectangles in three pictures and three categories; confidences coarse enough to tie; some truths ignored."""
@@ -39,6 +42,7 @@ def instances(draw, truth: bool, most: int = 9):
             ),
             confidence=1.0 if truth else draw(st.integers(0, 5)) / 5,
             ignore=truth and draw(st.integers(0, 4)) == 0,
+            box_xywh=None if truth else draw(st.none() | own_boxes),
         )
         for _ in range(draw(st.integers(0, most)))
     ]
@@ -62,7 +66,7 @@ def precision_by_pycocotools(predictions, truths, thresholds, kind):
                 "image_id": item.image,
                 "category_id": names.index(item.category) + 1,
                 "segmentation": item.rle,
-                "bbox": coco_mask.toBbox(item.rle).tolist(),
+                "bbox": list((kind == "own_box" and item.box_xywh) or coco_mask.toBbox(item.rle).tolist()),
                 "area": int(coco_mask.area(item.rle)),
                 "iscrowd": int(item.ignore),
                 "score": item.confidence,
@@ -92,7 +96,7 @@ def precision_by_pycocotools(predictions, truths, thresholds, kind):
 
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
-@given(predictions_strategy, truths_strategy, st.sampled_from(["mask", "box"]))
+@given(predictions_strategy, truths_strategy, st.sampled_from(["mask", "box", "own_box"]))
 def test_average_precision_agrees_with_pycocotools(predictions, truths, kind):
     result = average_precision(predictions, truths, THRESHOLDS, kind)
     table, names = precision_by_pycocotools(predictions, truths, THRESHOLDS, kind)
@@ -239,6 +243,9 @@ def test_boxes_are_those_around_the_masks():
     a, b = MaskInstance(1, "chair", encode_mask(ring)), MaskInstance(1, "chair", encode_mask(square))
     assert pairwise_iou([a], [b], "box").item() == 1
     assert pairwise_iou([a], [b], "mask").item() == pytest.approx(16 / 25)
+    wider = replace(a, box_xywh=(0.0, 0.0, 10.0, 5.0))
+    assert pairwise_iou([wider], [b], "own_box").item() == pytest.approx(1 / 2)
+    assert pairwise_iou([wider], [b], "box").item() == pairwise_iou([a], [b], "own_box").item() == 1
 
 
 @given(st.integers(0, 4), st.integers(0, 4), st.integers(0, 2**32 - 1))

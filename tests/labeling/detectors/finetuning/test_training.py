@@ -20,7 +20,7 @@ from labeling.detectors.networks.mask_rcnn import build_from_imagenet, build_net
 from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.spec import Calibration, NetworkSpec
 from labeling.detectors.networks.weights import load_network
-from labeling.detectors.scoring import evaluate
+from labeling.detectors.scoring import KINDS, evaluate
 from labeling.metrics.matching import MaskInstance
 from labeling.metrics.resampled_ap import RESAMPLES
 from labeling.training.config import CHECKPOINT_FILE, HISTORY_FILE, WEIGHTS_FILE
@@ -195,16 +195,29 @@ def test_a_perfect_detector_scores_one_and_a_random_one_does_not(pictures):
     in_scenes = [replace(picture, scene=f"home {number % 4}") for number, picture in enumerate(pictures)]
     resampled = evaluate(Oracle(in_scenes), in_scenes, resample=True).resampled
     assert resampled is not None
-    assert set(resampled) == {f"{kind}_{figure}" for kind in ("mask", "box") for figure in ("ap", "ap30", "ap50")}
+    assert set(resampled) == {f"{kind}_{figure}" for kind in KINDS for figure in ("ap", "ap30", "ap50")}
     assert all(len(draws) == RESAMPLES and min(draws) == 1.0 for draws in resampled.values())
     assert (scores.mask_ap50, scores.mask_ap30, scores.box_ap50, scores.box_ap30) == pytest.approx((1.0,) * 4)
     assert set(scores.per_class_ap50) == set(scores.per_class_ap30) == set(CATEGORIES)
     assert scores.per_class_box_ap50 == scores.per_class_box_ap30 == dict.fromkeys(CATEGORIES, pytest.approx(1.0))
+    assert (scores.own_box_ap50, scores.own_box_ap) == pytest.approx((1.0,) * 2)
     assert (scores.pictures, scores.objects) == (4, 8)
     torch.manual_seed(0)
     guess = evaluate(NetworkDetector(build_network(SPEC), "guess"), pictures)
     assert guess.mask_ap50 is not None
     assert guess.mask_ap50 < 0.3
+
+
+def test_boxes_of_a_detector_are_scored_as_it_gives_them_and_as_its_masks_have_them(pictures):
+    class WideBoxes(Oracle):
+        def detect(self, rgb, depth_m=None):
+            found = super().detect(rgb)
+            return [replace(one, boxes_xyxy=one.boxes_xyxy + np.array([-60, -60, 60, 60], np.float32)) for one in found]
+
+    scores = evaluate(WideBoxes(pictures), pictures)
+    assert scores.box_ap50 == scores.mask_ap50 == pytest.approx(1.0)
+    assert scores.own_box_ap50 == scores.own_box_ap30 == 0.0
+    assert set(scores.per_class_own_box_ap50.values()) == {0.0}
 
 
 def test_calibration_recovers_the_temperature_that_outcomes_were_drawn_with():
