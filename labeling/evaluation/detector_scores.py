@@ -53,7 +53,7 @@ def score_episodes(
     names: set[str] = set()
     views = 0
     for folder in progress_bar(find_episodes(path, recording), "episode", desc="evaluating"):
-        episode = read_episode(folder, recording)
+        episode = read_episode(folder, recording, detections=detector is None)
         true, detections = episode.ground_truth, episode.detections
         if true is None:
             raise UsageError(f"{folder}: has no ground_truth.json to compare with")
