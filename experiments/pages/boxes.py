@@ -9,7 +9,6 @@ from experiments.figures.result_values import BOXES_3D, ratio_to_ceiling
 from experiments.pages.markdown import mean_std, table
 from experiments.tables.table_5_5 import CEILING, LDLS, OURS, SHARED, TUNED
 
-PICTURE = "results_table_5_5.png"
 MASK_SOURCES = {"recorded": "of the pre-trained detector", "told": "true ones"}
 """Where the 2-D detections come from that are lifted, as results name it and as the page does."""
 TARGETS = {
@@ -26,13 +25,12 @@ def boxes_section(content: Mapping[str, Any], pictured: Sequence[str]) -> dict[s
     """What the page tells of 3-D boxes.
 
     Args:
-        content: of ``table_5_5.json``.
+        content: of ``table_5_5.json`` or of ``table_5_5_rooms.json``.
         pictured: worlds of which there are pictures of boxes in views.
     """
     return {
         **content,
         "worlds": [_world(name, found) for name, found in content["worlds"].items()],
-        "picture": PICTURE,
         "pictured": pictured,
         "has_intervals": any(
             run.get("resampled") for found in content["worlds"].values() for row in found["rows"] for run in row["runs"]
@@ -63,7 +61,7 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
         "shares": [one for source in MASK_SOURCES for one in _shares(found["rows"], source)],
         "categories": [_by_category(of_truth, at, counts) for at in ("ap25", "ap50")],
         "ranges": table(["AP25 by distance", *ranges], by_range),
-        "box_targets": {row: _targets(of_seeds) for row, of_seeds in found["targets"].items()},
+        "box_targets": {row: _targets(of_seeds) for row, of_seeds in found.get("targets", {}).items()},
     }
 
 

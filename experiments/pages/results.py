@@ -21,7 +21,6 @@ from experiments.figures.result_values import (
     values,
 )
 from experiments.pages.boxes import MASK_SOURCES, boxes_section
-from experiments.pages.boxes import PICTURE as BOXES_PICTURE
 from experiments.pages.markdown import Pictures, mean_std, plural, points, read_result, render, table
 from experiments.pages.origin import origins
 from experiments.pages.summary import summary_table
@@ -52,7 +51,10 @@ LOOPS = {
     "never_ending": "The never-ending loop: rooms",
     "never_ending_streets": "The never-ending loop: streets",
 }
-BOXES, BOXES_TITLE = "table_5_5", "Table 5.5: boxes in three dimensions"
+BOXES = {
+    "table_5_5": "Table 5.5: boxes in three dimensions",
+    "table_5_5_rooms": "Table 5.5 in rooms",
+}
 PRESETS = "rooms: labels of each preset, and detectors fine-tuned on them, in 40 unseen interiors"
 FEW_INSTANCES = 10
 """Figures of a category with fewer instances say little. Source: thesis 5.1."""
@@ -95,8 +97,8 @@ def compose(results: Path) -> tuple[str, Pictures]:
 
     contents, pictures = read_results(results), {}
     for name, content in contents.items():
-        if name == BOXES:
-            pictures[BOXES_PICTURE] = partial(draw_boxes_3d, content, MASK_SOURCES)
+        if name in BOXES:
+            pictures[picture_name(name)] = partial(draw_boxes_3d, content, MASK_SOURCES)
         elif name in LOOPS:
             pictures[picture_name(name)] = partial(draw_loop, content)
         elif name in TITLES:
@@ -110,7 +112,7 @@ def read_results(results: Path) -> dict[str, dict[str, Any]]:
     Raises:
         SbmError: if there are no tables and no loops, or a file is damaged.
     """
-    files = [*TITLES, *LOOPS, BOXES]
+    files = [*TITLES, *LOOPS, *BOXES]
     pictures = [f"{kind}_{world}" for kind in ("before_after", "boxes") for world in WORLDS]
     read = {name: read_result(results / f"{name}.json") for name in (*files, *pictures)}
     found = {name: content for name, content in read.items() if content is not None}
@@ -136,15 +138,14 @@ def page(contents: Contents) -> str:
     from experiments.figures.before_after import CONFIDENT, MIN_IOU
 
     pictured = [world for world in WORLDS if f"boxes_{world}" in contents]
-    made = origins(contents, {**TITLES, **LOOPS, BOXES: BOXES_TITLE})
+    made = origins(contents, {**TITLES, **LOOPS, **BOXES})
     before_after = {world: contents.get(f"before_after_{world}") for world in WORLDS}
     return render(
         "results.md.jinja",
         made=made,
         summary=summary_table(contents),
         tables={name: _section(name, title, contents, table_section) for name, title in TITLES.items()},
-        boxes=boxes_section(contents[BOXES], pictured) if BOXES in contents else None,
-        boxes_title=BOXES_TITLE,
+        boxes={name: _boxes(name, title, contents, pictured) for name, title in BOXES.items()},
         before_after={world: record for world, record in before_after.items() if record},
         loops={name: _section(name, title, contents, loop_section) for name, title in LOOPS.items()},
         label_names=LABEL_NAMES,
@@ -157,6 +158,12 @@ def page(contents: Contents) -> str:
 def _section(name: str, title: str, contents: Contents, section: Any) -> dict[str, Any]:
     content = contents.get(name)
     found = {} if content is None else {**section(name, content), "picture": picture_name(name)}
+    return {"title": title, "content": content, **found}
+
+
+def _boxes(name: str, title: str, contents: Contents, pictured: Sequence[str]) -> dict[str, Any]:
+    content = contents.get(name)
+    found = {} if content is None else {**boxes_section(content, pictured), "picture": picture_name(name)}
     return {"title": title, "content": content, **found}
 
 
