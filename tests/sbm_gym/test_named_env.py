@@ -53,7 +53,7 @@ def test_commands_know_a_world_of_ones_own_by_its_module(module, capsys):
     [
         ("CartPole-v1", "'CartPole-v1' has no scenes"),
         ("no_such_module:Foo-v0", "cannot import 'no_such_module'"),
-        ("sbm_gym/Moon-v0", "unknown env 'sbm_gym/Moon-v0'; known: sbm_gym/Indoor-v0"),
+        ("sbm_gym/Moon-v0", "unknown env 'sbm_gym/Moon-v0'; known: sbm_gym/"),
     ],
 )
 def test_what_is_no_world_is_one_line_of_every_command(env_id, says, tmp_path, capsys):
