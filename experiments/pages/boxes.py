@@ -61,7 +61,7 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
         "shares": [one for source in MASK_SOURCES for one in _shares(found["rows"], source)],
         "categories": [_by_category(of_truth, at, counts) for at in ("ap25", "ap50")],
         "ranges": table(["AP25 by distance", *ranges], by_range),
-        "box_targets": {row: _targets(of_seeds) for row, of_seeds in found.get("targets", {}).items()},
+        "box_targets": {row: _targets(of_seeds) for row, of_seeds in found["targets"].items()},
     }
 
 
