@@ -94,7 +94,7 @@ def _worlds(env_id: str) -> "str | WorldSource":
     import gymnasium as gym
 
     from labeling.core.errors import UsageError
-    from sbm_gym.named_env import registered_id
+    from sbm_gym.scenes.env_names import registered_id
 
     worlds = gym.spec(registered_id(env_id)).kwargs.get("worlds")
     if worlds is None:

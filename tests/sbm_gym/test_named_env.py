@@ -9,8 +9,9 @@ import pytest
 from labeling.core.errors import UsageError
 from sbm_gym import ENV_IDS, build_atlas, fit_simulated
 from sbm_gym.env.fixation_env import FixationEnv
-from sbm_gym.named_env import make_env, registered_id
+from sbm_gym.named_env import make_env
 from sbm_gym.scenes.__main__ import main as scenes
+from sbm_gym.scenes.env_names import registered_id
 from sbm_gym.scenes.world_sources import WORLDS
 
 from .box_rooms import BoxRooms

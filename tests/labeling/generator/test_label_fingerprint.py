@@ -42,12 +42,13 @@ NOT_LABELLING = (
     "labeling/runtime/interrupts.py",
     "labeling/runtime/named_option.py",
     "labeling/runtime/progress.py",
+    "labeling/runtime/run_folder.py",
     "labeling/generator/label_writer.py",
     "labeling/generator/settings/presets.py",
     "labeling/io/label_set.py",
 )
 """Of the command, without a say in the labels of an episode: label_writer writes them anew every time, label_set says
-what a finished set holds."""
+what a finished set holds, run_folder where one may lie."""
 GIVEN = {"source_fingerprint", "find_episodes"}
 """What the command asks of the episodes before: which there are, and what masks are made of, is digested by itself."""
 
