@@ -9,6 +9,8 @@ from labeling.core.errors import SbmError
 from labeling.evaluation.compare import FIGURES
 
 PAGE = "detector-labels.md"
+OF_LABELS = ("detector_labels.json",)
+"""Files of results whose figures depend on labels."""
 WHAT = {"detections": "what it finds", "alone": "labels, each episode alone", "shared": "labels, shared by a scene"}
 
 

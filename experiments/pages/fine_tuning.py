@@ -13,6 +13,8 @@ from experiments.tables.training_sets import TRUTH
 from labeling.core.errors import SbmError
 
 RESULTS, PAGE, PICTURE = ("fine_tuning.json", "fine_tuning_streets.json"), "fine-tuning.md", "fine_tuning.png"
+OF_LABELS = RESULTS
+"""Files of results whose figures depend on labels."""
 TEACHERS = {
     LABELS: "labels",
     WITHOUT_FALSE: "labels, no false ones",

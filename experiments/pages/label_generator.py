@@ -12,6 +12,8 @@ from labeling.generator.settings.label_config import LabelConfig
 from labeling.metrics.bootstrap import significant_sign
 
 PAGE, PICTURE = "label-generator.md", "label_ablation.png"
+OF_LABELS = ("label_ablation.json", "label_modes.json")
+"""Files of results whose figures depend on labels."""
 POOLS = {"rooms_train": "rooms", "rooms_val": "rooms, val", "streets_train": "streets", "streets_val": "streets, val"}
 CHOSEN_ON = "rooms_train"
 DIFFERENCES = {"mean_iou": "mean IoU", "mask_ap50": "AP50"}
@@ -76,10 +78,10 @@ def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mea
     if significant_sign(known[best]) > 0:
         said = f"In training rooms “{best}” is better ({gain} points of mean IoU)"
     elif known[best]["mean"] > 0:
-        said = f"No variant is significantly better (best: “{best}”, {gain})"
+        said = f"No variant is significantly better (highest: “{best}”, {gain})"
     else:
-        said = f"No variant is better (best: “{best}”, {gain})"
-    return said + (f"; worst: “{worst}” ({_difference(known[worst])})." if worst != best else ".")
+        said = f"None is better (nearest: “{best}”, {gain})"
+    return said + (f"; lowest: “{worst}” ({_difference(known[worst])})." if worst != best else ".")
 
 
 def _differences(variants: Sequence[Mapping[str, Any]], pools: Sequence[str], base: Mapping[str, Any]) -> str:

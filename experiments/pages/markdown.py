@@ -49,7 +49,8 @@ def write_page(name: str, results: Path, docs: Path) -> list[Path]:
 
     Args:
         name: module of ``experiments.pages``: ``PAGE`` is its file name, and ``compose(results)`` gives its text and,
-            by file name, what draws each picture into a file.
+            by file name, what draws each picture into a file. ``OF_LABELS``, where it has that, names the files of
+            results whose figures depend on labels: the page ends with where they come from.
         results: folder with the results of experiments.
         docs: folder for the page.
 
@@ -59,10 +60,13 @@ def write_page(name: str, results: Path, docs: Path) -> list[Path]:
     Raises:
         SbmError: if there are no results for the page.
     """
+    from experiments.pages.origin import section_of_origins
     from labeling.formats.atomic import atomic_file
 
     module = import_module(f"experiments.pages.{name}")
     text, pictures = module.compose(results)
+    if of_labels := getattr(module, "OF_LABELS", ()):
+        text += "\n" + section_of_origins(results, of_labels)
     for picture, draw in pictures.items():
         with atomic_file(docs / PICTURES / picture) as temporary:
             draw(temporary)

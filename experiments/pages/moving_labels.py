@@ -9,6 +9,8 @@ from experiments.pages.markdown import Pictures, interval, points, read_result, 
 from labeling.core.errors import SbmError
 
 PAGE = "moving-labels.md"
+OF_LABELS = ("moving_labels.json",)
+"""Files of results whose figures depend on labels."""
 
 
 def compose(results: Path) -> tuple[str, Pictures]:

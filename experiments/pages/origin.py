@@ -1,6 +1,7 @@
 """When and where results were made, and which are of an earlier label generator than others."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON
@@ -8,30 +9,45 @@ from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON
 COMMIT_DIGITS = 7
 DAY = len("2026-11-26")
 """Characters of a time that say the day."""
+EARLIER = "**An earlier label generator than that of the latest results; made anew, these figures may differ.**"
 
 
-def origins(contents: Mapping[str, Mapping[str, Any]], titles: Mapping[str, str]) -> dict[str, str]:
-    """Of each file of results: when it was made, where its networks were trained, and whether a later label generator
+def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | None = None) -> dict[str, str]:
+    """Of files of results: when each was made, where its networks were trained, and whether a later label generator
     made others.
 
     Args:
         contents: of the files, by name.
-        titles: what their sections are called; only these count.
+        named: which to tell of; None tells of all.
     """
-    known = {name: content for name, content in contents.items() if name in titles}
-    newest = _newest(known)
-    found, earlier = {}, of_earlier_generator(known)
-    for name, content in known.items():
+    found, earlier = {}, of_earlier_generator(contents)
+    for name in contents if named is None else named:
+        content = contents[name]
         commit = (content.get("git_commit") or "unknown")[:COMMIT_DIGITS]
         when = f"on {content[MADE_ON][:DAY]}, " if MADE_ON in content else ""
         sentence = f"Made {when}at commit {commit}."
         if content.get(MACHINES):
             sentence += f" Trained on {', '.join(content[MACHINES])}."
-        if newest is not None and name in earlier:
-            later = titles[newest]
-            sentence += f" **\u201c{later}\u201d is of a later label generator: made anew, these figures may differ.**"
-        found[name] = sentence
+        found[name] = sentence + (f" {EARLIER}" if name in earlier else "")
     return found
+
+
+def section_of_origins(results: Path, names: Iterable[str]) -> str:
+    """The section of a page that says where its figures come from.
+
+    Args:
+        results: folder with the results of experiments, all of which say what the latest label generator is.
+        names: of the files whose figures are of labels; those that are not there are passed over.
+
+    Raises:
+        SbmError: if a file is damaged.
+    """
+    from experiments.pages.markdown import read_result
+
+    contents = {file.name: read_result(file) or {} for file in sorted(results.glob("*.json"))}
+    told = origins(contents, [name for name in names if name in contents])
+    lines = [f"- `{name}`: {sentence}" for name, sentence in told.items()]
+    return "\n".join(["## Where these figures come from", "", *lines]) + "\n"
 
 
 def of_earlier_generator(contents: Mapping[str, Mapping[str, Any]]) -> set[str]:
@@ -43,5 +59,5 @@ def of_earlier_generator(contents: Mapping[str, Mapping[str, Any]]) -> set[str]:
 
 
 def _newest(contents: Mapping[str, Mapping[str, Any]]) -> str | None:
-    dated = [name for name, content in contents.items() if MADE_ON in content]
+    dated = [name for name, content in contents.items() if MADE_ON in content and GENERATOR in content]
     return max(dated, key=lambda name: contents[name][MADE_ON], default=None)

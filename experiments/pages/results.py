@@ -138,7 +138,7 @@ def page(contents: Contents) -> str:
     from experiments.figures.before_after import CONFIDENT, MIN_IOU
 
     pictured = [world for world in WORLDS if f"boxes_{world}" in contents]
-    made = origins(contents, {**TITLES, **LOOPS, **BOXES})
+    made = origins(contents)
     before_after = {world: contents.get(f"before_after_{world}") for world in WORLDS}
     return render(
         "results.md.jinja",

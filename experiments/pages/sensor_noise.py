@@ -9,6 +9,8 @@ from experiments.pages.markdown import Pictures, interval, points, read_result, 
 from labeling.core.errors import SbmError
 
 PAGE, PICTURE = "sensor-noise.md", "sensor_noise.png"
+OF_LABELS = ("noise.json",)
+"""Files of results whose figures depend on labels."""
 FIGURES = {"mean_iou": "mean IoU", "mask_ap50": "mask AP50", "box_ap50": "box AP50"}
 
 

@@ -112,7 +112,7 @@ class FixationEnv(gym.Env, EzPickle):
       scenes, and furnish final ones from them alone, so that testing is on models never seen in training. Only with a
       name as `worlds`.
     - `detector`: "simulated", "simulated_weak" (as seldom sure as a small real one, some episodes more, some less),
-      "simulated:compact" (in rooms: fitted to what `compact` says), a `SimulatedDetectorConfig`, or a real one by a
+      "simulated:compact" (fitted to what `compact` says), a `SimulatedDetectorConfig`, or a real one by a
       name that `labeling.detectors.registry` knows ("compact", the folder of a fine-tuning run, ...). At every step a
       simulated one looks at the picture of the observation, a real one at a picture of `detector_size` with smooth
       edges; captures run it on the captured picture.

@@ -12,6 +12,8 @@ from experiments.pages.markdown import Pictures, mean_std, read_result, render, 
 from labeling.core.errors import SbmError
 
 PAGE, VIEWS_PICTURE, LABELS_PICTURE = "memory-boxes.md", "memory_boxes.png", "label_fraction.png"
+OF_LABELS = ("memory_boxes.json",)
+"""Files of results whose figures depend on labels."""
 FIGURES = {"ap25": "AP .25", "ap50": "AP .5"}
 KINDS = ("all", "shown")
 TURNS_DEG = (0, 10, 20, 30, 180)

@@ -18,6 +18,8 @@ WIDE = "policy_evaluation_wide.json"
 TEACHING = ("policies.json", "policies_streets.json")
 ABLATION = "reward_ablation.json"
 BOUND = "policy_bound.json"
+OF_LABELS = (*EVALUATION, BOUND, *TEACHING)
+"""Files of results whose figures depend on labels."""
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
 SPLITS = {"train": "training", "val": "validation", "test": "test", "wide": "wide", "endless": "unseen endless"}

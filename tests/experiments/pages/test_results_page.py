@@ -19,7 +19,7 @@ from experiments.figures.result_values import (
 )
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
-from experiments.pages.origin import origins
+from experiments.pages.origin import EARLIER, origins, section_of_origins
 from experiments.pages.results import PAGE, compare_categories, loop_trend, page, read_results
 from labeling.core.errors import SbmError
 
@@ -295,7 +295,6 @@ def test_what_presets_teach_is_read_from_their_own_experiment(tmp_path: Path) ->
 
 
 def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> None:
-    titles = {"a": "Table A", "b": "Table B", "c": "Table C"}
     contents = {
         "a": {"made_on": "2026-11-20", "label_generator": "old", "git_commit": "0123456789"},
         "b": {
@@ -305,16 +304,29 @@ def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> Non
             "machines": ["cpu (PyTorch 2.0)", "some GPU (PyTorch 2.1)"],
         },
         "c": {"git_commit": None},
-        "picture": {"made_on": "2026-11-30", "label_generator": "newest"},  # which has no section
+        "training": {"made_on": "2026-11-30", "git_commit": None},  # which makes no labels
     }
-    found = origins(contents, titles)
+    found = origins(contents, ("a", "b", "c"))
+    assert list(found) == ["a", "b", "c"]
     assert found["b"] == (
         "Made on 2026-11-22, at commit abcdefa. Trained on cpu (PyTorch 2.0), some GPU (PyTorch 2.1)."
     )
-    assert found["a"].startswith("Made on 2026-11-20, at commit 0123456. **\u201cTable B\u201d is of a later label")
-    assert found["c"].startswith("Made at commit unknown. **\u201cTable B\u201d is of a later label")
+    assert found["a"].startswith("Made on 2026-11-20, at commit 0123456. **An earlier label generator")
+    assert found["c"].startswith("Made at commit unknown. **An earlier label generator")
     same = {name: {**content, "label_generator": "new"} for name, content in contents.items()}
-    assert not any("later" in sentence for sentence in origins(same, titles).values())
+    assert not any("earlier" in sentence for sentence in origins(same).values())
     text = page({"table_5_3": {**table(), "made_on": "2026-11-20", "label_generator": "old"}})
     assert "Made on 2026-11-20" in text
-    assert "later label generator" not in text  # there is none to compare it with
+    assert EARLIER not in text  # there is none to compare it with
+
+
+def test_a_page_ends_with_where_its_figures_come_from(tmp_path: Path) -> None:
+    for name, digest, day in (("noise.json", "old", "20"), ("policies.json", "new", "22")):
+        content = {"made_on": f"2026-11-{day}", "label_generator": digest, "git_commit": "0123456789"}
+        (tmp_path / name).write_text(json.dumps(content))
+    assert section_of_origins(tmp_path, ("noise.json", "policies.json", "missing.json")).splitlines() == [
+        "## Where these figures come from",
+        "",
+        f"- `noise.json`: Made on 2026-11-20, at commit 0123456. {EARLIER}",
+        "- `policies.json`: Made on 2026-11-22, at commit 0123456.",
+    ]
