@@ -8,7 +8,7 @@ from typing import Any
 from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
-from labeling.runtime.ranges import Count, check_ranges
+from labeling.runtime.ranges import Count, NonNegative, check_ranges
 
 THRESHOLDS = (0.05, 0.5, 0.9)
 """Confidences at which the page tells how often the real and the fitted detector reach them."""
@@ -32,7 +32,7 @@ class FitConfig:
     """Number of scenes, of the endless split."""
     places: Count = 500
     """Number of places in all; three views are taken at each."""
-    seed: int = 0
+    seed: NonNegative[int] = 0
     """Decides places and headings."""
     out: Path = Path("sbm_gym/detection/fitted")
     """Folder for the settings; the file is named for the detector and the kind of world."""

@@ -34,3 +34,5 @@ def make_env(env_id: str, split: str, detector: str, **settings: Any) -> "gym.En
         raise UsageError(
             f"env {env_id!r} has no scenes and no detector, as those of this project: {', '.join(known_ids())}"
         ) from None
+    except (ImportError, gym.error.Error) as error:
+        raise UsageError(f"env {env_id!r}: cannot be made ({error})") from None

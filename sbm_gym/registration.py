@@ -76,16 +76,18 @@ def register_world(
         The env's id.
 
     Raises:
-        UsageError: if a split is unknown, there is no scene, or the name belongs to a kind of world that comes with
-            sbm_gym.
+        UsageError: if a split is unknown or empty, or the name cannot stand in an id or belongs to a kind of world
+            that comes with sbm_gym.
     """
     from labeling.core.errors import UsageError
     from sbm_gym.scenes.profiles import INDOOR
-    from sbm_gym.scenes.world_sources import WORLDS, NamedWorlds
+    from sbm_gym.scenes.world_sources import OWN_NAME, SHIPPED, WORLDS, NamedWorlds
 
     env_id = f"sbm_gym/{name}-v0"
-    if ENV_IDS.get(env_id, {"worlds": name}) != {"worlds": name}:
-        raise UsageError(f"{env_id} comes with sbm_gym; give your world another name than {name!r}")
+    if not OWN_NAME.fullmatch(name):
+        raise UsageError(f"a world's name has letters, digits, '_', '-' and '.' only, such as Arena; not {name!r}")
+    if name in SHIPPED or ENV_IDS.get(env_id, {"worlds": name}) != {"worlds": name}:
+        raise UsageError(f"{name!r} comes with sbm_gym; give your world another name")
     source = NamedWorlds(build, splits, profile or INDOOR)
     WORLDS[name] = lambda unseen_models: source
     ENV_IDS[env_id] = {"worlds": name}

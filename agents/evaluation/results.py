@@ -1,11 +1,10 @@
 """Results of episodes on disk: one JSON file for each policy, seed, episode and draw."""
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
-from agents.policies.registry import checkpoint_of
+from agents.policies.registry import policy_digest
 from agents.rollouts.run_episode import EpisodeSpec
 from labeling.core.errors import UsageError
 from labeling.formats.atomic import write_json
@@ -24,15 +23,8 @@ def policy_key(policy: str, env_id: str) -> str:
     Raises:
         UsageError: if its checkpoint is missing.
     """
-    checkpoint = checkpoint_of(policy, env_id)
-    if checkpoint is None:
-        return policy.replace(":", "-")
-    from agents.network.checkpoint import checkpoint_folder
-
-    found = hashlib.sha256()
-    for file in sorted(path for path in checkpoint_folder(checkpoint).iterdir() if path.is_file()):
-        found.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
-    return f"ppo-{found.hexdigest()[:12]}"
+    digest = policy_digest(policy, env_id)
+    return f"ppo-{digest[:12]}" if digest else policy.replace(":", "-")
 
 
 def result_path(out: Path, key: str, spec: EpisodeSpec) -> Path:
@@ -65,6 +57,7 @@ def read_result(path: Path) -> dict[str, Any]:
         content = json.loads(regular(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: cannot be read ({error}); delete it to have it made again") from None
-    if not isinstance(content, dict):
+    parts = {"scene": str, "figures": dict, "steps": list}
+    if not isinstance(content, dict) or not all(isinstance(content.get(name), kind) for name, kind in parts.items()):
         raise UsageError(f"{path}: is not a result; delete it to have it made again")
     return content

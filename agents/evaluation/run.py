@@ -33,6 +33,7 @@ from labeling.runtime.process_pool import PerProcess
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from labeling.runtime.threads import one_network_thread
+from sbm_gym.env.view_detectors import digest_of_detector
 from sbm_gym.named_env import make_env
 
 RESULT_FILE, PLOT_FILE, PICTURES_FOLDER = "evaluation.json", "evaluation.png", "pictures"
@@ -69,11 +70,15 @@ def evaluate_policies(
         settings = {name: getattr(config, name) for name in DECISIVE_SETTINGS}
         if config.labels:
             settings["views"] = list(config.label_views)
+        weights = {"detector_digest": digest_of_detector(config.detector)}  # one name may come to stand for others
         claim_run_folder(
             config.out,
             SETTINGS_FILE,
-            {"settings": settings},
-            lambda content: as_options({**EARLIER_DEFAULTS, **content["settings"]}),
+            {"settings": settings, "weights": weights},
+            lambda content: {
+                **as_options({**EARLIER_DEFAULTS, **content["settings"]}),
+                **{**weights, **content.get("weights", {})},
+            },
         )
         if reuse is not None and not config.labels:
             copy_results(reuse, config.out)

@@ -1,7 +1,9 @@
 """Policies by name."""
 
+import hashlib
 import importlib
 import re
+from inspect import signature
 from pathlib import Path
 
 from agents.policies.base import Policy
@@ -54,7 +56,12 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
         raise UsageError(
             f"unknown policy {name!r}; known: {', '.join((*POLICIES, *TRAINED))}, ppo:CHECKPOINT, package.module:Class"
         )
-    return _policy_class(POLICIES.get(name, name))()
+    policy = _policy_class(POLICIES.get(name, name))
+    try:
+        signature(policy).bind()
+    except TypeError as error:
+        raise UsageError(f"policy {name!r}: must be made without arguments ({error}); give them defaults") from None
+    return policy()
 
 
 def _policy_class(entry_point: str) -> type[Policy]:
@@ -66,7 +73,7 @@ def _policy_class(entry_point: str) -> type[Policy]:
     module, _, name = entry_point.partition(":")
     try:
         found = getattr(importlib.import_module(module), name)
-    except (ImportError, ValueError, AttributeError) as error:
+    except (ImportError, ValueError, TypeError, AttributeError) as error:
         raise UsageError(f"policy {entry_point!r}: cannot be imported ({error})") from None
     if not isinstance(found, type) or not all(hasattr(found, method) for method in ("reset", "act")):
         raise UsageError(f"policy {entry_point!r}: must be a class with reset and act, as agents.policies.base.Policy")
@@ -102,3 +109,20 @@ def checkpoint_of(name: str, env_id: str | None = None) -> Path | None:
             f"{', '.join(shipped) or 'none'}); train one with python -m agents.train and give ppo:CHECKPOINT"
         )
     return folder
+
+
+def policy_digest(name: str, env_id: str | None = None) -> str:
+    """Changes with what the checkpoint of a trained policy holds; empty if the policy is not a trained one.
+
+    Raises:
+        UsageError: if its checkpoint is missing.
+    """
+    checkpoint = checkpoint_of(name, env_id)
+    if checkpoint is None:
+        return ""
+    from agents.network.checkpoint import checkpoint_folder
+
+    found = hashlib.sha256()
+    for file in sorted(path for path in checkpoint_folder(checkpoint).iterdir() if path.is_file()):
+        found.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+    return found.hexdigest()

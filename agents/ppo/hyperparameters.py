@@ -131,6 +131,14 @@ def checked_hyperparameters(entry: Mapping[Any, Any], source: str) -> Hyperparam
     normalize = values["normalize"] = NORMALIZE | values.get("normalize", {})
     if normalize["norm_obs"] or not normalize.keys() <= {*NORMALIZE, "clip_reward"}:
         raise UsageError(f"{source}: normalize may hold norm_reward and clip_reward; observations are scaled already")
+    clip = normalize.get("clip_reward", 1.0)
+    if not isinstance(normalize["norm_reward"], bool) or isinstance(clip, bool) or not isinstance(clip, int | float):
+        raise UsageError(f"{source}: norm_reward must be true or false, and clip_reward a number, not {normalize}")
+    if not 0.0 < clip < float("inf"):
+        raise UsageError(f"{source}: clip_reward must be above 0, not {clip}")
+    for name in ("gamma", "gae_lambda"):
+        if values.get(name, 1.0) > 1.0:
+            raise UsageError(f"{source}: {name} must be at most 1, not {values[name]}")
     return Hyperparameters(**values)
 
 

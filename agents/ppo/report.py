@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import os
+import shlex
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -161,16 +162,20 @@ def _gain(difference: Mapping[str, Any] | None) -> str:
 def commands(settings: RunSettings) -> str:
     """The commands that use the policy: record with it, compare it, film it, train on."""
     options, folder = settings.options, settings.folder
-    where = f"--env {options.env} --detector {options.detector}"
-    policy = f"ppo:{folder / BEST}"
+    where = f"--env {shlex.quote(options.env)} --detector {shlex.quote(options.detector)}"
+    policy, quoted = shlex.quote(f"ppo:{folder / BEST}"), shlex.quote(str(folder))
+    episodes, evaluation, pictures = (
+        shlex.quote(str(folder / name)) for name in ("episodes", "evaluation", "pictures")
+    )
+    paid = "" if options.reward != "evidence" else " --reward evidence"
     return "\n".join(
         [
             "use it:",
-            f"  python -m agents.collect {where} --policy {policy} --out {folder / 'episodes'}",
-            f"  python -m agents.evaluate {where} --policies ring next_best_view {policy} --episodes 400 --scenes 40 "
-            f"--out {folder / 'evaluation'}",
-            f"  python -m experiments.policy_pictures {where} --policies ring {policy} --out {folder / 'pictures'} "
-            f"--results {folder / 'pictures'}",
-            f"  python -m agents.train --resume {folder} --steps {2 * settings.hyperparameters.n_timesteps}",
+            f"  python -m agents.collect {where} --policy {policy} --out {episodes}",
+            f"  python -m agents.evaluate {where}{paid} --policies ring next_best_view {policy} --episodes 400 "
+            f"--scenes 40 --out {evaluation}",
+            f"  python -m experiments.policy_pictures {where} --policies ring {policy} --out {pictures} "
+            f"--results {pictures}",
+            f"  python -m agents.train --resume {quoted} --steps {2 * settings.hyperparameters.n_timesteps}",
         ]
     )

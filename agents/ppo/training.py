@@ -3,6 +3,7 @@
 import contextlib
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -143,7 +144,7 @@ def _train(
                 settings.validation_config, episodes, scenes, processes, progress_bar, request.is_set
             )
             if baselines is None:
-                say(f"stopped before the first step; python -m agents.train --resume {folder} goes on")
+                say(f"stopped before the first step; {_resume(folder)} goes on")
                 request.leave()
         baselines = baselines or {}
         # Where rollouts hold whole episodes, a run that goes on plays the very ones that it would have played.
@@ -188,7 +189,7 @@ def _train(
                 "with a smaller learning_rate"
             ) from None
     if callback.stopped or not progress.is_validated:
-        say(f"stopped at step {progress.steps}; python -m agents.train --resume {folder} goes on")
+        say(f"stopped at step {progress.steps}; {_resume(folder)} goes on")
         request.leave()
     return progress, scenes
 
@@ -266,12 +267,17 @@ def _dead_workers_explained(folder: Path) -> Iterator[None]:
     try:
         yield
     except WorkerDiedError as error:
-        raise SbmError(f"{error}; --resume {folder} goes on from the last checkpoint") from None
+        raise SbmError(f"{error}; {_resume(folder)} goes on from the last checkpoint") from None
     except (EOFError, ConnectionError) as error:
         raise SbmError(
             f"a worker has died ({type(error).__name__}), see above why; "
-            f"--resume {folder} goes on, --envs with fewer workers needs less memory"
+            f"{_resume(folder)} goes on, --envs with fewer workers needs less memory"
         ) from None
+
+
+def _resume(folder: Path) -> str:
+    """The command that goes on with a run."""
+    return f"python -m agents.train --resume {shlex.quote(str(folder))}"
 
 
 def _close(workers: VecEnv) -> None:

@@ -1,6 +1,7 @@
 """Many environments in a few groups: those of a group step in turn, the groups side by side."""
 
 import multiprocessing
+import signal
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from multiprocessing.connection import Connection
@@ -9,6 +10,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import CloudpickleWrapper, DummyVecEnv, VecEnv
+
+from labeling.runtime.interrupts import STOPPING
 
 
 class EnvGroup(ABC):
@@ -162,6 +165,8 @@ def _joined(parts: Iterable[Any]) -> Any:
 
 def _serve(remote: Connection, parent: Connection, factories: CloudpickleWrapper) -> None:
     """Steps the environments of a process as it is told."""
+    for one in STOPPING:  # the parent decides when to stop, and ends this process by closing the pipe
+        signal.signal(one, signal.SIG_IGN)
     parent.close()
     envs = DummyVecEnv(factories.var)
     while True:

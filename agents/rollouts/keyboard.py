@@ -44,7 +44,23 @@ def keys_to_action() -> dict[tuple[str, ...], Float32[np.ndarray, "4"]]:
 
 
 class PictureWindow(gym.Wrapper):
-    """Says of any environment whose ``render`` returns pictures that it does so as ``rgb_array``."""
+    """Says of any environment whose ``render`` returns pictures that it does so as ``rgb_array``, and begins another
+    episode after each, where Gymnasium's player gives the same seed every time.
+    """
+
+    def __init__(self, env: gym.Env) -> None:
+        """Wraps it."""
+        super().__init__(env)
+        self._has_moved = False
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Begins the episode of the seed, and others once that has been played."""
+        return self.env.reset(seed=None if self._has_moved else seed, options=options)
+
+    def step(self, action: Any) -> Any:
+        """Moves the robot."""
+        self._has_moved = True
+        return self.env.step(action)
 
     @property
     def render_mode(self) -> str:

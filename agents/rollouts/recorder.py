@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.policies.registry import make_policy
+from agents.policies.registry import make_policy, policy_digest
 from agents.rollouts.collect_config import CollectConfig
 from agents.rollouts.environments import capture_size, inner_env, same_furniture
 from agents.rollouts.rollout import rollout
@@ -26,6 +26,7 @@ from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
 from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
+from sbm_gym.env.view_detectors import digest_of_detector
 from sbm_gym.named_env import make_env
 from sbm_gym.sensors.sensor_noise import add_noise
 
@@ -67,11 +68,15 @@ def collect_episodes(config: CollectConfig) -> list[Path]:
         for name in ("out", "episodes", "workers", "where"):  # none changes what an episode holds
             del settings[name]
         defaults = {setting.name: setting.default for setting in dataclasses.fields(config)}  # of before it was there
+        weights = _weights(config)
         claim_run_folder(
             config.out,
             SETTINGS_FILE,
-            {"settings": settings},
-            lambda content: as_options({**defaults, **content["settings"]}),
+            {"settings": settings, "weights": weights},
+            lambda content: {
+                **as_options({**defaults, **content["settings"]}),
+                **{**weights, **content.get("weights", {})},
+            },
             "episodes",
         )
         folders = [_folder(config, number) for number in range(config.episodes)]
@@ -87,6 +92,15 @@ def collect_episodes(config: CollectConfig) -> list[Path]:
                 bar.update()
     print(f"{len(folders)} episodes in {config.out}")
     return folders
+
+
+def _weights(config: CollectConfig) -> dict[str, str]:
+    """What stands behind the names of policy and detector: a folder of the same name may come to hold others."""
+    digests = {
+        "policy_digest": policy_digest(config.policy, config.env),
+        "detector_digest": digest_of_detector(config.detector),
+    }
+    return {name: found for name, found in digests.items() if found}
 
 
 def _folder(config: CollectConfig, number: int) -> Path:
@@ -140,6 +154,7 @@ def record_episode(env: gym.Env, config: CollectConfig, number: int) -> Episode:
                 "detector": config.detector,
                 "detector_categories": list(inner_env(env).categories),
                 "confident": CONFIDENT,
+                **_weights(config),
                 "noise": dataclasses.asdict(config.noise),
                 **({"motion": config.motion} if config.motion else {}),
                 **({"unseen_models": True} if config.unseen_models else {}),

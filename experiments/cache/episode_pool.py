@@ -65,6 +65,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     from agents.rollouts.collect_config import CollectConfig
     from agents.rollouts.recorder import collect_episodes
     from labeling.io.episodes import find_episodes
+    from sbm_gym.env.view_detectors import digest_of_detector
 
     settings = asdict(pool)
     name, episodes = settings.pop("name"), settings.pop("episodes")
@@ -76,7 +77,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
         {**settings, "policy": policy_key(pool.policy, pool.env)},
         experiment_versions(),
         code_digest(collect_episodes),
-        detector_digest(pool.detector),
+        digest_of_detector(pool.detector),
     ]
     out = context.cache / "episodes" / f"{name}-{digest(*depends_on)}"
     more = {"workers": context.workers, "where": context.where}
@@ -116,22 +117,6 @@ def _link(source: str, target: str) -> None:
         os.link(source, target)
     except OSError:
         shutil.copyfile(source, target)
-
-
-def detector_digest(name: str) -> str:
-    """Changes with the weights of a real detector, or with the settings that make the simulated one like it.
-
-    Raises:
-        SbmError: if there is no such detector.
-    """
-    kind, _, fitted_to = name.partition(":")
-    if kind == "simulated":
-        from sbm_gym.detection.fitted_settings import fitted_digest
-
-        return fitted_digest(fitted_to) if fitted_to else ""
-    from labeling.detectors.registry import load_detector
-
-    return load_detector(name).digest
 
 
 def pool_record(pool: EpisodePool, folders: list[Path]) -> dict[str, Any]:

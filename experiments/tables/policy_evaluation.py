@@ -168,11 +168,11 @@ def evaluate_config(
     """
     from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import Evaluator
-    from experiments.cache.episode_pool import detector_digest
     from labeling.runtime.provenance import experiment_versions
+    from sbm_gym.env.view_detectors import digest_of_detector
 
     settings = [env_id, SPLIT, SCENES, detector, picture_px]
-    name = digest(settings, experiment_versions(), code_digest(Evaluator), detector_digest(detector))
+    name = digest(settings, experiment_versions(), code_digest(Evaluator), digest_of_detector(detector))
     return EvaluateConfig(
         policies=policies,
         env=env_id,

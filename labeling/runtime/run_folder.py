@@ -49,7 +49,7 @@ def claim_run_folder(
     path = folder / file_name
     earlier = read_json(path).mapping() if path.is_file() else None
     if earlier is not None:
-        before, now = decisive(earlier), decisive(content)
+        before, now = _read_decisive(path, earlier, decisive), decisive(content)
         differing = [
             f"{name} {before.get(name)!s} there, {value!s} now"
             for name, value in now.items()
@@ -70,6 +70,13 @@ def claim_run_folder(
         write_json(path, content)
     except OSError as error:
         raise UsageError(f"cannot write to {folder}: {error.strerror}") from error
+
+
+def _read_decisive(path: Path, earlier: Settings, decisive: Callable[[Settings], Settings]) -> Settings:
+    try:
+        return decisive(earlier)
+    except (KeyError, TypeError):
+        raise UsageError(f"{path}: is damaged: it does not say what was begun here; give another --out") from None
 
 
 def as_options(settings: Settings) -> dict[str, Any]:

@@ -102,6 +102,10 @@ class SimulatedDetectorConfig:
     lasting_phantoms: LastingPhantoms | None = None
     """Parts of the scene that are taken for objects from many views, in scenes that have a name."""
 
+    def __post_init__(self) -> None:
+        if not self.categories:
+            raise ValueError("categories of the simulated detector: name at least one")
+
 
 @dataclass(frozen=True)
 class SimulatedView:
@@ -195,7 +199,9 @@ class SimulatedDetector:
         poor = _normal_cdf(_viewpoint_noise(c.seed, observed.object_key + "/mask", observed, c.range_unit_m))
         error = min(max(1.5 * (1.0 - confidence) + 0.35 * (poor - 0.5), 0.0), 1.0)
         others = self._other_categories(observed)
-        category = others[0] if wrong or not known else observed.category
+        if not known and not others:
+            return []
+        category = others[0] if others and (wrong or not known) else observed.category
         found = [self._detection(rng, view, mask, category, confidence, error)]
         if duplicate and len(others) > 1:
             second = observed.category if (wrong and known) else others[1]

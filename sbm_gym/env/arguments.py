@@ -9,8 +9,9 @@ from jaxtyping import Float
 from labeling.formats.pixel_limit import too_large
 from sbm_gym.env.rewards import REWARDS
 from sbm_gym.env.simulation import GAZES
+from sbm_gym.robot.body import BodyConfig
 from sbm_gym.scenes.compiled import SPLITS
-from sbm_gym.worlds.geometry.navigable import NavigableMap
+from sbm_gym.worlds.geometry.navigable import AGENT_RADIUS_M, NavigableMap
 
 MAX_STRIDE_M = 10.0
 RESET_OPTIONS = ("scene", "start", "reuse_scene")
@@ -45,6 +46,19 @@ def check_numbers(num_views: int | None, stride_m: float | None, episodes_per_sc
     if stride_m is not None and not (_is_number(stride_m) and 0.0 < stride_m <= MAX_STRIDE_M):
         raise ValueError(f"stride_m must be positive and at most {MAX_STRIDE_M:g} m, not {stride_m!r}")
     _check_count("episodes_per_scene", episodes_per_scene)
+
+
+def check_body(body: BodyConfig) -> None:
+    """Checks that the agent fits where maps of worlds say that it may stand.
+
+    Raises:
+        ValueError: if it is too wide for that.
+    """
+    if not 0.0 < body.radius_m <= AGENT_RADIUS_M:
+        raise ValueError(
+            f"body: radius_m must be above 0 and at most {AGENT_RADIUS_M:g} m, for which worlds say where one can "
+            f"stand, not {body.radius_m!r}"
+        )
 
 
 def check_sizes(**sizes: Any) -> None:

@@ -14,6 +14,7 @@ from sbm_gym.atlas.scene_atlas import AtlasKey
 from sbm_gym.detection.simulated import SimulatedDetectorConfig
 from sbm_gym.env import observations
 from sbm_gym.env.arguments import (
+    check_body,
     check_choices,
     check_numbers,
     check_sizes,
@@ -205,6 +206,7 @@ class FixationEnv(gym.Env, EzPickle):
         self._source = world_source(worlds, unseen_models, movable=self._motion.is_any)
         self.profile = self._source.profile
         """What fits this kind of world: body, strides, distances, picture sizes."""
+        check_body(body or self.profile.body)
         self._detector = make_detector(detector, self.profile, load=atlas is None)
         self._reward, self._weights = reward, reward_weights or RewardWeights()
         robot = replace(
@@ -403,7 +405,11 @@ class FixationEnv(gym.Env, EzPickle):
             height_m = float(scene.body.camera_to_world[2, 3])
             view = ThirdPersonView(scene.whole_model(), self._cache.make_renderer, height_m)
             self._third_person = (scene, view)
-        return self._third_person[1].draw(scene.whole_data(), self.simulation.trace(), *self._render_size)
+        drawn, view = self._third_person
+        if scene.arrangement is not None and scene.arrangement is not drawn.arrangement:
+            view.arrange(scene.arrangement)
+            self._third_person = (scene, view)
+        return view.draw(scene.whole_data(), self.simulation.trace(), *self._render_size)
 
     def _show_human(self) -> None:
         if self.render_mode == "human":

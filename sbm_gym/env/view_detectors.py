@@ -10,7 +10,7 @@ from jaxtyping import Int32
 from labeling.core.detector import Detector
 from labeling.core.types import Detection
 from labeling.core.views import Camera
-from sbm_gym.detection.fitted_settings import fitted_settings
+from sbm_gym.detection.fitted_settings import fitted_digest, fitted_settings
 from sbm_gym.detection.simulated import SimulatedDetector, SimulatedDetectorConfig, SimulatedView
 from sbm_gym.rendering.base import Frame
 from sbm_gym.scenes.compiled import Scene
@@ -151,6 +151,21 @@ def make_detector(detector: str | SimulatedDetectorConfig, profile: WorldProfile
             f"{error}, {SIMULATED}, {SIMULATED_WEAK}, {SIMULATED_LIKE}NAME, or a SimulatedDetectorConfig"
         ) from None
     return PictureDetector(detector, load)
+
+
+def digest_of_detector(name: str) -> str:
+    """Changes with the weights of a real detector, and with the settings that make the simulated one like it.
+
+    Raises:
+        SbmError: if there is no such detector, or its files are missing or damaged.
+    """
+    if name.startswith(SIMULATED_LIKE):
+        return fitted_digest(name.removeprefix(SIMULATED_LIKE))
+    if is_simulated(name):
+        return ""
+    from labeling.detectors.registry import detector_digest
+
+    return detector_digest(name)
 
 
 def is_simulated(detector: str | SimulatedDetectorConfig) -> bool:

@@ -69,13 +69,15 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(command: Build | ListScenes) -> None:
     from labeling.core.errors import UsageError
     from sbm_gym.scenes.scene_cache import is_kept
-    from sbm_gym.scenes.world_sources import world_source
+    from sbm_gym.scenes.world_sources import NamedWorlds, world_source
     from sbm_gym.store.cache_folder import SCENES_VARIABLE, max_bytes
 
     check_ranges(command)
     if max_bytes() == 0:
         raise UsageError(f"{SCENES_VARIABLE} says that no scenes are kept")
     source = world_source(_worlds(command.env), command.unseen_models)
+    if isinstance(source, NamedWorlds) and isinstance(command, Build):
+        raise UsageError(f"{command.env!r} is a world of one's own, of which no compiled scenes are kept")
     names = source.scenes(command.split)[: command.scenes]
     missing = [name for name in names if not is_kept(source, command.renderer, name)]
     if isinstance(command, ListScenes):

@@ -17,7 +17,7 @@ def registered_id(env_id: str) -> str:
     if module:
         try:
             importlib.import_module(module)
-        except ImportError as error:
+        except (ImportError, ValueError, TypeError) as error:  # the last two for names such as ".x"
             raise UsageError(f"unknown env {env_id!r}: cannot import {module!r} ({error})") from error
     if name not in gym.registry:
         raise UsageError(f"unknown env {env_id!r}; known: {', '.join(known_ids())}")

@@ -12,6 +12,7 @@ from labeling.core.views import Camera
 from sbm_gym.rendering.base import Renderer
 from sbm_gym.rendering.tables.lights import clear_haze
 from sbm_gym.robot.object_memory import KnownObject
+from sbm_gym.worlds.world import Arrangement
 
 HEADROOM_M = 0.3
 """What begins this far above the agent's camera is taken off: ceilings, lamps, roofs."""
@@ -59,6 +60,13 @@ class ThirdPersonView:
         self._model = model
         self._make_renderer, self._camera_height_m = make_renderer, camera_height_m
         self._renderer: Renderer | None = None
+        self._opened: mujoco.MjModel | None = None
+
+    def arrange(self, arrangement: Arrangement) -> None:
+        """Arranges what is drawn as another episode has it: weather, light and what stands where."""
+        if self._opened is not None:
+            arrangement.apply(self._opened)
+            clear_haze(self._opened)
 
     def draw(self, data: mujoco.MjData, trace: AgentTrace, height_px: int, width_px: int) -> UInt8[np.ndarray, "h w 3"]:
         """Draws the scene as it stands in ``data``, and the agent's doings over it.
@@ -73,7 +81,7 @@ class ThirdPersonView:
             opened = opened_model(self._model, data, self._camera_height_m)
             torso = opened.geom("agent_torso").id
             opened.geom_group[torso], opened.geom_rgba[torso] = 0, _BODY_RGBA
-            self._renderer = self._make_renderer(opened)
+            self._renderer, self._opened = self._make_renderer(opened), opened
         camera = self._camera(data, trace, (height_px, width_px))
         picture = self._renderer.render(data, camera).rgb.copy()
         _Overlay(picture, camera).trace(trace)

@@ -1,6 +1,7 @@
 """Kinds of worlds by name."""
 
 import hashlib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -77,8 +78,9 @@ class NamedWorlds:
 
     def __post_init__(self) -> None:
         unknown = [split for split in self.splits if split not in SPLITS]
-        if unknown or not self.scenes(None):
-            given = f"split {unknown[0]!r}" if unknown else "no scene"
+        empty = [split for split, names in self.splits.items() if not names]
+        if unknown or empty or not self.splits:
+            given = f"split {unknown[0]!r}" if unknown else f"no scene for {empty[0]!r}" if empty else "no scene"
             raise UsageError(f"splits name scenes under {', '.join(SPLITS)}; {given} was given")
 
     def scenes(self, split: str | None) -> tuple[str, ...]:
@@ -101,6 +103,8 @@ class NamedWorlds:
         return self.builder(scene)
 
 
+OWN_NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
+"""What a kind of world of one's own may be called, as it stands in the id of its environment."""
 WORLDS: dict[str, Callable[[bool], WorldSource]] = {
     "indoor": lambda unseen_models: IndoorWorlds(unseen_models=unseen_models),
     "outdoor": lambda unseen_models: OutdoorWorlds(unseen_models=unseen_models),
@@ -108,6 +112,8 @@ WORLDS: dict[str, Callable[[bool], WorldSource]] = {
     "outdoor-builtin": lambda unseen_models: OutdoorWorlds(unseen_models=unseen_models, builtin=True),
 }
 """Every kind of world: makes its source, given whether to keep the models of validation and test scenes apart."""
+SHIPPED = frozenset(WORLDS)
+"""Those that come with sbm_gym."""
 
 
 def world_source(worlds: str | WorldSource, unseen_models: bool = False, movable: bool = False) -> WorldSource:

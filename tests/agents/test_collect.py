@@ -247,6 +247,34 @@ def test_folders_of_before_a_setting_was_there_are_gone_on_with(recorded, tmp_pa
         collect_episodes(config(out, detector="compact"))
 
 
+@pytest.mark.slow
+def test_a_folder_is_of_the_weights_that_its_names_stood_for(recorded, tmp_path, monkeypatch):
+    for name in ("policy_digest", "digest_of_detector"):
+        out = tmp_path / name
+        shutil.copytree(recorded, out)
+        monkeypatch.setattr(recorder, name, lambda *_: "one")
+        collect_episodes(config(out))  # recorded before weights were noted: it goes on, and they are noted now
+        assert json.loads((out / "collection.json").read_text())["weights"] == {
+            {"policy_digest": "policy_digest", "digest_of_detector": "detector_digest"}[name]: "one"
+        }
+        monkeypatch.setattr(recorder, name, lambda *_: "another")
+        with pytest.raises(UsageError, match="_digest one there, another now"):
+            collect_episodes(config(out))
+        monkeypatch.undo()
+
+
+@pytest.mark.slow
+def test_damaged_settings_are_named(recorded, tmp_path, capsys):
+    out = tmp_path / "episodes"
+    shutil.copytree(recorded, out)
+    for damaged in ("{}", '{"settings": []}', '{"settings": {}, "weights": 3}'):
+        (out / "collection.json").write_text(damaged)
+        assert main(["--env", ENV_ID, "--out", str(out)]) == 2
+        assert capsys.readouterr().err == (
+            f"error: {out / 'collection.json'}: is damaged: it does not say what was begun here; give another --out\n"
+        )
+
+
 def test_environments_of_others_are_refused_in_one_line(tmp_path, capsys):
     assert main(["--env", "CartPole-v1", "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()

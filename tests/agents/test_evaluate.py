@@ -13,6 +13,7 @@ import torch
 from scipy.stats import norm, t
 
 from agents.evaluate import main
+from agents.evaluation import run as evaluation_run
 from agents.evaluation.evaluate_config import VIEW_COUNTS, EvaluateConfig
 from agents.evaluation.label_quality import episode_figures, pooled_ap
 from agents.evaluation.results import policy_key
@@ -276,9 +277,24 @@ def test_folders_of_others_are_refused_and_damaged_results_named(tmp_path, capsy
     assert "not made by this program" in capsys.readouterr().err
     out = tmp_path / "out"
     assert main(["--out", str(out), *arguments]) == 0
-    (out / "episodes" / "spin" / "seed0-0000.json").write_text("{")
+    for damaged in ("{", "{}", '{"scene": "a", "figures": [], "steps": []}'):
+        (out / "episodes" / "spin" / "seed0-0000.json").write_text(damaged)
+        assert main(["--out", str(out), *arguments]) == 2
+        (line,) = capsys.readouterr().err.splitlines()[-1:]
+        assert line.startswith("error: ")
+        assert "seed0-0000.json" in line
+    (out / "settings.json").write_text("{}")
     assert main(["--out", str(out), *arguments]) == 2
-    assert "seed0-0000.json" in capsys.readouterr().err
+    assert "settings.json: is damaged" in capsys.readouterr().err
+
+
+def test_results_are_of_the_detector_that_the_name_stood_for(tmp_path, monkeypatch):
+    settings = config(tmp_path / "out", policies=("spin",), episodes=1, seeds=1)
+    monkeypatch.setattr(evaluation_run, "digest_of_detector", lambda name: "one")
+    evaluate_policies(settings)
+    monkeypatch.setattr(evaluation_run, "digest_of_detector", lambda name: "another")
+    with pytest.raises(UsageError, match="detector_digest one there, another now"):
+        evaluate_policies(settings)
 
 
 def test_a_trained_policy_is_known_by_what_its_checkpoint_holds(tmp_path, monkeypatch):

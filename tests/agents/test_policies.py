@@ -1,6 +1,7 @@
 """The hand-written policies do what their pages say, and better than chance."""
 
 import itertools
+import shutil
 import sys
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from agents.planning.frontiers import Frontiers
 from agents.planning.paths import advance, path_length_m, reachable_places
 from agents.planning.steering import move_and_look, wrap
 from agents.policies import registry
-from agents.policies.registry import POLICIES, make_policy
+from agents.policies.registry import POLICIES, WEIGHTS, make_policy, policy_digest
 from agents.policies.ring import _first_direction
 from labeling.core.errors import UsageError
 from labeling.core.geometry import look_at, unproject_depth
@@ -86,9 +87,23 @@ def test_policies_of_ones_own_go_by_module_and_class():
         ("no_such_module:Policy", "cannot be imported"),
         ("collections:OrderedDict", "must be a class with reset and act"),
         ("ring:fast", "unknown policy 'ring:fast'"),
+        ("agents.policies.ppo:Ppo", "must be made without arguments"),
+        (".x:Y", "cannot be imported"),
     ):
         with pytest.raises(UsageError, match=says):
             make_policy(name)
+
+
+def test_the_digest_of_a_policy_is_that_of_its_weights(tmp_path):
+    env_id = "sbm_gym/Indoor-v0"
+    assert policy_digest("ring", env_id) == ""
+    run = tmp_path / "run"
+    shutil.copytree(WEIGHTS / "Indoor-v0", run)
+    shipped = policy_digest("ppo", env_id)
+    assert policy_digest(f"ppo:{run}") == shipped
+    shutil.rmtree(run)
+    shutil.copytree(WEIGHTS / "Indoor-v0-evidence", run)
+    assert policy_digest(f"ppo:{run}") == policy_digest("ppo_evidence", env_id) != shipped
 
 
 def test_ppo_is_the_checkpoint_of_the_env_or_the_one_given(tmp_path, monkeypatch):

@@ -47,6 +47,8 @@ def test_commands_know_a_world_of_ones_own_by_its_module(module, capsys):
     assert scenes(["list", "--env", f"{module}:sbm_gym/NamedArena-v0"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["arena/0", "arena/1"]
     assert registered_id(f"{module}:sbm_gym/NamedArena-v0") == "sbm_gym/NamedArena-v0"
+    assert scenes(["build", "--env", f"{module}:sbm_gym/NamedArena-v0"]) == 2
+    assert "of which no compiled scenes are kept" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -54,6 +56,7 @@ def test_commands_know_a_world_of_ones_own_by_its_module(module, capsys):
     [
         ("CartPole-v1", "'CartPole-v1' has no scenes"),
         ("no_such_module:Foo-v0", "cannot import 'no_such_module'"),
+        (".x:Foo-v0", "cannot import '.x'"),
         ("sbm_gym/Moon-v0", "unknown env 'sbm_gym/Moon-v0'; known: sbm_gym/"),
     ],
 )
@@ -70,6 +73,15 @@ def test_what_is_no_world_is_one_line_of_every_command(env_id, says, tmp_path, c
     assert not out.exists()
     with pytest.raises(UsageError, match="unknown detector"):
         make_env("sbm_gym/IndoorBuiltin-v0", "train", "nobody")
+
+
+def test_an_environment_that_cannot_be_made_is_one_line():
+    gym.register("named_env_test/Gone-v0", entry_point="no_such_module:Env")
+    try:
+        with pytest.raises(UsageError, match="cannot be made"):
+            make_env("named_env_test/Gone-v0", "train", "simulated")
+    finally:
+        gym.registry.pop("named_env_test/Gone-v0")
 
 
 def test_counts_out_of_range_and_worlds_with_few_scenes_are_refused(module, tmp_path, capsys):

@@ -57,6 +57,16 @@ def test_registering_again_replaces_and_mistakes_are_told(arena):
         sbm_gym.register_world("TestArena", build, {"training": ["arena/0"]})
     with pytest.raises(UsageError, match="no scene"):
         sbm_gym.register_world("TestArena", build, {})
+    with pytest.raises(UsageError, match="no scene for 'val'"):
+        sbm_gym.register_world("TestArena", build, {"train": ["arena/0"], "val": []})
+    known = dict(WORLDS), dict(sbm_gym.ENV_IDS)
+    for shipped in ("indoor", "outdoor-builtin"):
+        with pytest.raises(UsageError, match="comes with sbm_gym"):
+            sbm_gym.register_world(shipped, build, {"train": ["arena/0"]})
+    for name in ("My Arena", "a/b", "", "x:y"):
+        with pytest.raises(UsageError, match="letters, digits"):
+            sbm_gym.register_world(name, build, {"train": ["arena/0"]})
+    assert (dict(WORLDS), dict(sbm_gym.ENV_IDS)) == known
 
 
 @pytest.mark.parametrize("module", [sbm_gym, registration, indoor])

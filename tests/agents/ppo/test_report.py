@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -234,6 +235,17 @@ def test_the_commands_that_use_a_policy_are_ones_that_there_are(trained, config,
         if known is not None:
             asked = {word[2:].replace("-", "_") for word in line if word.startswith("--")}
             assert asked <= set(known.__dataclass_fields__)
+
+
+def test_commands_can_be_typed_whatever_the_folder_is_called(config):
+    settings = resolve_settings(replace(config, out=Path("my runs/it's"), reward="evidence"))
+    lines = [shlex.split(line) for line in commands(settings).splitlines()[1:]]
+    assert lines[0][lines[0].index("--policy") + 1] == "ppo:my runs/it's/best"
+    assert lines[1][lines[1].index("--reward") + 1] == "evidence"
+    assert [line[line.index("--out") + 1] for line in lines[:3]] == [
+        f"my runs/it's/{name}" for name in ("episodes", "evaluation", "pictures")
+    ]
+    assert lines[3][lines[3].index("--resume") + 1] == "my runs/it's"
 
 
 def test_pace_counts_training_and_validation(monkeypatch):

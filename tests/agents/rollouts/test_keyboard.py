@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from agents.play import main
-from agents.rollouts.keyboard import PictureWindow, keys_to_action
+from agents.rollouts.keyboard import NO_MOVE, PictureWindow, keys_to_action
 from sbm_gym.env.fixation_env import FixationEnv
+
+from ...sbm_gym.box_rooms import BoxRooms
 
 OPPOSITES = ("ws", "ad", "qe", "rf")
 
@@ -85,3 +87,21 @@ def test_a_game_steps_as_keys_are_pressed_and_ends_with_escape(
     assert [line.split(":")[0] for line in said.splitlines() if line.startswith("step")] == ["step 1", "step 2"]
     assert next(script, None) is None
     assert set(seeds) == {3}
+
+
+def test_another_episode_follows_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    window = PictureWindow(FixationEnv(BoxRooms(), num_views=2))
+    starts = []
+    for _ in range(3):  # what Gymnasium's player does
+        _, info = window.reset(seed=7)
+        starts.append((info["scene"], *window.unwrapped.simulation.trace().camera.camera_to_world[:2, 3]))  # type: ignore[attr-defined]
+        for _ in range(2):
+            window.step(NO_MOVE)
+    window.close()
+    assert len(set(starts)) == 3
+    again = PictureWindow(FixationEnv(BoxRooms(), num_views=2))
+    again.reset(seed=7)
+    _, info = again.reset(seed=7)  # before the first step, the same episode begins again
+    found = (info["scene"], *again.unwrapped.simulation.trace().camera.camera_to_world[:2, 3])  # type: ignore[attr-defined]
+    again.close()
+    assert found == starts[0]

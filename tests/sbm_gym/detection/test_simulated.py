@@ -147,6 +147,19 @@ def test_an_unknown_category_is_never_named():
     assert names <= set(detector.config.categories)
 
 
+def test_a_detector_of_one_category_says_that_or_nothing():
+    instance_map = np.zeros((84, 84), np.int32)
+    instance_map[20:60, 20:60] = 1
+    for category in ("chair", "shelf", "bed"):
+        detector = SimulatedDetector(SimulatedDetectorConfig(base_logit=-1.0, categories=("chair",)))
+        seen = dataclasses.replace(EASY, category=category)
+        view = SimulatedView(0, instance_map, np.full((84, 84), 2.0, np.float32), (seen,))
+        names = {d.category for k in range(60) for d in detector.detect(np.random.default_rng(k), view)}
+        assert names <= {"chair"}
+    with pytest.raises(ValueError, match="name at least one"):
+        SimulatedDetectorConfig(categories=())
+
+
 def square(size_px=100, half_px=25):
     mask = np.zeros((size_px, size_px), bool)
     mask[50 - half_px : 50 + half_px, 50 - half_px : 50 + half_px] = True

@@ -19,6 +19,7 @@ from sbm_gym.env.observations import encode_depth
 from sbm_gym.env.rewards import RewardWeights
 from sbm_gym.env.state_vector import free_distances_m
 from sbm_gym.registration import ENV_IDS, register_envs
+from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
 
@@ -368,6 +369,8 @@ def test_reset_names_the_alternatives(env, options, says):
     ("argument", "says"),
     [
         ({"split": "training"}, "train, val, test"),
+        ({"body": BodyConfig(radius_m=0.35)}, "radius_m must be above 0 and at most 0.18 m"),
+        ({"body": BodyConfig(radius_m=0.0)}, "radius_m must be above 0"),
         ({"detector": "yolo"}, "simulated"),
         ({"renderer": "raster"}, "auto, rays"),
         ({"gaze": "stare"}, "fixate, free"),

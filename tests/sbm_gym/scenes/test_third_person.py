@@ -1,5 +1,7 @@
 """The agent seen from outside, and the window of render_mode="human"."""
 
+import dataclasses
+
 import gymnasium as gym
 import mujoco
 import numpy as np
@@ -11,6 +13,7 @@ from sbm_gym.env import viewer_window
 from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.env.viewer_window import NoScreenError, draw_lines
 from sbm_gym.scenes.third_person import above, frustum_lines, overview_camera
+from sbm_gym.worlds.world import Arrangement, World
 
 from ..box_rooms import BoxRooms
 
@@ -164,3 +167,39 @@ def test_lines_beyond_what_a_viewer_holds_are_left_out():
     assert env._simulation is not None
     draw_lines(scene, env._simulation.trace())
     assert scene.ngeom == 3
+
+
+class WeatherStage:
+    """Draws how strong the lamp is, and nothing else."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def arrange(self, rng: np.random.Generator) -> Arrangement:
+        strength = float(rng.uniform(0.1, 0.9))
+
+        def apply(model: mujoco.MjModel) -> None:
+            model.light_diffuse[:] = strength
+
+        return Arrangement(self._world.objects, self._world.navigable, self._world.navigable, apply)
+
+
+class WeatherRooms(BoxRooms):
+    """Box rooms whose light every episode draws."""
+
+    def build(self, scene: str) -> World:
+        world = super().build(scene)
+        return dataclasses.replace(world, stage=WeatherStage(world))
+
+
+def test_pictures_from_outside_have_the_light_of_their_episode():
+    def picture(*seeds: int) -> np.ndarray:
+        env = FixationEnv(WeatherRooms(2), render_mode="third_person", render_size=(80, 100))
+        for seed in seeds:
+            env.reset(seed=seed)
+            found = render(env)
+        env.close()
+        return found
+
+    assert np.array_equal(picture(1, 5), picture(5))
+    assert not np.array_equal(picture(1), picture(5))
