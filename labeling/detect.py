@@ -63,7 +63,7 @@ def run(command: DetectCommand) -> None:
         DETECTIONS_FILE,
         lambda folder: _has_looked(folder, command.detector, _mark(digest, command.recording)),
     )
-    say_next("label them", "labeling.generate", command.dataset, "--out", "LABELS")
+    say_next("label them", "labeling.generate", command.dataset, *command.recording.words(), "--out", "LABELS")
 
 
 def _detecting(command: DetectCommand) -> "Callable[[Path], tuple[int, int] | None]":
@@ -92,7 +92,7 @@ def detect_episode(
         SbmError: if the episode is malformed, the detector fails, or there are other detections.
     """
     from labeling.core.detector import run_detector
-    from labeling.formats.atomic import write_json
+    from labeling.formats.atomic import atomic_file, write_json
     from labeling.formats.checked_json import read_json
     from labeling.io.episodes import detection_record, read_episode
 
@@ -102,7 +102,7 @@ def detect_episode(
     mark = _mark(detector.digest, recording)
     if _has_looked(folder, detector.name, mark):
         return None
-    if path.is_file() and not _kept_run(folder) and not replace:
+    if path.is_file() and not _kept_run(folder, "replaced_sha256") and not _kept_run(folder) and not replace:
         raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
     episode = read_episode(folder, recording, detections=False)
     with progress_bar(total=episode.num_views, unit="view", desc=episode.name) as views:
@@ -113,17 +113,21 @@ def detect_episode(
         {**detection_record(one, ids), "image_id": image_ids[one.view_index], "score": round(one.confidence, 6)}
         for one in found
     ]
-    # Of what write_json will write. Were the process killed between the two files, it would not fit, and the detector
-    # would run again.
-    digest = _digest(json.dumps(records, indent=1, allow_nan=False) + "\n")
-    run_record = {"detector": detector.name, "mark": mark, "detections_sha256": digest}
+    # Of what is written below. Were the process killed between the two files, it would not fit, and the detector would
+    # run again, in place of what it was to replace.
+    text = json.dumps(records, indent=1, allow_nan=False) + "\n"
+    run_record = {"detector": detector.name, "mark": mark, "detections_sha256": _digest(text)}
+    if path.is_file():
+        run_record["replaced_sha256"] = _digest(path.read_bytes())
+    run_record["views"] = episode.num_views
     about |= {"categories": categories, "detector": detector.name, "detector_run": run_record}
     if detector.categories is not None:
         about["detector_categories"] = list(detector.categories)
     else:
         about.pop("detector_categories", None)
-    write_json(about_path, about)
-    write_json(path, records)
+    with atomic_file(path) as temporary:  # first, where the disk may be full
+        temporary.write_text(text, encoding="utf-8")
+        write_json(about_path, about)
     return episode.num_views, len(records)
 
 
@@ -138,13 +142,18 @@ def _has_looked(folder: Path, name: str, mark: str) -> bool:
     return (kept.get("detector"), kept.get("mark")) == (name, mark)
 
 
-def _kept_run(folder: Path) -> dict[str, Any]:
-    """What the episode says of the run of this command that its detections come from; empty if they do not."""
+def _kept_run(folder: Path, digest: str = "detections_sha256") -> dict[str, Any]:
+    """What the episode says of the run of this command that its detections come from; empty if they do not.
+
+    Args:
+        folder: of the episode.
+        digest: what it calls that of the detections; "replaced_sha256" for those that a run was about to replace.
+    """
     from labeling.formats.checked_json import read_json
 
     path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
     kept = read_json(about_path).mapping().get("detector_run") if about_path.is_file() else None
-    ours = isinstance(kept, dict) and path.is_file() and kept.get("detections_sha256") == _digest(path.read_bytes())
+    ours = isinstance(kept, dict) and path.is_file() and kept.get(digest) == _digest(path.read_bytes())
     return dict(kept) if isinstance(kept, dict) and ours else {}
 
 

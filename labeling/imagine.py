@@ -173,6 +173,8 @@ def choose_views(scene: "SmallScene", inputs: Sequence[int], views: Sequence[int
     if not given:
         raise UsageError("all views are to be predicted, none is left to remember; give fewer --views")
     others = [one for one in range(scene.num_views) if one not in given]
+    if not asked and not others:
+        raise UsageError("all views are to be remembered, none is left to predict; give fewer --inputs, or --views")
     return given, asked or _spread(others, DEFAULT_VIEWS)
 
 

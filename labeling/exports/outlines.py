@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,9 @@ def joined_outline(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "n 2"]:
     pieces = sorted((contour for contour, _ in _traced(mask, holes=False)), key=len, reverse=True)
     joined = pieces[0]
     for piece in pieces[1:]:
-        apart = np.linalg.norm(joined[:, None].astype(float) - piece[None], axis=-1)
-        here, there = np.unravel_index(int(apart.argmin()), apart.shape)
-        around = np.roll(piece, -int(there), axis=0)
+        apart, nearest = cKDTree(joined).query(piece)
+        there = int(apart.argmin())
+        here, around = int(nearest[there]), np.roll(piece, -there, axis=0)
         joined = np.concatenate([joined[: here + 1], around, around[:1], joined[here:]])
     return _placed(_corners(joined))
 

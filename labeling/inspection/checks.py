@@ -14,7 +14,7 @@ from labeling.core.masks import box_xywh
 from labeling.core.rle import decode_mask, encode_mask
 from labeling.core.types import Box3d
 from labeling.formats.checked_json import Json, read_json
-from labeling.io.coco import read_mask, read_valid_box_3d
+from labeling.io.coco import read_mask, read_size, read_valid_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import AMODAL_FILE, BOXES_FILE, MODAL_FILE, SUMMARY_FILE, cloud_file
 from labeling.io.label_set import calibration_note, recording_config, stated_dataset
@@ -152,7 +152,7 @@ def _check_instances(
     sizes = {}
     for image in file.list_of("images"):
         known.episodes[image.integer("id")] = image.text("episode")
-        sizes[image.integer("id")] = (image.integer("height"), image.integer("width"))
+        sizes[image.integer("id")] = read_size(image)
     seen: set[tuple[int, int]] = set()
     for record in file.list_of("annotations"):
         image_id, category_id = record.integer("image_id"), record.integer("category_id")
@@ -249,13 +249,17 @@ def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]
             continue
         file = cloud_file(folder, name)
         try:
-            labels = set(np.unique(read_ply(file)["label"]).tolist()) - {0}
+            cloud = read_ply(file)
+            labels = set(np.unique(cloud["label"]).tolist()) - {0}
+            lost = int(np.count_nonzero(~np.isfinite([cloud[axis] for axis in "xyz"]).all(axis=0)))
         except FileNotFoundError:
             yield f"{file}: the segmented cloud is missing"
             continue
         except (OSError, ValueError) as error:
             yield f"{file}: cannot be read ({error})"
             continue
+        if lost:
+            yield f"{file}: {lost} points have no finite place"
         objects = sum(owner == name for owner in known.objects.values())
         if labels - set(range(1, objects + 1)):
             yield f"{file}: has points of object {max(labels)}, but the episode has {objects} objects"

@@ -102,6 +102,8 @@ def read_scenes(folder: Path, most: int | None = None) -> list[LabelledScene]:
             points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=1).astype(float)
             colours = np.stack([cloud["red"], cloud["green"], cloud["blue"]], axis=1)
             labels = np.asarray(cloud["label"], np.int32)
+            there = np.isfinite(points).all(axis=1)  # labeling.inspect tells of others
+            points, colours, labels = points[there], colours[there], labels[there]
             recorded = _recorded(folder, summary, name)
             scenes.append(LabelledScene(name, points, colours, labels, tuple(objects), *recorded))
         return scenes

@@ -229,7 +229,21 @@ def _with_annotations(folder: Path, episode: Episode, ground_truth: bool, detect
     if DETECTIONS_FILE in found:
         images = found.get(TRUTH_FILE)
         episode = replace(episode, detections=read_detections(found[DETECTIONS_FILE], table, episode, images))
+        if note := _not_looked_at(episode):
+            episode = replace(episode, notes=(*episode.notes, note))
     return replace(episode, categories=table.names)
+
+
+def _not_looked_at(episode: Episode) -> str | None:
+    """What to say of an episode with more views than ``labeling.detect`` has looked at; None of others."""
+    run = episode.metadata.get("detector_run")
+    looked_at = run.get("views") if isinstance(run, dict) else None
+    if not isinstance(looked_at, int) or looked_at >= episode.num_views:
+        return None
+    return (
+        f"the detector has looked at {looked_at} of these {episode.num_views} views, and the others count as ones in "
+        "which it found nothing; give --every and --max-views as they were given to labeling.detect"
+    )
 
 
 def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion | None]") -> Episode:

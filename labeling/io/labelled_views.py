@@ -90,7 +90,7 @@ def labelled_views(
     for name, views in of_episode.items():
         if name not in folders:
             raise UsageError(f"{labels}: episode {name!r} is not in the dataset; say where it lies with --dataset")
-        episode = read_episode(folders[name], config)
+        episode = read_episode(folders[name], config, ground_truth=False, detections=False)
         for view, found in views.items():
             if not 0 <= view < episode.num_views:
                 raise LabelFormatError(f"{labels}: episode {name!r} has no view {view}")

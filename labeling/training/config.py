@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from labeling.runtime.ranges import NonNegative, Positive, Settings
+from labeling.runtime.ranges import Positive, Seed, Settings
 
 WEIGHTS_FILE = "detector.safetensors"
 """The best network, with its spec in the header."""
@@ -28,4 +28,4 @@ class TrainingConfig(Settings):
     """The highest of its schedule."""
     validate_every: Positive[int] = 500
     """Batches between validations."""
-    seed: NonNegative[int] = 0
+    seed: Seed = 0

@@ -76,6 +76,7 @@ class TrainingTask(ABC, Generic[Batch, Net]):
             self.dataset,
             batch_sampler=[list(range(size * batch, size * (batch + 1))) for batch in range(first, last)],
             collate_fn=self.collate,
+            generator=torch.Generator(),  # else every start of an epoch, or of the rest of one, draws from torch's own
             num_workers=self.workers,
             multiprocessing_context="spawn" if self.workers else None,
             pin_memory=self.workers > 0 and torch.cuda.is_available(),
@@ -160,7 +161,8 @@ def train(
     settle_network_threads()
     out.mkdir(parents=True, exist_ok=True)
     identity = json.dumps(task.identity, sort_keys=True)
-    progress = load_checkpoint(out, identity, task.device, lambda state: _restore(task, state))
+    scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
+    progress = load_checkpoint(out, identity, task.device, lambda state: _restore(task, scaler, state))
     if progress.iteration:
         say(f"going on from step {progress.iteration}")
     machine = {"device": device_name(task.device), "torch": torch.__version__}
@@ -172,7 +174,7 @@ def train(
                 if writer is not None and isinstance(value, float):
                     writer.add_scalar(f"{group}/{name}", value, step)
 
-        _train_on(task, out, progress, draw, say, bar, stop)
+        _train_on(task, out, progress, scaler, draw, say, bar, stop)
     return progress
 
 
@@ -180,13 +182,13 @@ def _train_on(
     task: TrainingTask,
     out: Path,
     progress: Progress,
+    scaler: torch.amp.GradScaler,
     draw: Callable[[str, Mapping[str, Any], int], None],
     say: Callable[[str], None],
     bar: Callable[..., Iterable[Any]] | None,
     stop: StopRequest | None,
 ) -> None:
     """Trains until the task is finished, or the program is told to stop and left."""
-    scaler = torch.amp.GradScaler("cuda", enabled=task.mixed_precision and task.device.type == "cuda")
     began, begun_at, saved = time.monotonic(), task.share_done(progress), time.monotonic()
 
     def is_within() -> bool:
@@ -194,7 +196,7 @@ def _train_on(
 
     def save() -> None:
         nonlocal saved
-        save_checkpoint(out, json.dumps(task.identity, sort_keys=True), progress, _state(task))
+        save_checkpoint(out, json.dumps(task.identity, sort_keys=True), progress, _state(task, scaler))
         saved = time.monotonic()
 
     def note(step: int, losses: Mapping[str, float]) -> None:
@@ -333,19 +335,25 @@ def _update_average(averaged: nn.Module, network: nn.Module, decay: float) -> No
             mean.copy_(value)
 
 
-def _state(task: TrainingTask) -> dict[str, Any]:
+def _state(task: TrainingTask, scaler: torch.amp.GradScaler) -> dict[str, Any]:
     return {
         "network": task.network.state_dict(),
         "averaged": None if task.averaged is None else task.averaged.state_dict(),
         "optimizer": task.optimizer.state_dict(),
         "random": torch.get_rng_state(),
+        "random_cuda": torch.cuda.get_rng_state(task.device) if task.device.type == "cuda" else None,
+        "scaler": scaler.state_dict(),
     }
 
 
-def _restore(task: TrainingTask, state: Mapping[str, Any]) -> None:
+def _restore(task: TrainingTask, scaler: torch.amp.GradScaler, state: Mapping[str, Any]) -> None:
     task.network.load_state_dict(state["network"])
     if task.averaged is not None:
         task.averaged.load_state_dict(state["averaged"])
     task.optimizer.load_state_dict(state["optimizer"])
     if "random" in state:
         torch.set_rng_state(state["random"].cpu())
+    if state.get("random_cuda") is not None and task.device.type == "cuda":
+        torch.cuda.set_rng_state(state["random_cuda"].cpu(), task.device)
+    if state.get("scaler") and scaler.is_enabled():
+        scaler.load_state_dict(state["scaler"])

@@ -19,6 +19,7 @@ from labeling.core.errors import LabelFormatError
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
 from labeling.evaluate import main as evaluate
+from labeling.formats.ply import read_ply
 from labeling.generate import main as generate
 from labeling.inspect import main
 from labeling.inspection.checks import inspect_label_set
@@ -163,6 +164,17 @@ def test_planted_faults_are_found(labels, capsys, file, change, message):
     assert main([str(labels)]) == 1
     printed = capsys.readouterr().out.splitlines()
     assert printed[: len(problems)] == problems
+
+
+def test_points_without_a_place_are_told_and_not_drawn(labels, tmp_path):
+    cloud = labels / "clouds" / "room_1.ply"
+    content = read_ply(cloud).copy()
+    content["x"][:2] = np.nan
+    cloud.write_bytes(cloud.read_bytes()[: -content.nbytes] + content.tobytes())
+    assert any("room_1.ply: 2 points have no finite place" in problem for problem in inspect_label_set(labels))
+    scene, _ = read_scenes(labels)
+    assert np.isfinite(scene.points).all()
+    assert len(scene.points) == len(scene.labels) == len(content["x"]) - 2
 
 
 def test_missing_and_broken_clouds_are_found(labels):

@@ -155,10 +155,15 @@ def _by_shape(arrays: list[np.ndarray], config: OnnxConfig, count: int, size: tu
 
 def _rows(table: np.ndarray, config: OnnxConfig, count: int, extra: int, size: tuple[int, int]) -> Candidates | None:
     """One row (or column) for each candidate: YOLO in its many exports."""
-    widths = (4 + count + extra, 5 + count + extra, 6, count + 32)
+    widths = (4 + count + extra, 5 + count + extra, 6 + extra, count + 32)
     if _last(table) not in widths and len(table) in widths[:2]:
         table = table.T
     width = table.shape[1]
+    if width == 6 + extra and (width not in widths[:2] or _are_suppressed(table, count, size)):
+        labels = table[:, 5].astype(int)  # corners, score, label from 0
+        coefficients = np.ascontiguousarray(table[:, 6:]) if extra else None
+        boxes = _corners(table[:, :4], config, size, "xyxy")
+        return Candidates(boxes, table[:, 4], labels, coefficients=coefficients)
     if width in widths[:2]:
         has_objectness = width == widths[1]
         scores = _probabilities(table[:, 4 + has_objectness : width - extra], count)
@@ -167,12 +172,18 @@ def _rows(table: np.ndarray, config: OnnxConfig, count: int, extra: int, size: t
         coefficients = np.ascontiguousarray(table[:, width - extra :]) if extra else None
         boxes = _from_grid(table[:, :4], size)
         return Candidates(_corners(boxes, config, size, "cxcywh"), *_best(scores), True, coefficients=coefficients)
-    if width == 6 and not extra:  # suppressed in the graph: corners, score, label from 0
-        labels = table[:, 5].astype(int)
-        return Candidates(_corners(table[:, :4], config, size, "xyxy"), table[:, 4], labels)
     if width == count + 32 and not extra:
         return _distributions([table[:, :count], table[:, count:]], config, count, size)
     return None
+
+
+def _are_suppressed(table: np.ndarray, count: int, size: tuple[int, int]) -> bool:
+    """Whether rows are corners, score and label of what a graph has suppressed already, where rows of one or two
+    categories are as wide: there are not as many as cells of grids (of YOLOv5, three to a cell), and labels are whole.
+    """
+    is_dense = any(len(table) % each == 0 and _grid(len(table) // each, size) is not None for each in (1, 3))
+    labels = table[:, 5]
+    return not is_dense and bool(np.all((labels == np.rint(labels)) & (labels >= 0) & (labels < count)))
 
 
 def _grid(count: int, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray] | None:

@@ -86,7 +86,7 @@ def _resize(sample: Sample, config: AugmentConfig, rng: np.random.Generator) -> 
     height, width = sample.rgb.shape[:2]
     short = min(height, width)
     factor = np.exp(rng.uniform(np.log(config.scale[0]), np.log(config.scale[1])))
-    scale = float(np.clip(short * factor, *config.short_side_px)) / short
+    scale = float(np.clip(short * factor, *(config.short_side_px or (1, np.inf)))) / short
     size = max(1, round(height * scale)), max(1, round(width * scale))
     if size == (height, width):
         return sample

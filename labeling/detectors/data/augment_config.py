@@ -14,8 +14,9 @@ class AugmentConfig(Settings):
     window_px: NonNegative[int] = 0
     """Of pictures larger than this only a window of so many pixels a side is taken, with part of an object in it if
     there is one: less work for the same scale; 0 takes them whole."""
-    short_side_px: Interval[int] = (128, 320)
-    """Pictures are resized so that their shorter side lies in this range ..."""
+    short_side_px: Interval[int] | None = None
+    """Pictures are resized so that their shorter side lies in this range (None: that of the pictures that the network
+    looks at; 128 to 320 for ``compact``) ..."""
     scale: Interval[float] = (0.75, 1.33)
     """... and is this many times what it was."""
     crop: Share[float] = 0.5

@@ -73,6 +73,8 @@ class FinetuneTask(MaskRcnnTask):
         """
         config.check()
         augmentation.check()
+        if augmentation.short_side_px is None:
+            augmentation = replace(augmentation, short_side_px=network.spec.short_side_px)
         names, share = network.spec.categories, config.replay_share
         self.dataset = ReplayDataset(
             pictures, names, augmentation, config.seed, replay, share, new_categories, config.repeat_threshold

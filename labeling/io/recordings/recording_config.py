@@ -1,7 +1,7 @@
 """How to read a recording."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Literal
 
 from labeling.runtime.ranges import Count, Positive, Range, Settings
@@ -70,3 +70,18 @@ class RecordingConfig(Settings):
     """Metres per unit of depth; by default as the layout has it (TUM 1/5000, ScanNet 1/1000, nerfstudio: its file)."""
     max_gap_s: Positive[float] = 0.02
     """TUM: colour, depth and pose at most this far apart in time belong together. Source: TUM's associate.py."""
+
+    def words(self) -> tuple[str, ...]:
+        """The options that differ from the defaults, as words of a command line.
+
+        >>> RecordingConfig(every=3, up="-y", camera=(500.0, 500.0, 319.5, 239.5)).words()
+        ('--every=3', '--up=-y', '--camera', '500.0', '500.0', '319.5', '239.5')
+        """
+        found: list[str] = []
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if value == option.default:
+                continue
+            name = f"--{option.name.replace('_', '-')}"
+            found += [name, *map(str, value)] if isinstance(value, tuple) else [f"{name}={value}"]
+        return tuple(found)

@@ -108,9 +108,20 @@ def _pose(path: Path) -> Float[np.ndarray, "4 4"] | None:
 
 
 def _numbered(folder: Path, extensions: tuple[str, ...]) -> dict[str, Path]:
-    """Files by what stands before their first dot, in the order of the numbers in it."""
+    """Files by their names without what says what kind they are (``000017`` of ``000017.color.jpg``), in the order of
+    the numbers in these.
+
+    Raises:
+        EpisodeFormatError: if the folder is missing, or two files have one name.
+    """
     if not folder.is_dir():
         raise EpisodeFormatError(f"{folder}: folder is missing")
     files = [file for file in folder.iterdir() if file.suffix.lower() in extensions and not file.name.startswith(".")]
     files.sort(key=lambda file: ([int(number) for number in re.findall(r"\d+", file.stem)], file.name))
-    return {file.name.split(".")[0]: file for file in files}
+    found: dict[str, Path] = {}
+    for file in files:
+        stem = re.sub(r"\.[A-Za-z]\w*$", "", file.stem)
+        if stem in found:
+            raise EpisodeFormatError(f"{found[stem]} and {file.name}: are both {stem!r}; one view has one file here")
+        found[stem] = file
+    return found

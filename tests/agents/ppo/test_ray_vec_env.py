@@ -240,7 +240,10 @@ def test_a_run_that_was_stopped_goes_on_elsewhere_exactly(
     def break_down() -> None:
         monkeypatch.setattr(RayGroup, "receive", lose_everything)
 
-    with pytest.raises(SbmError, match=r"its process was lost 3 times; python -m agents.train --resume .* goes on from the last checkpoint"):
+    with pytest.raises(
+        SbmError,
+        match=r"lost 3 times; python -m agents.train --resume .* goes on from the last checkpoint",
+    ):
         train(replace(config, out=stopped, where=where), at=3 * 30, do=break_down)
     monkeypatch.setattr(RayGroup, "receive", receive)
     assert (stopped / LAST / STATE_FILE).is_file()

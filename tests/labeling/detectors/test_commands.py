@@ -22,6 +22,7 @@ from labeling.evaluate import main as evaluate
 from labeling.finetune import main as finetune
 from labeling.generate import main as generate
 from labeling.io.episodes import read_episode
+from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.training.config import RESULTS_FILE, WEIGHTS_FILE
 
 from .toy_pictures import write_coco_folder
@@ -106,6 +107,38 @@ def test_detections_of_others_are_left_alone_unless_told(scene, detector, capsys
     assert (scene.dataset / "one" / "detections.json").read_bytes() == before
     assert detect([*command, "--replace"]) == 0
     assert (scene.dataset / "one" / "detections.json").read_bytes() != before
+
+
+def test_a_full_disk_or_a_kill_while_results_are_replaced_loses_nothing(dataset, detector, monkeypatch):
+    command = [str(dataset), "--detector", f"{detector}:find"]
+    assert detect(command) == 0
+    files = [dataset / "one" / name for name in ("detections.json", "episode.json")]
+    before = [file.read_bytes() for file in files]
+    other = [str(dataset), "--detector", f"{detector}:find_near"]
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, "write_text", full)
+        assert detect(other) == 2
+    assert [file.read_bytes() for file in files] == before
+    # Killed after the one file was written, before the other: whoever comes next replaces what was to be replaced.
+    assert detect(other) == 0
+    files[0].write_bytes(before[0])
+    assert detect(other) == 0
+    assert {one.category for one in read_episode(dataset / "one").detections or ()} == {"chair"}
+    files[0].write_bytes(before[0])
+    assert detect(command) == 0
+    assert files[0].read_bytes() == before[0]
+
+
+def test_views_that_no_detector_has_looked_at_are_told(dataset, detector, capsys):
+    assert detect([str(dataset), "--detector", f"{detector}:find", "--every", "2"]) == 0
+    assert f"labeling.generate {dataset} --every=2 --out LABELS" in capsys.readouterr().out
+    assert read_episode(dataset / "one", RecordingConfig(every=2)).notes == ()
+    (note,) = read_episode(dataset / "one").notes
+    assert note.startswith("the detector has looked at 1 of these 2 views")
 
 
 def test_detections_that_cannot_be_read_can_be_replaced(dataset, detector):

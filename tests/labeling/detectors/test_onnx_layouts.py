@@ -141,6 +141,36 @@ def test_a_layout_is_read(layout):
     np.testing.assert_allclose(found.boxes_xyxy[kept], BOXES, atol=1e-2)
 
 
+@pytest.mark.parametrize("names", [("ball",), ("ball", "box"), NAMES], ids=len)
+@pytest.mark.parametrize("masks", [0, 32])
+def test_what_the_graph_has_suppressed_is_read_whatever_the_number_of_categories(names, masks):
+    """Rows of corners, score and label are as wide as rows of one or two categories."""
+    labels = LABELS % len(names)
+    rows = np.zeros((300, 6 + masks), np.float32)
+    rows[:3, :6] = np.column_stack([BOXES, SCORES, labels])
+    rows[:3, 6:] = 0.5
+    outputs = {"output0": rows[None]} | ({"output1": np.zeros((1, masks, 16, 24), np.float32)} if masks else {})
+    found = read_candidates(outputs, OnnxConfig(names), SIZE)
+    assert not found.dense
+    np.testing.assert_allclose(found.scores[:3], SCORES)
+    np.testing.assert_array_equal(found.labels[:3], labels)
+    np.testing.assert_allclose(found.boxes_xyxy[:3], BOXES)
+    assert (found.coefficients is not None) == (masks > 0)
+
+
+@pytest.mark.parametrize("names", [("ball",), ("ball", "box")], ids=len)
+def test_rows_as_wide_of_few_categories_that_cover_the_grid_are_dense(names):
+    scores = np.zeros((3, len(names)), np.float32)
+    scores[np.arange(3), LABELS % len(names)] = SCORES
+    objectness = np.ones((3, 1)) if len(names) == 1 else np.zeros((3, 0))
+    table = dense(np.column_stack([centres(), objectness, scores]).astype(np.float32), 0.0)
+    assert table.shape[1] == 6
+    found = read_candidates({"output0": table[None]}, OnnxConfig(names), SIZE)
+    assert found.dense
+    np.testing.assert_allclose(found.scores[PLACES], SCORES, atol=1e-5)
+    np.testing.assert_allclose(found.boxes_xyxy[PLACES], BOXES, atol=1e-2)
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 def test_distributions_of_distances_are_read_grid_by_grid_in_any_order(reverse):
     scores, sides = dense(per_class(), 0.0), dense(distributions(), 0.0)

@@ -119,6 +119,9 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(episodes, run, tmp_path,
     assert "nothing to learn from was given" in refused(capsys, train_memory.main, "--out", out)
     assert "no such folder" in refused(capsys, train_memory.main, tmp_path / "nowhere", "--out", out)
     assert "--inputs must be above 0" in refused(capsys, train_memory.main, episodes, "--out", out, "--inputs", "0")
+    assert "--seed must lie from 0 to" in refused(capsys, train_memory.main, episodes, "--out", out, "--seed", "9" * 14)
+    every = ("--inputs", *map(str, range(6)))
+    assert "none is left to predict" in refused(capsys, imagine.main, run, episodes / "toys_1", "--out", out, *every)
     assert "a grid has 4 to 512 voxels" in refused(capsys, train_memory.main, episodes, "--out", out, "--voxel-m", "-1")
     assert "multiples of 4" in refused(capsys, train_memory.main, episodes, "--out", out, "--channels", "5")
     assert "holds a run with other data or settings" in refused(

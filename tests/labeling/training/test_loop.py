@@ -267,3 +267,37 @@ def test_a_validation_that_was_cut_off_is_made_by_the_run_that_goes_on(tmp_path,
     assert histories[0] == histories[1]
     assert resumed.saved[-1] == 20
     assert torch.equal(resumed.line.weight, whole.line.weight)
+
+
+class Dropped(Line):
+    """Its batches are those of the loop, and its network draws from torch's generator."""
+
+    def __init__(self, config: TrainingConfig) -> None:
+        super().__init__(config)
+        self.dataset = [torch.full((1,), float(1 + number % 3)) for number in range(4 * config.iterations)]
+        self.collate, self.workers = torch.stack, 0
+
+    def batches(self, progress):
+        return loop.TrainingTask.batches(self, progress)
+
+    def losses(self, batch, step):
+        if step + 1 == self.stop_at:
+            self.stop.set()
+        return {"square": (torch.nn.functional.dropout(self.network(batch) - 3 * batch) ** 2).mean()}
+
+    stop, stop_at = StopRequest(), 0
+
+
+def test_a_run_that_goes_on_between_validations_draws_what_it_would_have_drawn(tmp_path):
+    config = TrainingConfig(iterations=6, learning_rate=0.02, validate_every=6, batch_size=4)
+    whole, told, resumed = Dropped(config), Dropped(config), Dropped(config)
+    for task, out in ((whole, "whole"), (told, "told"), (resumed, "told")):
+        torch.manual_seed(1)
+        task.stop, task.stop_at = StopRequest(), 3 if task is told else 0
+        if task is told:
+            with pytest.raises(KeyboardInterrupt):
+                loop.train(task, tmp_path / out, say=silent, stop=task.stop)
+        else:
+            loop.train(task, tmp_path / out, say=silent, stop=task.stop)
+    assert torch.equal(resumed.line.weight, whole.line.weight)
+    assert not torch.equal(told.line.weight, whole.line.weight)

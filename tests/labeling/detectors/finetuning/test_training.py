@@ -161,7 +161,7 @@ def test_a_loss_that_is_no_number_ends_training(pictures, tmp_path):
 
 @pytest.mark.parametrize("change", [{"iterations": 0}, {"learning_rate": -1.0}, {"replay_share": 1.0}, {"seed": -1}])
 def test_settings_of_training_that_make_no_sense_are_refused(change):
-    with pytest.raises(UsageError, match=f"--{next(iter(change)).replace('_', '-')} must be"):
+    with pytest.raises(UsageError, match=f"--{next(iter(change)).replace('_', '-')} must "):
         replace(FinetuneConfig(), **change).check()
 
 
@@ -248,3 +248,13 @@ def test_outcomes_follow_cocos_rule():
     found = [one("box", 1, 0.6), one("box", 0, 0.8), one("box", 20, 0.7), one("ball", 25, 0.4), one("box", 30, 0.9)]
     scores, right = outcomes(found, truths)
     assert sorted(zip(scores, right, strict=True)) == [(0.4, False), (0.6, False), (0.7, False), (0.8, True)]
+
+
+def test_pictures_are_as_large_in_training_as_when_the_network_looks(pictures):
+    spec = replace(network().spec, short_side_px=(48, 64))
+    task = FinetuneTask(build_network(spec), pictures, [], FinetuneConfig(), AugmentConfig(crop=0.0))
+    sides = [min(task.dataset[number].rgb.shape[:2]) for number in range(12)]
+    assert 48 <= min(sides) <= max(sides) <= 64
+    assert task.identity["augment"]["short_side_px"] == (48, 64)
+    told = FinetuneTask(build_network(spec), pictures, [], FinetuneConfig(), AugmentConfig(short_side_px=(96, 96)))
+    assert min(told.dataset[0].rgb.shape[:2]) == 96

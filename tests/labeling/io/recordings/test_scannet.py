@@ -36,6 +36,25 @@ def test_frames_are_taken_in_the_order_of_their_numbers(tmp_path, room):
     assert names == ("color/0.png", "color/7.png", "color/14.png", "color/21.png", "color/28.png")
 
 
+@pytest.mark.parametrize("kinds", [("", "", ""), (".color", ".depth", ".pose")])
+def test_names_may_be_times(tmp_path, room, kinds):
+    folder = written(tmp_path, "scannet", room)
+    for name, kind in zip(("color", "depth", "pose"), kinds, strict=True):
+        files = sorted((folder / name).iterdir(), key=lambda file: int(file.stem))
+        for number, file in enumerate(files):
+            file.rename(file.with_name(f"1305031102.{100 + 33 * number}{kind}{file.suffix}"))
+    assert_same_views(read_episode(folder), room)
+    (folder / "pose" / f"1305031102.133{kinds[2]}.txt").unlink()
+    assert_same_views(read_episode(folder), pick(room, [0, 2, 3, 4]))
+
+
+def test_two_files_of_one_name_are_refused(tmp_path, room):
+    folder = written(tmp_path, "scannet", room)
+    (folder / "color" / "7.rgb.png").write_bytes((folder / "color" / "7.png").read_bytes())
+    with pytest.raises(EpisodeFormatError, match="are both '7'; one view has one file here"):
+        read_episode(folder)
+
+
 def test_depth_of_a_camera_of_its_own_is_brought_into_the_colour_picture(tmp_path):
     """Seen by a wider camera of a third of the resolution from the same place, each point keeps its depth."""
     colour_k = np.array([[60.0, 0, 47.5], [0, 62.0, 35.0], [0, 0, 1]])
