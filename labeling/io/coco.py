@@ -145,10 +145,15 @@ def read_detections(file: Json, table: CategoryTable, episode: "Episode", images
         view = image_of(record, views)
         if view is not None:
             whole, box = _mask_or_box(record, episode, view)
-            rows = np.flatnonzero(whole.any(axis=1))
-            mask[rows] = whole[rows]
-            detections.append(Detection(view, table.name(record), score, mask, box_xyxy=box))
+            detections.append(Detection(view, table.name(record), score, _copied(whole, mask), box_xyxy=box))
     return tuple(detections)
+
+
+def _copied(mask: Bool[np.ndarray, "h w"], blank: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """One of ``blank_masks``, filled: it takes memory for the rows of the mask only."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    blank[rows] = mask[rows]
+    return blank
 
 
 def read_shared_file(
@@ -214,8 +219,9 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
     views = view_of_image(file, episode)
     seen: dict[tuple[int, int], int] = {}
     ids: dict[tuple[int, int], int] = {}
-    labels = []
-    for record in file.list_of("annotations"):
+    records, labels = file.list_of("annotations"), []
+    blank = iter(blank_masks(2 * len(records), episode.size))
+    for record in records:
         view, category_id = image_of(record, views), record.integer("category_id")
         if view is None:
             continue
@@ -224,13 +230,15 @@ def read_ground_truth(file: Json, table: CategoryTable, episode: "Episode") -> t
         else:
             rank = seen[view, category_id] = seen.get((view, category_id), 0) + 1
             instance_id = ids.setdefault((category_id, rank), len(ids) + 1)
-        amodal = read_mask(record, "amodal_segmentation", episode.size) if record.has("amodal_segmentation") else None
+        modal, amodal = _copied(read_mask(record, "segmentation", episode.size), next(blank)), None
+        if record.has("amodal_segmentation"):
+            amodal = _copied(read_mask(record, "amodal_segmentation", episode.size), next(blank))
         labels.append(
             GroundTruth(
                 view_index=view,
                 instance_id=instance_id,
                 category=table.name(record),
-                modal=read_mask(record, "segmentation", episode.size),
+                modal=modal,
                 amodal=amodal,
                 box_3d=read_box_3d(record.get("box_3d")) if record.has("box_3d") else None,
                 ignore=is_ignored(record),

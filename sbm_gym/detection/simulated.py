@@ -5,8 +5,8 @@ from the front; unsure, confused and sloppy from behind, from above, far away, c
 hard belongs to the object and the viewpoint, not to the moment: bias per model and object and smooth noise over
 viewpoints mean that looking again from the same place does not help, while moving does.
 
-Its settings can be fitted to a real detector (``fitted.py``), so that policies learn on what is like it at a tenth of
-the cost.
+Its settings can be fitted to a real detector (``python -m sbm_gym.fit_simulated``), so that policies learn on what is
+like it at a tenth of the cost.
 """
 
 import hashlib

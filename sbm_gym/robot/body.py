@@ -153,7 +153,7 @@ class AgentBody:
 
     @property
     def yaw_rad(self) -> float:
-        """Heading, counter-clockwise from +X, in (-pi, pi]."""
+        """Heading, counter-clockwise from +X, in [-pi, pi)."""
         return float(self.data.qpos[self._qpos[PAN]])
 
     @property
