@@ -56,8 +56,9 @@ class GenerateCommand(GenerateConfig):  # noqa: D101 - the docstring of Generate
     __doc__ = GenerateConfig.__doc__
 
     preset: PresetName = "default"
-    """Where the settings of label generation start from: the best known, the thesis as written ("paper"), or the code
-    published with it, with its defects ("released"). Other flags change single settings of it."""
+    """Where the settings of label generation start from: the best known, the same without anything that was fitted to
+    ground truth ("unfitted"), the thesis as written ("paper"), or the code published with it, with its defects
+    ("released"). Other flags change single settings of it."""
 
 
 def run(config: GenerateConfig) -> None:

@@ -40,6 +40,7 @@ TITLES = {
     "table_5_3_final": "Table 5.3 in homes that no decision has seen",
     "table_5_3_command": "Table 5.3 as `labeling.finetune` fine-tunes without options",
     "table_5_3_doubts": "Table 5.3 where doubts are ignored, and where they are background",
+    "table_5_3_unfitted": "Table 5.3 without anything fitted to ground truth",
     "table_5_3_new_models": "Table 5.3 with furniture that no training home shows",
     "table_5_4": "Table 5.4: labels of the fine-tuned detector",
     "table_a_1": "Table A.1: the consistency filter",

@@ -74,6 +74,7 @@ LABEL_RECIPES: dict[str, LabelRecipe] = {
     "ignoring": LabelRecipe(LabelConfig(ignore_unconfirmed=0.3), shared=True, least_confidence=0.0),
     "second round": LabelRecipe(shared=True, detector_recipe="shared"),
     "both detectors": LabelRecipe(shared=True, detector_recipe="shared", with_recorded=True),
+    "unfitted": LabelRecipe(PRESETS["unfitted"], shared=True),
     "weak": LabelRecipe(weak=True),
     "consistent": LabelRecipe(LabelConfig(consistency=True)),
     "paper": LabelRecipe(PRESETS["paper"]),

@@ -105,10 +105,11 @@ class Job:
             record = self.finished(name, mark)
             if record is None:
                 episode, sources = yield from self.read(folder)
-                from labeling.generator.calibration.detector_calibration import calibration_of
+                from labeling.generator.calibration.unfitted import calibration_for
                 from labeling.generator.propagate import propagate
 
-                labels = propagate(episode, sources.detections, self.label, calibration_of(sources.detector))
+                calibration = calibration_for(sources.detector, self.label)
+                labels = propagate(episode, sources.detections, self.label, calibration)
                 yield episode.depth_m.size
                 record = self.write(episode, sources, labels, mark)
         except Exception as error:  # whatever is wrong with one episode, the others are labelled
@@ -197,7 +198,7 @@ class Job:
             unused = unused_sources(sources.detections, labels, self.label)
             lost = notes_of_outlines(episode, unused, self.label)
             notes = (*episode.notes, *sources.notes, *([warning] if warning else []), *lost)
-            doubtful = sources.uncalibrated if self.label.fuse_views else None
+            doubtful = None if asks_for_nothing_fitted(self.label) else sources.uncalibrated
             record = complete(episode_record(episode, labels, mark, sources.origin, notes, len(unused), doubtful))
             written()
         if self.label.published.amodal_boxes:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.published_defects import PublishedDefects
 
-PresetName = Literal["default", "paper", "released"]
+PresetName = Literal["default", "unfitted", "paper", "released"]
 
 PAPER = LabelConfig(
     weak_evidence=False,
@@ -65,7 +65,16 @@ RELEASED = replace(
 )
 """The thesis with the defects of the code that was published with it."""
 
-PRESETS: dict[PresetName, LabelConfig] = {"default": LabelConfig(), "paper": PAPER, "released": RELEASED}
+UNFITTED = LabelConfig(min_posterior=1.0, class_sizes=False, calibrate=False)
+"""The default without anything that was fitted to ground truth: objects are those that a view is sure of, under the
+name of the highest confidence; labels are worth this chance times the mean probability in their masks."""
+
+PRESETS: dict[PresetName, LabelConfig] = {
+    "default": LabelConfig(),
+    "unfitted": UNFITTED,
+    "paper": PAPER,
+    "released": RELEASED,
+}
 
 
 def describe(config: LabelConfig) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from labeling.cluster.cluster_config import HERE, ClusterConfig, JobFiles
 from labeling.cluster.jobs import run_jobs
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError
-from labeling.generator.calibration.detector_calibration import calibration_of
+from labeling.generator.calibration.unfitted import calibration_for
 from labeling.generator.label_jobs import EpisodeResult, Job, fingerprint, kept_apart, taken
 from labeling.generator.propagate import propagate
 from labeling.generator.sharing.joined_episodes import EpisodePart, join_episodes, split_labels
@@ -178,7 +178,7 @@ class GroupJob:
         views, detections = join_episodes(episodes, [one.detections for one in sources])
         config = self.job.label
         config = replace(config, max_voxels=min(len(episodes), FINER) * config.max_voxels)
-        labels = propagate(views, detections, config, calibration_of(sources[0].detector))
+        labels = propagate(views, detections, config, calibration_for(sources[0].detector, config))
         names = [one.name for one in episodes]
         records: dict[Path, EpisodeRecord | None] = {}
         for (folder, (episode, found)), part in zip(

@@ -39,10 +39,11 @@ def test_presets_run_end_to_end_and_are_recorded(dataset: Path, tmp_path: Path, 
     summary = read(tmp_path / "labels" / "label_set.json")
     assert summary["preset"] == preset
     assert summary["changed"] == {}
-    assert summary["config"]["fuse_views"] == (preset == "default")
+    assert summary["config"]["fuse_views"] == (preset in ("default", "unfitted"))
     assert summary["config"]["published"] == vars(PRESETS[preset].published)
     annotations = read(tmp_path / "labels" / "instances_modal.json")["annotations"]
     assert annotations
+    assert (summary["uncalibrated_detectors"] == []) == (preset != "default")  # none is asked for but by default
     if preset == "released":
         assert {one["score"] for one in annotations} == {1.0}
 

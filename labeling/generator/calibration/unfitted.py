@@ -1,0 +1,40 @@
+"""Labels without anything that was fitted to ground truth: what takes the place of calibrations then."""
+
+import numpy as np
+
+from labeling.generator.calibration.detector_calibration import DetectorCalibration, calibration_of
+from labeling.generator.objects.object_posterior import FEATURES, ObjectModel
+from labeling.generator.settings.label_config import LabelConfig
+
+UNFITTED_OBJECTS = ObjectModel(
+    mean=np.zeros(len(FEATURES)),
+    scale=np.ones(len(FEATURES)),
+    weight=np.array([float(name == "best") for name in FEATURES]),
+    intercept=0.0,
+    category_bias={},
+)
+"""The odds of a category are those of the highest confidence in it, as the detector says them."""
+
+
+def asks_for_nothing_fitted(config: LabelConfig) -> bool:
+    """Whether settings leave out all that asks a fitted model: objects that no view is sure of, sizes of categories,
+    and the expected IoU of labels.
+    """
+    return config.min_posterior >= 1 and not config.class_sizes and not config.calibrate
+
+
+def calibration_for(detector: str | None, config: LabelConfig) -> DetectorCalibration:
+    """The calibration to label with.
+
+    Args:
+        detector: whose detections are labelled from, by name.
+        config: settings. Where they ask for nothing that was fitted, what the others would read is left as it is, and
+            what remains to be asked, the category of an object that detections disagree on, is ``UNFITTED_OBJECTS``.
+
+    Raises:
+        UsageError: if the calibration was written by a version with other models.
+    """
+    found = calibration_of(detector)
+    if not asks_for_nothing_fitted(config):
+        return found
+    return DetectorCalibration(UNFITTED_OBJECTS, found.labels, found.sizes)
