@@ -188,6 +188,7 @@ class Job:
             OSError: if a file cannot be written.
         """
         from labeling.formats.ply import write_ply
+        from labeling.generator.calibration.unfitted import asks_for_nothing_fitted
         from labeling.generator.quality.unused_sources import notes_of_outlines, unused_sources
         from labeling.generator.settings.published_defects import with_amodal_boxes
 
