@@ -121,7 +121,7 @@ def mean_interval(
     groups, mean = len(sums), float(values.mean())
     drawn = _times_drawn(groups, seed)
     ends = np.quantile((drawn @ sums) / (drawn @ counts), QUANTILES)
-    low, high = mean + (ends - mean) * _small_sample(groups)
+    low, high = mean + (ends - mean) * small_sample_factor(groups)
     return float(low), float(high)
 
 
@@ -131,8 +131,10 @@ def _times_drawn(groups: int, seed: int) -> Int64[np.ndarray, "resamples groups"
     return np.random.default_rng(seed).multinomial(groups, np.full(groups, 1 / groups), RESAMPLES)
 
 
-def _small_sample(groups: int) -> float:
-    """What the distance of percentiles from the mean is multiplied with."""
+def small_sample_factor(groups: int) -> float:
+    """What the distance of percentiles from the mean is multiplied with, of so many groups; 1 of a single one."""
+    if groups < 2:
+        return 1.0
     return float(np.sqrt(groups / (groups - 1)) * stdtrit(groups - 1, QUANTILES[1]) / ndtri(QUANTILES[1]))
 
 

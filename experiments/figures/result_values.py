@@ -9,6 +9,9 @@ import numpy as np
 import yaml
 from jaxtyping import Float
 
+from agents.evaluation.statistics import small_sample_factor
+from experiments.tables.training_sets import PARTS
+
 _THESIS = yaml.safe_load(Path(__file__).with_name("thesis_values.yaml").read_text(encoding="utf-8"))
 MEANS: dict[str, dict[str, dict[str, float]]] = _THESIS["means"]
 """What the thesis reports over all categories, in points of AP, by table, row and figure ("ap50", "ap30")."""
@@ -83,25 +86,28 @@ def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> flo
 
 
 def gap_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> tuple[float, float] | None:
-    """95 % interval, over scenes drawn again, of the ceiling's lead over before, points; None where results tell of no
-    draws: those of before, and of few scenes.
+    """95 % interval, over scenes and seeds drawn again, of the ceiling's lead over before, points; None where results
+    tell of no draws: those of before, and of few scenes.
     """
     draws = _gap_draws(content, gap, figure)
-    return None if draws is None else _interval(draws[2] - draws[0])
+    if draws is None:
+        return None
+    before, _, ceiling = (statistics.fmean(row) for row in _gap_rows(content, gap, figure))
+    return interval_of_draws(draws[2] - draws[0], ceiling - before, _num_scenes(content, gap))
 
 
 def share_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> tuple[float, float] | None:
-    """95 % interval of ``gap_share`` over scenes drawn again; None where there are no draws or no gap."""
-    draws = _gap_draws(content, gap, figure)
-    if draws is None or gap_share(content, gap, figure) is None:
+    """95 % interval of ``gap_share`` over scenes and seeds drawn again; None where there are no draws or no gap."""
+    draws, share = _gap_draws(content, gap, figure), gap_share(content, gap, figure)
+    if draws is None or share is None:
         return None
     before, ours, ceiling = draws
     some = ceiling > before
-    return _interval((ours - before)[some] / (ceiling - before)[some])
+    return interval_of_draws((ours - before)[some] / (ceiling - before)[some], share, _num_scenes(content, gap))
 
 
 def _gap_draws(content: Mapping[str, Any], gap: Gap, figure: str) -> Float[np.ndarray, "3 draws"] | None:
-    """Figures of before, after and ceiling in points, means over seeds, by draw of scenes."""
+    """Figures of before, after and ceiling in points, means over seeds that are drawn again, by draw of scenes."""
     name = _name_of_mean(figure)
     rows: dict[str, list[list[float] | None]] = {
         one["name"]: [(run.get("resampled") or {}).get(name) for run in one["runs"]] for one in content["rows"]
@@ -111,17 +117,43 @@ def _gap_draws(content: Mapping[str, Any], gap: Gap, figure: str) -> Float[np.nd
         draws = [one for one in rows[row] if one is not None]
         if len(draws) < len(rows[row]):
             return None
-        means.append(np.mean(np.array(draws, float), axis=0))
+        means.append(mean_of_drawn_seeds(draws))
     return 100.0 * np.array(means)
 
 
-def _interval(values: Float[np.ndarray, "n"]) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.025, 0.975])
+def _num_scenes(content: Mapping[str, Any], gap: Gap) -> int:
+    """In how many scenes the rows of a gap are scored."""
+    (part,) = {row["part"] for row in content["rows"] if row["name"] in gap}
+    return len({scene for name in PARTS.get(part, (part,)) for scene in content["pools"][name].get("scenes", ())})
+
+
+def mean_of_drawn_seeds(runs: Sequence[Sequence[float]]) -> Float[np.ndarray, "draws"]:
+    """Means over seeds, by draw of scenes, of seeds that are drawn again for each: other seeds would have given others.
+
+    Args:
+        runs: a figure by draw of scenes, of each seed. Deviations from their mean are drawn as much larger as those of
+            so few seeds are too small; of a single seed nothing can be told.
+    """
+    by_seed = np.array(runs, float)
+    count, draws = by_seed.shape
+    mean = by_seed.mean(axis=0)
+    if count == 1:
+        return mean
+    chosen = np.random.default_rng(0).integers(count, size=(count, draws))
+    drawn = np.take_along_axis(by_seed, chosen, axis=0).mean(axis=0)
+    return mean + np.sqrt(count / (count - 1)) * (drawn - mean)
+
+
+def interval_of_draws(values: Float[np.ndarray, "n"], told: float, scenes: int) -> tuple[float, float]:
+    """The middle 95 % of drawn values, as much further from the value that is told as those of few scenes are too near
+    to it.
+    """
+    low, high = told + (np.quantile(values, [0.025, 0.975]) - told) * small_sample_factor(scenes)
     return float(low), float(high)
 
 
 def ratio_to_ceiling(
-    ours: Mapping[str, Any], ceiling: Mapping[str, Any], figure: str
+    ours: Mapping[str, Any], ceiling: Mapping[str, Any], figure: str, scenes: int
 ) -> tuple[float | None, tuple[float, float] | None]:
     """What one row of table 5.5 reaches of another, of means over seeds.
 
@@ -129,10 +161,11 @@ def ratio_to_ceiling(
         ours: a row.
         ceiling: another one, on the same views.
         figure: "ap25" or "ap50".
+        scenes: how many there are.
 
     Returns:
-        The ratio, None if the ceiling finds nothing; and its 95 % interval over scenes drawn again, None where results
-        tell of no draws.
+        The ratio, None if the ceiling finds nothing; and its 95 % interval over scenes and seeds drawn again, None
+        where results tell of no draws.
     """
     rows = [[run for run in row["runs"] if run[figure] is not None] for row in (ours, ceiling)]
     reached, most = (statistics.fmean(run[figure] for run in runs) if runs else 0.0 for runs in rows)
@@ -141,9 +174,9 @@ def ratio_to_ceiling(
     draws = [[(run.get("resampled") or {}).get(figure) for run in runs] for runs in rows]
     if any(one is None for of_row in draws for one in of_row):
         return reached / most, None
-    drawn_ours, drawn_ceiling = (np.mean(np.array(of_row, float), axis=0) for of_row in draws)
+    drawn_ours, drawn_ceiling = map(mean_of_drawn_seeds, draws)
     some = drawn_ceiling > 0
-    return reached / most, _interval(drawn_ours[some] / drawn_ceiling[some])
+    return reached / most, interval_of_draws(drawn_ours[some] / drawn_ceiling[some], reached / most, scenes)
 
 
 def gap_shares(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> list[float | None]:

@@ -9,7 +9,7 @@ from experiments.figures.result_values import BOXES_3D, ratio_to_ceiling
 from experiments.pages.markdown import mean_std, table
 from experiments.tables.table_5_5 import CEILING, LDLS, OURS, SHARED, TUNED
 
-MASK_SOURCES = {"recorded": "of the pre-trained detector", "told": "true ones"}
+MASK_SOURCES = {"recorded": "of the pre-trained detector", "told": "true ones (for LDLS, true masks)"}
 """Where the 2-D detections come from that are lifted, as results name it and as the page does."""
 TARGETS = {
     "objects": "{:.0f}",
@@ -58,7 +58,7 @@ def _world(world: str, found: Mapping[str, Any]) -> dict[str, Any]:
         "name": world,
         "best_scale": max(scales, key=lambda scale: scales[scale]),
         "means": means,
-        "shares": [one for source in MASK_SOURCES for one in _shares(found["rows"], source)],
+        "shares": [one for source in MASK_SOURCES for one in _shares(found, source)],
         "categories": [_by_category(of_truth, at, counts) for at in ("ap25", "ap50")],
         "ranges": table(["AP25 by distance", *ranges], by_range),
         "box_targets": {row: _targets(of_seeds) for row, of_seeds in found["targets"].items()},
@@ -71,11 +71,12 @@ def _by_category(rows: Sequence[Mapping[str, Any]], at: str, counts: Mapping[str
     return table([at.upper(), *(f"{name} ({count})" for name, count in counts.items())], cells)
 
 
-def _shares(rows: Sequence[Mapping[str, Any]], source: str) -> list[dict[str, Any]]:
+def _shares(world: Mapping[str, Any], source: str) -> list[dict[str, Any]]:
     """How near SbM comes to the supervised network, and how far it lies from LDLS; empty if the former finds none."""
-    of_source, found = {row["name"]: row for row in rows if row["boxes"] == source}, []
+    of_source, found = {row["name"]: row for row in world["rows"] if row["boxes"] == source}, []
+    scenes = len(set(world["pools"]["wide"].get("scenes", ())))
     for name in (OURS, SHARED):
-        reached = [ratio_to_ceiling(of_source[name], of_source[CEILING], figure) for figure in ("ap25", "ap50")]
+        reached = [ratio_to_ceiling(of_source[name], of_source[CEILING], figure, scenes) for figure in ("ap25", "ap50")]
         if reached[0][0] is None:
             continue
         found.append(

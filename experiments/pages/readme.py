@@ -86,4 +86,4 @@ def _gap_closed(content: Mapping[str, Any], figure: str) -> str:
     share, between = gap_share(content, gap, figure), share_interval(content, gap, figure)
     if share is None:
         return "-"
-    return f"{share:.0%}" + ("" if between is None else " ({:.0%} to {:.0%} over scenes)".format(*between))
+    return f"{share:.0%}" + ("" if between is None else " ({:.0%} to {:.0%})".format(*between))

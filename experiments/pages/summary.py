@@ -24,7 +24,7 @@ GAP = ("pre-trained", "SbM fine-tuned on shared labels", "GT fine-tuned")
 """Whose share is told."""
 FIGURES, BOX_FIGURES = ("ap50", "box_ap50"), ("ap25", "ap50")
 """Of masks and boxes in pictures, and of 3-D boxes."""
-NOT_RUN, NOT_SHOWN, EARLIER = "not run", "no gap shown", " \u2020"
+NOT_RUN, NOT_SHOWN, WITHIN_CHANCE, EARLIER = "not run", "no gap shown", "above, within chance", " \u2020"
 HEADINGS = (
     "AP50 of masks / boxes; of 3-D boxes at .25 / .5",
     "thesis",
@@ -51,7 +51,14 @@ def summary_table(contents: Mapping[str, Mapping[str, Any]]) -> str:
         told += EARLIER if row["table"] in earlier else ""
         thesis = "-" if "thesis" not in row else _written(row, row["thesis"])
         rows.append(
-            [row["what"], thesis, _pair(row, row.get("earlier")), told, _pair(row, row.get("goal")), _short(row, now)]
+            [
+                row["what"],
+                thesis,
+                _pair(row, row.get("earlier")),
+                told,
+                _pair(row, row.get("goal")),
+                _short(row, content, now),
+            ]
         )
     return table(list(HEADINGS), rows, "---:")
 
@@ -86,8 +93,10 @@ def _of_ceiling(
     row: Mapping[str, Any], content: Mapping[str, Any], figure: str
 ) -> tuple[float | None, tuple[float, float] | None]:
     """What 3-D boxes reach that labels have taught, of those taught by ground truth, with its interval."""
-    found = {one["name"]: one for one in content["worlds"][row["world"]]["rows"] if one["boxes"] == "recorded"}
-    return ratio_to_ceiling(found[SHARED], found[CEILING], figure)
+    world = content["worlds"][row["world"]]
+    found = {one["name"]: one for one in world["rows"] if one["boxes"] == "recorded"}
+    scenes = len(set(world["pools"]["wide"].get("scenes", ()))) if "pools" in world else 0
+    return ratio_to_ceiling(found[SHARED], found[CEILING], figure, scenes)
 
 
 def _written(row: Mapping[str, Any], value: float | None) -> str:
@@ -101,32 +110,37 @@ def _pair(row: Mapping[str, Any], pair: list[float | None] | None) -> str:
 
 
 def _with_intervals(row: Mapping[str, Any], content: Mapping[str, Any], now: list[float | None]) -> str:
-    if row["kind"] == "boxes":
-        between = [_of_ceiling(row, content, figure)[1] for figure in BOX_FIGURES]
-        return " / ".join(_within(row, *one) for one in zip(now, between, strict=True))
-    if row["kind"] != "share" or not _has_gap(content):
-        return _pair(row, now)
-    told = []
-    for figure, value in zip(FIGURES, now, strict=True):
-        if value is None and gap_interval(content, GAP, figure) is not None:
-            told.append(NOT_SHOWN)
-        else:
-            told.append(_within(row, value, share_interval(content, GAP, figure)))
+    told = [_within(row, *one) for one in zip(now, _intervals(row, content), strict=True)]
+    if row["kind"] == "share" and _has_gap(content):
+        for number, (figure, value) in enumerate(zip(FIGURES, now, strict=True)):
+            if value is None and gap_interval(content, GAP, figure) is not None:
+                told[number] = NOT_SHOWN
     return " / ".join(told)
+
+
+def _intervals(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[tuple[float, float] | None]:
+    """Of today's figures, where results tell of draws."""
+    if row["kind"] == "boxes":
+        return [_of_ceiling(row, content, figure)[1] for figure in BOX_FIGURES]
+    if row["kind"] == "share" and _has_gap(content):
+        return [share_interval(content, GAP, figure) for figure in FIGURES]
+    return [None, None]
 
 
 def _within(row: Mapping[str, Any], value: float | None, between: tuple[float, float] | None) -> str:
     return _written(row, value) + ("" if between is None else " [{:.2f}, {:.2f}]".format(*between))
 
 
-def _short(row: Mapping[str, Any], now: list[float | None] | None) -> str:
-    """By how much today's figures are below the goals."""
-    if "goal" not in row or now is None:
+def _short(row: Mapping[str, Any], content: Mapping[str, Any] | None, now: list[float | None] | None) -> str:
+    """By how much today's figures are below the goals; reached is one that the whole interval is above."""
+    if "goal" not in row or content is None or now is None:
         return "-"
     short = []
-    for value, goal in zip(now, row["goal"], strict=True):
+    for value, goal, between in zip(now, row["goal"], _intervals(row, content), strict=True):
         if value is None or goal is None:
             short.append("-")
+        elif value < goal - 1e-9:
+            short.append(_written(row, goal - value))
         else:
-            short.append("reached" if value >= goal - 1e-9 else _written(row, goal - value))
+            short.append("reached" if between is None or between[0] >= goal else WITHIN_CHANCE)
     return " / ".join(short)

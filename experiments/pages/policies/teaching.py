@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.figures.result_values import interval_of_draws, mean_of_drawn_seeds
 from experiments.pages.markdown import mean_std, points, table
 from experiments.pages.policies.cells import PERCENT
 from experiments.tables.policies import views_of
@@ -94,23 +95,26 @@ def _differences(world: Mapping[str, Any], base: str) -> str | None:
     runs, figures = _runs(world), {"mask_ap50": "mask AP50", "box_ap50": "box AP50"}
     if any(run["dev"].get("resampled") is None for found in runs.values() for run in found):
         return None
-    rows = []
+    rows, scenes = [], len(set(world["pools"]["dev"]["scenes"]))
     for (teacher, policy), ours in runs.items():
         if policy != base:
-            cells = [_above(ours, runs[teacher, base], figure) for figure in figures]
+            cells = [_above(ours, runs[teacher, base], figure, scenes) for figure in figures]
             rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     for policy in dict.fromkeys(policy for _, policy in runs):
         if ("truth", policy) in runs:
-            cells = [_above(runs["truth", policy], runs["labels", policy], figure) for figure in figures]
+            cells = [_above(runs["truth", policy], runs["labels", policy], figure, scenes) for figure in figures]
             rows.append([f"ground truth instead of labels of the views of `{policy}`", *cells])
     return table(["", *figures.values()], rows)
 
 
-def _above(ours: Sequence[Mapping[str, Any]], theirs: Sequence[Mapping[str, Any]], figure: str) -> str:
-    """Difference of means over seeds, points, and its 95 % interval over scenes drawn again, the same for both."""
-    drawn = [np.mean([run["dev"]["resampled"][figure] for run in runs], axis=0) for runs in (ours, theirs)]
-    low, high = np.quantile(PERCENT * (drawn[0] - drawn[1]), (0.025, 0.975))
+def _above(ours: Sequence[Mapping[str, Any]], theirs: Sequence[Mapping[str, Any]], figure: str, scenes: int) -> str:
+    """Difference of means over seeds, points, and its 95 % interval over scenes, the same for both, and seeds drawn
+    again. Training sets of the same seed have the same scenes, so differences by seed are drawn.
+    """
+    by_seed = [np.array([run["dev"]["resampled"][figure] for run in runs]) for runs in (ours, theirs)]
     means = [np.mean([run["dev"][figure] for run in runs]) for runs in (ours, theirs)]
+    drawn = mean_of_drawn_seeds(by_seed[0] - by_seed[1])
+    low, high = (PERCENT * end for end in interval_of_draws(drawn, means[0] - means[1], scenes))
     text = f"{PERCENT * (means[0] - means[1]):+.1f}"
     return f"{f'**{text}**' if low * high > 0 else text} [{low:+.1f}, {high:+.1f}]"
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
@@ -214,9 +215,11 @@ def test_differences_of_what_is_learnt_have_intervals_over_scenes(tmp_path: Path
         drawn = (shared + above).tolist()
         run["dev"] |= {"mask_ap50": float(np.mean(drawn)), "box_ap50": 0.5}
         run["dev"]["resampled"] = {"mask_ap50": drawn, "box_ap50": shared.tolist()}
+    world["pools"]["dev"]["scenes"] = [f"home/{number}" for number in range(12)]
     (tmp_path / "policies.json").write_text(json.dumps(content))
     text = page(read_results(tmp_path))
-    low, high = np.quantile(100 * (0.03 + own), (0.025, 0.975))
-    cells = f"**{100 * np.mean(0.03 + own):+.1f}** [{low:+.1f}, {high:+.1f}] | +0.0 [+0.0, +0.0]"
+    mean, wider = np.mean(0.03 + own), np.sqrt(12 / 11) * t.ppf(0.975, 11) / norm.ppf(0.975)
+    low, high = 100 * (mean + wider * (np.quantile(0.03 + own, (0.025, 0.975)) - mean))
+    cells = f"**{100 * mean:+.1f}** [{low:+.1f}, {high:+.1f}] | +0.0 [+0.0, +0.0]"
     for other in {run["policy"] for run in world["runs"]} - {base}:
         assert f"| after labels of `{other}` | {cells} |" in text
