@@ -27,15 +27,19 @@ RIGHT_IOU = 0.5
 AP_THRESHOLDS = {"ap50": 0.5, "ap30": 0.3}
 
 
-def label_record(captures: Sequence[Capture], categories: Sequence[str], view_counts: Sequence[int]) -> dict[str, Any]:
+def label_record(
+    captures: Sequence[Capture], categories: Sequence[str], view_counts: Sequence[int], detector: str | None = None
+) -> dict[str, Any]:
     """Labels the first views of an episode, a few and more, and keeps what scoring needs, as JSON.
 
     Args:
         captures: full frames, in order.
         categories: that the detector has a name for.
         view_counts: labels are made of so many of the first views; more than there are give none.
+        detector: whose calibration labels are made with, as ``labeling.generate`` makes them of recorded episodes.
     """
     from labeling.core.rle import encode_mask
+    from labeling.generator.calibration.detector_calibration import calibration_of
     from labeling.generator.propagate import propagate
 
     truths = [
@@ -46,7 +50,7 @@ def label_record(captures: Sequence[Capture], categories: Sequence[str], view_co
     made: dict[str, list[Any]] = {}
     for count in [count for count in view_counts if count <= len(captures)]:
         seen = episode_of_captures(captures[:count], categories, {})
-        labels = propagate(seen, seen.detections or ())
+        labels = propagate(seen, seen.detections or (), calibration=calibration_of(detector))
         made[str(count)] = [
             [one.view_index, one.category, _rle(encode_mask(one.modal)), float(one.confidence)]
             for one in labels.labels

@@ -149,7 +149,8 @@ class Evaluator:
         record, captures = run_episode(self.env, self._policies[policy], spec, size_px)
         record["policy"] = policy
         if self.config.labels:
-            record["label_quality"] = label_record(captures, inner_env(self.env).categories, self.config.label_views)
+            known, views = inner_env(self.env).categories, self.config.label_views
+            record["label_quality"] = label_record(captures, known, views, self.config.detector)
         write_json(self.path(spec, policy), record)
 
     def run_all(self, jobs: Sequence[tuple[EpisodeSpec, str]]) -> int:

@@ -12,6 +12,9 @@ from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_versions
 from sbm_gym.worlds.splits import Split
 
+BEGUN_AGAIN = "begun_again"
+"""What results call the number of episodes that began elsewhere first, where the detector was sure of nothing."""
+
 
 @dataclass(frozen=True)
 class EpisodePool:
@@ -123,5 +126,6 @@ def pool_record(pool: EpisodePool, folders: list[Path]) -> dict[str, Any]:
     """What the record of results says about a pool."""
     import json
 
-    scenes = [json.loads((folder / "episode.json").read_text())["scene"] for folder in folders]
-    return {**asdict(pool), "views_per_episode": 25, "scenes": scenes}
+    told = [json.loads((folder / "episode.json").read_text()) for folder in folders]
+    scenes, again = [one["scene"] for one in told], sum(one.get("spawn", 0) > 0 for one in told)
+    return {**asdict(pool), "views_per_episode": 25, "scenes": scenes, BEGUN_AGAIN: again}

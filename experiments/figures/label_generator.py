@@ -6,6 +6,7 @@ from typing import Any
 
 from matplotlib import pyplot as plt
 
+from experiments.figures.result_values import widened
 from experiments.figures.style import GREEN, GREY, GRID, INK, save, tidy
 from labeling.metrics.bootstrap import significant_sign
 
@@ -24,6 +25,7 @@ def draw_label_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
         path: PNG to write.
     """
     rows: list[tuple[str, dict[str, Any] | None]] = []
+    scenes = len(set(content["pools"][pool]["scenes"]))
     for factor in content["factors"]:
         if factor["variants"]:
             rows.append((factor["title"], None))
@@ -33,7 +35,7 @@ def draw_label_ablation(content: dict[str, Any], pool: str, path: Path) -> None:
     )
     for axes, (key, title) in zip(panels[0], PANELS.items(), strict=True):
         for place, (_, differences) in enumerate(rows):
-            difference = None if differences is None else differences[key]
+            difference = None if differences is None else widened(differences[key], scenes)
             if difference is not None:
                 colour = COLOURS[significant_sign(difference)]
                 if difference["low"] is not None:

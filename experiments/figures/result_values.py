@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from jaxtyping import Float
 
-from agents.evaluation.statistics import small_sample_factor
+from agents.evaluation.statistics import MIN_SCENES, small_sample_factor
 from experiments.tables.training_sets import PARTS
 
 _THESIS = yaml.safe_load(Path(__file__).with_name("thesis_values.yaml").read_text(encoding="utf-8"))
@@ -199,3 +199,16 @@ def thesis_gap_share(name: str, gap: Gap, figure: str = "ap50") -> float | None:
     if not all(row in theirs for row in gap):
         return None
     return _share(*(theirs[row][figure] for row in gap))
+
+
+def widened(difference: Mapping[str, Any] | None, scenes: int) -> dict[str, Any] | None:
+    """A difference with an interval as wide as that of so few scenes is: episodes of one scene are alike. None of fewer
+    than ``MIN_SCENES``.
+    """
+    if difference is None or difference["low"] is None:
+        return None if difference is None else dict(difference)
+    if scenes < MIN_SCENES:
+        return {**difference, "low": None, "high": None}
+    mean, factor = difference["mean"], small_sample_factor(scenes)
+    low, high = (mean + factor * (difference[end] - mean) for end in ("low", "high"))
+    return {**difference, "low": low, "high": high}

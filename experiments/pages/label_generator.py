@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from experiments.figures.result_values import widened
 from experiments.pages.markdown import Pictures, points, read_result, render, table
 from labeling.core.errors import SbmError
 from labeling.generator.settings.label_config import LabelConfig
@@ -53,8 +54,8 @@ def _ablation(content: Mapping[str, Any]) -> dict[str, Any]:
                 **factor,
                 "defaults": [_default(name, default[name], current[name]) for name, kept in known.items() if kept],
                 "deleted": [f"`{name}`" for name, kept in known.items() if not kept],
-                "table": _differences(variants, list(content["pools"]), results["default"]) if variants else "",
-                "verdict": verdict(factor) if variants else "",
+                "table": _differences(variants, content["pools"], results["default"]) if variants else "",
+                "verdict": verdict(factor, _num_scenes(content["pools"], CHOSEN_ON)) if variants else "",
             }
         )
     levels = _levels({name: results[name] for name in ("detector", "default")}, content["pools"], tuple(DIFFERENCES))
@@ -67,9 +68,15 @@ def _default(name: str, measured: Any, current: Any) -> str:
     return f"`{name} = {_setting(measured)}`{since}"
 
 
-def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mean_iou") -> str:
+def _num_scenes(pools: Mapping[str, Any], pool: str) -> int:
+    return len(set(pools[pool]["scenes"]))
+
+
+def verdict(factor: Mapping[str, Any], scenes: int, pool: str = CHOSEN_ON, figure: str = "mean_iou") -> str:
     """One sentence: whether a variant is significantly better than the default, on the scenes to choose on."""
-    differences = {one["name"]: one["results"][pool]["difference"][figure] for one in factor["variants"]}
+    differences = {
+        one["name"]: widened(one["results"][pool]["difference"][figure], scenes) for one in factor["variants"]
+    }
     known = {name: difference for name, difference in differences.items() if difference is not None}
     if not known:
         return "No figure is defined yet."
@@ -84,14 +91,15 @@ def verdict(factor: Mapping[str, Any], pool: str = CHOSEN_ON, figure: str = "mea
     return said + (f"; lowest: “{worst}” ({_difference(known[worst])})." if worst != best else ".")
 
 
-def _differences(variants: Sequence[Mapping[str, Any]], pools: Sequence[str], base: Mapping[str, Any]) -> str:
+def _differences(variants: Sequence[Mapping[str, Any]], pools: Mapping[str, Any], base: Mapping[str, Any]) -> str:
     """A row of differences from the base for each variant, the first column with its interval."""
+    scenes, first = {pool: _num_scenes(pools, pool) for pool in pools}, next(iter(pools))
     columns = [(figure, pool) for figure in DIFFERENCES for pool in pools]
     rows = []
     for one in variants:
-        found = [one["results"][pool]["difference"][figure] for figure, pool in columns]
+        found = [widened(one["results"][pool]["difference"][figure], scenes[pool]) for figure, pool in columns]
         cells = [_cell(difference, with_interval=place == 0) for place, difference in enumerate(found)]
-        ours, usual = one["results"][pools[0]]["cpu_s"], base[pools[0]]["cpu_s"]
+        ours, usual = one["results"][first]["cpu_s"], base[first]["cpu_s"]
         rows.append([one["name"], *cells, f"{ours / usual:.1f}x" if usual else "-"])
     headings = [f"{DIFFERENCES[figure]}, {POOLS[pool]}" for figure, pool in columns]
     return table(["", *headings, "time"], rows, "---:")
@@ -119,14 +127,14 @@ def _setting(value: Any) -> str:
 
 
 def _modes(content: Mapping[str, Any]) -> dict[str, Any]:
-    pools, results = list(content["pools"]), content["results"]
+    pools, results = content["pools"], content["results"]
     defects = [{"name": name, "results": results[name]} for name in results if name.startswith("paper, ")]
     if defects:
         defects = [{"name": "released", "results": results["released"]}, *defects]
     return {
         **content,
         "pools": _pools(content),
-        "table": _levels(results, pools, tuple(LEVELS), "settings"),
+        "table": _levels(results, list(pools), tuple(LEVELS), "settings"),
         "defects": _differences(defects, pools, results["paper"]) if defects else "",
     }
 

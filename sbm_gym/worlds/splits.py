@@ -21,7 +21,7 @@ Split = Literal["train", "val", "test", "wide", "final", "endless"]
 WIDE = "wide"
 """A further split to test on, beyond the thesis': two homes and one town tell chance from gain poorly."""
 FINAL = "final"
-"""As many further ones: no decision about the project has ever seen them, and tables look at them once a release."""
+"""As many further ones, set aside for the end: tables look at them, decisions are made elsewhere."""
 ENDLESS = "endless"
 """A further split to learn from: so many scenes that a robot never has to come back to one."""
 

@@ -24,6 +24,8 @@ from agents.evaluation.table import COLUMNS, _differences_table, print_tables, r
 from agents.rollouts.run_episode import episode_spec
 from labeling.core.errors import UsageError
 from labeling.core.rle import encode_mask
+from labeling.generator.calibration import detector_calibration
+from labeling.generator.calibration.detector_calibration import calibration_of
 
 from ..sbm_gym.box_rooms import BoxRooms
 
@@ -311,6 +313,16 @@ def test_a_trained_policy_is_known_by_what_its_checkpoint_holds(tmp_path, monkey
     (best / "weights").write_bytes(b"two")
     assert policy_key(f"ppo:{tmp_path}", ENV_ID) != first
     assert policy_key("ring", ENV_ID) == "ring"
+
+
+def test_labels_are_made_with_the_calibration_of_the_detector(evaluated, tmp_path, monkeypatch):
+    """As those of recorded episodes are."""
+    asked: list[str | None] = []
+    monkeypatch.setattr(
+        detector_calibration, "calibration_of", lambda name=None: (asked.append(name), calibration_of(name))[1]
+    )
+    evaluate_policies(config(tmp_path / "out", policies=("spin",), episodes=1, seeds=1, labels=True, label_views=(3,)))
+    assert "simulated" in asked
 
 
 # Label quality, counted by hand --------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from experiments.figures.result_values import (
     MEANS,
@@ -17,6 +18,7 @@ from experiments.figures.result_values import (
     of_category,
     share_interval,
     thesis_gap_share,
+    widened,
 )
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
@@ -346,3 +348,17 @@ def test_a_page_ends_with_where_its_figures_come_from(tmp_path: Path) -> None:
         f"- `noise.json`: Made on 2026-11-20, at commit 0123456. {EARLIER}",
         "- `policies.json`: Made on 2026-11-22, at commit 0123456.",
     ]
+
+
+def test_intervals_of_few_scenes_are_wider_and_of_fewer_than_four_none() -> None:
+    difference = {"mean": 0.02, "low": 0.01, "high": 0.04, "episodes": 20}
+    assert widened(None, 9) is None
+    assert widened(difference, 3) == {**difference, "low": None, "high": None}
+    for scenes in (4, 10, 40):
+        factor = np.sqrt(scenes / (scenes - 1)) * t.ppf(0.975, scenes - 1) / norm.ppf(0.975)
+        found = widened(difference, scenes)
+        assert found == {
+            **difference,
+            "low": pytest.approx(0.02 - 0.01 * factor),
+            "high": pytest.approx(0.02 + 0.02 * factor),
+        }
