@@ -44,7 +44,8 @@ def measure(quick: bool) -> Iterator[Row]:
     mujoco.mj_forward(model, data)
     cameras = views(world)
     triangles = int(sum(model.mesh_facenum[model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]]))
-    log(f"{SCENE}: {len(world.objects)} objects, {triangles} triangles, {model.nlight} lamps; OpenGL: {_device()}")
+    device = _device()
+    log(f"{SCENE}: {len(world.objects)} objects, {triangles} triangles, {model.nlight} lamps; OpenGL: {device}")
     repeats = 1 if quick else 5
     rays, gl = RaysRenderer(model), GlRenderer(model)
     for size, antialias in ((84, False), (256, True)):
@@ -59,7 +60,7 @@ def measure(quick: bool) -> Iterator[Row]:
                 wanted = factor.get(size) if name == "rays" else None
                 target, holds = ("", None) if wanted is None else (f"{wanted:g}x", bool(theirs >= wanted * seconds))
                 shown = f"{BASELINE}, its shadows {'on' if shadows else 'off'}"
-                yield Row(f"{name}: {what}", shown, seconds, theirs, target, holds)
+                yield Row(f"{name}: {what}", shown, seconds, theirs, target, holds, f"OpenGL: {device}")
     gl.close()
     yield from scene_costs(quick)
 

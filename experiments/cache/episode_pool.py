@@ -68,6 +68,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
     from agents.rollouts.collect_config import CollectConfig
     from agents.rollouts.recorder import collect_episodes
     from labeling.io.episodes import find_episodes
+    from sbm_gym.assets.catalog.same_libraries import library_digests
     from sbm_gym.env.view_detectors import digest_of_detector
 
     settings = asdict(pool)
@@ -81,6 +82,7 @@ def record(pool: EpisodePool, context: RunContext) -> list[Path]:
         experiment_versions(),
         code_digest(collect_episodes),
         digest_of_detector(pool.detector),
+        library_digests(),
     ]
     out = context.cache / "episodes" / f"{name}-{digest(*depends_on)}"
     more = {"workers": context.workers, "where": context.where}

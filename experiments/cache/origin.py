@@ -9,11 +9,14 @@ from typing import Any
 
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_provenance
+from sbm_gym.assets.catalog.same_libraries import library_digests
 
 MADE_ON, GENERATOR, MACHINES = "made_on", "label_generator", "machines"
 """What results call the time (UTC, ISO 8601, to the minute; earlier results have the day only), the digest, and what
 networks were trained on (earlier results do not say it of detectors).
 """
+FURNITURE = "furniture"
+"""What they call the digests of the installed furniture libraries, by file name."""
 DIGITS = 16
 ENTRANCES = ("labeling.generator.propagate", "labeling.generator.sharing.joined_episodes")
 DECIDES = ("labeling/generator/", "labeling/core/")
@@ -34,6 +37,7 @@ def origin() -> dict[str, Any]:
     return {
         MADE_ON: datetime.now(UTC).strftime("%Y-%m-%dT%H:%M"),
         GENERATOR: label_generator_digest(),
+        FURNITURE: library_digests(),
         **experiment_provenance(),
     }
 

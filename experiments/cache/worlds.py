@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from experiments.cache.stages import RunContext, Scale
+from experiments.cache.stages import RunContext, Scale, digest
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.presets import PRESETS
@@ -122,15 +122,16 @@ def source_photographs(
     """
     from labeling.detectors.data.annotated_pictures import read_pictures
     from labeling.runtime.code_digest import code_digest
+    from sbm_gym.assets.catalog.same_libraries import library_digests
     from sbm_gym.photographs.album import AlbumSettings, make_album
 
-    code = code_digest(make_album)
+    made_of = digest(code_digest(make_album), library_digests())
     found: list[list[AnnotatedPicture]] = []
     for split, count in zip(("train", "val"), counts, strict=True):
         if count == 0:
             found.append([])
             continue
-        folder = context.cache / "photographs" / f"{split}_{count}-{code[:12]}"
+        folder = context.cache / "photographs" / f"{split}_{count}-{made_of[:12]}"
         make_album(folder, AlbumSettings(split, 0, 192, False), count, context.workers, context.where)
         found.append(read_pictures(folder))
     return found[0], found[1]

@@ -169,10 +169,12 @@ def evaluate_config(
     from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import Evaluator
     from labeling.runtime.provenance import experiment_versions
+    from sbm_gym.assets.catalog.same_libraries import library_digests
     from sbm_gym.env.view_detectors import digest_of_detector
 
     settings = [env_id, SPLIT, SCENES, detector, picture_px]
-    name = digest(settings, experiment_versions(), code_digest(Evaluator), digest_of_detector(detector))
+    behind = [experiment_versions(), code_digest(Evaluator), digest_of_detector(detector), library_digests()]
+    name = digest(settings, *behind)
     return EvaluateConfig(
         policies=policies,
         env=env_id,

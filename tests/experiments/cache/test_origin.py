@@ -4,7 +4,17 @@ import json
 from datetime import UTC, datetime
 from pathlib import Path
 
-from experiments.cache.origin import DECIDES, ENTRANCES, GENERATOR, MADE_ON, label_generator_digest, machines, origin
+from experiments.cache.origin import (
+    DECIDES,
+    ENTRANCES,
+    FURNITURE,
+    GENERATOR,
+    MADE_ON,
+    label_generator_digest,
+    machines,
+    origin,
+)
+from sbm_gym.assets.catalog.same_libraries import library_digests
 from labeling.runtime.code_digest import ROOT, reached_code
 
 
@@ -25,6 +35,7 @@ def test_all_that_decides_labels_counts_and_nothing_else() -> None:
 def test_results_say_when_they_were_made_and_by_which_generator() -> None:
     found = origin()
     assert found[GENERATOR] == label_generator_digest()
+    assert found[FURNITURE] == library_digests()
     assert abs((datetime.fromisoformat(found[MADE_ON] + "Z") - datetime.now(UTC)).total_seconds()) < 120
 
 
