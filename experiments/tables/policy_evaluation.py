@@ -41,7 +41,7 @@ class Size:
 SIZES: dict[Scale, Size] = {
     "smoke": Size((1, 1), (1, 1), 64),
     "quick": Size((40, 40), (40, 20)),
-    "standard": Size((140, 40), (140, 40)),
+    "standard": Size((140, 40), (70, 40)),
     "full": Size((140, 140), (140, 140)),
 }
 

@@ -14,8 +14,8 @@ from experiments.cache.origin import (
     machines,
     origin,
 )
-from sbm_gym.assets.catalog.same_libraries import library_digests
 from labeling.runtime.code_digest import ROOT, reached_code
+from sbm_gym.assets.catalog.same_libraries import library_digests
 
 
 def test_all_that_decides_labels_counts_and_nothing_else() -> None:
