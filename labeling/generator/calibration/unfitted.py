@@ -17,10 +17,10 @@ UNFITTED_OBJECTS = ObjectModel(
 
 
 def asks_for_nothing_fitted(config: LabelConfig) -> bool:
-    """Whether settings leave out all that asks a fitted model: objects that no view is sure of, sizes of categories,
-    and the expected IoU of labels.
+    """Whether settings leave out what only fitted models can tell: sizes of categories, and the expected IoU of labels.
+    What is worth labelling is then not asked of a fitted model, either.
     """
-    return config.min_posterior >= 1 and not config.class_sizes and not config.calibrate
+    return not config.class_sizes and not config.calibrate
 
 
 def calibration_for(detector: str | None, config: LabelConfig) -> DetectorCalibration:
@@ -28,8 +28,8 @@ def calibration_for(detector: str | None, config: LabelConfig) -> DetectorCalibr
 
     Args:
         detector: whose detections are labelled from, by name.
-        config: settings. Where they ask for nothing that was fitted, what the others would read is left as it is, and
-            what remains to be asked, the category of an object that detections disagree on, is ``UNFITTED_OBJECTS``.
+        config: settings. Where they ask for nothing that was fitted, which objects there are, and of which category,
+            is what ``UNFITTED_OBJECTS`` says, and nothing reads the rest.
 
     Raises:
         UsageError: if the calibration was written by a version with other models.

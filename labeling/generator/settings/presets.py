@@ -65,9 +65,10 @@ RELEASED = replace(
 )
 """The thesis with the defects of the code that was published with it."""
 
-UNFITTED = LabelConfig(min_posterior=1.0, class_sizes=False, calibrate=False)
-"""The default without anything that was fitted to ground truth: objects are those that a view is sure of, under the
-name of the highest confidence; labels are worth this chance times the mean probability in their masks."""
+UNFITTED = LabelConfig(min_posterior=0.5, class_sizes=False, calibrate=False)
+"""The default without anything that was fitted to ground truth: the chance of an object is the highest confidence of
+the detector in it (``labeling.generator.calibration.unfitted``), objects are those that are more likely than not, and
+labels are worth this chance times the mean probability in their masks."""
 
 PRESETS: dict[PresetName, LabelConfig] = {
     "default": LabelConfig(),

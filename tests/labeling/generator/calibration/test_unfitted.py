@@ -12,7 +12,6 @@ from labeling.generator.calibration.detector_calibration import DetectorCalibrat
 from labeling.generator.calibration.unfitted import UNFITTED_OBJECTS, calibration_for
 from labeling.generator.objects.object_posterior import PlaceObservations
 from labeling.generator.propagate import propagate
-from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS
 
 from ...synthetic_room import make_episode
@@ -34,7 +33,7 @@ def test_the_odds_of_a_category_are_those_of_its_highest_confidence(looks):
 def test_only_who_asks_for_nothing_fitted_gets_it(preset):
     fitted = preset == "default"
     assert (calibration_for("compact", PRESETS[preset]).objects is UNFITTED_OBJECTS) != fitted
-    for name, value in {"min_posterior": 0.5, "class_sizes": True, "calibrate": True}.items():
+    for name, value in {"class_sizes": True, "calibrate": True}.items():
         changed = replace(PRESETS["unfitted"], **{name: value})
         assert calibration_for("compact", changed) is calibration_of("compact")
 
@@ -51,9 +50,8 @@ def test_what_is_fitted_has_no_say_in_unfitted_labels():
     labels, again = (propagate(episode, episode.detections, config, one) for one in (found, spoilt))
     assert labels.labels
     assert _told(labels) == _told(again)
-    assert {one.category for one in labels.labels} <= {
-        one.category for one in episode.detections or () if one.confidence >= LabelConfig().confident
-    }
+    seen = [one for one in episode.detections or () if one.confidence >= PRESETS["unfitted"].min_posterior]
+    assert {one.category for one in labels.labels} <= {one.category for one in seen}
 
 
 def _told(labels: EpisodeLabels) -> list:
