@@ -116,7 +116,7 @@ def detect_episode(
     # Of what is written below. Were the process killed between the two files, it would not fit, and the detector would
     # run again, in place of what it was to replace.
     text = json.dumps(records, indent=1, allow_nan=False) + "\n"
-    run_record = {"detector": detector.name, "mark": mark, "detections_sha256": _digest(text)}
+    run_record: dict[str, Any] = {"detector": detector.name, "mark": mark, "detections_sha256": _digest(text)}
     if path.is_file():
         run_record["replaced_sha256"] = _digest(path.read_bytes())
     run_record["views"] = episode.num_views

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from agents.evaluation.statistics import MIN_SCENES, small_sample_factor
 from experiments.tables.training_sets import PARTS
@@ -127,12 +128,12 @@ def _num_scenes(content: Mapping[str, Any], gap: Gap) -> int:
     return len({scene for name in PARTS.get(part, (part,)) for scene in content["pools"][name].get("scenes", ())})
 
 
-def mean_of_drawn_seeds(runs: Sequence[Sequence[float]]) -> Float[np.ndarray, "draws"]:
+def mean_of_drawn_seeds(runs: ArrayLike) -> Float[np.ndarray, "draws"]:
     """Means over seeds, by draw of scenes, of seeds that are drawn again for each: other seeds would have given others.
 
     Args:
-        runs: a figure by draw of scenes, of each seed. Deviations from their mean are drawn as much larger as those of
-            so few seeds are too small; of a single seed nothing can be told.
+        runs: (seeds, draws), a figure by draw of scenes, of each seed. Deviations from their mean are drawn as much
+            larger as those of so few seeds are too small; of a single seed nothing can be told.
     """
     by_seed = np.array(runs, float)
     count, draws = by_seed.shape
@@ -174,7 +175,7 @@ def ratio_to_ceiling(
     draws = [[(run.get("resampled") or {}).get(figure) for run in runs] for runs in rows]
     if any(one is None for of_row in draws for one in of_row):
         return reached / most, None
-    drawn_ours, drawn_ceiling = map(mean_of_drawn_seeds, draws)
+    drawn_ours, drawn_ceiling = (mean_of_drawn_seeds(np.array(of_row, float)) for of_row in draws)
     some = drawn_ceiling > 0
     return reached / most, interval_of_draws(drawn_ours[some] / drawn_ceiling[some], reached / most, scenes)
 

@@ -112,7 +112,7 @@ def _above(ours: Sequence[Mapping[str, Any]], theirs: Sequence[Mapping[str, Any]
     again. Training sets of the same seed have the same scenes, so differences by seed are drawn.
     """
     by_seed = [np.array([run["dev"]["resampled"][figure] for run in runs]) for runs in (ours, theirs)]
-    means = [np.mean([run["dev"][figure] for run in runs]) for runs in (ours, theirs)]
+    means = [float(np.mean([run["dev"][figure] for run in runs])) for runs in (ours, theirs)]
     drawn = mean_of_drawn_seeds(by_seed[0] - by_seed[1])
     low, high = (PERCENT * end for end in interval_of_draws(drawn, means[0] - means[1], scenes))
     text = f"{PERCENT * (means[0] - means[1]):+.1f}"
