@@ -66,7 +66,8 @@ def write_page(name: str, results: Path, docs: Path) -> list[Path]:
     module = import_module(f"experiments.pages.{name}")
     text, pictures = module.compose(results)
     if of_labels := getattr(module, "OF_LABELS", ()):
-        text += "\n" + section_of_origins(results, of_labels)
+        contents = {file.name: read_result(file) or {} for file in sorted(results.glob("*.json"))}
+        text += "\n" + section_of_origins(contents, of_labels)
     for picture, draw in pictures.items():
         with atomic_file(docs / PICTURES / picture) as temporary:
             draw(temporary)

@@ -1,7 +1,6 @@
 """When and where results were made, and which are of an earlier label generator than others."""
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON
@@ -32,19 +31,13 @@ def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | No
     return found
 
 
-def section_of_origins(results: Path, names: Iterable[str]) -> str:
+def section_of_origins(contents: Mapping[str, Mapping[str, Any]], names: Iterable[str]) -> str:
     """The section of a page that says where its figures come from.
 
     Args:
-        results: folder with the results of experiments, all of which say what the latest label generator is.
+        contents: of all results, by file name; they say what the latest label generator is.
         names: of the files whose figures are of labels; those that are not there are passed over.
-
-    Raises:
-        SbmError: if a file is damaged.
     """
-    from experiments.pages.markdown import read_result
-
-    contents = {file.name: read_result(file) or {} for file in sorted(results.glob("*.json"))}
     told = origins(contents, [name for name in names if name in contents])
     lines = [f"- `{name}`: {sentence}" for name, sentence in told.items()]
     return "\n".join(["## Where these figures come from", "", *lines]) + "\n"

@@ -102,8 +102,9 @@ def read_content(path: Path) -> Any:
             raise DamagedError(f"{path} is malformed ({error})") from error
 
 
-_checked: set[tuple[int, int, int, int]] = set()
-"""Files that this process has checked: device, inode, size and checksum. Files are replaced, never changed."""
+_checked: set[tuple[int, ...]] = set()
+"""Files that this process has checked: device, inode, time of change, size and checksum. Files are replaced, never
+changed; without the time, a new file in the place of one that is gone would count as checked."""
 
 
 def check(
@@ -123,7 +124,7 @@ def check(
     Raises:
         DamagedError: if the checksum differs.
     """
-    key = (status.st_dev, status.st_ino, status.st_size, checksum)
+    key = (status.st_dev, status.st_ino, status.st_ctime_ns, status.st_size, checksum)
     if key in _checked:
         return
     with memoryview(memory) as whole, whole[start:stop] as part:

@@ -40,9 +40,9 @@ def test_variants_change_the_settings_of_their_factor_and_nothing_else() -> None
 
 
 def test_modes_are_checked_presets_and_at_full_scale_each_defect_alone() -> None:
-    assert list(modes("quick")) == ["default", "paper", "released"]
+    assert list(modes("quick")) == ["default", "unfitted", "paper", "released"]
     full = modes("full")
-    assert len(full) == 3 + 7
+    assert len(full) == 4 + 7
     for name, config in full.items():
         config.check()
         if name.startswith("paper, "):

@@ -338,11 +338,12 @@ def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> Non
     assert EARLIER not in text  # there is none to compare it with
 
 
-def test_a_page_ends_with_where_its_figures_come_from(tmp_path: Path) -> None:
-    for name, digest, day in (("noise.json", "old", "20"), ("policies.json", "new", "22")):
-        content = {"made_on": f"2026-11-{day}", "label_generator": digest, "git_commit": "0123456789"}
-        (tmp_path / name).write_text(json.dumps(content))
-    assert section_of_origins(tmp_path, ("noise.json", "policies.json", "missing.json")).splitlines() == [
+def test_a_page_ends_with_where_its_figures_come_from() -> None:
+    contents = {
+        name: {"made_on": f"2026-11-{day}", "label_generator": digest, "git_commit": "0123456789"}
+        for name, digest, day in (("noise.json", "old", "20"), ("policies.json", "new", "22"))
+    }
+    assert section_of_origins(contents, ("noise.json", "policies.json", "missing.json")).splitlines() == [
         "## Where these figures come from",
         "",
         f"- `noise.json`: Made on 2026-11-20, at commit 0123456. {EARLIER}",

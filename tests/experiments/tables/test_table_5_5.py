@@ -146,7 +146,7 @@ def test_the_section_tells_shares_and_leads() -> None:
     for at, ours in (("AP25", "77.0"), ("AP50", "38.5")):
         (by_category,) = (part for part in text.split("\n\n") if part.startswith(f"| {at} | car (12) |"))
         assert f"| SbM F-PointNet on shared labels | {ours} ± 0.0 |" in by_category
-    assert "| SbM F-PointNet | true ones | 63.0 ± 0.0 | - |" in text
+    assert "| SbM F-PointNet | true ones (for LDLS, true masks) | 63.0 ± 0.0 | - |" in text
     assert "| SbM F-PointNet | of the pre-trained detector | 63.0 ± 0.0 | 64.39 |" in text
     assert "pictures/boxes_streets.png" in text
     assert text.count("| car | 7 | 0.61 | 0.34 | 72% | 3° |") == 2

@@ -43,6 +43,20 @@ def test_whoever_has_a_file_open_keeps_it(tmp_path):
     assert np.array_equal(arrays[0], ARRAYS[0])
 
 
+def test_a_file_in_the_place_of_one_that_was_checked_is_checked(tmp_path):
+    """File systems give the number of a file that is gone to the next one."""
+    for number in range(20):
+        path = tmp_path / f"{number}.scene"
+        write_packed(path, CONTENT, ARRAYS)
+        read_packed(path)
+        whole = path.read_bytes()
+        path.unlink()
+        path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+        with pytest.raises(DamagedError):
+            read_packed(path)
+        path.unlink()
+
+
 def test_any_damage_is_found(tmp_path):
     path = tmp_path / "a.scene"
     write_packed(path, CONTENT, ARRAYS)
