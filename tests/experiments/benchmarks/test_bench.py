@@ -66,8 +66,9 @@ def test_render_bench_measures_every_promise(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     rows = json.loads((tmp_path / "render.json").read_text())["rows"]
-    assert {row["wanted"] for row in rows} >= {"12x", "6x", "2x", "< 2 s", "< 50 ms"}
+    assert {row["wanted"] for row in rows} >= {"12x", "15x", "4x", "< 50 ms"}
     assert all(row["seconds"] > 0 for row in rows)
+    assert all(row["note"].startswith("OpenGL: ") for row in rows if "mujoco.Renderer" in row["rival"])
     assert all((row["ratio"] is None) == (row["rival_seconds"] is None) for row in rows)
 
 
