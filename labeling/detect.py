@@ -128,6 +128,8 @@ def detect_episode(
     with atomic_file(path) as temporary:  # first, where the disk may be full
         temporary.write_text(text, encoding="utf-8")
         write_json(about_path, about)
+    if run_record.pop("replaced_sha256", None):  # whoever puts back what was replaced wants it kept
+        write_json(about_path, about)
     return episode.num_views, len(records)
 
 

@@ -199,7 +199,8 @@ class Job:
             unused = unused_sources(sources.detections, labels, self.label)
             lost = notes_of_outlines(episode, unused, self.label)
             notes = (*episode.notes, *sources.notes, *([warning] if warning else []), *lost)
-            doubtful = None if asks_for_nothing_fitted(self.label) else sources.uncalibrated
+            is_asked = self.label.fuse_views and not asks_for_nothing_fitted(self.label)
+            doubtful = sources.uncalibrated if is_asked else None
             record = complete(episode_record(episode, labels, mark, sources.origin, notes, len(unused), doubtful))
             written()
         if self.label.published.amodal_boxes:

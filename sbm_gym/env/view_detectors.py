@@ -163,9 +163,9 @@ def digest_of_detector(name: str) -> str:
         return fitted_digest(name.removeprefix(SIMULATED_LIKE))
     if is_simulated(name):
         return ""
-    from labeling.detectors.registry import detector_digest
+    from labeling.detectors.registry import detector_by_name
 
-    return detector_digest(name)
+    return detector_by_name(name).digest  # which is at hand where an environment looks with it
 
 
 def is_simulated(detector: str | SimulatedDetectorConfig) -> bool:

@@ -48,6 +48,11 @@ def test_presets_run_end_to_end_and_are_recorded(dataset: Path, tmp_path: Path, 
         assert {one["score"] for one in annotations} == {1.0}
 
 
+def test_labels_of_single_views_ask_for_no_calibration(dataset: Path, tmp_path: Path) -> None:
+    assert run(dataset, tmp_path / "labels", "--no-fuse-views") == 0
+    assert read(tmp_path / "labels" / "label_set.json")["uncalibrated_detectors"] == []
+
+
 @pytest.mark.parametrize("form", [("--preset", "paper"), ("--preset=paper",)])
 def test_flags_change_single_settings_of_a_preset(dataset: Path, tmp_path: Path, form: tuple[str, ...]) -> None:
     flags = ("--crop-m", "2", "--seed", "4", "--published.amodal-boxes")
