@@ -1,7 +1,7 @@
 """Splatting: drawing clouds into views, the nearest point at each pixel, or whole objects each alone."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Bool, Float, Float32, Int32
 from numba import njit
 
 from labeling.core.views import Camera
@@ -38,6 +38,7 @@ def silhouettes(
     camera: Camera,
     point_size_m: float,
     rows: Bool[np.ndarray, "k h"] | None = None,
+    before_m: Float32[np.ndarray, "h w"] | None = None,
 ) -> Bool[np.ndarray, "k h w"]:
     """Every object drawn alone into a view, as if nothing stood before it.
 
@@ -48,13 +49,17 @@ def silhouettes(
         camera: of the view.
         point_size_m: edge of the camera-facing square that a point covers (at least the pixel it falls into).
         rows: those that an object is drawn in are set.
+        before_m: z-depth that the view has measured, 0 where there is no return. With it only those pixels are drawn
+            at which a point is hidden, farther than this by its size or more, and those without a return: where the
+            view looks at something at the point's depth or behind, that is what there is.
 
     Returns:
         One mask per object.
     """
     drawn = np.zeros((num_objects, *camera.size), np.bool_)
     rows = np.zeros(drawn.shape[:2], np.bool_) if rows is None else rows
-    _paint_all(drawn, rows, points, object_of_point, *_matrices(camera), point_size_m)
+    before_m = np.zeros(camera.size, np.float32) if before_m is None else np.ascontiguousarray(before_m, np.float32)
+    _paint_all(drawn, rows, points, object_of_point, *_matrices(camera), point_size_m, before_m)
     return drawn
 
 
@@ -124,20 +129,23 @@ def _paint_nearest(index, depth, points, camera, to_camera, sizes_m):  # pragma:
 
 
 @njit(cache=True, nogil=True)
-def _paint_all(drawn, rows, points, object_of_point, camera, to_camera, point_size_m):  # pragma: no cover - compiled
+def _paint_all(drawn, rows, points, object_of_point, camera, to_camera, point_size_m, before_m):
+    # pragma: no cover - compiled
     """Sets in ``drawn`` (k, h, w) bool the pixels of each object's ``points`` (n, 3), in ``rows`` (k, h) their rows.
 
     ``object_of_point`` is (n,) int32, -1 for none; ``camera`` is K (3, 3), ``to_camera`` the pose (4, 4) world to
-    camera.
+    camera; ``before_m`` (h, w) float32 is the depth that points must be hidden by, 0 for no matter what.
     """
     _, height, width = drawn.shape
     for p in range(len(points)):
         owner = object_of_point[p]
         if owner < 0:
             continue
-        left, right, top, bottom = _square(_place(points[p], to_camera), camera, point_size_m, height, width)
+        placed = _place(points[p], to_camera)
+        left, right, top, bottom = _square(placed, camera, point_size_m, height, width)
+        farthest = np.float32(placed[2] - point_size_m)
         for v in range(top, bottom + 1):
-            if left <= right:
-                rows[owner, v] = True
             for u in range(left, right + 1):
-                drawn[owner, v, u] = True
+                if before_m[v, u] <= 0 or before_m[v, u] <= farthest:
+                    drawn[owner, v, u] = True
+                    rows[owner, v] = True

@@ -204,7 +204,9 @@ def fuse_scene(views: RgbdViews, detections: Sequence[Detection], config: LabelC
     """
     confident = [one for one in detections if one.confidence >= config.confident]
     unsure_too = config.min_posterior < 1
-    scale = measure_scale(confident or (detections if unsure_too else []), views, config.max_range_m)
+    scale = measure_scale(confident, views, config.max_range_m)
+    if scale is None and unsure_too:
+        scale = measure_scale(detections, views, config.max_range_m)
     if scale is None:
         return None
     report_progress(f"comparing the poses of {views.num_views} views")

@@ -29,6 +29,8 @@ a rug."""
 MOSTLY = 0.5
 """A detection shows mostly ground if more than this share of its voxels is in it. Chosen in training homes, where a
 third was worse: tables' legs stand in what is taken away."""
+MAX_CELLS = 16_000_000
+"""Most columns that the ground is looked for in, to bound memory: of wide scenes with small voxels they are wider."""
 SAMPLED = 4
 """The standard deviation is measured in every so-many-th row and column."""
 
@@ -73,13 +75,15 @@ def find_ground(cloud: Cloud, views: RgbdViews, free: Bool[np.ndarray, "n"], obj
     """
     voxel_m, points = cloud.voxel_m, cloud.points
     floor_m = floor_height(points, voxel_m)
-    column = np.floor(points[:, :2] / voxel_m).astype(np.int64)
+    wide_m = np.ptp(points[:, :2].astype(float), axis=0)
+    edge_m = max(voxel_m, float(np.sqrt(np.prod(wide_m) / MAX_CELLS)))
+    column = np.floor(points[:, :2] / edge_m).astype(np.int64)
     column -= column.min(axis=0)
     lowest = np.full(column.max(axis=0) + 1, np.inf, np.float32)
     low = np.flatnonzero(free & (np.abs(points[:, 2] - floor_m) < max(LOW * object_m, voxel_m)))
     _lower(lowest, column, low, points)
     level_m = np.float32(STEP * object_m)
-    _keep_level(lowest, level_m, (SIDE * object_m / voxel_m) ** 2, np.float32(floor_m))
+    _keep_level(lowest, level_m, (SIDE * object_m / edge_m) ** 2, np.float32(floor_m))
     height_m = lowest[column[:, 0], column[:, 1]]
     above_m, rows = points[:, 2] - height_m, height_coefficients(views)
     flat = free & (np.abs(above_m) < 0.5 * voxel_m)

@@ -10,6 +10,8 @@ from numba import njit
 from labeling.core.splatting import splat
 from labeling.core.views import Camera, RgbdViews
 
+GROWTH = 1.15
+"""By which voxels grow that are too many: a surface has a quarter fewer of them then."""
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
 _CACHED_VIEWS = 16
@@ -65,7 +67,7 @@ def build_cloud(views: RgbdViews, voxel_m: float, max_range_m: float = np.inf, m
 
     Args:
         views: of one scene.
-        voxel_m: edge of a voxel; grows as often as needed to stay within ``max_voxels``.
+        voxel_m: edge of a voxel; grows by ``GROWTH`` as often as needed to stay within ``max_voxels``.
         max_range_m: depth beyond this counts as no return.
         max_voxels: bound on the size of the cloud.
 
@@ -88,9 +90,8 @@ def build_cloud(views: RgbdViews, voxel_m: float, max_range_m: float = np.inf, m
             if row == depth_m.shape[1]:
                 break
             table = table.enlarged(count)
-        if count > max_voxels:
-            factor = float(np.sqrt(count / max_voxels * views.num_views / (view + 1))) * 1.1
-            return build_cloud(views, factor * voxel_m, max_range_m, max_voxels)
+        if count > max_voxels:  # how many more the other views would add nobody knows: they may show the same again
+            return build_cloud(views, GROWTH * voxel_m, max_range_m, max_voxels)
     fused = means(table.cell[:count], table.sums[:count], cells.corner_m, float(voxel_m))
     return Cloud(*fused, numbers, float(voxel_m))
 

@@ -69,7 +69,11 @@ def draw_labels(
             rendered[(rendered >= 0) & passing[np.maximum(rendered, 0)]] = NO_OBJECT
         chances = view_chances(views.rgb[view], voxels, rendered, probability, reach_px, config.fill_edge, likely)
         rows = np.zeros((len(objects), voxels.shape[0]), bool)
-        drawn = silhouettes(fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows)
+        # Where the view sees what is at an object's place or behind it, and that is not the object, the object is not.
+        before_m = None if config.published.missing_z_buffer else views.depth_m[view]
+        drawn = silhouettes(
+            fine.points, owner_of_fine, len(objects), views.camera(view), fine.spacing_m, rows, before_m
+        )
         shown, pixels, means = chances.masks(config.exclusive)
         windows = chances.windows
         if parts is not None:

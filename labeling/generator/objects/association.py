@@ -257,6 +257,8 @@ def assign_weak_detections(
             weak[max(matches, key=shared.__getitem__)].append(one)
         elif all(inside < threshold for inside, _ in shared):
             unassigned.append(one)
+        # Those inside an object of another category are left out: kept, they made more wrong labels than right ones in
+        # 60 training and development episodes (wrong 1293 to 1383, right 3354 to 3330; AP50 69.4 to 69.0).
     return [replace(one, weak=(*one.weak, *own)) for one, own in zip(candidates, weak, strict=True)], unassigned
 
 
@@ -314,13 +316,15 @@ def group_segments(
     Returns:
         Indices of the objects of each group, groups in order of their first object.
     """
-    inside = np.asfortranarray(probability > 0.5)  # object after object in memory
+    from scipy.sparse import csc_array
+
+    inside = csc_array(probability > 0.5, dtype=np.int64)
+    together = (inside.T @ inside).toarray()  # points that each two segments share; of one with itself, its size
     groups: list[list[int]] = []
     for k, candidate in enumerate(candidates):
         for group in groups:
             first = group[0]
-            shared = np.count_nonzero(inside[:, k] & inside[:, first])
-            sizes = np.count_nonzero(inside[:, k]), np.count_nonzero(inside[:, first])
+            shared, sizes = together[k, first], (together[k, k], together[first, first])
             same = candidate.category == candidates[first].category
             base = min(sizes) if same else sum(sizes) - shared
             apart = any(candidate.outlined_in & candidates[member].outlined_in for member in group)

@@ -169,7 +169,7 @@ def _reweighed(chances, ratios, known, weight, intercept) -> Float[np.ndarray, "
     named = float(share[known].sum())
     if named > 0:  # of how likely it is that the object is of a category without a size, size says nothing
         fit[~known] = share[~known] * (fit[known].sum() / named)
-    change = np.log(fit.sum()) + highest + intercept * named
+    change = named * (np.log(fit.sum()) + highest + intercept)
     odds = before / max(1 - before, MIN_BACKGROUND) * np.exp(np.clip(change, *MOST_CHANGE))
     return odds / (1 + odds) * fit / fit.sum()
 

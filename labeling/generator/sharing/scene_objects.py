@@ -7,10 +7,10 @@ still there. Beyond the thesis, which labels each episode by itself.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from labeling.core.geometry import transform_points, unproject_depth
 from labeling.core.splatting import silhouettes, splat
@@ -40,8 +40,8 @@ class ObjectObservation:
     """In [0, 1]."""
     box_3d: Box3d
     """Upright, world."""
-    points: Float32[np.ndarray, "n 3"]
-    """Points of its segment, metres, world."""
+    points: Float[np.ndarray, "n 3"]
+    """Points of its segment, metres, world; of 64 bits far from its origin."""
     source_view_index: int
     """Index of the episode's view that is most confident of it."""
     source_confidence: float
@@ -53,7 +53,7 @@ class SceneObject:
 
     observations: tuple[ObjectObservation, ...]
     """The most confident first: its category and box are the object's."""
-    points: Float32[np.ndarray, "n 3"]
+    points: Float[np.ndarray, "n 3"]
     """Of all observations; metres, world."""
     spacing_m: float
     """Distance between neighbouring points of a segment."""
@@ -117,11 +117,13 @@ def project_objects(
         out of view, hidden, or not there (any more): if these pixels are not those that its points cover.
     """
     points, pixels = unproject_depth(depth_m.astype(float), camera.intrinsics, camera.camera_to_world)
-    points = points.astype(np.float32)
+    eye_m = np.asarray(camera.camera_to_world, float)[:3, 3]
+    near_eye = (points - eye_m).astype(np.float32)  # coordinates of a map are too large for single precision
 
     def project(one: SceneObject) -> ObjectMasks | None:
         modal = np.zeros(depth_m.size, bool)
-        modal[pixels[_in_box(points, one.best.box_3d, one.spacing_m)]] = True
+        box = replace(one.best.box_3d, centre_m=one.best.box_3d.centre_m - eye_m)
+        modal[pixels[_in_box(near_eye, box, one.spacing_m)]] = True
         modal = modal.reshape(depth_m.shape)
         return _compared(one, modal, depth_m, camera) if modal.any() else None
 
@@ -129,7 +131,7 @@ def project_objects(
 
 
 def _in_box(points: Float32[np.ndarray, "n 3"], box: Box3d, margin_m: float) -> Int[np.ndarray, "m"]:
-    """Points that lie in a box, its margin included except below: there is what the object stands on."""
+    """Points that lie in a box of their frame, its margin included except below: there is what the object stands on."""
     half = 0.5 * box.extent_m + margin_m
     near = np.ones(len(points), bool)
     for axis, reach_m in enumerate(np.abs(box.rotation) @ half):
@@ -148,7 +150,7 @@ def _compared(one: SceneObject, modal: Bool[np.ndarray, "h w"], depth_m, camera:
     margin_m = REACH * one.spacing_m + MARGIN_SHARE * expected_m
     hidden = drawn & ~modal & (depth_m > 0) & (depth_m < expected_m - margin_m)
     agreement = np.count_nonzero(modal & drawn) / np.count_nonzero(modal | (drawn & ~hidden))
-    return ObjectMasks(modal, modal | drawn) if agreement >= AGREEMENT else None
+    return ObjectMasks(modal, modal | hidden | (drawn & (depth_m <= 0))) if agreement >= AGREEMENT else None
 
 
 def _spacing_m(points) -> float:

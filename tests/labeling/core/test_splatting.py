@@ -128,3 +128,29 @@ def test_reproject_hides_what_stands_behind():
     assert reproject(depth_m, ~wall, here, there).tolist() == [[i == 2 for i in range(9)]]
     # The wall's pixel 3 lands behind the post; what would now show at 3 stood behind the post before.
     assert reproject(depth_m, wall, here, there).tolist() == [[i in (0, 1, 4, 5, 6, 7) for i in range(9)]]
+
+
+@pytest.mark.slow
+@settings(deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(0, 20),
+    point_size_m=st.sampled_from([0.05, 0.3, 1.0]),
+    measured=st.booleans(),
+)
+def test_silhouettes_agree_with_points_drawn_one_by_one(seed, count, point_size_m, measured):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-2, -2, -0.5], [2, 2, 4], (count, 3)).astype(np.float32)
+    owner = rng.integers(-1, 2, count).astype(np.int32)
+    camera = Camera(intrinsics_from_fov(11, 8, 1.4), np.eye(4), (8, 11))
+    depth_m = rng.choice([0.0, 0.5, 2.0, 3.9], camera.size).astype(np.float32)
+    expected = np.zeros((2, *camera.size), bool)
+    for point, one in zip(points, owner, strict=True):
+        if one >= 0:
+            covered = splat(point[None], camera, point_size_m) == 0
+            hidden = (depth_m == 0) | (depth_m <= np.float32(point[2] - point_size_m))
+            expected[one] |= covered & hidden if measured else covered
+    rows = np.zeros((2, camera.size[0]), bool)
+    drawn = silhouettes(points, owner, 2, camera, point_size_m, rows, depth_m if measured else None)
+    np.testing.assert_array_equal(drawn, expected)
+    np.testing.assert_array_equal(rows, expected.any(axis=2))

@@ -149,3 +149,14 @@ def test_what_shows_mostly_ground_has_its_seeds_above_it() -> None:
         shown, above = seeds_in(low, high)
         assert len(shown) > 100
         np.testing.assert_array_equal(shown, above)
+
+
+def test_a_coarser_grid_of_a_wide_scene_finds_the_same_floor(monkeypatch) -> None:
+    views = views_of([RUG, FOOT])
+    cloud = cloud_of(views)
+    fine = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+    monkeypatch.setattr("labeling.generator.cloud.ground.MAX_CELLS", 2000)
+    coarse = find_ground(cloud, views, all_free(cloud), OBJECT_M)
+    assert np.median(np.abs(coarse.height_m - fine.height_m)) < 0.005
+    beside = np.abs(cloud.points[:, :2] - RUG.centre[:2]).max(axis=1) > 1.2
+    np.testing.assert_allclose(coarse.height_m[beside], fine.height_m[beside], atol=0.01)

@@ -94,3 +94,12 @@ def test_points_within_a_box() -> None:
     inside = cloud.within(low, high)
     np.testing.assert_array_equal(inside, np.all((cloud.points >= low) & (cloud.points <= high), axis=1))
     assert inside[3]
+
+
+def test_views_that_show_the_same_again_make_voxels_no_coarser() -> None:
+    rgb, depth, intrinsics, poses = views(6)
+    once = build_cloud(RgbdViews(rgb, depth, intrinsics, poses), 0.05)
+    many = [np.concatenate([part] * 12) for part in (rgb, depth, intrinsics, poses)]
+    most = int(0.9 * once.num_points)
+    cloud = build_cloud(RgbdViews(*many), 0.05, max_voxels=most)
+    assert 0.5 * most < cloud.num_points <= most

@@ -93,6 +93,13 @@ def test_categories_of_unknown_size_keep_their_odds() -> None:
     assert mixed["chair"] == pytest.approx(mixed["cup"])  # cups are not known to be of another size
 
 
+def test_a_trace_of_a_known_category_says_nothing_of_an_object_of_unknown_size() -> None:
+    model, size = fitted(1), measure_size(box(CHAIR), 0.0)
+    assert size is not None
+    for trace in ("chair", "couch"):
+        assert model.posterior({"cup": 0.6, trace: 1e-4}, size)["cup"] == pytest.approx(0.6, abs=1e-3)
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.floats(0.01, 0.4), st.floats(0.01, 0.4), st.lists(st.floats(-5, 5), min_size=5, max_size=5))
 def test_no_size_says_whether_an_object_is_of_a_category_without_one(

@@ -193,3 +193,28 @@ def test_the_number_of_threads_changes_nothing(room, monkeypatch):
         found.append(with_agreeing_poses(views, VOXEL_M, LabelConfig()))
     assert found[0][1] == found[1][1]
     assert found[0][0].camera_to_world.tobytes() == found[1][0].camera_to_world.tobytes()
+
+
+@pytest.mark.slow
+def test_a_single_wrong_pose_among_many_is_mended():
+    true = make_episode(3, num_views=24, size=(96, 128), num_objects=5, depth_noise=0.004)
+    poses = true.camera_to_world.copy()
+    poses[5, :3, 3] += [0.1, 0.0, 0.0]
+    mended, check = mend(replace(true, camera_to_world=poses))
+    assert int(np.argmax(check.moved_m)) == 5
+    # The other 23 views hide it: all residuals together hardly fall.
+    assert (check.refined_residual_m or 0.0) > 0.6 * check.residual_m
+    assert "in view 5 by" in (check.warning or "")
+    degrees, metres = errors(mended, true)
+    assert degrees.max() < 0.25
+    assert metres.max() < 0.015
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bend", [0.02, 0.04])
+def test_a_sensor_that_bends_walls_is_no_wrong_pose(bend):
+    true = make_episode(3, num_views=24, size=(96, 128), num_objects=5)
+    bent = true.depth_m * (1 + bend * np.linspace(-1, 1, 128) ** 2).astype(np.float32)
+    same, check = mend(replace(true, depth_m=bent))
+    assert same.camera_to_world is true.camera_to_world
+    assert check.camera_to_world is None
