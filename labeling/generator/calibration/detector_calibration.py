@@ -60,7 +60,9 @@ def calibration_of(detector: str | None = None) -> DetectorCalibration:
         found = DetectorCalibration(
             ObjectModel(**parts["objects"]), LabelQualityModel(**parts["labels"]), SizeModel(**parts["sizes"])
         )
-    except (msgspec.DecodeError, KeyError, TypeError):
+        if not np.all(np.diff(found.labels.knots, axis=1) > 0):
+            raise ValueError("knots of label quality do not ascend")
+    except (msgspec.DecodeError, KeyError, TypeError, ValueError):
         raise UsageError(
             f"{file}: holds no calibration of this version; make it anew: python -m experiments.calibrate_labels"
         ) from None

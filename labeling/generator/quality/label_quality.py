@@ -152,8 +152,11 @@ def _chance(odds: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
 
 
 def _quantiles(column: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
-    """Ends of pieces with equally many values each; fewer where values repeat, and the rest beyond all values."""
-    ends = np.unique(np.quantile(column, np.linspace(0, 1, SEGMENTS + 1)))
+    """Ends of pieces with equally many values each; fewer where values repeat, and the rest beyond all values.
+
+    They differ by more than a calibration's file rounds away.
+    """
+    ends = np.unique(np.round(np.quantile(column, np.linspace(0, 1, SEGMENTS + 1)), 6))
     return np.concatenate([ends, ends[-1] + np.arange(1, SEGMENTS + 2 - len(ends))])
 
 

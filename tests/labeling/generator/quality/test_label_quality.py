@@ -169,6 +169,18 @@ def test_a_feature_that_is_the_same_in_all_labels_has_no_effect() -> None:
     assert np.all(model.gain[4] == 0)
 
 
+def test_a_feature_that_is_next_to_the_same_in_most_labels_survives_its_file() -> None:
+    rng = np.random.default_rng(4)
+    features = rng.normal(0, 1, (300, len(NAMES)))
+    features[:, -1] = np.where(rng.uniform(size=300) < 0.6, 1 - rng.choice([0, 1e-9, 1e-8], 300), rng.uniform(size=300))
+    outcome = rng.uniform(0, 1, 300)
+    fitted = replace(calibration_of(), labels=fit_model(features, outcome, chairs(features)))
+    read = np.array(fitted.as_json()["labels"]["knots"])
+    assert np.all(np.diff(read, axis=1) > 0)
+    again = replace(fitted.labels, knots=read).expected_iou(features, chairs(features))
+    np.testing.assert_allclose(again, fitted.labels.expected_iou(features, chairs(features)), atol=1e-3)
+
+
 @pytest.mark.parametrize("detector", ["compact", "simulated"])
 def test_the_models_that_are_shipped_are_monotone_and_say_where_they_come_from(detector: str) -> None:
     model = calibration_of(detector).labels
