@@ -146,6 +146,6 @@ def _paint_all(drawn, rows, points, object_of_point, camera, to_camera, point_si
         farthest = np.float32(placed[2] - point_size_m)
         for v in range(top, bottom + 1):
             for u in range(left, right + 1):
-                if before_m[v, u] <= 0 or before_m[v, u] <= farthest:
+                if not before_m[v, u] > farthest:  # 0 and NaN are not
                     drawn[owner, v, u] = True
                     rows[owner, v] = True

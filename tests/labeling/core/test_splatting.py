@@ -143,12 +143,12 @@ def test_silhouettes_agree_with_points_drawn_one_by_one(seed, count, point_size_
     points = rng.uniform([-2, -2, -0.5], [2, 2, 4], (count, 3)).astype(np.float32)
     owner = rng.integers(-1, 2, count).astype(np.int32)
     camera = Camera(intrinsics_from_fov(11, 8, 1.4), np.eye(4), (8, 11))
-    depth_m = rng.choice([0.0, 0.5, 2.0, 3.9], camera.size).astype(np.float32)
+    depth_m = rng.choice([0.0, np.nan, 0.5, 2.0, 3.9], camera.size).astype(np.float32)
     expected = np.zeros((2, *camera.size), bool)
     for point, one in zip(points, owner, strict=True):
         if one >= 0:
             covered = splat(point[None], camera, point_size_m) == 0
-            hidden = (depth_m == 0) | (depth_m <= np.float32(point[2] - point_size_m))
+            hidden = (depth_m == 0) | np.isnan(depth_m) | (depth_m <= np.float32(point[2] - point_size_m))
             expected[one] |= covered & hidden if measured else covered
     rows = np.zeros((2, camera.size[0]), bool)
     drawn = silhouettes(points, owner, 2, camera, point_size_m, rows, depth_m if measured else None)
