@@ -107,7 +107,7 @@ def test_confidences_are_honest_probabilities(room: Episode) -> None:
     found = label(room)
     confidence = np.array([one.confidence for one in found.labels])
     assert np.all((confidence > 0) & (confidence <= 1))
-    # They are of labels, not of objects, where some of these stand before others.
+    # They are of labels, not of objects: of six objects, not every one is worth the same in all views.
     crowded = label(make_episode(3, num_views=8, size=(90, 120), num_objects=6, confident_share=0.5))
     assert len(np.unique([round(one.confidence, 4) for one in crowded.labels])) > len(crowded.objects)
     # What they promise is kept.
