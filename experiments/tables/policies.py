@@ -1,7 +1,8 @@
 """What a detector learns from the views of each policy: as many episodes of each, the same training for all.
 
 It learns from their labels, and besides from their ground truth, which tells what is the views' doing from what is the
-labels'.
+labels'. Every seed has other episodes, and a policy that was trained from several seeds another of its trainings, so
+that the spread over seeds is that of everything that differs when somebody does the same again.
 """
 
 from typing import Any
@@ -58,21 +59,23 @@ def teach(world: str, context: RunContext) -> dict[str, Any]:
 def _one_world(world: str, context: RunContext) -> dict[str, Any]:
     from experiments.cache.detector_stages import score_labels
 
-    policies, left_out = available_policies(WORLDS[world], POLICIES)
-    sets, views = TrainingSets(world, context), {policy: TrainingSets(world, context, policy) for policy in policies}
-    pools = {f"{policy}_{subset}": views[policy].pool_record(subset) for policy in policies for subset in SUBSETS}
-    labels, runs = [], []
-    for policy in policies:
+    env_id = WORLDS[world]
+    policies, left_out = available_policies(env_id, POLICIES)
+    moved = {(policy, seed): training_from_seed(policy, seed, env_id) for policy in policies for seed in context.seeds}
+    views = {(policy, seed): TrainingSets(world, context, by, recording=seed) for (policy, seed), by in moved.items()}
+    sets, pools, labels, runs = TrainingSets(world, context), {}, [], []
+    for (policy, seed), seen_by in views.items():
+        about = {"policy": policy, "seed": seed, "moved_by": moved[policy, seed]}
+        pools |= {f"{policy}_{seed}_{subset}": seen_by.pool_record(subset) for subset in SUBSETS}
         for name, teacher in TEACHERS.items():
-            for seed in context.seeds:
-                job = views[policy].train_job(teacher, seed)
-                runs.append(({"policy": policy, "teacher": name, "seed": seed}, job))
-                if name == "labels":
-                    scores = score_labels(views[policy].labels("learn", teacher, seed))
-                    errors = count_errors(job.learn, views[policy].pictures("learn"))
-                    labels.append({"policy": policy, "seed": seed, **scores, "errors": errors})
+            job = seen_by.train_job(teacher, seed)
+            runs.append(({**about, "teacher": name}, job))
+            if name == "labels":
+                scores = score_labels(seen_by.labels("learn", teacher, seed))
+                errors = count_errors(job.learn, seen_by.pictures("learn"))
+                labels.append({**about, **scores, "errors": errors})
     # The scenes to be tested in as each policy sees them: who learns from one's views is tested on all others' as well.
-    seen = {views_of(policy): views[policy].pictures("dev") for policy in policies}
+    seen = {views_of(policy): TrainingSets(world, context, policy).pictures("dev") for policy in policies}
     scores = sets.train_and_score(runs, "dev", seen)
     for run in (scores["before"], *scores["runs"]):
         for name in seen:
@@ -80,10 +83,22 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
     return {
         "pools": {"dev": sets.pool_record("dev"), **pools},
         "left_out": left_out,
-        "trained": training_of(policies, WORLDS[world]),
+        "trained": training_of(tuple(dict.fromkeys(moved.values())), env_id),
         "labels": labels,
         **scores,
     }
+
+
+def training_from_seed(policy: str, seed: int, env_id: str) -> str:
+    """Which training of a policy moves: that from the same seed, where the project has it, else the policy itself."""
+    from agents.policies.registry import checkpoint_of
+    from labeling.core.errors import UsageError
+
+    named = f"{policy}_seed_{seed}"
+    try:
+        return named if checkpoint_of(named, env_id) else policy
+    except UsageError:  # there is no such training
+        return policy
 
 
 def views_of(policy: str) -> str:

@@ -42,6 +42,8 @@ PARTS: dict[Subset, tuple[Subset, ...]] = {"pooled": ("test", "wide")}
 """Subsets whose views are those of others, ranked together."""
 SEEDS: dict[Subset, int] = {"choose": 1, "dev": 20}
 """Of the order of scenes, where it is not 0; that of ``dev`` differs from those of what learns in endless scenes."""
+RECORDING_SEEDS = 100
+"""So far apart are the seeds of two recordings of the same training scenes."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
 """The thesis' own label settings for streets. Source: field notes."""
 PER_CLASS = {"mask_ap50": "ap50", "mask_ap30": "ap30", "box_ap50": "box_ap50", "box_ap30": "box_ap30"}
@@ -108,6 +110,7 @@ class TrainingSets:
         unseen_models: bool = False,
         new_categories: bool = False,
         as_command: bool = False,
+        recording: int = 0,
     ) -> None:
         """Makes nothing yet.
 
@@ -118,9 +121,11 @@ class TrainingSets:
             unseen_models: learn from scenes without the models of furniture and vehicles that final scenes show.
             new_categories: learn from as many episodes as categories take that no photograph has shown.
             as_command: fine-tune as ``labeling.finetune`` does without options, not as the scale has it.
+            recording: another number, other episodes of the same training scenes; the same number, the same starts,
+                whoever moves. What is reported on does not change.
         """
         self.world, self._context, self._policy, self._unseen_models = world, context, policy, unseen_models
-        self._new_categories = new_categories
+        self._new_categories, self._recording = new_categories, recording
         size = SIZES[context.scale]
         self._size = size.as_command() if as_command else size
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
@@ -293,6 +298,8 @@ class TrainingSets:
         counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report}
         counts |= {"wide": wide, "final": wide}
         name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
+        if split == "train":
+            seed += RECORDING_SEEDS * self._recording
         env, unseen = WORLDS[self.world], self._unseen_models
         return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
 

@@ -28,13 +28,15 @@ def taught(world: Mapping[str, Any], base: str) -> dict[str, Any]:
             cells.append(_beside(*([run[part][figure] for run in some] for some in (found, runs[teacher, base]))))
         rows.append([LEARNT_FROM[teacher].format(policy), *cells])
     pools = world["pools"]
+    recordings = [pool for name, pool in pools.items() if name.startswith(f"{base}_") and name.endswith("_learn")]
     return {
         "rows": rows,
         "by_category": _by_category(world, base),
         "by_views": _by_views(world, base),
         "differences": _differences(world, base),
         "errors": _errors(world, base),
-        "episodes": pools[f"{base}_learn"]["episodes"],
+        "episodes": recordings[0]["episodes"],
+        "recordings": len(recordings),
         "scenes": len(set(pools["dev"]["scenes"])),
     }
 

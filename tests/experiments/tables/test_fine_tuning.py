@@ -82,15 +82,17 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     places = [f"--{name}={tmp_path / name}" for name in ("cache", "results", "docs")]
     assert main(["policies", "--scale", "smoke", "--seeds", "2", "--workers", "1", *places]) == 0
     room = json.loads((tmp_path / "results" / "policies.json").read_text())["worlds"]["rooms"]
-    assert [(one["policy"], one["teacher"], one["seed"]) for one in room["runs"]] == [
-        (policy, teacher, seed) for policy in ("ring", "random") for teacher in ("labels", "truth") for seed in (0, 1)
+    assert [(one["policy"], one["seed"], one["teacher"]) for one in room["runs"]] == [
+        (policy, seed, teacher) for policy in ("ring", "random") for seed in (0, 1) for teacher in ("labels", "truth")
     ]
-    asked = {(pool.policy, pool.name): pool for pool in small_rooms if pool.name != "photographs"}
+    asked = {(pool.policy, pool.name, pool.seed): pool for pool in small_rooms if pool.name != "photographs"}
     assert set(asked) == {
-        (policy, f"rooms_{part}") for policy in ("ring", "random") for part in ("learn", "choose", "dev")
+        (policy, f"rooms_{part}", seed)
+        for policy in ("ring", "random")
+        for part, seed in (("learn", 0), ("learn", 100), ("choose", 1), ("choose", 101), ("dev", 20))
     }
     assert all(one.keys() >= {"views of ring", "views of random"} for one in (room["before"], *room["runs"]))
-    assert asked["ring", "rooms_learn"] == replace(asked["random", "rooms_learn"], policy="ring")
+    assert asked["ring", "rooms_learn", 100] == replace(asked["random", "rooms_learn", 100], policy="ring")
     for one in room["labels"]:
         assert 0 <= one["errors"]["false_weight"] <= 1
         assert all(counts["false"] <= counts["labels"] for counts in one["errors"]["categories"].values())
@@ -98,6 +100,20 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     assert "False labels, those that lie on no object of their category" in page
     assert page.index("after labels of `random`") < page.index("after ground truth of the views of `random`")
     capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("policy", "seed", "moves"),
+    [
+        ("ring", 1, "ring"),
+        ("ppo", 0, "ppo"),
+        ("ppo", 2, "ppo_seed_2"),
+        ("ppo_evidence", 1, "ppo_evidence_seed_1"),
+        ("ppo", 99, "ppo"),
+    ],
+)
+def test_a_policy_of_several_trainings_moves_as_the_one_from_the_same_seed(policy: str, seed: int, moves: str) -> None:
+    assert policies.training_from_seed(policy, seed, "sbm_gym/Indoor-v0") == moves
 
 
 def test_the_share_of_the_gap_is_that_of_means_over_seeds() -> None:
