@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from experiments.figures.result_values import gap_share, share_interval, values
-from experiments.pages.markdown import mean_std, read_result, table
+from experiments.pages.markdown import mean_std, plural, read_result, table
+from experiments.pages.origin import origins
 from labeling.core.errors import SbmError
 
 WORLDS = {"table_5_3_final": "unseen homes", "table_5_1_final": "unseen towns"}
 """Experiment -> what its column is called. These homes and towns are set aside for the end."""
 ROWS = {
     "pre-trained": "before",
-    "SbM fine-tuned": "taught by labels of each episode alone, as in the thesis",
+    "SbM fine-tuned": "taught by labels of each episode alone",
     "SbM fine-tuned on shared labels": "taught by labels that the episodes of a scene share",
     "GT fine-tuned": "taught by ground truth",
 }
@@ -41,18 +42,19 @@ def with_results(text: str, results: Path) -> str:
     """README with the table of the results in their folder; for the errors see ``write_readme``."""
     if not _PLACE.search(text):
         raise SbmError("README: there is no <!-- results: ... --> with an <!-- end of results --> after it")
-    found = {name: read_result(results / f"{name}.json") for name in WORLDS}
-    if missing := [name for name, content in found.items() if content is None]:
+    found = {file.stem: content for file in sorted(results.glob("*.json")) if (content := read_result(file))}
+    if missing := [name for name in WORLDS if name not in found]:
         raise SbmError(f"{results}: no {missing[0]}.json; run python -m experiments.run {missing[0]} first")
-    section = results_section({name: content for name, content in found.items() if content is not None})
+    section = results_section(found)
     return _PLACE.sub(lambda place: f"{place.group(1)}{section}\n{place.group(2)}", text)
 
 
 def results_section(contents: Mapping[str, Mapping[str, Any]]) -> str:
-    """The sentence and the table.
+    """The sentence, the table, and what it was made with.
 
     Args:
-        contents: of the files of results, by the names in ``WORLDS``.
+        contents: of the files of results, by name: those in ``WORLDS``, and others, which tell which are of an earlier
+            label generator.
     """
     columns = [(name, figure) for name in WORLDS for figure in FIGURES]
     titles = [f"{_episodes(contents[name])} {WORLDS[name]}, {FIGURES[figure]}" for name, figure in columns]
@@ -62,11 +64,25 @@ def results_section(contents: Mapping[str, Mapping[str, Any]]) -> str:
     ]
     closed = ["share of the gap to ground truth that shared labels close (95 % over scenes and seeds)"]
     closed += [_gap_closed(contents[name], figure) for name, figure in columns]
-    seeds = {len(content["seeds"]) for content in contents.values()}
+    seeds = {len(contents[name]["seeds"]) for name in WORLDS}
     return (
         "AP50 of masks and of boxes in scenes that the detector has neither been in nor been chosen by, mean ± "
         f"standard deviation over {'/'.join(map(str, sorted(seeds)))} seeds ([all tables](docs/results.md)):\n\n"
         + table(["detector `compact`", *titles], [*rows, closed], "---:")
+        + "\n\n"
+        + "\n".join(
+            f"- {_made_with(WORLDS[name], contents[name])} {made}" for name, made in origins(contents, WORLDS).items()
+        )
+    )
+
+
+def _made_with(title: str, content: Mapping[str, Any]) -> str:
+    """What detectors have learnt from, and for how long."""
+    pool, train = content["pools"]["learn"], content["settings"]["train"]
+    episodes, scenes = plural(pool["episodes"], "episode"), plural(len(set(pool["scenes"])), "scene")
+    return (
+        f"{title.capitalize()}: learnt from {episodes} in {scenes}, "
+        f"{train['iterations']} batches, {train['replay_share']:.0%} of the pictures photographs."
     )
 
 

@@ -1,4 +1,4 @@
-"""The table at the top of the page of results: the thesis' figures, those of the release before, today's, and goals."""
+"""The table at the top of the page of results: figures of the thesis, of an earlier commit and of today, and goals."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,9 +28,9 @@ NOT_RUN, NOT_SHOWN, WITHIN_CHANCE, EARLIER = "not run", "no gap shown", "above, 
 HEADINGS = (
     "AP50 of masks / boxes; of 3-D boxes at .25 / .5",
     "thesis",
-    "release before",
+    "earlier commit",
     "now",
-    "goal",
+    "our goal",
     "below the goal",
 )
 
