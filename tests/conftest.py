@@ -185,7 +185,7 @@ def browser_page() -> Iterator[Any]:
 @pytest.fixture(scope="session")
 def ray_cluster() -> Iterator[Any]:
     """Two nodes of one core each, on this machine; a ``ray.cluster_utils.Cluster``."""
-    pytest.importorskip("ray", reason="needs the extra 'cluster': pip install 'seeing-by-moving[cluster]'")
+    pytest.importorskip("ray", reason="needs the extra 'cluster'")
     from ray.cluster_utils import Cluster
 
     from labeling.cluster.ray_connection import connect

@@ -171,7 +171,10 @@ def test_a_missing_extra_is_one_sentence_that_names_it(tmp_path):
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT)
     assert result.returncode == 2, result.stderr
-    assert result.stderr == ("error: python -m agents.train needs the extra 'rl': pip install 'seeing-by-moving[rl]'\n")
+    assert result.stderr == (
+        "error: python -m agents.train needs the extra 'rl': pip install './CLONE[rl]', "
+        "with CLONE the folder of seeing-by-moving\n"
+    )
 
 
 def test_every_import_is_declared():

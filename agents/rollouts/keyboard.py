@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from labeling.core.errors import SbmError
+from labeling.runtime.extras import how_to_install
 from sbm_gym.env.viewer_window import screen_available
 
 FULL, TURN, TILT = 1.0, 0.5, 0.5
@@ -86,7 +87,7 @@ def play(env: gym.Env, seed: int, zoom: float, report: Reported) -> None:
         with _quiet():
             from gymnasium.utils import play as player
     except gym.error.DependencyNotInstalled:
-        raise NoWindowError("playing needs pygame: pip install 'seeing-by-moving[play]'") from None
+        raise NoWindowError(f"playing needs pygame: {how_to_install('play')}") from None
     step = itertools.count(1)
 
     def told(before: Any, after: Any, action: Any, reward: Any, terminated: bool, truncated: bool, info: Any) -> None:

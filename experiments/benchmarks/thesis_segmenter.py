@@ -16,6 +16,7 @@ from labeling.core.errors import SbmError
 from labeling.generator.cloud.voxel_cloud import Cloud
 from labeling.generator.objects.association import Candidate
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.runtime.extras import how_to_install
 
 SAMPLES = 300
 SURE = 0.99
@@ -29,7 +30,7 @@ def check_installed() -> None:
         SbmError: saying what to install.
     """
     if importlib.util.find_spec("pydensecrf") is None:
-        raise SbmError("this bench needs pydensecrf: pip install 'seeing-by-moving[bench]' (it is built with g++)")
+        raise SbmError(f"this bench needs pydensecrf, which is built with g++: {how_to_install('bench')}")
 
 
 @dataclass(frozen=True)

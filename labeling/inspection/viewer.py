@@ -24,6 +24,7 @@ from labeling.inspection.framing import SURE, below, cut_height_m, opening_view,
 from labeling.inspection.orbit import FRAME_MS, SIZE, orbit
 from labeling.inspection.scene import LabelledScene, SceneObject, together
 from labeling.inspection.view_thumbnails import Thumbnail, thumbnails
+from labeling.runtime.extras import how_to_install
 
 ALL = "all classes"
 FOV_RAD = 0.8
@@ -367,8 +368,7 @@ def _viser() -> Any:
     try:
         import viser  # pyright: ignore[reportMissingImports]
     except ImportError:
-        needed = "pip install 'seeing-by-moving[viewer]'"
-        raise UsageError(f"--view and --html need viser: {needed}, or use --pictures DIR") from None
+        raise UsageError(f"--view and --html need viser; use --pictures DIR, or {how_to_install('viewer')}") from None
     return viser
 
 

@@ -5,6 +5,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from labeling.runtime.extras import how_to_install
+
 
 @contextmanager
 def tensorboard_writer(folder: Path, step: int, say: Callable[[str], None]) -> Iterator[Any]:
@@ -23,7 +25,7 @@ def tensorboard_writer(folder: Path, step: int, say: Callable[[str], None]) -> I
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
-        say("note: no curves for TensorBoard; pip install 'seeing-by-moving[train]' brings them")
+        say(f"note: no curves for TensorBoard; what brings them: {how_to_install('train')}")
         yield None
         return
     with closing(SummaryWriter(str(folder), purge_step=step + 1)) as writer:

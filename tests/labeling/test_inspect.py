@@ -327,4 +327,4 @@ def test_the_viewer_says_what_it_needs(labels, capsys, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without_viser)
     assert main([str(labels), "--view"]) == 2
-    assert "pip install 'seeing-by-moving[viewer]'" in capsys.readouterr().err
+    assert "pip install './CLONE[viewer]'" in capsys.readouterr().err

@@ -23,6 +23,7 @@ from labeling.detectors.data.augment import resize_picture
 from labeling.formats.checked_json import read_json
 from labeling.formats.pixel_limit import too_large
 from labeling.formats.regular_file import regular
+from labeling.runtime.extras import how_to_install
 
 _TYPES: dict[str, Any] = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 PAD_VALUE = 114
@@ -194,7 +195,7 @@ def _session(path: Path, name: str) -> Any:
     try:
         import onnxruntime
     except ImportError:
-        raise DetectorError(f"{name}: needs ONNX Runtime; pip install 'seeing-by-moving[onnx]' installs it") from None
+        raise DetectorError(f"{name}: needs ONNX Runtime: {how_to_install('onnx')}") from None
     available = onnxruntime.get_available_providers()
     chosen = [one for one in ("CUDAExecutionProvider", "CPUExecutionProvider") if one in available]
     options = onnxruntime.SessionOptions()
@@ -230,7 +231,7 @@ def _anchors(path: Path, where: str, name: str) -> Float32[np.ndarray, "n 4"]:
         constants = {one.name: one for one in graph.initializer}
         return numpy_helper.to_array(constants[where]).astype(np.float32)
     except ImportError:
-        raise DetectorError(f"{name}: to read constants of a graph, pip install 'seeing-by-moving[onnx]'") from None
+        raise DetectorError(f"{name}: to read constants of a graph, {how_to_install('onnx')}") from None
     except KeyError:
         raise DetectorError(f"{name}: anchors: the graph has no constant {where!r}; or name a file .npy") from None
     except (OSError, ValueError) as error:

