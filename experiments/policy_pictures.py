@@ -124,7 +124,8 @@ def labels(policies: Sequence[str]) -> list[str]:
 def filmed(
     config: PolicyPicturesConfig, policy: str, spec: "EpisodeSpec", size_px: tuple[int, int]
 ) -> "list[UInt8[np.ndarray, 'h w 3']]":
-    """An episode as pictures: the robot from above beside what its camera sees, before the first step and after each.
+    """An episode as pictures: the robot from above beside what its camera sees and detects, before the first step and
+    after each.
 
     An env renders in one mode, so the episode is played once for each; the same spec gives the same episode.
 
@@ -141,13 +142,14 @@ def filmed(
 
     from agents.policies.registry import make_policy
     from agents.rollouts.run_episode import run_episode
+    from experiments.figures.films import DetectionsDrawn
     from sbm_gym.named_env import make_env
 
     seen: list[Sequence[Any]] = []
     for mode in ("third_person", "rgb_array"):
         settings = {"render_mode": mode, "render_size": size_px}
         with contextlib.closing(make_env(config.env, config.split, config.detector, **settings)) as inner:
-            env: gym.Env = RenderCollection(inner)
+            env: gym.Env = RenderCollection(DetectionsDrawn(inner) if mode == "rgb_array" else inner)
             run_episode(env, make_policy(policy, config.env), spec, None)
             frames = env.render()
             assert isinstance(frames, list)

@@ -19,9 +19,14 @@ from labeling.generator.cloud.object_scale import voxel_edge_m
 from labeling.generator.objects.seeds import mask_trimap
 from labeling.generator.propagate import EpisodeLabels, propagate
 from labeling.generator.settings.label_config import LabelConfig
+from labeling.inspection.titles import write_title
 
 COLOURS = np.array(plt.get_cmap("tab10").colors)
 DPI = 100
+PARTLY_HIDDEN, FROM_ELSEWHERE = (0.1, 0.5), np.deg2rad(45)
+"""Share of an object that something else hides, and angle between two gazes, that show best what labels do."""
+NAMED_M = 0.5
+"""Objects at least so long are named in plans: names of small ones lie over each other."""
 MIN_DRAWN_CONFIDENCE = 0.1
 """Networks offer dozens of detections fainter than this, which would hide all others in a picture."""
 
@@ -37,7 +42,7 @@ def draw_episode(episodes: Sequence[Episode], path: Path) -> None:
     figure = plt.figure(figsize=(13.5, 4.4), dpi=DPI)
     grid = figure.add_gridspec(2, 6, left=0.01, right=0.99, top=0.93, bottom=0.02, wspace=0.04, hspace=0.12)
     _draw_way(figure.add_subplot(grid[:, :2]), episode)
-    for cell, view in enumerate(np.linspace(0, episode.num_views - 1, 8).round().astype(int)):
+    for cell, view in enumerate(_telling_views(episode, 8)):
         axes = figure.add_subplot(grid[cell // 4, 2 + cell % 4])
         confident = [d for d in episode.detections or () if d.view_index == view and d.confidence >= CONFIDENT]
         _show(axes, _outlined(episode.rgb[view], [d.mask for d in confident]))
@@ -63,11 +68,11 @@ def draw_label_steps(episodes: Sequence[Episode], path: Path) -> None:
         ("modal mask", _outlined(episode.rgb[view], [label.modal])),
         ("amodal mask", _outlined(episode.rgb[view], [label.amodal])),
     ]
-    figure, axes = plt.subplots(1, len(panels), figsize=(13.5, 2.5), dpi=DPI)
-    for axis, (title, picture) in zip(axes, panels, strict=True):
+    figure, axes = plt.subplots(2, len(panels) // 2, figsize=(10.2, 7.1), dpi=DPI)
+    for axis, (title, picture) in zip(axes.flat, panels, strict=True):
         _show(axis, picture)
-        axis.set_title(title, fontsize=8, pad=3)
-    figure.subplots_adjust(left=0.005, right=0.995, top=0.9, bottom=0.01, wspace=0.03)
+        axis.set_title(title, fontsize=10, pad=4)
+    figure.subplots_adjust(left=0.005, right=0.995, top=0.96, bottom=0.005, wspace=0.02, hspace=0.1)
     save(figure, path)
 
 
@@ -106,16 +111,29 @@ def _draw_way(axes: Axes, episode: Episode) -> None:
         assert truth.box_3d is not None
         corners = truth.box_3d.corners()[[0, 2, 6, 4], :2]
         axes.fill(*corners.T, facecolor="0.88", edgecolor="0.5", linewidth=0.8)
-        axes.annotate(truth.category, corners.mean(axis=0), ha="center", va="center", fontsize=7, color="0.25")
+        if max(truth.box_3d.extent_m[:2]) >= NAMED_M:
+            axes.annotate(truth.category, corners.mean(axis=0), ha="center", va="center", fontsize=7, color="0.25")
     eyes, forward = episode.camera_to_world[:, :2, 3], episode.camera_to_world[:, :2, 2]
     sure = {d.view_index for d in episode.detections or () if d.confidence >= CONFIDENT}
     axes.plot(*eyes.T, color=COLOURS[0], linewidth=0.8, alpha=0.6)
     axes.quiver(*eyes.T, *forward.T, color=COLOURS[0], width=0.004, scale=18, headwidth=5)
     colours = [COLOURS[2] if view in sure else (1.0, 1.0, 1.0) for view in range(episode.num_views)]
     axes.scatter(*eyes.T, s=24, c=colours, edgecolors=[COLOURS[0]], linewidths=0.9, zorder=3)
+    axes.scatter(*eyes[0], s=110, facecolors="none", edgecolors=[COLOURS[3]], linewidths=1.6, zorder=4)
+    axes.annotate("start", eyes[0], (6, 6), textcoords="offset points", fontsize=8, color=COLOURS[3])
     axes.set_aspect("equal")
     axes.axis("off")
     axes.set_title("the way from above; green: a confident view", fontsize=8, pad=3)
+
+
+def _telling_views(episode: Episode, count: int) -> list[int]:
+    """Views spread over an episode, with the first confident one among them, which is where the circle begins."""
+    views = np.linspace(0, episode.num_views - 1, count).round().astype(int).tolist()
+    sure = [one.view_index for one in episode.detections or () if one.confidence >= CONFIDENT]
+    if sure and min(sure) not in views:
+        nearest = min(range(1, count), key=lambda place: abs(views[place] - min(sure)))
+        views[nearest] = min(sure)
+    return sorted(views)
 
 
 def _masks(items: Iterable[Detection | PseudoLabel | GroundTruth], view: int, category: str) -> list[np.ndarray]:
@@ -150,10 +168,26 @@ def _greatest_gain(episodes: Sequence[Episode]) -> tuple[Episode, PseudoLabel, D
             if not sources or label.view_index == label.source_view_index:
                 continue
             found = _masks(detections, label.view_index, label.category)
-            truths = _masks(episode.ground_truth or (), label.view_index, label.category)
-            score = max((mask_iou(label.modal, t) - _best_iou(found, t) for t in truths), default=0.0)
-            # A sliver may gain as much as a large object, but shows nothing to a reader.
-            score *= min(1.0, np.count_nonzero(label.modal) / (0.1 * label.modal.size))
+            where = label.view_index, label.category
+            truths = [one for one in episode.ground_truth or () if (one.view_index, one.category) == where]
+            score = max(
+                (
+                    (mask_iou(label.modal, one.modal) - _best_iou(found, one.modal))
+                    * mask_iou(label.amodal, one.amodal)
+                    for one in truths
+                    if one.amodal is not None
+                ),
+                default=0.0,
+            )
+            # A sliver may gain as much as a large object, but shows nothing to a reader; nor does a view from where the
+            # source stands, or of an object that nothing hides.
+            score *= min(1.0, np.count_nonzero(label.modal) / (0.05 * label.modal.size))
+            hidden = 1 - np.count_nonzero(label.modal) / max(1, np.count_nonzero(label.amodal))
+            gazes = episode.camera_to_world[[label.view_index, label.source_view_index], :3, 2]
+            turned = np.arccos(np.clip(gazes[0] @ gazes[1], -1, 1))
+            score *= (1.0 if PARTLY_HIDDEN[0] <= hidden <= PARTLY_HIDDEN[1] else 0.02) * min(
+                1.0, turned / FROM_ELSEWHERE
+            )
             if best is None or score > best[0]:
                 best = (score, episode, label, sources[0])
     if best is None:
@@ -198,22 +232,12 @@ def named(
         mask = item.mask if isinstance(item, Detection) else item.modal
         confidence = "" if isinstance(item, GroundTruth) else f" {item.confidence:.2f}"
         rows, columns = np.nonzero(_doubled(mask))
-        _write(picture, f"{item.category}{confidence}", int(columns.mean()), int(rows.mean()))
+        write_title(picture, f"{item.category}{confidence}", (float(columns.mean()), float(rows.mean())))
     return picture
 
 
 def _doubled(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h2 w2"]:
     return mask.repeat(2, axis=0).repeat(2, axis=1)
-
-
-def _write(picture: UInt8[np.ndarray, "h w 3"], text: str, x: int, y: int) -> None:
-    """Text centred at a point, white on a dark ground, kept inside the picture."""
-    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.42
-    (width, height), _ = cv2.getTextSize(text, font, size, 1)
-    left = int(np.clip(x - width // 2, 2, picture.shape[1] - width - 2))
-    low = int(np.clip(y + height // 2, height + 3, picture.shape[0] - 4))
-    cv2.rectangle(picture, (left - 2, low - height - 3), (left + width + 2, low + 3), (30, 30, 30), -1)
-    cv2.putText(picture, text, (left, low), font, size, (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def _outlined(

@@ -13,6 +13,7 @@ from labeling.core.views import Camera
 from labeling.formats.atomic import write_png
 from labeling.inspection.framing import ABOVE, first_azimuth, region, spacing_m
 from labeling.inspection.scene import LabelledScene
+from labeling.inspection.titles import write_title
 
 SIZE = (720, 960)
 """Height and width of a picture in pixels."""
@@ -22,6 +23,8 @@ MARGIN = 0.35
 """How far around the objects the cloud is shown, as a share of the region they take up."""
 BACKGROUND = 250
 SUPERSAMPLE = 2
+TITLE_SIZE, TITLE_ABOVE_PX, TITLE_INK = 0.5, 12, (20, 20, 20)
+"""Of titles of objects, on plates of the objects' colours: size of letters, and how far above the box they stand."""
 
 
 def write_pictures(scene: LabelledScene, folder: Path, viewpoints: int = 3) -> list[Path]:
@@ -79,7 +82,9 @@ def draw(
     for one in scene.objects:  # titles last, so that no edge crosses them
         top, depth_m = project(one.box.corners().mean(axis=0)[None] + [0, 0, one.box.extent_m[2] / 2], intrinsics, pose)
         if depth_m[0] > 0:
-            _write(canvas, one.title, np.rint(np.clip(top[0], -1e4, 1e4)).astype(int), one.colour)
+            x, y = np.clip(top[0], -1e4, 1e4).tolist()
+            plate = tuple(int(255 * (0.35 * value + 0.65)) for value in one.colour)
+            write_title(canvas, one.title, (x, y - TITLE_ABOVE_PX), TITLE_SIZE, plate, TITLE_INK)
     return canvas
 
 
@@ -97,14 +102,3 @@ def _in_front(scene: LabelledScene, centre, direction) -> Bool[np.ndarray, "n"]:
         return np.zeros(len(scene.points), bool)
     nearest = max(float(((one.box.corners() - centre) @ flat).max()) for one in scene.objects)
     return (scene.labels == 0) & ((scene.points - centre) @ flat > nearest)
-
-
-def _write(canvas: UInt8[np.ndarray, "h w 3"], text: str, at, colour) -> None:
-    """Text on a plate of the object's colour, kept inside the picture."""
-    text = text.encode("ascii", "replace").decode()
-    (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
-    x = int(np.clip(at[0] - width // 2, 4, max(4, canvas.shape[1] - width - 4)))
-    y = int(np.clip(at[1] - 6, height + 6, canvas.shape[0] - base - 4))
-    fill = tuple(int(255 * (0.35 * value + 0.65)) for value in colour)
-    cv2.rectangle(canvas, (x - 3, y - height - 3), (x + width + 3, y + base + 1), fill, -1)
-    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)

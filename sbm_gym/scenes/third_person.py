@@ -226,7 +226,7 @@ class _Overlay:
             cv2.circle(self._picture, tuple(pixel.tolist()), 16 * (self._width + 1), colour, -1, cv2.LINE_AA, shift=4)
 
     def _object(self, known: KnownObject, colour: tuple[int, int, int]) -> None:
-        import cv2
+        from labeling.inspection.titles import write_title
 
         label = f"{known.category} {known.best_confidence:.2f}"
         around = np.linspace(0.0, 2.0 * np.pi, 33)[:, None]
@@ -236,12 +236,8 @@ class _Overlay:
         pixels = self._pixels(known.centroid_m[None])
         if pixels is None:
             return
-        scale = max(0.3, min(self._picture.shape[:2]) / 900)
-        (width, height), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-        x, y = (pixels[0] // 16).tolist()
-        at = (int(np.clip(x - width // 2, 1, max(self._picture.shape[1] - width - 1, 1))), y + height // 2)
-        for thickness, shade in ((3, (0, 0, 0)), (1, (255, 255, 255))):
-            cv2.putText(self._picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, scale, shade, thickness, cv2.LINE_AA)
+        x, y = (pixels[0] / 16).tolist()
+        write_title(self._picture, label, (x, y), max(0.3, min(self._picture.shape[:2]) / 900))
 
 
 def frustum_lines(camera: Camera, depth_m: float = FRUSTUM_M) -> list[Float[np.ndarray, "n 3"]]:
