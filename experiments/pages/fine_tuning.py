@@ -42,7 +42,7 @@ def compose(results: Path) -> tuple[str, Pictures]:
     contents = [content for name in RESULTS if (content := read_result(results / name)) is not None]
     if not contents:
         raise SbmError(f"{results / RESULTS[0]} is missing; python -m experiments.run fine_tuning makes it")
-    return page(contents), {PICTURE: partial(draw_fine_tuning, contents, TEACHERS)}
+    return page(contents), {PICTURE: partial(draw_fine_tuning, contents, TEACHERS | WITHOUT_REPLAY)}
 
 
 def page(contents: Sequence[Mapping[str, Any]]) -> str:
