@@ -69,7 +69,7 @@ def register_world(
         name: in the env's id, such as "Arena".
         build: builds the scene of a name; the same name gives the same world in every process.
         splits: names of the scenes by split ("train", "val", "test", ...); a split that is missing has those of all
-            others.
+            others, but "endless", which ``agents.train`` learns from, those of "train" where there is one.
         profile: what fits these worlds (body, strides, picture sizes); that of rooms if None.
 
     Returns:
