@@ -50,8 +50,9 @@ class FixationEnv(gym.Env, EzPickle):
     `sbm_gym.scenes.profiles.WorldProfile`; those of streets are given in brackets.) Its detector is sure of objects in
     easy views only. The robot earns reward for finding objects that its detector is confident about, and for seeing
     these objects from many sides: from such views the label generator makes labels. One step is one move, one look and
-    one detection. The robot knows what its own senses tell it (detector, depth, odometry); observations and rewards
-    never use the simulator's ground truth.
+    one detection. The robot is given a complete map of where it can stand, rooms that it has not seen included, exact
+    as the simulator has it. What there is, and which floor has been seen, it knows from its own senses (detector,
+    depth, odometry). Observations and rewards use no other ground truth.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`
