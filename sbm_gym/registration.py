@@ -29,6 +29,7 @@ def register_envs() -> None:
     """
     try:
         import gymnasium
+        from gymnasium.envs.registration import WrapperSpec
     except ModuleNotFoundError:  # the extra "sim" is not installed; commands answer --help all the same
         return
 
@@ -39,6 +40,7 @@ def register_envs() -> None:
                 entry_point="sbm_gym.env.fixation_env:FixationEnv",
                 kwargs=dict(kwargs),
                 max_episode_steps=MAX_EPISODE_STEPS,
+                additional_wrappers=(WrapperSpec("WarnOfTimeLimit", "sbm_gym.env.time_limit:WarnOfTimeLimit", {}),),
             )
 
 

@@ -134,7 +134,8 @@ class FixationEnv(gym.Env, EzPickle):
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
     - `num_views`: steps of an episode; None takes `max_episode_steps` of the registered env, else 25. Episodes longer
-      than that need `gym.make(..., num_views=n, max_episode_steps=n)`.
+      than that need `gym.make(..., num_views=n, max_episode_steps=n)`; shorter ones `num_views=n` alone, since with
+      `max_episode_steps=n` alone the robot counts on more views than there are.
     - `episodes_per_scene`: without a seed, `reset` moves on to another scene after this many episodes.
     - `scene_cache`: how many scenes are kept in memory. Those that come with sbm_gym are kept on disk, too, once any
       process has compiled them (`SBM_SCENE_CACHE`: how many GB of them, or "off").
