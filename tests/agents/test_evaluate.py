@@ -335,7 +335,8 @@ def test_labels_are_judged_by_the_object_model_that_the_robot_judges_by(detector
     env = FixationEnv(BoxRooms(), detector=detector)
     env.reset(seed=0)
     label_record([env.capture(64, 64)], env.categories, (1,), detector)
-    assert [one.objects for one in used] == [env.knowledge.beliefs._model]
+    (calibration,) = used
+    assert calibration.objects is env.knowledge.beliefs._model
 
 
 # Label quality, counted by hand --------------------------------------------------------------------------------------
