@@ -29,6 +29,7 @@ def register_envs() -> None:
     """
     try:
         import gymnasium
+        from gymnasium.envs.registration import WrapperSpec
     except ModuleNotFoundError:  # the extra "sim" is not installed; commands answer --help all the same
         return
 
@@ -39,6 +40,7 @@ def register_envs() -> None:
                 entry_point="sbm_gym.env.fixation_env:FixationEnv",
                 kwargs=dict(kwargs),
                 max_episode_steps=MAX_EPISODE_STEPS,
+                additional_wrappers=(WrapperSpec("WarnOfTimeLimit", "sbm_gym.env.time_limit:WarnOfTimeLimit", {}),),
             )
 
 
@@ -69,7 +71,7 @@ def register_world(
         name: in the env's id, such as "Arena".
         build: builds the scene of a name; the same name gives the same world in every process.
         splits: names of the scenes by split ("train", "val", "test", ...); a split that is missing has those of all
-            others.
+            others, but "endless", which ``agents.train`` learns from, those of "train" where there is one.
         profile: what fits these worlds (body, strides, picture sizes); that of rooms if None.
 
     Returns:

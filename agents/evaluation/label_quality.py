@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sbm_gym.env.recording import Capture, episode_of_captures
+from sbm_gym.env.view_detectors import calibrated_as
 
 if TYPE_CHECKING:
     from labeling.metrics.matching import MaskInstance
@@ -36,7 +37,7 @@ def label_record(
         captures: full frames, in order.
         categories: that the detector has a name for.
         view_counts: labels are made of so many of the first views; more than there are give none.
-        detector: whose calibration labels are made with, as ``labeling.generate`` makes them of recorded episodes.
+        detector: whose calibration labels are made with; that which the environment judges by.
     """
     from labeling.core.rle import encode_mask
     from labeling.generator.calibration.detector_calibration import calibration_of
@@ -47,10 +48,11 @@ def label_record(
         for truth in episode_of_captures(captures, categories, {}).ground_truth or ()
         if truth.modal.any() and truth.category in categories
     ]
+    calibration = calibration_of(None if detector is None else calibrated_as(detector))
     made: dict[str, list[Any]] = {}
     for count in [count for count in view_counts if count <= len(captures)]:
         seen = episode_of_captures(captures[:count], categories, {})
-        labels = propagate(seen, seen.detections or (), calibration=calibration_of(detector))
+        labels = propagate(seen, seen.detections or (), calibration=calibration)
         made[str(count)] = [
             [one.view_index, one.category, _rle(encode_mask(one.modal)), float(one.confidence)]
             for one in labels.labels

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.planning.paths import path_length_m
-from agents.planning.steering import bearing_rad, wrap
+from agents.planning.steering import bearing_rad
 from sbm_gym.env.gaze import TURN_RAD
+from sbm_gym.robot.angles import wrap
 from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 

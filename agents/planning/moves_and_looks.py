@@ -18,10 +18,12 @@ from gymnasium import spaces
 from jaxtyping import Float
 
 from agents.planning.kernels import expected_gains, new_sides, unseen_by_way
-from agents.planning.steering import bearing_rad, move_and_look, wrap
+from agents.planning.steering import bearing_rad, move_and_look
 from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.env.state_vector import CANDIDATES, UNSEEN_STRIDES, likely_candidates, nearest_others, state_names
+from sbm_gym.robot.angles import wrap
 from sbm_gym.robot.knowledge import RobotKnowledge
+from sbm_gym.robot.line_of_sight import stop_short
 from sbm_gym.robot.object_memory import ViewBins
 from sbm_gym.robot.seen_space import CLEAR_M
 from sbm_gym.robot.view_history import IN_VIEW_RAD
@@ -31,19 +33,24 @@ from sbm_gym.worlds.geometry.navigable import NavigableMap
 DIRECTIONS = 8
 STAY = DIRECTIONS
 """The move that is none; those before it are directions, counter-clockwise from where the camera points."""
-OTHERS = 2
+OTHERS_TO_LOOK_AT = 2
 """So many confirmed objects beside the fixation target can be looked at, the nearest first."""
 HEADINGS = 12
 TURNS_RAD = tuple(2.0 * np.pi / HEADINGS * k for k in range(1, HEADINGS))
 """Turns from where the camera points, counter-clockwise."""
-LOOKS = ("target", *(f"candidate_{k}" for k in range(CANDIDATES)), *(f"other_{k}" for k in range(OTHERS)), *TURNS_RAD)
+LOOKS = (
+    "target",
+    *(f"candidate_{k}" for k in range(CANDIDATES)),
+    *(f"other_{k}" for k in range(OTHERS_TO_LOOK_AT)),
+    *TURNS_RAD,
+)
 """What can be looked at: things by name, and turns from where the camera points. What is not there is the target, and
 without a target straight ahead."""
 ACTION_SPACE = spaces.MultiDiscrete([DIRECTIONS + 1, len(LOOKS)])
 ASIDE_RAD = np.deg2rad([0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0, 60.0, -60.0, 75.0, -75.0, 90.0, -90.0])
 """By how much a blocked move is turned aside, tried in this order."""
 FARTHER_STRIDES = (2.0, 4.0)
-"""How far beyond a move new sides are looked for, straight on."""
+"""How far from where the robot stands, straight on to the side of a move, new sides are looked for, too."""
 KINDS = ("target", "others", "candidates")
 """Whose new sides are told apart."""
 _SIDES = tuple(f"{kind}_new" for kind in KINDS)
@@ -311,7 +318,7 @@ def _labels_from(
         return np.zeros((len(places_m), HEADINGS))
     eyes_m = np.column_stack([places_m, np.full(len(places_m), robot.camera_height_m)])
     centres_m = np.array([one.centroid_m for one in things])
-    short_m = np.array([0.25 + 0.5 * float(np.max(one.extent_m)) for one in things])
+    short_m = np.array([stop_short(float(np.max(one.extent_m))) for one in things])
     worth, space = beliefs.worth_from(eyes_m, things), robot.seen_space.grid
     gains = expected_gains(worth, eyes_m, centres_m, short_m, headings, IN_VIEW_RAD, *space, CLEAR_M)
     return np.minimum(gains / MANY_LABELS, 1.0)
@@ -337,7 +344,7 @@ class _Things:
         count = len(self._names)
         self.centres_m = np.array([one.centroid_m for one in (*known, *candidates)]).reshape(-1, 3)
         sizes_m = [float(np.max(one.extent_m)) for one in known] + [one.size_m for one in candidates]
-        self._short_m = 0.25 + 0.5 * np.array(sizes_m)
+        self._short_m = stop_short(np.array(sizes_m))
         self._done = np.zeros((count, robot.view_bins.num_azimuths), bool)
         for row, cells in enumerate([*(one.cells for one in known), *(one.looks for one in candidates)]):
             self._done[row, [cell[0] for cell in cells]] = True

@@ -6,11 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sbm_gym.env.gaze import PITCH_RAD, TILT_RAD, TURN_RAD, yaw_action
-
-
-def wrap(angle_rad):
-    """Angles (a number or an array) in [-pi, pi)."""
-    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+from sbm_gym.robot.angles import wrap
 
 
 def bearing_rad(from_m: Float[np.ndarray, "2"], to_m: Float[np.ndarray, "2"]) -> float:

@@ -24,10 +24,12 @@ from jaxtyping import Float, Float32, Int
 from agents.planning.frontiers import Frontier, Frontiers
 from agents.planning.kernels import expected_gains
 from agents.planning.paths import advance, reachable_places
-from agents.planning.steering import bearing_rad, move_and_look, wrap
+from agents.planning.steering import bearing_rad, move_and_look
 from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.env.state_vector import confirmation_score
+from sbm_gym.robot.angles import wrap
 from sbm_gym.robot.knowledge import RobotKnowledge
+from sbm_gym.robot.line_of_sight import stop_short
 from sbm_gym.robot.object_memory import Cell
 from sbm_gym.robot.seen_space import CLEAR_M
 from sbm_gym.robot.view_history import IN_VIEW_RAD
@@ -147,14 +149,14 @@ class ViewPlanner:
         found, looked = [], self._robot.view_history
         for known in self._robot.objects:
             value = priorities.sides
-            short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
+            short_m = stop_short(float(np.max(known.extent_m)))
             done = known.cells | looked.tried(known.object_id)
             bins = self._value_of_bins(value, NEW_CELL * value, known.azimuths, done)
             found.append(_Target(known.centroid_m, short_m, bins))
         for one in looked.candidates:
             value = priorities.candidates * CANDIDATE * confirmation_score(one)
             bins = self._value_of_bins(value, value, set(), one.looks)
-            found.append(_Target(one.centroid_m, 0.25 + 0.5 * one.size_m, bins))
+            found.append(_Target(one.centroid_m, stop_short(one.size_m), bins))
         for frontier in frontiers:
             value = priorities.floor * FRONTIER_PER_STRIDE2 * frontier.unseen_m2 / self._stride_m**2
             centre_m, bins = np.array([*frontier.place_m, FLOOR_EYE_M]), np.full(self._bins.shape, value)

@@ -18,9 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 from agents.planning.paths import advance, path_length_m
-from agents.planning.steering import bearing_rad, move_action, wrap
+from agents.planning.steering import bearing_rad, move_action
 from agents.policies.base import RobotPolicy
 from sbm_gym.env.gaze import TURN_RAD
+from sbm_gym.robot.angles import wrap
+from sbm_gym.robot.line_of_sight import stop_short
 
 TURNS_PER_PLACE = 5
 """Five turns of 60 degrees show six views: all around."""
@@ -159,7 +161,7 @@ class Ring(RobotPolicy):
         places = centroid_m[:2] + radius_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         places = places[self._map.are_free(places)]
         eyes = np.concatenate([places, np.full((len(places), 1), self.robot.camera_height_m)], axis=1)
-        stop_short_m = 0.25 + 0.5 * float(np.max(target["extent_m"]))
+        stop_short_m = stop_short(float(np.max(target["extent_m"])))
         places = places[self.robot.seen_space.sees(eyes, centroid_m, stop_short_m)]
         offsets = places - centroid_m[:2]
         return places, self.robot.view_bins.azimuth_bin(np.arctan2(offsets[:, 1], offsets[:, 0]))

@@ -141,6 +141,12 @@ def make_env(config: EnvConfig, scene_cache: int = 1) -> gym.Env:
         config.env, "endless", config.detector, reward_weights=weights, scene_cache=scene_cache, **settings
     )
     if config.wrapper is not None:
+        if not env.has_wrapper_attr("state_names"):
+            env.close()
+            raise UsageError(
+                f"env {config.env!r}: env_wrapper {config.wrapper} goes with worlds of this project; give "
+                "--hyperparams with another"
+            )
         env = ENV_WRAPPERS[config.wrapper](env)
     if missing := [name for name in config.keys if name not in env.observation_space.spaces]:  # type: ignore[attr-defined]
         env.close()

@@ -11,6 +11,8 @@ from labeling.core.errors import UsageError
 from labeling.formats.regular_file import regular
 
 SHIPPED_FILE = Path(__file__).resolve().parents[1] / "hyperparams" / "ppo.yaml"
+DEFAULT = "default"
+"""The entry for environments that have none of their own."""
 LINEAR = "lin_"
 SCHEDULED = ("learning_rate", "clip_range")
 ENV_WRAPPERS = {name: functools.partial(MovesAndLooks, name=name) for name in WITHOUT}
@@ -66,25 +68,33 @@ def schedule(value: float | str) -> Any:
     return lambda left: left * start
 
 
-def read_hyperparameters(env_id: str, path: Path | None = None) -> Hyperparameters:
+def read_hyperparameters(
+    env_id: str, path: Path | None = None, say: Callable[[str], None] = lambda _: None
+) -> Hyperparameters:
     """The hyperparameters for an environment.
 
     Args:
         env_id: Gymnasium id.
         path: a YAML file; None takes the one that comes with the project.
+        say: where it is told that the environment has none of its own, and got those of ``DEFAULT``.
 
     Raises:
         UsageError: if there are none for it, or something in them makes no sense.
     """
-    entries = _read_yaml(path or SHIPPED_FILE)
-    if env_id not in entries and path is None:
-        known = ", ".join(name for name in entries if "/" in name)
-        raise UsageError(f"no hyperparameters for {env_id!r} (there are some for {known}); give --hyperparams FILE")
-    if env_id not in entries:
-        raise UsageError(f"{path}: has no entry {env_id!r}, only {', '.join(map(str, entries)) or 'nothing'}")
-    if not isinstance(entries[env_id], dict):
-        raise UsageError(f"{path}: the entry {env_id!r} must map names of hyperparameters to values")
-    return checked_hyperparameters(entries[env_id], str(path or SHIPPED_FILE))
+    file = path or SHIPPED_FILE
+    entries = _read_yaml(file)
+    fallback = entries.get(DEFAULT)
+    # Files may have an entry of that name only for others to be made from.
+    is_whole = isinstance(fallback, dict) and "n_timesteps" in fallback
+    name = DEFAULT if env_id not in entries and is_whole else env_id
+    if name not in entries:
+        raise UsageError(f"{file}: has no entry {env_id!r}, only {', '.join(map(str, entries)) or 'nothing'}")
+    if not isinstance(entries[name], dict):
+        raise UsageError(f"{file}: the entry {name!r} must map names of hyperparameters to values")
+    found = checked_hyperparameters(entries[name], str(file))
+    if name != env_id:
+        say(f"hyperparameters: {file} has none for {env_id!r}, so those of its entry {name!r} are taken")
+    return found
 
 
 def _read_yaml(path: Path) -> dict[Any, Any]:

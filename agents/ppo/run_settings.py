@@ -1,14 +1,15 @@
 """The settings of a run: from the command line, or from the folder of a run that goes on."""
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.network.files import SETTINGS_FILE
 from agents.network.policy_network import observed_keys
-from agents.ppo.config import PpoConfig
+from agents.ppo.config import KEPT, KeptOptions, PpoConfig
 from agents.ppo.envs import EnvConfig
 from agents.ppo.hyperparameters import Hyperparameters, checked_hyperparameters, read_hyperparameters
 from agents.rollouts.scene_shares import LEARNT_FROM
@@ -17,13 +18,10 @@ from labeling.formats.checked_json import read_json
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import claim_run_folder
 
-KEPT = (
-    *("env", "detector", "atlas", "reward", "seed"),
-    *("scenes", "validation_scenes", "eval_every", "eval_episodes"),
-)
-"""Options that a run is begun with, kept in its folder beside the hyperparameters."""
+DIGESTS = "weights"
+"""Where the folder's settings say what stood behind names, such as that of the detector, when the run was begun."""
 CHANGEABLE = ("eval_every", "n_timesteps", "n_envs")
-"""Of these, the ones that a run may go on with in another size."""
+"""Of what the folder of a run keeps, options and hyperparameters, what it may go on with in another size."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class RunSettings:
     """Everything that decides how a run goes, apart from the machine."""
 
     folder: Path
-    options: PpoConfig
+    options: KeptOptions
     hyperparameters: Hyperparameters
 
     @property
@@ -62,24 +60,27 @@ class RunSettings:
         return kept | {"hyperparameters": dataclasses.asdict(self.hyperparameters)}
 
 
-def resolve_settings(config: PpoConfig) -> RunSettings:
+def resolve_settings(config: PpoConfig, say: Callable[[str], None] = lambda _: None) -> RunSettings:
     """The settings of the run that is asked for.
+
+    Args:
+        config: what is asked for.
+        say: where it is told what has been taken that was not asked for.
 
     Raises:
         SbmError: if a setting makes no sense, or there is no run to go on with.
     """
     check_ranges(config)
-    if config.scenes + config.validation_scenes > LEARNT_FROM:
-        raise UsageError(
-            f"--scenes and --validation-scenes must be {LEARNT_FROM} or less together, not {config.scenes} and "
-            f"{config.validation_scenes}: the others are for comparing policies"
-        )
+    given = {name: getattr(config, name) for name in KEPT if getattr(config, name) is not None}
     if config.resume is None:
-        env_id = config.env.rpartition(":")[2]
+        options = KeptOptions(**given)
+        _check_scenes(options)
+        env_id = options.env.rpartition(":")[2]
         folder = config.out or Path("out/ppo") / env_id.rpartition("/")[2]
-        settings = RunSettings(folder, config, read_hyperparameters(env_id, config.hyperparams))
+        settings = RunSettings(folder, options, read_hyperparameters(env_id, config.hyperparams, say))
     else:
-        settings = _resumed(config, config.resume)
+        settings = _resumed(config, given, config.resume)
+        _check_scenes(settings.options)
     asked = {"n_timesteps": config.steps, "n_envs": config.envs}
     asked = {name: value for name, value in asked.items() if value is not None}
     hyperparameters = dataclasses.replace(settings.hyperparameters, **asked)
@@ -87,17 +88,33 @@ def resolve_settings(config: PpoConfig) -> RunSettings:
     return dataclasses.replace(settings, hyperparameters=hyperparameters)
 
 
-def _check_batches(hyperparameters: Hyperparameters) -> None:
-    size, batch = hyperparameters.n_envs * hyperparameters.n_steps, hyperparameters.batch_size
-    if batch < 2 or size % batch:
+def _check_scenes(options: KeptOptions) -> None:
+    if options.scenes + options.validation_scenes > LEARNT_FROM:
         raise UsageError(
-            f"batch_size {batch} must divide n_envs * n_steps = {hyperparameters.n_envs} * {hyperparameters.n_steps} = "
-            f"{size}; give other hyperparameters, or another --envs"
+            f"--scenes and --validation-scenes must be {LEARNT_FROM} or less together, not {options.scenes} and "
+            f"{options.validation_scenes}: the others are for comparing policies"
         )
 
 
-def _resumed(config: PpoConfig, folder: Path) -> RunSettings:
-    """The settings that a run was begun with.
+def _check_batches(hyperparameters: Hyperparameters) -> None:
+    envs, steps, batch = hyperparameters.n_envs, hyperparameters.n_steps, hyperparameters.batch_size
+    if batch >= 2 and envs * steps % batch == 0:
+        return
+    advice = "give other hyperparameters"
+    if batch >= 2:
+        fitting = batch // math.gcd(batch, steps)
+        near = [number for number in (envs // fitting * fitting, (envs // fitting + 1) * fitting) if number]
+        advice = f"give --envs {' or '.join(map(str, near))}, or other hyperparameters"
+    raise UsageError(f"batch_size {batch} must divide n_envs * n_steps = {envs} * {steps} = {envs * steps}; {advice}")
+
+
+def _resumed(config: PpoConfig, given: dict[str, Any], folder: Path) -> RunSettings:
+    """The settings that a run was begun with, and goes on with.
+
+    Args:
+        config: what is asked for.
+        given: of the options that a folder keeps, those that were given.
+        folder: of the run.
 
     Raises:
         SbmError: if there is no run, or options are given that it was not begun with.
@@ -109,21 +126,22 @@ def _resumed(config: PpoConfig, folder: Path) -> RunSettings:
     except EpisodeFormatError as error:
         raise SbmError(f"--resume: {error}") from None
     begun_with = {name: getattr(settings.options, name) for name in KEPT} | {"out": folder, "hyperparams": None}
-    for name, kept in begun_with.items():
-        given = getattr(config, name)
-        if given not in (getattr(PpoConfig, name), kept):
+    elsewhere = {"out": config.out, "hyperparams": config.hyperparams}
+    for name, value in (given | {name: value for name, value in elsewhere.items() if value is not None}).items():
+        if name not in CHANGEABLE and value != begun_with[name]:
             option = name.replace("_", "-")
             raise UsageError(
-                f"--{option} {given} cannot be given with --resume {folder}, which goes on as it was begun"
+                f"--{option} {value} cannot be given with --resume {folder}, which goes on as it was begun"
             )
     for name in ("env", "detector"):
         kept = begun_with[name]
-        if _names_code(kept) and getattr(config, name) != kept and not config.allow_code:
+        if _names_code(kept) and name not in given and not config.allow_code:
             raise UsageError(
                 f"{folder / SETTINGS_FILE}: {name} {kept!r} is Python code, which would be run; if you trust it, give "
                 "--allow-code"
             )
-    return settings
+    changed = {name: value for name, value in given.items() if name in CHANGEABLE}
+    return dataclasses.replace(settings, options=dataclasses.replace(settings.options, **changed))
 
 
 def _names_code(name: str) -> bool:
@@ -137,18 +155,22 @@ def _read_settings(folder: Path) -> RunSettings:
     path = folder / SETTINGS_FILE
     content = read_json(path)
     options: dict[str, Any] = {
-        name: content.integer(name) if isinstance(getattr(PpoConfig, name), int) else content.text(name)
+        name: content.integer(name) if isinstance(getattr(KeptOptions, name), int) else content.text(name)
         for name in KEPT
         if name != "atlas"
     }
     if content.get("atlas").value is not None:
         options["atlas"] = Path(content.text("atlas"))
     hyperparameters = checked_hyperparameters(content.get("hyperparameters").mapping(), str(path))
-    return RunSettings(folder, PpoConfig(**options), hyperparameters)
+    return RunSettings(folder, KeptOptions(**options), hyperparameters)
 
 
-def claim_run(settings: RunSettings) -> None:
+def claim_run(settings: RunSettings, digests: Mapping[str, str]) -> None:
     """Notes the settings in the folder of the run.
+
+    Args:
+        settings: of the run.
+        digests: by name, of what stands behind names in the settings, which may come to stand for something else.
 
     Raises:
         SbmError: if the folder holds a run with other settings, or something else, or cannot be written to.
@@ -156,9 +178,11 @@ def claim_run(settings: RunSettings) -> None:
     source = str(settings.folder / SETTINGS_FILE)
 
     def fixed(content: Mapping[str, Any]) -> dict[str, Any]:
-        """What must not change when a run goes on, flat."""
+        """What must not change when a run goes on, flat; runs begun before digests were kept have any."""
         hyperparameters = checked_hyperparameters(content.get("hyperparameters", {}), source)
         flat = {name: content.get(name) for name in KEPT} | dataclasses.asdict(hyperparameters)
-        return {name: value for name, value in flat.items() if name not in CHANGEABLE}
+        unchanging = {name: value for name, value in flat.items() if name not in CHANGEABLE}
+        return unchanging | {**digests, **content.get(DIGESTS, {})}
 
-    claim_run_folder(settings.folder, SETTINGS_FILE, settings.as_json(), fixed, "a run")
+    content = settings.as_json() | ({DIGESTS: dict(digests)} if digests else {})
+    claim_run_folder(settings.folder, SETTINGS_FILE, content, fixed, "a run")

@@ -42,6 +42,7 @@ from labeling.runtime.process_pool import WorkerDiedError
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.threads import num_threads, one_network_thread
 from labeling.training.curves import tensorboard_writer
+from sbm_gym.env.view_detectors import digest_of_detector
 
 MAX_WEIGHT = 1e9
 """Networks with larger weights, or with some that are no numbers, have diverged."""
@@ -67,7 +68,7 @@ def train_ppo(config: PpoConfig, say: Callable[[str], None], progress_bar: Calla
         >>> from agents import PpoConfig, train_ppo
         >>> progress = train_ppo(PpoConfig(out=Path("run"), steps=8000), print, tqdm)  # doctest: +SKIP, takes minutes
     """
-    settings = resolve_settings(config)
+    settings = resolve_settings(config, say)
     most = num_threads() if config.processes is None or not config.where.is_local else config.processes
     processes = min(most, settings.hyperparameters.n_envs)
     progress, scenes = _train(settings, config, processes, say, progress_bar)
@@ -106,7 +107,7 @@ def _train(
         common = config.where.files_named(*_files_of(settings.env_config))
         if not config.where.is_local:
             check_reachable(config.where.cluster)
-        claim_run(settings)
+        claim_run(settings, _digests(settings, validation_env))
 
         request = stack.enter_context(graceful_interrupt())
         stack.enter_context(_dead_workers_explained(folder))
@@ -133,10 +134,17 @@ def _train(
         if (folder / LAST).is_dir():
             progress = restore_training(model, env, folder / LAST)
             say(f"going on from step {progress.steps}")
+            _write_history(folder, progress, kept_baselines(folder))  # a kill may have come between the two
         if progress.steps >= hyperparameters.n_timesteps and progress.is_validated:
             say(f"finished at step {progress.steps} already; --steps with more goes on")
             return progress, scenes
         say(plan(settings, progress.steps, len(scenes), config.compare_episodes))
+        views = validation_env.spec.max_episode_steps if validation_env.spec else None
+        if views and hyperparameters.n_steps % views:
+            say(
+                f"note: n_steps {hyperparameters.n_steps} is no multiple of the {views} steps of an episode: a run "
+                "that is stopped begins anew the episodes that were under way, and ends otherwise than one that is not"
+            )
         baselines = kept_baselines(folder)
         if baselines is None and scenes:
             episodes = settings.options.eval_episodes
@@ -149,7 +157,6 @@ def _train(
         baselines = baselines or {}
         # Where rollouts hold whole episodes, a run that goes on plays the very ones that it would have played.
         env.seed(int(np.random.SeedSequence([seed, 0]).generate_state(1)[0] % 2**31))
-        views = validation_env.spec.max_episode_steps if validation_env.spec else None
         env.env_method("begin_at", progress.steps // (hyperparameters.n_envs * (views or 1)))
         curves = stack.enter_context(tensorboard_writer(folder / TENSORBOARD_FOLDER, progress.steps, say))
         model.set_logger(Logger(None, [] if curves is None else [_Curves(curves)]))
@@ -167,8 +174,7 @@ def _train(
                     write_policy(temporary, model.policy, description, normalization_of(env))
                     if name == LAST:
                         write_training_state(temporary / STATE_FILE, model, progress)
-            history = {"rollouts": progress.rollouts, "validations": progress.validations, "baselines": baselines}
-            write_json(folder / HISTORY_FILE, history)
+            _write_history(folder, progress, baselines)
             for name, line in lines.items():
                 line.add_scalar("validation/return", baselines[name]["return"], progress.steps)
 
@@ -192,6 +198,19 @@ def _train(
         say(f"stopped at step {progress.steps}; {_resume(folder)} goes on")
         request.leave()
     return progress, scenes
+
+
+def _write_history(folder: Path, progress: Progress, baselines: Any) -> None:
+    history = {"rollouts": progress.rollouts, "validations": progress.validations, "baselines": baselines}
+    write_json(folder / HISTORY_FILE, history)
+
+
+def _digests(settings: RunSettings, env: gym.Env) -> dict[str, str]:
+    """What stands behind the name of the detector, where the environment has one and it can change."""
+    if not env.has_wrapper_attr("categories"):
+        return {}
+    digest = digest_of_detector(settings.options.detector)
+    return {"detector_digest": digest} if digest else {}
 
 
 def _has_diverged(network: torch.nn.Module) -> bool:

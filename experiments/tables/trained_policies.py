@@ -6,7 +6,7 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from agents.ppo.config import PpoConfig
+from agents.ppo.config import KeptOptions, PpoConfig
 from agents.ppo.hyperparameters import SHIPPED_FILE, read_hyperparameters
 from labeling.core.errors import UsageError
 
@@ -55,8 +55,8 @@ def training_command(description: Mapping[str, Any]) -> str:
     }
     words = ["python", "-m", "agents.train"]
     for field in fields(PpoConfig):
-        value = known.get(field.name)
-        if field.name in NOT_NAMED or value is None or (value == field.default and field.name not in NAMED_ALWAYS):
+        value, default = known.get(field.name), getattr(KeptOptions, field.name, field.default)
+        if field.name in NOT_NAMED or value is None or (value == default and field.name not in NAMED_ALWAYS):
             continue
         option = field.name.replace("_", "-")
         if isinstance(value, bool):

@@ -157,8 +157,8 @@ def _invocation(action: argparse.Action) -> str:
 
 
 def _metavar(action: argparse.Action) -> str:
-    """What stands for a value, without the ``{None}|`` of options that may be left out."""
-    words = str(action.metavar)
+    """What stands for a value, without the ``{None}|`` of options that may be left out, or None among choices."""
+    words = str(action.metavar).replace("{None,", "{")
     while "{None}|" in words or "|{None}" in words:
         words = words.replace("{None}|", "").replace("|{None}", "")
     # {FLOAT FLOAT} groups words that stood beside None; {a,b} are choices.

@@ -50,8 +50,9 @@ class FixationEnv(gym.Env, EzPickle):
     `sbm_gym.scenes.profiles.WorldProfile`; those of streets are given in brackets.) Its detector is sure of objects in
     easy views only. The robot earns reward for finding objects that its detector is confident about, and for seeing
     these objects from many sides: from such views the label generator makes labels. One step is one move, one look and
-    one detection. The robot knows what its own senses tell it (detector, depth, odometry); observations and rewards
-    never use the simulator's ground truth.
+    one detection. The robot is given a complete map of where it can stand, rooms that it has not seen included, exact
+    as the simulator has it. What there is, and which floor has been seen, it knows from its own senses (detector,
+    depth, odometry). Observations and rewards use no other ground truth.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`
@@ -133,7 +134,8 @@ class FixationEnv(gym.Env, EzPickle):
     - `stride_m`: longest move of one step.
     - `gaze`: "fixate" (see above) or "free" (gaze actions always turn the camera).
     - `num_views`: steps of an episode; None takes `max_episode_steps` of the registered env, else 25. Episodes longer
-      than that need `gym.make(..., num_views=n, max_episode_steps=n)`.
+      than that need `gym.make(..., num_views=n, max_episode_steps=n)`; shorter ones `num_views=n` alone, since with
+      `max_episode_steps=n` alone the robot counts on more views than there are.
     - `episodes_per_scene`: without a seed, `reset` moves on to another scene after this many episodes.
     - `scene_cache`: how many scenes are kept in memory. Those that come with sbm_gym are kept on disk, too, once any
       process has compiled them (`SBM_SCENE_CACHE`: how many GB of them, or "off").

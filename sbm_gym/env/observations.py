@@ -65,12 +65,14 @@ def info(simulation: Simulation, terms: dict[str, float]) -> dict[str, Any]:
         terms: of the reward, by name.
     """
     robot, body, target = simulation.robot, simulation.scene.body, simulation.robot.target
+    sight = simulation.sight
     known = [_describe(known, simulation) for known in robot.objects]
     return {
         "scene": simulation.scene.name,
         "detections": list(simulation.detections),
-        # What the masks of detections lie over: a real detector looks at a picture of its own.
-        "sight": {"depth_m": simulation.sight.frame.depth_m, "intrinsics": simulation.sight.camera.intrinsics.copy()},
+        # What the masks of detections lie over: a real detector looks at a picture of its own. The robot keeps the
+        # depth until its beliefs are asked for.
+        "sight": {"depth_m": sight.frame.depth_m.copy(), "intrinsics": sight.camera.intrinsics.copy()},
         "fixation_target": {} if target is None else _describe(target, simulation),
         "confirmed_objects": known,
         "reward_terms": terms,

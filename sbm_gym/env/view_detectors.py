@@ -136,7 +136,7 @@ def make_detector(detector: str | SimulatedDetectorConfig, profile: WorldProfile
     if detector == SIMULATED:
         return SimulatedViewDetector(fitting, SIMULATED)
     if detector.startswith(SIMULATED_LIKE):
-        real = detector.removeprefix(SIMULATED_LIKE)
+        real = calibrated_as(detector)
         return SimulatedViewDetector(fitted_settings(real, profile.kind, fitting), real)
     if detector == SIMULATED_WEAK:
         weaker = replace(fitting, base_logit=fitting.base_logit - WEAKER_LOGIT, episode_sigma=WEAK_SPREAD)
@@ -153,6 +153,15 @@ def make_detector(detector: str | SimulatedDetectorConfig, profile: WorldProfile
     return PictureDetector(detector, load)
 
 
+def calibrated_as(name: str) -> str:
+    """The name by which calibrations know a detector: of a simulated one that is fitted to a real one, that one's.
+
+    >>> calibrated_as("simulated:compact"), calibrated_as("simulated_weak"), calibrated_as("onnx:net.onnx")
+    ('compact', 'simulated_weak', 'onnx:net.onnx')
+    """
+    return name.removeprefix(SIMULATED_LIKE)
+
+
 def digest_of_detector(name: str) -> str:
     """Changes with the weights of a real detector, and with the settings that make the simulated one like it.
 
@@ -160,7 +169,7 @@ def digest_of_detector(name: str) -> str:
         SbmError: if there is no such detector, or its files are missing or damaged.
     """
     if name.startswith(SIMULATED_LIKE):
-        return fitted_digest(name.removeprefix(SIMULATED_LIKE))
+        return fitted_digest(calibrated_as(name))
     if is_simulated(name):
         return ""
     from labeling.detectors.registry import detector_by_name

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from labeling.core.geometry import flip_camera_axes
+from sbm_gym.robot.angles import wrap
 from sbm_gym.worlds.world import GEOM_GROUP_COLLISION
 
 AGENT_BODY = "agent"
@@ -186,7 +187,7 @@ class AgentBody:
         mujoco.mj_camlight(self.model, self.data)
 
     def _turn_head(self, yaw_rad: float, tilt_rad: float) -> None:
-        self.data.qpos[self._qpos[PAN]] = (yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+        self.data.qpos[self._qpos[PAN]] = wrap(yaw_rad)
         self.data.qpos[self._qpos[TILT]] = min(max(tilt_rad, -self._max_tilt_rad), self._max_tilt_rad)
         self.data.qvel[:] = 0.0
 

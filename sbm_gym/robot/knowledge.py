@@ -15,9 +15,10 @@ class RobotKnowledge(Protocol):
     """All that a robot knows from its own senses (detector, depth camera, odometry), its map and its settings.
 
     ``env.unwrapped.knowledge`` is one, of the current episode: ask for it anew after every ``reset``. What it returns
-    stays up to date as the episode goes on. Nothing in it comes from the simulator's ground truth, so that a policy
-    written against it can move a real robot. Lengths are metres in the world frame (right-handed, +Z up, floor at z =
-    0), angles radians, counter-clockwise from +X.
+    stays up to date as the episode goes on. But for the map, which is complete and exact from the start, nothing in it
+    comes from the simulator's ground truth, so that a policy written against it can move a real robot that has a map.
+    Lengths are metres in the world frame (right-handed, +Z up, floor at z = 0), angles radians, counter-clockwise from
+    +X.
     """
 
     # Settings, the same in every episode ------------------------------------------------------------------------------
@@ -42,7 +43,7 @@ class RobotKnowledge(Protocol):
     # This episode -----------------------------------------------------------------------------------------------------
 
     navigable: NavigableMap
-    """The map the robot navigates by: where the middle of its body may be."""
+    """The map the robot navigates by: where the middle of its body may be, in rooms that it has not seen, too."""
     view_history: ViewHistory
     """Unconfirmed candidates, and from which view bins candidates and objects have been looked at."""
     seen_floor: SeenFloor

@@ -4,6 +4,15 @@ import numba
 import numpy as np
 
 
+def stop_short(size_m):
+    """How near to the middle of an object nothing hides it: what stands there belongs to it.
+
+    Args:
+        size_m: largest extent of what has been seen of it, a number or an array.
+    """
+    return 0.25 + 0.5 * size_m
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def unhidden(filled, origin_m, cell_m: float, eyes_m, target_m, stop_short_m: float, clear_m: float):
     """From which eyes no filled cell stands before a target. Every half cell on the way is looked at.

@@ -10,7 +10,9 @@ from jaxtyping import Bool, Float
 from labeling.core.types import Detection
 from labeling.core.views import Camera
 from labeling.generator.objects.object_posterior import ObjectModel
+from sbm_gym.robot.angles import wrap
 from sbm_gym.robot.body import BodyConfig
+from sbm_gym.robot.line_of_sight import stop_short
 from sbm_gym.robot.object_beliefs import ObjectBeliefs
 from sbm_gym.robot.object_memory import Finding, KnownObject, MemoryConfig, MemoryUpdate, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor
@@ -164,7 +166,7 @@ class RobotState:
         where no surface that it has seen hides the object.
         """
         offsets_m = _ring_offsets_m(self.view_bins.num_azimuths, *self.ring_m)
-        stop_short_m = 0.25 + 0.5 * float(np.max(known.extent_m))
+        stop_short_m = stop_short(float(np.max(known.extent_m)))
         height_m = float(self._camera_to_world[2, 3])
         return self.seen_space.open_directions(known.centroid_m, offsets_m, self.navigable, height_m, stop_short_m)
 
@@ -185,7 +187,7 @@ class RobotState:
         """How far to the side of where the camera points an object is."""
         offset = known.centroid_m - self._camera_to_world[:3, 3]
         side_rad = float(np.arctan2(offset[1], offset[0])) - yaw_rad
-        return abs((side_rad + np.pi) % (2.0 * np.pi) - np.pi)
+        return abs(wrap(side_rad))
 
 
 @lru_cache(maxsize=16)

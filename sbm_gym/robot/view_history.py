@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from sbm_gym.robot.angles import wrap
 from sbm_gym.robot.object_memory import Cell, Finding, KnownObject, MemoryConfig
 
 IN_VIEW_RAD = np.deg2rad(38.0)
@@ -66,7 +67,7 @@ class ViewHistory:
         watched += [(one.centroid_m, one.looks) for one in self.candidates]
         centroids_m = np.array([centroid_m for centroid_m, _ in watched]).reshape(-1, 3)
         offsets = centroids_m - camera_m
-        side_rad = (np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+        side_rad = wrap(np.arctan2(offsets[:, 1], offsets[:, 0]) - yaw_rad)
         inside, (azimuths, rings, layers) = self._config.bins.cells(camera_m[None], centroids_m)
         for index in np.flatnonzero(inside & (np.abs(side_rad) < IN_VIEW_RAD)):
             watched[index][1].add((int(azimuths[index]), int(rings[index]), int(layers[index])))

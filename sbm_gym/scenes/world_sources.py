@@ -10,7 +10,7 @@ from labeling.core.errors import UsageError
 from sbm_gym.assets.catalog.library import FurnitureLibrary
 from sbm_gym.scenes.compiled import SPLITS, WorldSource
 from sbm_gym.scenes.profiles import INDOOR, OUTDOOR, WorldProfile
-from sbm_gym.worlds.splits import INTERIORS, TOWNS, SceneNames
+from sbm_gym.worlds.splits import ENDLESS, INTERIORS, TOWNS, SceneNames
 from sbm_gym.worlds.world import World
 
 
@@ -73,7 +73,8 @@ class NamedWorlds:
     builder: Callable[[str], World]
     """Builds the scene of a name; the same name gives the same world in every process."""
     splits: Mapping[str, Sequence[str]]
-    """Names of the scenes by split; a split that is missing has those of all others."""
+    """Names of the scenes by split; a split that is missing has those of all others, but an endless one, which is to
+    learn from, those of the training split where there is one."""
     profile: WorldProfile = INDOOR
 
     def __post_init__(self) -> None:
@@ -86,7 +87,8 @@ class NamedWorlds:
     def scenes(self, split: str | None) -> tuple[str, ...]:
         """Names of the scenes of a split, of all scenes for None."""
         everything = dict.fromkeys(name for names in self.splits.values() for name in names)
-        return tuple(self.splits.get(split or "", everything))
+        others = self.splits.get("train", everything) if split == ENDLESS else everything
+        return tuple(self.splits.get(split or "", others))
 
     def canonical(self, scene: str | int) -> str:
         """Checks a name.

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from numbers import Integral
 from typing import Literal
 
 from labeling.core.errors import UsageError
@@ -79,14 +80,14 @@ class SceneNames:
         """The canonical name of a scene and what it is made from.
 
         Args:
-            name: a named scene, the prefix and a number, or just the number (not negative).
+            name: a named scene, the prefix and a number, or just the number (not negative; NumPy's, too).
 
         Raises:
             UsageError: if it is none of these.
         """
-        if isinstance(name, bool) or not isinstance(name, int | str):
+        if isinstance(name, bool) or not isinstance(name, Integral | str):
             raise UsageError(f"a {self.noun} is named by a text or a whole number, not {name!r}")
-        text = f"{self.prefix}{name}" if isinstance(name, int) else name
+        text = name if isinstance(name, str) else f"{self.prefix}{int(name)}"
         for scenes in self.named.values():
             if text in scenes:
                 return text, scenes[text]

@@ -15,7 +15,7 @@ from scipy.stats import norm, t
 from agents.evaluate import main
 from agents.evaluation import run as evaluation_run
 from agents.evaluation.evaluate_config import VIEW_COUNTS, EvaluateConfig
-from agents.evaluation.label_quality import episode_figures, pooled_ap
+from agents.evaluation.label_quality import episode_figures, label_record, pooled_ap
 from agents.evaluation.results import policy_key
 from agents.evaluation.run import Evaluator, evaluate_policies
 from agents.evaluation.statistics import difference_record, over_seeds, paired_record
@@ -26,6 +26,7 @@ from labeling.core.errors import UsageError
 from labeling.core.rle import encode_mask
 from labeling.generator.calibration import detector_calibration
 from labeling.generator.calibration.detector_calibration import calibration_of
+from sbm_gym.env.fixation_env import FixationEnv
 
 from ..sbm_gym.box_rooms import BoxRooms
 
@@ -323,6 +324,19 @@ def test_labels_are_made_with_the_calibration_of_the_detector(evaluated, tmp_pat
     )
     evaluate_policies(config(tmp_path / "out", policies=("spin",), episodes=1, seeds=1, labels=True, label_views=(3,)))
     assert "simulated" in asked
+
+
+@pytest.mark.parametrize("detector", ["simulated", "simulated:compact"])
+def test_labels_are_judged_by_the_object_model_that_the_robot_judges_by(detector, monkeypatch):
+    used = []
+    monkeypatch.setattr(
+        detector_calibration, "calibration_of", lambda name=None: used.append(calibration_of(name)) or used[-1]
+    )
+    env = FixationEnv(BoxRooms(), detector=detector)
+    env.reset(seed=0)
+    label_record([env.capture(64, 64)], env.categories, (1,), detector)
+    (calibration,) = used
+    assert calibration.objects is env.knowledge.beliefs._model
 
 
 # Label quality, counted by hand --------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from agents.planning.frontiers import Frontiers
 from agents.planning.paths import advance, path_length_m, reachable_places
-from agents.planning.steering import move_and_look, wrap
+from agents.planning.steering import move_and_look
 from agents.policies import registry
 from agents.policies.registry import POLICIES, WEIGHTS, make_policy, policy_digest
 from agents.policies.ring import _first_direction
@@ -21,6 +21,7 @@ from labeling.core.errors import UsageError
 from labeling.core.geometry import look_at, unproject_depth
 from labeling.core.types import Detection
 from labeling.core.views import Camera
+from sbm_gym.robot.angles import wrap
 from sbm_gym.robot.line_of_sight import unhidden
 from sbm_gym.robot.object_memory import MemoryConfig, ObjectMemory
 from sbm_gym.robot.seen_floor import SeenFloor

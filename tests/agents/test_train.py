@@ -288,14 +288,35 @@ def test_what_cannot_be_changed_is_refused_with_resume(trained, config):
         train(PpoConfig(resume=config.out, seed=7))
 
 
+@pytest.mark.slow
+def test_a_validation_that_a_kill_kept_from_the_history_is_there_when_the_run_goes_on(config, trained, tmp_path):
+    run = shutil.copytree(config.out, tmp_path / "run")
+    before = (run / HISTORY_FILE).read_bytes()
+    history = json.loads(before)
+    del history["validations"][-1]  # as between the last checkpoint and the history
+    (run / HISTORY_FILE).write_text(json.dumps(history))
+    train(PpoConfig(resume=run, device="cpu"))
+    assert (run / HISTORY_FILE).read_bytes() == before
+
+
+@pytest.mark.slow
+def test_rollouts_that_end_within_episodes_are_told_of(config, hyperparams, tmp_path):
+    uneven = tmp_path / "uneven.yaml"
+    uneven.write_text(hyperparams.read_text().replace("n_steps: 100", "n_steps: 105").replace(": 50", ": 35"))
+    told = "note: n_steps 105 is no multiple of the 10 steps of an episode"
+    for name, file, count in (("even", hyperparams, 0), ("uneven", uneven, 1)):
+        _, said = train(replace(config, out=tmp_path / name, steps=100, hyperparams=file))
+        assert sum(line.startswith(told) for line in said) == count
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["--steps", "0"], "--steps must be at least 1"),
         (["--seed", "-1"], "--seed must lie from 0"),
-        (["--env", "sbm_gym/Moon-v0"], "no hyperparameters for 'sbm_gym/Moon-v0'"),
+        (["--env", "sbm_gym/Moon-v0"], "unknown env 'sbm_gym/Moon-v0'; known: "),
         (["--env", "no_such_module:sbm_gym/Indoor-v0"], "cannot import 'no_such_module'"),
-        (["--env", "toy/Echo-v0"], "no hyperparameters for 'toy/Echo-v0'"),
+        (["--env", "toy/Echo-v0"], "env_wrapper moves_and_looks goes with worlds of this project"),
         (["--resume", "nowhere"], "is not the folder of a run"),
         (["--device", "abacus"], "--device abacus"),
         (["--detector", "eyes"], "eyes"),

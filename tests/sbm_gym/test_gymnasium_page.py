@@ -36,6 +36,14 @@ def test_several_environments_step_at_once() -> None:
 
 
 @pytest.mark.slow
+def test_ppo_of_ones_own_has_the_actions_that_work() -> None:
+    names: dict = {}
+    exec(block("MovesAndLooks"), names)
+    assert names["model"].num_timesteps == 100
+    assert names["model"].action_space.nvec.tolist() == [9, 17]
+
+
+@pytest.mark.slow
 def test_a_policy_of_ones_own_is_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """By ``sbm``, which finds it in the working directory."""
     import sys

@@ -14,7 +14,7 @@ import sbm_gym
 from labeling.core.errors import UsageError
 from sbm_gym import registration
 from sbm_gym.scenes.profiles import INDOOR, OUTDOOR
-from sbm_gym.scenes.world_sources import WORLDS, world_source
+from sbm_gym.scenes.world_sources import WORLDS, NamedWorlds, world_source
 from sbm_gym.worlds.rooms import indoor
 
 
@@ -47,6 +47,16 @@ def test_a_world_of_ones_own_is_an_environment(arena):
     assert gymnasium.make(arena, split="test").unwrapped.scene_names == ("arena/0", "arena/1", "arena/2")  # type: ignore[attr-defined]
     with pytest.raises(UsageError, match="arena/9"):
         env.reset(options={"scene": "arena/9"})
+
+
+def test_what_is_learnt_from_are_training_scenes_alone(arena):
+    assert gymnasium.make(arena, split="endless").unwrapped.scene_names == ("arena/0", "arena/1")  # type: ignore[attr-defined]
+    everything = {"test": ["arena/3"], "train": ["arena/0"], "endless": ["arena/4", "arena/5"]}
+    assert NamedWorlds(build, everything).scenes("endless") == ("arena/4", "arena/5")
+    del everything["endless"]
+    assert NamedWorlds(build, everything).scenes("endless") == ("arena/0",)
+    del everything["train"]
+    assert NamedWorlds(build, everything).scenes("endless") == ("arena/3",)
 
 
 def test_registering_again_replaces_and_mistakes_are_told(arena):

@@ -107,9 +107,22 @@ def test_nonsense_is_one_line_that_names_it(tmp_path, text, says):
     assert "\n" not in str(caught.value)
 
 
+def test_environments_without_an_entry_get_the_default_and_are_told(tmp_path):
+    said: list[str] = []
+    assert read_hyperparameters("x/Moon-v0", say=said.append) == read_hyperparameters("sbm_gym/Indoor-v0")
+    assert len(said) == 1
+    assert said[0].endswith("ppo.yaml has none for 'x/Moon-v0', so those of its entry 'default' are taken")
+    read_hyperparameters("sbm_gym/Indoor-v0", say=said.append)
+    assert len(said) == 1
+    path = tmp_path / "own.yaml"
+    path.write_text("default: {n_timesteps: 7}\n")
+    assert read_hyperparameters("x/Moon-v0", path).n_timesteps == 7
+    path.write_text("default: &default {gamma: 0.5}\ntoy/Echo-v0: {<<: *default, n_timesteps: 7}\n")
+    with pytest.raises(UsageError, match=r"has no entry 'x/Moon-v0', only default, toy/Echo-v0"):
+        read_hyperparameters("x/Moon-v0", path)
+
+
 def test_missing_files_and_entries_name_what_there_is(tmp_path):
-    with pytest.raises(UsageError, match=r"no hyperparameters for 'x/Moon-v0' \(there are some for sbm_gym/Indoor-v0,"):
-        read_hyperparameters("x/Moon-v0")
     with pytest.raises(UsageError, match=r"has no entry 'x/Moon-v0', only toy/Echo-v0"):
         read_hyperparameters("x/Moon-v0", written(tmp_path, "n_timesteps: 1"))
     with pytest.raises(UsageError, match=r"none\.yaml: No such file"):

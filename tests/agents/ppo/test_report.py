@@ -18,7 +18,7 @@ from agents.policies.ppo import Ppo
 from agents.policies.registry import make_policy
 from agents.ppo import report, training
 from agents.ppo.baselines import BASELINES
-from agents.ppo.config import PpoConfig
+from agents.ppo.config import KeptOptions, PpoConfig
 from agents.ppo.envs import EnvConfig, make_env, training_scenes, validation_scenes
 from agents.ppo.report import Pace, commands, duration, plan, resident_bytes, table
 from agents.ppo.run_settings import resolve_settings
@@ -114,7 +114,7 @@ def test_a_run_says_what_it_will_take_and_how_fast_it_goes(trained, config):
 def test_hand_written_policies_are_played_in_the_very_validation_episodes(trained, config):
     _, said, bars = trained
     kept = json.loads((config.out / HISTORY_FILE).read_text())["baselines"]
-    plain = EnvConfig(ENV_ID, config.detector, keys=("state",), scenes=3, validation_scenes=2)
+    plain = EnvConfig(ENV_ID, KeptOptions.detector, keys=("state",), scenes=3, validation_scenes=2)
     env = make_env(plain)
     scenes = validation_scenes(env, plain)
     assert scenes == ("box_3", "box_4")

@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -12,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sbm_gym
-from sbm_gym.detection.simulated import SimulatedDetectorConfig
+from labeling.core.types import Box3d
+from sbm_gym.env import fixation_env
 from sbm_gym.env.fixation_env import FixationEnv
 from sbm_gym.env.gaze import yaw_action, yaw_offset_rad
 from sbm_gym.env.observations import encode_depth
@@ -22,9 +24,10 @@ from sbm_gym.registration import ENV_IDS, register_envs
 from sbm_gym.robot.body import BodyConfig
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_memory import MemoryConfig
+from sbm_gym.worlds.world import World
 
 from ..box_rooms import BoxRooms
-from ..rollouts import rollout_digest
+from ..rollouts import digest, rollout_digest
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -65,17 +68,22 @@ def test_evidence_pays_what_the_robot_believes_and_changes_nothing_else():
     assert set(info["reward_terms"]) == {"labels", "discovery", "collision", "step"}
     plain.action_space.seed(2)
     before = env.unwrapped.knowledge.beliefs.expected_labels
-    labels = 0.0
-    for _ in range(25):
+    labels, found_at = 0.0, set()
+    for step in range(1, 26):
         assert all(np.array_equal(first[name], observation[name]) for name in first)
         action = plain.action_space.sample()
         first, *_ = plain.step(action)
         observation, reward, *_, info = env.step(action)
         assert reward == sum(info["reward_terms"].values())
+        found = env.unwrapped.knowledge.beliefs.update.found
+        assert info["reward_terms"]["discovery"] == pytest.approx(0.5 * found * (1.0 - step / 25))
+        found_at |= {step} if found else set()
         labels += info["reward_terms"]["labels"]
     after = env.unwrapped.knowledge.beliefs.expected_labels
     assert labels == pytest.approx(RewardWeights().label * (after - before))
     assert after > before
+    assert len(found_at) > 1
+    assert max(found_at) > 5
     # Asked for at the end alone, beliefs are those that were kept from step to step.
     assert plain.unwrapped.knowledge.beliefs.expected_labels == pytest.approx(after)
 
@@ -119,6 +127,18 @@ def test_episodes_last_as_long_as_asked_and_time_runs_out_evenly(made, steps):
         left.append(observation["state"][at])
     assert len(left) == steps + 1
     assert np.allclose(left, np.linspace(1.0, 0.0, steps + 1), atol=1e-6)
+
+
+def test_episodes_cut_short_by_a_time_limit_alone_are_warned_of_once():
+    env = make(max_episode_steps=10)
+    with pytest.warns(UserWarning, match="give gym.make num_views=10 instead") as told:
+        env.reset(seed=0)
+    assert len(told) == 1
+    for made in (env, make(), make(num_views=10), make(num_views=10, max_episode_steps=10), make(max_episode_steps=40)):
+        made.reset(seed=0)  # warnings are errors here
+    assert env.spec is not None
+    assert gym.make(env.spec).spec == env.spec
+    assert pickle.loads(pickle.dumps(make(num_views=10))).reset(seed=0)
 
 
 def confirmed_env(env, gaze_seed=0):
@@ -244,17 +264,78 @@ def test_capturing_does_not_change_the_rollout():
     assert rewards(True) == rewards(False)
 
 
-def test_rewards_and_observations_never_use_ground_truth():
-    # Renaming every object changes what the simulator knows but nothing that a blind detector says.
-    blind = SimulatedDetectorConfig(min_area_share=1.0, phantoms_per_view=0.0)
-    env = FixationEnv(BoxRooms(), detector=blind)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    for _ in range(25):
-        observation, _, _, _, info = env.step(env.action_space.sample())
-        assert info["reward_terms"]["discovery"] == info["reward_terms"]["diversity"] == 0.0
-        assert not info["confirmed_objects"]
-        assert observation["state"][: env.state_names.index("objects_confirmed") + 1].any() == np.False_
+class MisnamedRooms(BoxRooms):
+    """Box rooms that look the same, of which the simulator believes other things: ids, categories and boxes."""
+
+    def build(self, scene: str) -> World:
+        world = super().build(scene)
+        objects = []
+        for k, one in enumerate(world.objects):
+            other, third = (world.objects[(k + step) % len(world.objects)] for step in (1, 2))
+            centre_m, extent_m = third.box_3d.centre_m + np.array([0.7, -0.4, 0.3]), 1.3 * third.box_3d.extent_m
+            box = Box3d(centre_m, extent_m, third.box_3d.rotation)
+            objects.append(replace(one, instance_id=other.instance_id, category=third.category, box_3d=box))
+        return replace(world, objects=tuple(objects))
+
+
+class Replay:
+    """A detector that says at each step what it is told to, whatever it is shown."""
+
+    name, needs_detail, categories = "compact", False, ("chair", "couch", "fridge", "table", "tv")
+
+    def __init__(self, said: list) -> None:
+        self.said = said
+
+    def detect(self, scene, view, step_index, entropy) -> list:
+        return self.said[step_index]
+
+
+@pytest.mark.parametrize("reward", ["views", "evidence"])
+def test_rewards_and_observations_never_use_ground_truth(reward, monkeypatch):
+    settings = {"memory": MemoryConfig(confident=0.4), "reward": reward}
+
+    def play(env: FixationEnv) -> list[tuple]:
+        found = [(*env.reset(seed=0), 0.0)]
+        env.action_space.seed(0)
+        for _ in range(25):
+            observation, paid, _, _, info = env.step(env.action_space.sample())
+            found.append((observation, info, paid))
+        return found
+
+    said = [info["detections"] for _, info, _ in play(FixationEnv(BoxRooms(), **settings))]
+    monkeypatch.setattr(fixation_env, "make_detector", lambda *_, **__: Replay(said))
+    envs = [FixationEnv(rooms, **settings) for rooms in (BoxRooms(), MisnamedRooms())]
+    true, misnamed = (play(env) for env in envs)
+    for one, other in zip(*(env.scene.world.objects for env in envs), strict=True):
+        assert one.body_name == other.body_name
+        assert one.instance_id != other.instance_id
+        assert one.category != other.category
+        assert not np.allclose(one.box_3d.centre_m, other.box_3d.centre_m)
+    for (observation, info, paid), (other, other_info, other_paid) in zip(true, misnamed, strict=True):
+        assert all(np.array_equal(observation[name], other[name]) for name in observation)
+        assert paid == other_paid
+        assert digest(info) == digest(other_info)
+    # There was something to be paid for: a target, and new sides or labels of it.
+    assert sum(bool(info["fixation_target"]) for _, info, _ in true) > 10
+    term = {"views": "diversity", "evidence": "labels"}[reward]
+    assert sum(info["reward_terms"]["discovery"] > 0.0 for _, info, _ in true) > 1
+    assert sum(info["reward_terms"][term] > 0.0 for _, info, _ in true) > 3
+
+
+def test_writing_to_info_changes_nothing_that_the_robot_knows():
+    def beliefs(write: bool) -> list:
+        env = FixationEnv(BoxRooms(), memory=MemoryConfig(confident=0.4))
+        env.action_space.seed(1)
+        _, info = env.reset(seed=1)
+        for _ in range(8):
+            if write:
+                info["sight"]["depth_m"][:] = 0.1
+                info["sight"]["intrinsics"][:] = 7.0
+                info["agent"]["camera_to_world"][:] = 0.0
+            _, _, _, _, info = env.step(env.action_space.sample())
+        return [(one.category, one.chance, one.side.tolist()) for one in env.knowledge.beliefs.things]
+
+    assert beliefs(write=True) == beliefs(write=False) != []
 
 
 def test_state_tells_of_objects_and_candidates_what_info_says_of_them():

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from labeling.core.errors import UsageError
@@ -37,6 +38,7 @@ def test_the_endless_split_never_leads_to_a_scene_to_test_on():
 
 def test_numbers_and_names_mean_the_same():
     assert INTERIORS.resolve(7) == INTERIORS.resolve("seed/7") == INTERIORS.resolve("seed/007")
+    assert INTERIORS.resolve(np.int64(7)) == INTERIORS.resolve(np.uint8(7)) == INTERIORS.resolve(7)
 
 
 def test_every_kind_exists():
@@ -53,7 +55,7 @@ def test_final_scenes_show_held_out_models_only_where_training_does_without_them
         assert not names.shows_held_out(names.of_split("endless")[7], True)
 
 
-@pytest.mark.parametrize("name", ["train/15", "seed/-1", "kitchen", "", -3, True, 1.5])
+@pytest.mark.parametrize("name", ["train/15", "seed/-1", "kitchen", "", -3, True, 1.5, np.True_, np.float64(3.0)])
 def test_unknown_scenes_are_refused(name):
     with pytest.raises(UsageError, match="scene"):
         INTERIORS.resolve(name)
