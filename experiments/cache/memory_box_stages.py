@@ -149,8 +149,8 @@ def _score(job: SceneScores) -> dict[str, Any]:
     from labeling.metrics.box_ap import BoxInstance
 
     find, spec = _finder(job), job.size.spec("grnn")
-    found: dict[int, list[tuple[str, list[SceneDetection3d]]]] = {count: [] for count in job.inputs}
-    truths: dict[tuple[str, int], list[BoxInstance]] = {}
+    found: dict[int, list[list[SceneDetection3d]]] = {count: [] for count in job.inputs}
+    truths: dict[tuple[str, int], list[list[BoxInstance]]] = {}
     left_out = []
     for folder in job.episodes:
         episode = read_episode(folder)
@@ -164,10 +164,10 @@ def _score(job: SceneScores) -> dict[str, Any]:
             chosen = spread_views(scene.num_views, count)
             boxes = find(episode, scene.view_index, chosen)
             inside = [one for one in boxes if inside_grid(one.box, scene, chosen[0], spec.grid)]
-            found[count].append((scene.name, [one for one in inside if one.category in job.categories]))
+            found[count].append([one for one in inside if one.category in job.categories])
             for kind, shown_by in (("shown", chosen), ("all", most)):
                 wanted = instances_to_find(labelled, chosen, job.categories, spec.grid, shown_by)
-                truths.setdefault((kind, count), []).extend(wanted)
+                truths.setdefault((kind, count), []).append(wanted)
 
     def scores(kind: str, count: int) -> dict[str, Any]:
         wanted = truths.get((kind, count), [])
@@ -175,7 +175,7 @@ def _score(job: SceneScores) -> dict[str, Any]:
         return {
             "ap25": ap.mean[0.25],
             "ap50": ap.mean[0.5],
-            "objects": sum(not one.ignore for one in wanted),
+            "objects": sum(not one.ignore for of_scene in wanted for one in of_scene),
             "per_class_ap25": {name: of_class[0.25] for name, of_class in ap.per_class.items()},
         }
 

@@ -15,7 +15,7 @@ from labeling.core.rle import rle_area
 from labeling.core.types import Box3d
 from labeling.detectors3d.upright_boxes import encode_box
 from labeling.formats.checked_json import read_json
-from labeling.io.coco import CategoryTable, is_ignored, read_rle, read_size, read_valid_box_3d
+from labeling.io.coco import CategoryTable, is_ignored, read_rle, read_score, read_size, read_valid_box_3d
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE
 from labeling.io.label_set import read_label_set, recording_config
@@ -167,7 +167,7 @@ def _of_label_set(path: Path, dataset: Path | None) -> Iterator[tuple[Episode, d
     found: dict[int, _Found] = {}
     for record in read_json(path / BOXES_FILE).list_of("boxes"):
         number, box = record.integer("instance_id"), read_valid_box_3d(record)
-        found[number] = of_episode[record.text("episode")][number] = _Found("", box, record.number("score", 1.0))
+        found[number] = of_episode[record.text("episode")][number] = _Found("", box, read_score(record, 1.0))
     images = {one.integer("id"): one for one in modal.list_of("images")}
     for record in modal.list_of("annotations"):
         number = record.integer("instance_id") if record.has("instance_id") else -1
