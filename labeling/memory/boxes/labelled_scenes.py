@@ -25,8 +25,8 @@ from labeling.memory.view_prediction.scenes import SmallScene, small_scene
 
 SEEN_SHARE = 0.001
 """Of a picture's pixels, from which on a view shows an object."""
-ABOVE_FLOOR_M = 0.04
-"""What lies lower above the bottom of a box is taken for the floor that it stands on."""
+ABOVE_BOTTOM_M = 0.04
+"""What lies lower above the bottom of a box is taken for what it stands on: the floor, or a table."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def _surface(scene: SmallScene, boxes: Sequence[Box3d], voxel_m: float) -> Float
         for box in boxes:
             local = (points - box.centre_m) @ box.rotation
             inside = np.all(np.abs(local) <= 0.5 * box.extent_m, axis=1)
-            kept.append(points[inside & (points[:, 2] > box.corners()[:, 2].min() + ABOVE_FLOOR_M)])
+            kept.append(points[inside & (points[:, 2] > box.corners()[:, 2].min() + ABOVE_BOTTOM_M)])
     points = np.concatenate(kept)
     _, first = np.unique(np.floor(points / (0.5 * voxel_m)).astype(np.int64), axis=0, return_index=True)
     return points[np.sort(first)]

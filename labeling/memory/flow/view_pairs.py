@@ -10,7 +10,7 @@ from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.views import RgbdViews
 from labeling.io.episodes import find_episodes, read_episode
-from labeling.memory.lifting.placement import grid_centre
+from labeling.memory.lifting.placement import grid_and_floor
 from labeling.memory.settings.memory_spec import MemorySpec
 from labeling.memory.view_prediction.scenes import SmallScene, shrunk
 
@@ -44,7 +44,7 @@ def view_pairs(name: str, views: RgbdViews, spec: MemorySpec) -> list[SmallScene
         if turn_deg > WIDEST_TURN_DEG or away_m > FURTHEST_M or not (views.depth_m[both] > 0).any(axis=(1, 2)).all():
             continue
         own = RgbdViews(views.rgb[both], views.depth_m[both], views.intrinsics[both], views.camera_to_world[both])
-        pairs.append(shrunk(name, views, both, spec, grid_centre(own, spec.grid, "scene")))
+        pairs.append(shrunk(name, views, both, spec, *grid_and_floor(own, spec.grid, "scene")))
     if not pairs:
         raise EpisodeFormatError(
             f"{name}: no two of its {views.num_views} views follow each other within {WIDEST_TURN_DEG:g} degrees and "

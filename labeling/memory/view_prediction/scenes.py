@@ -13,7 +13,7 @@ from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import invert_rigid, project
 from labeling.core.views import RgbdViews
 from labeling.io.episodes import find_episodes, read_episode
-from labeling.memory.lifting.placement import grid_centre, place_grid
+from labeling.memory.lifting.placement import grid_and_floor, place_grid
 from labeling.memory.networks.view_batch import Views
 from labeling.memory.settings.grid_spec import Around
 from labeling.memory.settings.memory_spec import MemorySpec
@@ -36,6 +36,8 @@ class SmallScene:
     camera_to_world: Float[np.ndarray, "v 4 4"]
     centre_m: Float[np.ndarray, "3"]
     """Middle of the grid, world."""
+    floor_m: float | None
+    """Height of the floor, world; None if the grid was placed without one (``floor_height``)."""
     view_index: tuple[int, ...]
     """Of each view, in the episode."""
 
@@ -43,6 +45,11 @@ class SmallScene:
     def num_views(self) -> int:
         """How many views there are."""
         return len(self.rgb)
+
+    @property
+    def floor_in_grid_m(self) -> float | None:
+        """Height of the floor in the frame of the grid."""
+        return None if self.floor_m is None else self.floor_m - float(self.centre_m[2])
 
     def grid_to_world(self, first: int) -> Float[np.ndarray, "4 4"]:
         """Where the grid stands if view ``first`` is the first that goes into the memory."""
@@ -59,6 +66,7 @@ class SmallScene:
             self.depth_intrinsics[kept],
             self.camera_to_world[kept],
             self.centre_m,
+            self.floor_m,
             tuple(self.view_index[view] for view in kept),
         )
 
@@ -94,7 +102,7 @@ def small_scene(name: str, views: RgbdViews, spec: MemorySpec, around: Around = 
         EpisodeFormatError: if fewer than ``MIN_VIEWS`` views look at the grid, or there is no depth.
     """
     try:
-        centre = grid_centre(views, spec.grid, around)
+        centre, floor_m = grid_and_floor(views, spec.grid, around)
     except ValueError as error:
         raise EpisodeFormatError(f"{name}: {error}, so that it cannot be remembered in 3-D") from None
     looking = [view for view in range(views.num_views) if _looks_at(views, view, centre)]
@@ -103,11 +111,16 @@ def small_scene(name: str, views: RgbdViews, spec: MemorySpec, around: Around = 
             f"{name}: {len(looking)} of its {views.num_views} views look at the middle of the grid, fewer than the "
             f"{MIN_VIEWS} that it takes"
         )
-    return shrunk(name, views, looking, spec, centre)
+    return shrunk(name, views, looking, spec, centre, floor_m)
 
 
 def shrunk(
-    name: str, views: RgbdViews, chosen: Sequence[int], spec: MemorySpec, centre_m: Float[np.ndarray, "3"]
+    name: str,
+    views: RgbdViews,
+    chosen: Sequence[int],
+    spec: MemorySpec,
+    centre_m: Float[np.ndarray, "3"],
+    floor_m: float | None,
 ) -> SmallScene:
     """Some views, made small.
 
@@ -117,6 +130,7 @@ def shrunk(
         chosen: which of them.
         spec: of the network.
         centre_m: middle of the grid, world.
+        floor_m: height of the floor, world, if it is known.
     """
     chosen = list(chosen)
     height, width = spec.size
@@ -132,7 +146,7 @@ def shrunk(
         of_depth[:, axis, axis] /= scale
         of_depth[:, axis, 2] = (of_depth[:, axis, 2] - offset) / scale
     poses = views.camera_to_world[chosen]
-    return SmallScene(name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, tuple(chosen))
+    return SmallScene(name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, floor_m, tuple(chosen))
 
 
 def _looks_at(views: RgbdViews, view: int, point: Float[np.ndarray, "3"]) -> bool:

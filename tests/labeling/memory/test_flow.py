@@ -302,7 +302,7 @@ def test_flow_that_is_true_is_grouped_into_boxes_of_what_moves():
     groups = group_flow(flow, moves, truth.known[0, 0].double().numpy(), grid)
     from labeling.memory.flow.flow_detector import points_of
 
-    (found,) = boxes_of_groups(groups, flow, moves, points_of(pair, 0)[0], grid, grid_to_world)
+    (found,) = boxes_of_groups(groups, flow, moves, points_of(pair, 0)[0], grid, grid_to_world, pair.floor_in_grid_m)
     assert box_iou_3d(found.box, box_of(BOX)) > 0.4  # a view shows two sides and the top of it
     assert np.allclose(found.displacement_m, [0.25, 0.1, 0.0], atol=1e-3)
     assert 0 < found.confidence <= 1
