@@ -1,5 +1,7 @@
 """Episodes with 3-D boxes, from label sets or from ground truth, as networks are given them."""
 
+import hashlib
+import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -52,6 +54,16 @@ class LabelledScene:
     objects: tuple[SceneObject, ...]
     surface: Float[np.ndarray, "n 3"]
     """Points on the objects' surfaces that any view has seen, world, metres."""
+
+    @property
+    def digest(self) -> str:
+        """Of the views as they were recorded, and of what is said of objects, in hexadecimal."""
+        found = hashlib.sha256(self.scene.digest.encode())
+        for one in self.objects:
+            found.update(json.dumps([one.category, one.weight, one.ignore]).encode())
+            for array in (one.box.centre_m, one.box.extent_m, one.box.rotation, one.shown_by):
+                found.update(np.ascontiguousarray(array).tobytes())
+        return found.hexdigest()
 
 
 @dataclass

@@ -27,6 +27,11 @@ class TruePair:
         """Of the episode."""
         return self.pair.name
 
+    @property
+    def digest(self) -> str:
+        """Of the views as they were recorded."""
+        return self.pair.digest
+
     @classmethod
     def of(cls, episode: Episode, pair: SmallScene, grid: GridSpec) -> "TruePair":
         """Looks the flow up.

@@ -1,6 +1,7 @@
 """Episodes as networks are given them: small pictures, depth and poses, around the place where the grid stands."""
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,8 @@ class SmallScene:
     """Height of the floor, world; None if the grid was placed without one (``floor_height``)."""
     view_index: tuple[int, ...]
     """Of each view, in the episode."""
+    digest: str
+    """Of the views as they were recorded, in hexadecimal."""
 
     @property
     def num_views(self) -> int:
@@ -68,6 +71,7 @@ class SmallScene:
             self.centre_m,
             self.floor_m,
             tuple(self.view_index[view] for view in kept),
+            self.digest,
         )
 
     def views(self, chosen: Sequence[int], first: int) -> Views:
@@ -146,7 +150,23 @@ def shrunk(
         of_depth[:, axis, axis] /= scale
         of_depth[:, axis, 2] = (of_depth[:, axis, 2] - offset) / scale
     poses = views.camera_to_world[chosen]
-    return SmallScene(name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, floor_m, tuple(chosen))
+    return SmallScene(
+        name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, floor_m, tuple(chosen), _digest(views, chosen)
+    )
+
+
+def _digest(views: RgbdViews, chosen: Sequence[int]) -> str:
+    """Changes with any pixel, depth or pose of some views; the same on every machine."""
+    found = hashlib.sha256()
+    for view in chosen:
+        for array in (views.rgb, views.depth_m, views.intrinsics, views.camera_to_world):
+            found.update(np.ascontiguousarray(array[view]).tobytes())
+    return found.hexdigest()
+
+
+def joined_digest(digests: Iterable[str]) -> str:
+    """One digest of several, in their order."""
+    return hashlib.sha256("\n".join(digests).encode()).hexdigest()
 
 
 def _looks_at(views: RgbdViews, view: int, point: Float[np.ndarray, "3"]) -> bool:

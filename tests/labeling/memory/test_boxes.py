@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.box_overlap import box_iou_3d
-from labeling.core.errors import EpisodeFormatError
+from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.types import Box3d
 from labeling.detectors3d.several_views import SceneDetection3d
 from labeling.detectors3d.upright_boxes import encode_box
@@ -294,6 +294,15 @@ def test_rooms_of_one_name_are_told_apart(monkeypatch):
         found.append(evaluate(task.network, rooms, 6)["ap50"])
     assert found[0] == 1
     assert found[1] < 0.5
+
+
+def test_a_run_does_not_go_on_from_one_with_other_labels_of_the_same_episodes(tmp_path):
+    room = true_scene(boxed_room(1), TINY)
+    doubted = replace(room, objects=tuple(replace(one, weight=0.5) for one in room.objects))
+    config = TrainBoxesConfig(iterations=1, validate_every=1, views=2)
+    train(BoxTask(TINY, [room], [], config), tmp_path, say=lambda line: None)
+    with pytest.raises(UsageError, match="holds a run with other data or settings"):
+        train(BoxTask(TINY, [doubted], [], config), tmp_path, say=lambda line: None)
 
 
 def test_scores_of_boxes_outside_of_0_to_1_are_refused(tmp_path):

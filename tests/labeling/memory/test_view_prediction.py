@@ -181,6 +181,29 @@ def test_a_run_that_goes_on_ends_like_one_that_never_stopped(tmp_path, model):
         assert torch.equal(value, other), name
 
 
+@pytest.mark.slow
+def test_a_run_does_not_go_on_from_one_with_other_episodes_of_the_same_names(tmp_path):
+    def task(*seeds: int) -> MemoryTask:
+        scenes = [replace(scene(seed), name=f"{number:04d}") for number, seed in enumerate(seeds)]
+        return MemoryTask(TINY, scenes[:1], scenes[1:], replace(QUICK, iterations=1, validate_every=1))
+
+    train(task(1, 2), tmp_path, silent)
+    for others in ((3, 2), (1, 3)):
+        with pytest.raises(UsageError, match="holds a run with other data or settings"):
+            train(task(*others), tmp_path, silent)
+    assert train(task(1, 2), tmp_path, silent).iteration == 1
+
+
+def test_what_is_learnt_from_is_told_apart_by_pixels_depths_and_poses():
+    episode = orbit_episode(1, ring(1, 5))
+    known = small_scene("one", episode, TINY).digest
+    assert small_scene("other", episode, TINY).digest == known
+    for name in ("rgb", "depth_m", "camera_to_world"):
+        array = getattr(episode, name).copy()
+        array[3] = array[2]
+        assert small_scene("one", replace(episode, **{name: array}), TINY).digest != known
+
+
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(UsageError, match="--margin must be above 0"):
         MemoryTask(TINY, [scene(1)], [], replace(QUICK, margin=0.0))
