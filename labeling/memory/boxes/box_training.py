@@ -63,7 +63,8 @@ class BoxTask(loop.TrainingTask[BoxSample, BoxNet]):
                 f"validation: none of its objects is a {' or a '.join(names)}, nothing to choose a network by"
             )
         learnt = None if isinstance(memory, MemorySpec) else memory
-        spec = BoxSpec(names, memory if isinstance(memory, MemorySpec) else memory.spec, config.views, config.around)
+        views = min(config.views, max(one.scene.num_views for one in scenes))
+        spec = BoxSpec(names, memory if isinstance(memory, MemorySpec) else memory.spec, views, config.around)
         self.config, self.validation, self.about = config, list(validation), about or {}
         self.workers, self.patience = config.workers, config.patience if validation else 0
         torch.manual_seed(config.seed)  # of weights

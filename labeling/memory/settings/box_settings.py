@@ -52,7 +52,7 @@ class TrainBoxesConfig(TrainingConfig):
     validate_every: Positive[int] = 250
     """Batches between validations."""
     views: Positive[int] = 8
-    """Views that go into a memory at most; each batch has from one to so many."""
+    """Views that go into a memory at most; each batch has from one to so many, or to as many as its scenes have."""
     around: Around = "fixated"
     """Where the grid stands."""
     patience: NonNegative[int] = 8
@@ -70,7 +70,8 @@ class MemoryBoxOptions(Settings):
     scenes: Positive[int] = 2
     """Episodes in a batch."""
     views: Positive[int] = 8
-    """Views of an episode that go into the memory at most; each batch has from one to so many."""
+    """Views of an episode that go into the memory at most; each batch has from one to so many, or to as many as its
+    episodes have that look at the grid."""
     around: Around = "fixated"
     """Where the grid stands: around what the cameras look at, or around the middle of what they have seen."""
     voxels: tuple[int, int, int] = MemorySize.voxels

@@ -268,6 +268,24 @@ def test_samples_are_functions_of_their_number():
     assert batch.targets.heat.shape == (2, 2, 16, 16)
 
 
+def test_a_short_episode_takes_views_from_its_own_batches_only():
+    long, short = true_scene(boxed_room(1, 12), TINY), true_scene(boxed_room(2, 3), TINY)
+    assert short.scene.num_views == 3
+    alone, both = (BoxSamples(rooms, ["crate"], TINY.grid, 8, 2, seed=3) for rooms in ([long] * 2, [long, short]))
+    counts: dict[bool, set[int]] = {True: set(), False: set()}
+    for number in range(0, 120, 2):
+        first, second = (both[one].views.rgb.shape[1] for one in (number, number + 1))
+        assert first == second
+        of_short = any(both.draws.scene(one)[0] == 1 for one in (number, number + 1))
+        counts[of_short].add(first)
+        if not of_short:
+            assert torch.equal(both[number].views.rgb, alone[number].views.rgb)
+    assert counts[True] == {1, 2, 3}
+    assert max(counts[False]) == 8
+    task = BoxTask(TINY, [long, short], [], TrainBoxesConfig(views=20, iterations=1))
+    assert task.network.spec.views == long.scene.num_views  # what it says that it was trained with
+
+
 @given(st.integers(1, 40), st.integers(1, 10))
 def test_views_are_spread_over_all_of_them(num_views, count):
     found = spread_views(num_views, count)

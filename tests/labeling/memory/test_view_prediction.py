@@ -152,6 +152,16 @@ def test_samples_are_functions_of_their_number():
     assert counts == {1, 2, 3}
 
 
+def test_a_short_episode_takes_views_from_its_own_batches_only():
+    data = ViewSamples([scene(1, 9), scene(2, 3)], 6, 2, 2, seed=5)
+    shapes: dict[bool, set[tuple[int, int]]] = {True: set(), False: set()}
+    for number in range(0, 200, 2):
+        batch = collate([data[number], data[number + 1]])
+        of_short = any(data.draws.scene(one)[0] == 1 for one in (number, number + 1))
+        shapes[of_short].add((batch.inputs.rgb.shape[1], batch.targets.rgb.shape[1]))
+    assert shapes == {True: {(1, 2)}, False: {(inputs, 2) for inputs in range(1, 7)}}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["grnn", "cn3d", "tower"])
 def test_a_run_that_goes_on_ends_like_one_that_never_stopped(tmp_path, model):
