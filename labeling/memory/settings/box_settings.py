@@ -72,8 +72,9 @@ class MemoryBoxOptions(Settings):
     views: Positive[int] = 8
     """Views of an episode that go into the memory at most; each batch has from one to so many, or to as many as its
     episodes have that look at the grid."""
-    around: Around = "fixated"
-    """Where the grid stands: around what the cameras look at, or around the middle of what they have seen."""
+    around: Around | None = None
+    """Where the grid stands: around what the cameras look at, or around the middle of what they have seen. By default
+    the former; with a run as it stood there."""
     voxels: tuple[int, int, int] = MemorySize.voxels
     """Of the grid, along x, y, z; boxes whose middle lies outside are not found. Of --memory grnn or cn3d, as all that
     follow; a run has its own."""
