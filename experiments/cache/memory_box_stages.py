@@ -148,14 +148,14 @@ def _score(job: SceneScores) -> dict[str, Any]:
     from labeling.memory.boxes.labelled_scenes import true_scene
     from labeling.metrics.box_ap import BoxInstance
 
-    find, spec = _finder(job), job.size.spec("grnn")
+    find, grid = _finder(job), job.size.grid
     found: dict[int, list[list[SceneDetection3d]]] = {count: [] for count in job.inputs}
     truths: dict[tuple[str, int], list[list[BoxInstance]]] = {}
     left_out = []
     for folder in job.episodes:
         episode = read_episode(folder)
         try:
-            labelled = true_scene(episode, spec, job.around)
+            labelled = true_scene(episode, job.size, job.around)
         except EpisodeFormatError as error:  # too few views look at the grid
             left_out.append(str(error))
             continue
@@ -163,10 +163,10 @@ def _score(job: SceneScores) -> dict[str, Any]:
         for count in job.inputs:
             chosen = spread_views(scene.num_views, count)
             boxes = find(episode, scene.view_index, chosen)
-            inside = [one for one in boxes if inside_grid(one.box, scene, chosen[0], spec.grid)]
+            inside = [one for one in boxes if inside_grid(one.box, scene, chosen[0], grid)]
             found[count].append([one for one in inside if one.category in job.categories])
             for kind, shown_by in (("shown", chosen), ("all", most)):
-                wanted = instances_to_find(labelled, chosen, job.categories, spec.grid, shown_by)
+                wanted = instances_to_find(labelled, chosen, job.categories, grid, shown_by)
                 truths.setdefault((kind, count), []).append(wanted)
 
     def scores(kind: str, count: int) -> dict[str, Any]:

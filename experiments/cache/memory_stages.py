@@ -111,7 +111,7 @@ def _score(job: ViewScores) -> dict[str, Any]:
     from labeling.memory.view_prediction.reprojection import reproject_views
     from labeling.memory.view_prediction.scenes import read_scenes
 
-    scenes, _ = read_scenes(job.episodes, job.size.spec("grnn"))
+    scenes, _ = read_scenes(job.episodes, job.size)
     device = choose_device()
     network = None if job.method == REPROJECTION else load_memory(Path(job.method)).to(device)
 
@@ -180,7 +180,7 @@ def _score_arithmetic(job: ArithmeticScores) -> dict[str, Any]:
     from labeling.memory.view_prediction.arithmetic import Exchange, combine_points, combiner, score_arithmetic
     from labeling.memory.view_prediction.scenes import read_scenes
 
-    parts = {part: read_scenes(paths, job.size.spec("grnn"))[0] for part, paths in job.episodes.items()}
+    parts = {part: read_scenes(paths, job.size)[0] for part, paths in job.episodes.items()}
     exchanges = [Exchange(**dict(zip(parts, scenes, strict=True))) for scenes in zip(*parts.values(), strict=True)]
     if job.method == NO_CHANGE:
         combine = None

@@ -22,7 +22,7 @@ from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE
 from labeling.io.label_set import read_label_set, recording_config
 from labeling.memory.settings.grid_spec import Around
-from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.settings.memory_spec import SceneSize
 from labeling.memory.view_prediction.scenes import SmallScene, small_scene
 
 SEEN_SHARE = 0.001
@@ -80,13 +80,13 @@ class _Found:
 
 
 def read_labelled_scenes(
-    paths: Sequence[Path], spec: MemorySpec, around: Around = "fixated", dataset: Path | None = None
+    paths: Sequence[Path], spec: SceneSize, around: Around = "fixated", dataset: Path | None = None
 ) -> tuple[list[LabelledScene], list[str]]:
     """Reads label sets, or episodes with ground truth.
 
     Args:
         paths: folders of label sets that ``labeling.generate`` wrote, or episodes or datasets with ground truth.
-        spec: of the memory.
+        spec: of the memory, or its size.
         around: where the grid stands.
         dataset: where the recordings of a label set lie, if not where it says.
 
@@ -124,14 +124,14 @@ def category_names(scenes: Sequence[LabelledScene]) -> tuple[str, ...]:
 
 
 def labelled_scene(
-    episode: Episode, found: "Mapping[int, _Found]", spec: MemorySpec, around: Around = "fixated"
+    episode: Episode, found: "Mapping[int, _Found]", spec: SceneSize, around: Around = "fixated"
 ) -> LabelledScene:
     """One episode.
 
     Args:
         episode: the views.
         found: objects by number.
-        spec: of the memory.
+        spec: of the memory, or its size.
         around: where the grid stands.
 
     Raises:
@@ -148,7 +148,7 @@ def labelled_scene(
     return LabelledScene(scene, tuple(objects), _surface(scene, boxes, spec.grid.voxel_m))
 
 
-def true_scene(episode: Episode, spec: MemorySpec, around: Around = "fixated") -> LabelledScene:
+def true_scene(episode: Episode, spec: SceneSize, around: Around = "fixated") -> LabelledScene:
     """An episode with its ground truth; see ``labelled_scene``."""
     return labelled_scene(episode, _true_objects(episode), spec, around)
 

@@ -40,7 +40,7 @@ def drawn_places(
     Args:
         truth: of the batch.
         occupied: 1 where there is a surface.
-        rng: draws voxels; half of the time of those that move, if any do.
+        rng: draws voxels; of those that move ``MOVING_SHARE`` of the time, if any do.
 
     Returns:
         Slices along z, y, x, of each scene.

@@ -17,7 +17,7 @@ from labeling.io.episodes import find_episodes, read_episode
 from labeling.memory.lifting.placement import grid_and_floor, place_grid
 from labeling.memory.networks.view_batch import Views
 from labeling.memory.settings.grid_spec import Around
-from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.settings.memory_spec import SceneSize
 
 DEPTH_FACTOR = 2
 """Depth is kept at this multiple of the pictures' size, so that voxels nearby are filled without holes."""
@@ -93,13 +93,13 @@ def _float(array: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(array, np.float32))[None]
 
 
-def small_scene(name: str, views: RgbdViews, spec: MemorySpec, around: Around = "fixated") -> SmallScene:
+def small_scene(name: str, views: RgbdViews, spec: SceneSize, around: Around = "fixated") -> SmallScene:
     """Makes views small, and leaves out those that do not have the middle of the grid in the picture.
 
     Args:
         name: of the episode.
         views: of any size.
-        spec: of the network.
+        spec: of the network, or its size.
         around: where the grid stands.
 
     Raises:
@@ -122,7 +122,7 @@ def shrunk(
     name: str,
     views: RgbdViews,
     chosen: Sequence[int],
-    spec: MemorySpec,
+    spec: SceneSize,
     centre_m: Float[np.ndarray, "3"],
     floor_m: float | None,
 ) -> SmallScene:
@@ -132,7 +132,7 @@ def shrunk(
         name: of the episode.
         views: of any size.
         chosen: which of them.
-        spec: of the network.
+        spec: of the network, or its size.
         centre_m: middle of the grid, world.
         floor_m: height of the floor, world, if it is known.
     """
@@ -183,7 +183,7 @@ def _strides(before: int, after: int) -> tuple[np.ndarray, float, float]:
 
 
 def read_scenes(
-    datasets: Sequence[Path], spec: MemorySpec, around: Around = "fixated"
+    datasets: Sequence[Path], spec: SceneSize, around: Around = "fixated"
 ) -> tuple[list[SmallScene], list[str]]:
     """Reads all episodes of some datasets.
 

@@ -55,12 +55,13 @@ class Oracle:
     """Says what is true of every pair."""
 
     def __init__(self, folder: Path) -> None:
-        self.episode, self.grid = read_episode(folder), SIZE.spec("cn3d").grid
+        self.episode, self.grid, self.asked = read_episode(folder), SIZE.grid, 0
 
-    def find_in(self, pair) -> list[MovingObject]:
+    def objects(self, pair, output: FlowOutput, before: Remembered) -> list[MovingObject]:
         return [MovingObject(one.box, np.zeros(3), 0.9) for one in moving_truths(self.episode, pair, self.grid)]
 
     def flow(self, pair) -> tuple[FlowOutput, Remembered]:
+        self.asked += 1
         truth = true_flow(self.episode, pair, self.grid)
         nothing = torch.zeros(1, 1, *self.grid.shape)
         known = Remembered(nothing, truth.known, nothing, nothing.expand(-1, 2, -1, -1, -1))
@@ -70,10 +71,12 @@ class Oracle:
 def test_who_knows_everything_scores_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = tmp_path / "rooms" / "0000"
     write_episode(folder, moving_episode())
-    monkeypatch.setattr(labeling.memory.flow.flow_detector, "load_moving_detector", lambda path: Oracle(folder))
+    oracle = Oracle(folder)
+    monkeypatch.setattr(labeling.memory.flow.flow_detector, "load_moving_detector", lambda path: oracle)
     jobs = [MovingScores(method, (folder,), SIZE) for method in ("run", RESIDUALS, CLUSTERS)]
     known, residuals, clusters = score_moving(jobs, RunContext("smoke", (0,), 1, tmp_path / "cache"))
     assert (known["pairs"], known["objects"], known["boxes"]) == (1, 1, 1)
+    assert oracle.asked == 1  # of every pair once
     assert known["ap25"] == known["ap50"] == known["bev25"] == known["bev50"] == 1
     assert known["moving_m"] == known["standing_m"] == 0
     assert known["zero_m"] == pytest.approx(np.hypot(0.25, 0.1), abs=1e-3)
