@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from experiments.cache.origin import training_machine
 from experiments.cache.stages import RunContext, cached, digest
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.grid_spec import Around
@@ -50,11 +51,11 @@ def train_box_nets(jobs: Sequence[BoxJob], context: RunContext) -> list[str]:
     Returns:
         Folders of their runs, in order.
     """
-    code, keyed = code_digest(_train), []
+    code, machine, keyed = code_digest(_train), training_machine(context.where), []
     for job in jobs:
         begun = None if job.begun is None else Path(job.begun).name  # a digest of all that it was made from
         settings = [job.model, asdict(job.size), asdict(replace(job.train, seed=job.seed)), begun, job.categories]
-        key = digest([[_content(path) for path in paths] for paths in (job.learn, job.choose)], settings, code)
+        key = digest([[_content(path) for path in paths] for paths in (job.learn, job.choose)], settings, code, machine)
         keyed.append((key, (job, context.cache / "memory_boxes" / key)))
 
     def reads(task: tuple[BoxJob, Path]) -> list[Path]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.cache.origin import training_machine
 from experiments.cache.stages import RunContext, cached, digest
 from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.memory.settings.memory_spec import MemorySize
@@ -53,11 +54,11 @@ def train_flows(jobs: Sequence[FlowJob], context: RunContext) -> list[str]:
     Returns:
         Folders of the runs, in order.
     """
-    code, keyed = code_digest(_train), []
+    code, machine, keyed = code_digest(_train), training_machine(context.where), []
     for job in jobs:
         episodes = [[_name(path) for path in paths] for paths in (job.learn, job.moving, job.choose)]
         settings = asdict(replace(job.train, seed=job.seed)), job.supervised
-        key = digest(episodes, Path(job.memory).name, *settings, code)
+        key = digest(episodes, Path(job.memory).name, *settings, code, machine)
         keyed.append((key, (job, context.cache / "flows" / key)))
 
     def reads(task: tuple[FlowJob, Path]) -> list[Path]:
