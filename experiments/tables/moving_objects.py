@@ -102,8 +102,8 @@ def run(context: RunContext) -> dict[str, Any]:
         SUPERVISED: (episodes["moving"][held:], (), episodes["moving"][:held]),
     }
     jobs = [
-        _flow_job(name, memory, *parts, seed, size)
-        for name, parts in learnt.items()
+        _flow_job(name, memory, own, moving, held_out, seed, size)
+        for name, (own, moving, held_out) in learnt.items()
         for memory, seed in zip(memories, context.seeds, strict=True)
     ]
     flows = train_flows(jobs, context)

@@ -368,5 +368,7 @@ def test_specs_that_make_no_sense_are_refused(spec, message):
 def test_runs_on_other_episodes_of_the_same_names_are_told_apart():
     memory, config = build_memory(MEMORY), TrainFlowConfig(iterations=1, width=8)
     known = [view_pairs(one.name, one, MEMORY) for one in (moving_episode(), moving_episode((0.2, 0.0)))]
-    parts = [([known[0]], [], []), ([known[1]], [], []), ([known[0]], [known[1]], []), ([known[0]], [], [known[1]])]
-    assert len({json.dumps(FlowTask(memory, *part, config).identity["data"]) for part in (*parts, parts[0])}) == 4
+    one, other = [known[0]], [known[1]]
+    parts = [(one, [], []), (other, [], []), (one, other, []), (one, [], other), (one, [], [])]
+    tasks = [FlowTask(memory, learn, moving, held, config) for learn, moving, held in parts]
+    assert len({json.dumps(task.identity["data"]) for task in tasks}) == 4

@@ -87,7 +87,8 @@ def test_pieces_that_pass_before_others_are_whole(monkeypatch: pytest.MonkeyPatc
     """Two boxes are moved; the room is rendered anew with both where they are then."""
     episode = moving_episode((0.0, 0.0))
     (pair,) = view_pairs(episode.name, episode, MEMORY)
-    grid_to_world = pair.grid_to_world(0)
+    grid_to_world, floor_m = pair.grid_to_world(0), pair.floor_in_grid_m
+    assert floor_m is not None
     steps = ((0.0, -0.45, 0.0), (0.2, 0.9, 0.0))  # the first goes before the place of the second
     boxes, motions = iter((BOX, OTHER)), iter(steps)
 
@@ -96,7 +97,7 @@ def test_pieces_that_pass_before_others_are_whole(monkeypatch: pytest.MonkeyPatc
         half = np.array(box.half) + 0.02
         return lambda points: (
             np.all(np.abs(transform_points(grid_to_world, points) - box.centre) < half, axis=1)
-            & (points[:, 2] > pair.floor_in_grid_m + 0.02)
+            & (points[:, 2] > floor_m + 0.02)
         )
 
     def motion(*_):

@@ -329,6 +329,7 @@ def test_a_grid_begins_below_the_floor_and_has_the_first_view_along_x():
 def test_the_floor_is_known_where_the_grid_begins_below_it_and_else_not():
     episode = orbit_episode(0, ring(0, 6))
     centre, floor_m = grid_and_floor(episode, SPEC)
+    assert floor_m is not None
     assert floor_m == pytest.approx(0, abs=0.02)
     assert centre[2] == pytest.approx(floor_m - SPEC.voxel_m + SPEC.extent_m[2] / 2)
     low = GridSpec((4, 16, 16), 0.1)  # ends below the point that the cameras look at
