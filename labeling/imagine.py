@@ -77,20 +77,15 @@ def draw_predictions(command: ImagineCommand) -> tuple[Path, Path]:
     Raises:
         SbmError: if there is no such run, episode or view.
     """
-    import json
-
     from labeling.detectors.registry import choose_device
     from labeling.formats.atomic import write_png
     from labeling.formats.film import write_film
     from labeling.io.episodes import read_episode
-    from labeling.memory.networks.weights import MEMORY_FILE, load_memory
+    from labeling.memory.networks.weights import load_memory, read_around
     from labeling.memory.view_prediction.pictures import draw_rows
     from labeling.memory.view_prediction.scenes import small_scene
-    from labeling.training.weights import ABOUT_KEY, read_header
 
-    network = load_memory(command.run).to(choose_device(command.device))
-    about = json.loads(read_header(command.run / MEMORY_FILE, ABOUT_KEY, "labeling.train_memory"))
-    around = about.get("around", "fixated")
+    network, around = load_memory(command.run).to(choose_device(command.device)), read_around(command.run)
     scene = small_scene(command.episode.name, read_episode(command.episode, ground_truth=False), network.spec, around)
     inputs, asked = choose_views(scene, command.inputs, command.views)
     name = command.episode.resolve().name

@@ -12,16 +12,15 @@ from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 from labeling.memory.settings.box_settings import BOX_MODELS, MemoryBoxOptions, TrainBoxesConfig
 from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
-from labeling.training.command import Labels, TrainingCommand, say
+from labeling.training.command import EVERY_HELD_OUT, Labels, TrainingCommand, held_out, say
 
 if TYPE_CHECKING:
     from labeling.detectors3d.frustum_samples import FrustumSample
     from labeling.memory.boxes.labelled_scenes import LabelledScene
     from labeling.memory.networks.weights import Memory
+    from labeling.memory.settings.grid_spec import Around
     from labeling.memory.settings.memory_spec import MemorySpec
 
-EVERY_HELD_OUT = 10
-"""Without --val every tenth object, with --memory every tenth episode, is held out to choose the best network by."""
 OF_BOTH = ("iterations", "learning_rate", "validate_every", "patience", "trust_scores", "workers", "seed")
 """Settings of training that frustum PointNets and memories share."""
 OF_RUNS = ("voxels", "voxel_m", "channels", "picture")
@@ -153,11 +152,11 @@ def _train_boxes(command: Train3dCommand, memory: str) -> dict[str, Any]:
     from labeling.training.config import WEIGHTS_FILE
     from labeling.training.loop import train
 
-    device, begun = choose_device(command.device), _memory(command, memory)
+    device, (begun, around) = choose_device(command.device), _memory(command, memory)
     shared = {name: getattr(command.train, name) for name in OF_BOTH}
     options = command.boxes
-    config = TrainBoxesConfig(**shared, batch_size=options.scenes, views=options.views, around=options.around)
-    scenes, validation = _read_scenes(command, begun)
+    config = TrainBoxesConfig(**shared, batch_size=options.scenes, views=options.views, around=around)
+    scenes, validation = _read_scenes(command, begun, around)
     about = {"labels": command.sources, "memory": memory}
     task = BoxTask(begun, scenes, validation, config, device, about)
     names = task.network.spec.categories
@@ -177,28 +176,34 @@ def _train_boxes(command: Train3dCommand, memory: str) -> dict[str, Any]:
     }
 
 
-def _memory(command: Train3dCommand, memory: str) -> "MemorySpec | Memory":
-    """What training begins with."""
-    from labeling.memory.networks.weights import load_memory
+def _memory(command: Train3dCommand, memory: str) -> "tuple[MemorySpec | Memory, Around]":
+    """What training begins with, and what its grid stands around."""
+    from labeling.memory.networks.weights import load_memory, read_around
 
+    asked = command.boxes.around
     if memory in BOX_MODELS:
-        return command.boxes.size().spec(BOX_MODELS[BOX_MODELS.index(memory)])
+        return command.boxes.size().spec(BOX_MODELS[BOX_MODELS.index(memory)]), asked or "fixated"
     if not Path(memory).exists():
         raise UsageError(
             f"there is no memory {memory!r}; give {' or '.join(BOX_MODELS)}, or the folder of a labeling.train_memory "
             "run"
         )
-    return load_memory(Path(memory))
+    learnt, around = load_memory(Path(memory)), read_around(Path(memory))
+    if asked not in (None, around):
+        raise UsageError(
+            f"--around {asked} contradicts {memory}, which has learnt with --around {around}; leave it out"
+        )
+    return learnt, around
 
 
 def _read_scenes(
-    command: Train3dCommand, begun: "MemorySpec | Memory"
+    command: Train3dCommand, begun: "MemorySpec | Memory", around: "Around"
 ) -> "tuple[list[LabelledScene], list[LabelledScene]]":
     """Episodes to learn from and to choose by."""
     from labeling.memory.boxes.labelled_scenes import read_labelled_scenes
     from labeling.memory.settings.memory_spec import MemorySpec
 
-    spec, around = begun if isinstance(begun, MemorySpec) else begun.spec, command.boxes.around
+    spec = begun if isinstance(begun, MemorySpec) else begun.spec
     scenes, notes = read_labelled_scenes(command.labels, spec, around, command.dataset)
     validation: list[LabelledScene] = []
     if command.val is not None:
@@ -206,10 +211,7 @@ def _read_scenes(
         notes += more
     for note in notes:
         print(f"note: left out {note}")
-    if command.val is not None:
-        return scenes, validation
-    held = range(EVERY_HELD_OUT - 1, len(scenes), EVERY_HELD_OUT)
-    return [one for number, one in enumerate(scenes) if number not in held], [scenes[number] for number in held]
+    return (scenes, validation) if command.val is not None else held_out(scenes)
 
 
 def train_val_split_by_object(samples: "list[FrustumSample]") -> "tuple[list[FrustumSample], list[FrustumSample]]":

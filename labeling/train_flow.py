@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
@@ -12,18 +12,12 @@ from labeling.core.errors import UsageError
 from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
-from labeling.training.command import say
+from labeling.training.command import Episodes, held_out, say
 
 if TYPE_CHECKING:
     from labeling.memory.flow.flow_samples import Pair
     from labeling.memory.networks.weights import Memory
     from labeling.memory.view_prediction.scenes import SmallScene
-
-EVERY_HELD_OUT = 10
-"""Without --val every tenth episode is held out to choose the best network by."""
-Episodes = tyro.conf.Positional[
-    Annotated[tuple[Path, ...], tyro.conf.arg(metavar="EPISODES [EPISODES ...]", help_behavior_hint="(required)")]
-]
 
 
 @dataclass(frozen=True)
@@ -121,9 +115,7 @@ def _read(
     for note in notes:
         print(f"note: left out {note}")
     if command.val is None:
-        held = range(EVERY_HELD_OUT - 1, len(pairs), EVERY_HELD_OUT)
-        validation = [pairs[number] for number in held]
-        pairs = [one for number, one in enumerate(pairs) if number not in held]
+        pairs, validation = held_out(pairs)
     return pairs, validation, moving
 
 

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
@@ -12,16 +12,10 @@ from labeling.memory.settings.memory_spec import MemorySize, Model
 from labeling.memory.settings.train_config import TrainMemoryConfig
 from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
-from labeling.training.command import say
+from labeling.training.command import Episodes, held_out, say
 
 if TYPE_CHECKING:
     from labeling.memory.view_prediction.scenes import SmallScene
-
-EVERY_HELD_OUT = 10
-"""Without --val every tenth episode is held out to choose the best network by."""
-Episodes = tyro.conf.Positional[
-    Annotated[tuple[Path, ...], tyro.conf.arg(metavar="EPISODES [EPISODES ...]", help_behavior_hint="(required)")]
-]
 
 
 @dataclass(frozen=True)
@@ -102,11 +96,7 @@ def _read(command: TrainMemoryCommand) -> "tuple[list[SmallScene], list[SmallSce
         notes += more
     for note in notes:
         print(f"note: left out {note}")
-    if command.val is not None:
-        return scenes, validation
-    held = [number % EVERY_HELD_OUT == EVERY_HELD_OUT - 1 for number in range(len(scenes))]
-    learn = [one for one, out in zip(scenes, held, strict=True) if not out]
-    return learn, [one for one, out in zip(scenes, held, strict=True) if out]
+    return (scenes, validation) if command.val is not None else held_out(scenes)
 
 
 HELP = CommandHelp(

@@ -65,9 +65,9 @@ def _motion_errors(job: PairsToAlign) -> dict[str, Any]:
     from labeling.memory.lifting.egomotion import motion_between
     from labeling.memory.view_prediction.scenes import small_scene
 
-    views, spec = read_episode(job.episode, ground_truth=False), job.size.spec("cn3d")
+    views, grid = read_episode(job.episode, ground_truth=False), job.size.grid
     try:
-        looking = small_scene(job.episode.name, views, spec, job.around).view_index
+        looking = small_scene(job.episode.name, views, job.size, job.around).view_index
     except EpisodeFormatError:  # too few views look at the grid
         return {"pairs": []}
     following = [(one, other) for one, other in itertools.pairwise(looking) if other == one + 1]
@@ -77,7 +77,7 @@ def _motion_errors(job: PairsToAlign) -> dict[str, Any]:
         poses = views.camera_to_world[[first, second]].astype(float)
         true = invert_rigid(poses[0]) @ poses[1]
         clouds = [cloud(views, view) for view in (first, second)]
-        estimates = (np.eye(4), motion_between(views, first, second, spec.grid), icp_motion(*clouds))
+        estimates = (np.eye(4), motion_between(views, first, second, grid), icp_motion(*clouds))
         pairs.append({name: error(found, true) for name, found in zip(METHODS, estimates, strict=True)})
     return {"pairs": pairs}
 

@@ -31,6 +31,8 @@ class IcpSettings:
     """Points within reach that a point in the midst of a cluster has at least."""
 
 
+ABOVE_FLOOR_M = 0.06
+"""Lower points are of the floor."""
 CELL_M = 0.03
 """Of points in one cell of this edge one is kept."""
 HALF_SURE = 30.0
@@ -65,8 +67,9 @@ def icp_residuals(pair: SmallScene, grid: GridSpec, settings: IcpSettings) -> li
     aligned = _cloud(transform_points(np.asarray(error), points))
     away_m = np.asarray(aligned.compute_point_cloud_distance(second))
     local = transform_points(invert_rigid(pair.grid_to_world(0)), points)
-    floor_m = -0.5 * grid.extent_m[2] + grid.voxel_m
-    inside = np.all(np.abs(local) < 0.5 * np.array(grid.extent_m), axis=1) & (local[:, 2] > floor_m + 0.06)
+    inside = np.all(np.abs(local) < 0.5 * np.array(grid.extent_m), axis=1)
+    if pair.floor_in_grid_m is not None:
+        inside &= local[:, 2] > pair.floor_in_grid_m + ABOVE_FLOOR_M
     size = pair.depth_m.shape[1:]
     pixels, depth_m = project(points, pair.depth_intrinsics[1].astype(float), pair.camera_to_world[1].astype(float))
     shown = (depth_m > 0.05) & np.all((pixels >= 0) & (pixels <= np.array(size[::-1]) - 1), axis=1)

@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from experiments.cache.origin import training_machine
 from experiments.cache.stages import RunContext, cached, digest
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.grid_spec import Around
@@ -50,11 +51,11 @@ def train_box_nets(jobs: Sequence[BoxJob], context: RunContext) -> list[str]:
     Returns:
         Folders of their runs, in order.
     """
-    code, keyed = code_digest(_train), []
+    code, machine, keyed = code_digest(_train), training_machine(context.where), []
     for job in jobs:
         begun = None if job.begun is None else Path(job.begun).name  # a digest of all that it was made from
         settings = [job.model, asdict(job.size), asdict(replace(job.train, seed=job.seed)), begun, job.categories]
-        key = digest([[_content(path) for path in paths] for paths in (job.learn, job.choose)], settings, code)
+        key = digest([[_content(path) for path in paths] for paths in (job.learn, job.choose)], settings, code, machine)
         keyed.append((key, (job, context.cache / "memory_boxes" / key)))
 
     def reads(task: tuple[BoxJob, Path]) -> list[Path]:
@@ -148,14 +149,14 @@ def _score(job: SceneScores) -> dict[str, Any]:
     from labeling.memory.boxes.labelled_scenes import true_scene
     from labeling.metrics.box_ap import BoxInstance
 
-    find, spec = _finder(job), job.size.spec("grnn")
-    found: dict[int, list[tuple[str, list[SceneDetection3d]]]] = {count: [] for count in job.inputs}
-    truths: dict[tuple[str, int], list[BoxInstance]] = {}
+    find, grid = _finder(job), job.size.grid
+    found: dict[int, list[list[SceneDetection3d]]] = {count: [] for count in job.inputs}
+    truths: dict[tuple[str, int], list[list[BoxInstance]]] = {}
     left_out = []
     for folder in job.episodes:
         episode = read_episode(folder)
         try:
-            labelled = true_scene(episode, spec, job.around)
+            labelled = true_scene(episode, job.size, job.around)
         except EpisodeFormatError as error:  # too few views look at the grid
             left_out.append(str(error))
             continue
@@ -163,11 +164,11 @@ def _score(job: SceneScores) -> dict[str, Any]:
         for count in job.inputs:
             chosen = spread_views(scene.num_views, count)
             boxes = find(episode, scene.view_index, chosen)
-            inside = [one for one in boxes if inside_grid(one.box, scene, chosen[0], spec.grid)]
-            found[count].append((scene.name, [one for one in inside if one.category in job.categories]))
+            inside = [one for one in boxes if inside_grid(one.box, scene, chosen[0], grid)]
+            found[count].append([one for one in inside if one.category in job.categories])
             for kind, shown_by in (("shown", chosen), ("all", most)):
-                wanted = instances_to_find(labelled, chosen, job.categories, spec.grid, shown_by)
-                truths.setdefault((kind, count), []).extend(wanted)
+                wanted = instances_to_find(labelled, chosen, job.categories, grid, shown_by)
+                truths.setdefault((kind, count), []).append(wanted)
 
     def scores(kind: str, count: int) -> dict[str, Any]:
         wanted = truths.get((kind, count), [])
@@ -175,7 +176,7 @@ def _score(job: SceneScores) -> dict[str, Any]:
         return {
             "ap25": ap.mean[0.25],
             "ap50": ap.mean[0.5],
-            "objects": sum(not one.ignore for one in wanted),
+            "objects": sum(not one.ignore for of_scene in wanted for one in of_scene),
             "per_class_ap25": {name: of_class[0.25] for name, of_class in ap.per_class.items()},
         }
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from experiments.cache.origin import training_machine
 from experiments.cache.stages import RunContext, cached, digest
 from labeling.memory.settings.memory_spec import MemorySize, Model
 from labeling.memory.settings.train_config import TrainMemoryConfig
@@ -43,11 +44,11 @@ def train_memories(jobs: Sequence[MemoryJob], context: RunContext) -> list[str]:
     Returns:
         Folders of their runs, in order.
     """
-    code, keyed = code_digest(_train), []
+    code, machine, keyed = code_digest(_train), training_machine(context.where), []
     for job in jobs:
         episodes = [[f"{path.parent.name}/{path.name}" for path in paths] for paths in (job.learn, job.choose)]
         settings = [job.model, asdict(job.size), asdict(replace(job.train, seed=job.seed))]
-        key = digest(episodes, settings, code)
+        key = digest(episodes, settings, code, machine)
         keyed.append((key, (job, context.cache / "memories" / key)))
 
     def reads(task: tuple[MemoryJob, Path]) -> list[Path]:
@@ -111,7 +112,7 @@ def _score(job: ViewScores) -> dict[str, Any]:
     from labeling.memory.view_prediction.reprojection import reproject_views
     from labeling.memory.view_prediction.scenes import read_scenes
 
-    scenes, _ = read_scenes(job.episodes, job.size.spec("grnn"))
+    scenes, _ = read_scenes(job.episodes, job.size)
     device = choose_device()
     network = None if job.method == REPROJECTION else load_memory(Path(job.method)).to(device)
 
@@ -180,7 +181,7 @@ def _score_arithmetic(job: ArithmeticScores) -> dict[str, Any]:
     from labeling.memory.view_prediction.arithmetic import Exchange, combine_points, combiner, score_arithmetic
     from labeling.memory.view_prediction.scenes import read_scenes
 
-    parts = {part: read_scenes(paths, job.size.spec("grnn"))[0] for part, paths in job.episodes.items()}
+    parts = {part: read_scenes(paths, job.size)[0] for part, paths in job.episodes.items()}
     exchanges = [Exchange(**dict(zip(parts, scenes, strict=True))) for scenes in zip(*parts.values(), strict=True)]
     if job.method == NO_CHANGE:
         combine = None

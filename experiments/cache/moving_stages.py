@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.cache.origin import training_machine
 from experiments.cache.stages import RunContext, cached, digest
 from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.memory.settings.memory_spec import MemorySize
@@ -33,18 +34,18 @@ class FlowJob:
 
     memory: str
     """Folder of a run."""
-    standing: tuple[Path, ...]
-    """Episodes in which nothing moves."""
+    learn: tuple[Path, ...]
+    """Episodes in which nothing moves; or, supervised, in which things move as ground truth tells."""
     moving: tuple[Path, ...]
     """Episodes in which things move, whose motion is not known; may be empty."""
     choose: tuple[Path, ...]
-    """As ``standing``; the network that does best on them is kept."""
+    """As ``learn``; the network that does best on them is kept."""
     train: TrainFlowConfig
     """Its seed is replaced."""
     seed: int
     title: str
     supervised: bool = False
-    """Whether true motion of ``standing`` and ``choose``, which then move, is learnt from."""
+    """Whether true motion in ``learn`` and ``choose`` is learnt from."""
 
 
 def train_flows(jobs: Sequence[FlowJob], context: RunContext) -> list[str]:
@@ -53,16 +54,16 @@ def train_flows(jobs: Sequence[FlowJob], context: RunContext) -> list[str]:
     Returns:
         Folders of the runs, in order.
     """
-    code, keyed = code_digest(_train), []
+    code, machine, keyed = code_digest(_train), training_machine(context.where), []
     for job in jobs:
-        episodes = [[_name(path) for path in paths] for paths in (job.standing, job.moving, job.choose)]
+        episodes = [[_name(path) for path in paths] for paths in (job.learn, job.moving, job.choose)]
         settings = asdict(replace(job.train, seed=job.seed)), job.supervised
-        key = digest(episodes, Path(job.memory).name, *settings, code)
+        key = digest(episodes, Path(job.memory).name, *settings, code, machine)
         keyed.append((key, (job, context.cache / "flows" / key)))
 
     def reads(task: tuple[FlowJob, Path]) -> list[Path]:
         job, out = task
-        return [*job.standing, *job.moving, *job.choose, Path(job.memory), out]
+        return [*job.learn, *job.moving, *job.choose, Path(job.memory), out]
 
     cached("flows", _train, keyed, context, "training flow", reads=reads, gpus=True)
     return [str(out) for _, (_, out) in keyed]
@@ -83,12 +84,12 @@ def _train(task: tuple[FlowJob, Path]) -> dict[str, Any]:
     job, out = task
     title, memory = f"{job.title}, seed {job.seed}", load_memory(Path(job.memory))
     read = read_true_pairs if job.supervised else read_view_pairs
-    standing, choose = (read(paths, memory.spec)[0] if paths else [] for paths in (job.standing, job.choose))
+    learn, choose = (read(paths, memory.spec)[0] if paths else [] for paths in (job.learn, job.choose))
     moving = read_view_pairs(job.moving, memory.spec)[0] if job.moving else []
     config = replace(job.train, seed=job.seed)
-    flow = FlowTask(memory, standing, moving, choose, config, choose_device(), {"episodes": title})
+    flow = FlowTask(memory, learn, moving, choose, config, choose_device(), {"episodes": title})
     progress = train(flow, out, lambda line: print(f"{title}: {line}", file=sys.stderr, flush=True))
-    return {"title": title, "pairs": [sum(map(len, part)) for part in (standing, moving, choose)]} | {
+    return {"title": title, "pairs": [sum(map(len, part)) for part in (learn, moving, choose)]} | {
         "history": progress.history
     }
 
@@ -134,9 +135,9 @@ def _score(job: MovingScores) -> dict[str, Any]:
     from labeling.memory.flow.view_pairs import view_pairs
     from labeling.metrics.box_ap import BoxInstance
 
-    spec = job.size.spec("cn3d")
+    grid = job.size.grid
     network = None if job.method in (RESIDUALS, CLUSTERS) else load_moving_detector(Path(job.method))
-    find: Callable[[SmallScene], list[MovingObject]] = _finder(job) if network is None else network.find_in
+    baseline = _baseline(job)
     found: list[BoxInstance] = []
     truths: list[tuple[BoxInstance, MovingTruth]] = []
     errors: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]] = ([], [], [])
@@ -144,21 +145,25 @@ def _score(job: MovingScores) -> dict[str, Any]:
     for folder in job.episodes:
         episode = read_episode(folder)
         try:
-            of_episode = view_pairs(episode.name, episode, spec)
+            of_episode = view_pairs(episode.name, episode, job.size)
         except EpisodeFormatError:  # nothing can be seen to move, by any method
             continue
         for pair in of_episode:
             image = f"{episode.name}/{pair.view_index[0]}"
-            found += [BoxInstance(image, MOVING, one.box, one.confidence) for one in find(pair)]
-            for one in moving_truths(episode, pair, spec.grid):
-                truths.append((BoxInstance(image, MOVING, one.box, ignore=one.ignore), one))
-            if network is not None and episode.motion is not None:
+            if network is None:
+                objects = baseline(pair)
+            else:
                 output, before = network.flow(pair)
-                truth, flow_m = true_flow(episode, pair, spec.grid), output.flow_m.cpu()
-                moving, standing = endpoint_errors(flow_m, truth, before.occupied.cpu())
-                still, _ = endpoint_errors(0 * flow_m, truth, before.occupied.cpu())
-                for kept, new in zip(errors, (moving, standing, still), strict=True):
-                    kept.append(new)
+                objects = network.objects(pair, output, before)
+                if episode.motion is not None:
+                    truth, flow_m = true_flow(episode, pair, grid), output.flow_m.cpu()
+                    moving, standing = endpoint_errors(flow_m, truth, before.occupied.cpu())
+                    still, _ = endpoint_errors(0 * flow_m, truth, before.occupied.cpu())
+                    for kept, new in zip(errors, (moving, standing, still), strict=True):
+                        kept.append(new)
+            found += [BoxInstance(image, MOVING, one.box, one.confidence) for one in objects]
+            for one in moving_truths(episode, pair, grid):
+                truths.append((BoxInstance(image, MOVING, one.box, ignore=one.ignore), one))
         pairs += len(of_episode)
     figures = {"pairs": pairs, "boxes": len(found), "objects": sum(not one.ignore for _, one in truths)}
     figures |= {"recall": _recall(found, truths), **_precision(found, [one for one, _ in truths])}
@@ -168,11 +173,11 @@ def _score(job: MovingScores) -> dict[str, Any]:
     return figures
 
 
-def _finder(job: MovingScores) -> "Callable[[SmallScene], list[MovingObject]]":
+def _baseline(job: MovingScores) -> "Callable[[SmallScene], list[MovingObject]]":
     from experiments.cache.icp_residuals import IcpSettings, icp_residuals
 
-    grid, settings = job.size.spec("cn3d").grid, IcpSettings(whole_clusters=job.method == CLUSTERS)
-    return lambda pair: icp_residuals(pair, grid, settings)
+    settings = IcpSettings(whole_clusters=job.method == CLUSTERS)
+    return lambda pair: icp_residuals(pair, job.size.grid, settings)
 
 
 def _precision(found: "Sequence[BoxInstance]", truths: "Sequence[BoxInstance]") -> dict[str, float | None]:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from labeling.cluster.cluster_config import ClusterConfig
 from labeling.runtime.code_digest import code_digest
 from labeling.runtime.provenance import experiment_provenance
 from sbm_gym.assets.catalog.same_libraries import library_digests
@@ -15,6 +16,8 @@ MADE_ON, GENERATOR, MACHINES = "made_on", "label_generator", "machines"
 """What results call the time (UTC, ISO 8601, to the minute; earlier results have the day only), the digest, and what
 networks were trained on (earlier results do not say it of detectors).
 """
+MACHINE = "machine"
+"""What rows of memories call what their network was trained on; earlier rows have none."""
 FURNITURE = "furniture"
 """What they call the digests of the installed furniture libraries, by file name."""
 DIGITS = 16
@@ -48,8 +51,37 @@ def machines(runs: Iterable[str]) -> list[str]:
     Args:
         runs: their folders.
     """
+    return sorted({machine_of(folder) for folder in runs})
+
+
+def machine_of(run: str) -> str:
+    """On which device, with which PyTorch, a run was trained; the last part of it, if it went on elsewhere.
+
+    Args:
+        run: its folder.
+    """
     from labeling.formats.checked_json import read_json
     from labeling.training.config import CONFIG_FILE
 
-    found = (read_json(Path(folder) / CONFIG_FILE).get("machine") for folder in runs)
-    return sorted({f"{one.text('device')} (PyTorch {one.text('torch')})" for one in found})
+    found = read_json(Path(run) / CONFIG_FILE).get("machine")
+    return _machine(found.text("device"), found.text("torch"))
+
+
+def training_machine(where: ClusterConfig) -> str:
+    """What new runs are trained on, as ``machine_of`` says it; in keys, so that those of other machines are not taken.
+
+    Args:
+        where: runs are trained. Of a cluster only its name is known beforehand.
+    """
+    if not where.is_local:
+        return where.cluster
+    import torch
+
+    from labeling.detectors.registry import choose_device
+    from labeling.training.loop import device_name
+
+    return _machine(device_name(torch.device(choose_device())), torch.__version__)
+
+
+def _machine(device: str, torch_version: str) -> str:
+    return f"{device} (PyTorch {torch_version})"

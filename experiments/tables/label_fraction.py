@@ -5,13 +5,17 @@ are learnt from, without a label.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from experiments.cache.memory_box_stages import BoxJob, SceneScores, score_scenes, train_box_nets
 from experiments.cache.memory_stages import train_memories
 from experiments.cache.object_rooms import ObjectRooms, record_boxed_rooms
-from experiments.cache.origin import machines
+from experiments.cache.origin import MACHINE, machine_of, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables import view_prediction
@@ -60,7 +64,7 @@ def run(context: RunContext) -> dict[str, Any]:
     for (name, memory), begun in zip(named, memories, strict=True):
         for beginning, weights in ((SCRATCH, None), (PRETRAINED[name], begun)):
             for share in size.fractions:
-                labelled = tuple(learn[: labelled_scenes(share, len(learn))])
+                labelled = drawn_rooms(learn, share, memory.seed)
                 row = {"name": name, "beginning": beginning, "share": share, "seed": memory.seed}
                 rows.append({**row, "labelled": len(labelled)})
                 title = f"{name} {beginning}, {100 * share:g} %"
@@ -79,11 +83,20 @@ def run(context: RunContext) -> dict[str, Any]:
             "scenes": {"learn": len(learn), "test": len(test)},
             "inputs": list(size.inputs),
             "shares": list(size.fractions),
+            "drawn_by_seed": True,
         },
         "categories": list(categories),
         "machines": machines([*memories, *runs]),
-        "rows": [{**row, **found} for row, found in zip(rows, scores, strict=True)],
+        "rows": [
+            {**row, MACHINE: machine_of(one), **found} for row, one, found in zip(rows, runs, scores, strict=True)
+        ],
     }
+
+
+def drawn_rooms(rooms: Sequence[Path], share: float, seed: int) -> tuple[Path, ...]:
+    """Which rooms are labelled, in their order: other ones for every seed, and with a larger share more beside them."""
+    order = np.random.default_rng([seed, 1]).permutation(len(rooms))
+    return tuple(rooms[number] for number in sorted(order[: labelled_scenes(share, len(rooms))]))
 
 
 def labelled_scenes(share: float, scenes: int) -> int:

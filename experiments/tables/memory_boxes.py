@@ -10,7 +10,7 @@ from typing import Any
 from experiments.cache.box_stages import train_detectors_3d
 from experiments.cache.egomotion import PairsToAlign, motion_errors
 from experiments.cache.memory_box_stages import BoxJob, Looks, SceneScores, score_scenes, train_box_nets
-from experiments.cache.origin import machines
+from experiments.cache.origin import MACHINE, machine_of, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables import table_5_5
@@ -93,7 +93,11 @@ def run(context: RunContext) -> dict[str, Any]:
         for looks, runs in methods
         for run in runs
     ]
-    named = [(LOOKS[looks], labels, seed) for looks, _ in methods for labels, _, seed in learners]
+    named = [
+        {"name": LOOKS[looks], "labels": labels, "seed": seed, MACHINE: machine_of(run)}
+        for looks, runs in methods
+        for (labels, _, seed), run in zip(learners, runs, strict=True)
+    ]
     scores = score_scenes(wanted, context)
     motion = motion_errors([PairsToAlign(path, size.memory, size.train.around, PAIRS) for path in test], context)
     return {
@@ -108,10 +112,7 @@ def run(context: RunContext) -> dict[str, Any]:
         "categories": list(categories),
         "pools": {subset: sets.pool_record(subset) for subset in subsets},
         "machines": machines([*frustums, *memories]),
-        "rows": [
-            {"name": name, "labels": labels, "seed": seed, **found}
-            for (name, labels, seed), found in zip(named, scores, strict=True)
-        ],
+        "rows": [{**row, **found} for row, found in zip(named, scores, strict=True)],
         "motion": motion,
         "training": histories(box_jobs, memories),
     }

@@ -1,13 +1,13 @@
 """What moves between two views of unseen rooms, found without a label: flow on a memory beside ICP residuals."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments.cache.memory_stages import MemoryJob, train_memories
 from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, FlowJob, MovingScores, score_moving, train_flows
-from experiments.cache.origin import machines
+from experiments.cache.origin import MACHINE, machine_of, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from labeling.memory.settings.flow_settings import TrainFlowConfig
@@ -23,6 +23,8 @@ LEARN_SEED, TEST_SEED, MOVERS = 51, 52, 6
 MADE_UP, MATCHED = "flow, made-up motion", "flow, made-up motion and matching"
 SUPERVISED = "flow, supervised: true motion"
 """The same network in as many batches, from ground truth of the episodes in which things move."""
+NOT_MATCHED = (MADE_UP, SUPERVISED)
+"""Learn from known motion alone; features are not compared along the flow."""
 
 
 @dataclass(frozen=True)
@@ -93,14 +95,15 @@ def run(context: RunContext) -> dict[str, Any]:
     episodes = {name: tuple(record(pool, context)) for name, pool in pools.items()}
     learn, choose = _split(episodes["standing"])
     memories = train_memories([_memory_job(learn, choose, seed, size) for seed in context.seeds], context)
-    jobs = [
-        FlowJob(memory, learn, moving, choose, size.train, seed, name)
-        for name, moving in ((MADE_UP, ()), (MATCHED, episodes["moving"]))
-        for memory, seed in zip(memories, context.seeds, strict=True)
-    ]
     held = max(1, size.moving // 10)
-    jobs += [
-        FlowJob(memory, episodes["moving"][held:], (), episodes["moving"][:held], size.train, seed, SUPERVISED, True)
+    learnt = {
+        MADE_UP: (learn, (), choose),
+        MATCHED: (learn, episodes["moving"], choose),
+        SUPERVISED: (episodes["moving"][held:], (), episodes["moving"][:held]),
+    }
+    jobs = [
+        _flow_job(name, memory, own, moving, held_out, seed, size)
+        for name, (own, moving, held_out) in learnt.items()
         for memory, seed in zip(memories, context.seeds, strict=True)
     ]
     flows = train_flows(jobs, context)
@@ -113,10 +116,14 @@ def run(context: RunContext) -> dict[str, Any]:
             "model": MODEL,
             "train_memory": asdict(size.train_memory),
             "train": asdict(size.train),
+            "not_matched": list(NOT_MATCHED),
         },
         "pools": {name: pool_record(pool, list(episodes[name])) for name, pool in pools.items()},
         "machines": machines([*memories, *flows]),
-        "rows": [{"name": name, "seed": seed, **found} for (name, seed, _), found in zip(named, scores, strict=True)],
+        "rows": [
+            {"name": name, "seed": seed, MACHINE: None if seed is None else machine_of(method), **found}
+            for (name, seed, method), found in zip(named, scores, strict=True)
+        ],
     }
 
 
@@ -131,7 +138,7 @@ def made_up_flow(seed: int, context: RunContext) -> tuple[str, tuple[Path, ...]]
     size, pools = SIZES[context.scale], episode_pools(context.scale)
     learn, choose = _split(record(pools["standing"], context))
     (memory,) = train_memories([_memory_job(learn, choose, seed, size)], context)
-    (flow,) = train_flows([FlowJob(memory, learn, (), choose, size.train, seed, MADE_UP)], context)
+    (flow,) = train_flows([_flow_job(MADE_UP, memory, learn, (), choose, seed, size)], context)
     return flow, tuple(record(pools["test"], context))
 
 
@@ -155,3 +162,16 @@ def _split(standing: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]
 
 def _memory_job(learn: tuple[Path, ...], choose: tuple[Path, ...], seed: int, size: Size) -> MemoryJob:
     return MemoryJob(MODEL, learn, choose, size.memory, size.train_memory, seed)
+
+
+def _flow_job(
+    name: str,
+    memory: str,
+    learn: tuple[Path, ...],
+    moving: tuple[Path, ...],
+    choose: tuple[Path, ...],
+    seed: int,
+    size: Size,
+) -> FlowJob:
+    train = replace(size.train, matching=0.0) if name in NOT_MATCHED else size.train
+    return FlowJob(memory, learn, moving, choose, train, seed, name, supervised=name == SUPERVISED)

@@ -9,7 +9,7 @@ from typing import Any
 
 from experiments.cache.memory_stages import REPROJECTION, MemoryJob, ViewScores, score_views, train_memories
 from experiments.cache.object_rooms import ObjectRooms, record_object_rooms
-from experiments.cache.origin import machines
+from experiments.cache.origin import MACHINE, machine_of, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from labeling.memory.settings.memory_spec import MemorySize, Model
@@ -92,8 +92,13 @@ def run(context: RunContext) -> dict[str, Any]:
     ]
     scores = iter(score_views(wanted, context))
     rows = [
-        {"name": name, "seed": seed, "objects": {str(objects): next(scores) for objects in TESTED_ON}}
-        for name, seed, _ in methods
+        {
+            "name": name,
+            "seed": seed,
+            MACHINE: None if method == REPROJECTION else machine_of(method),
+            "objects": {str(objects): next(scores) for objects in TESTED_ON},
+        }
+        for name, seed, method in methods
     ]
     return {
         "settings": {

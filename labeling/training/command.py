@@ -1,9 +1,10 @@
-"""What the commands that train on labels have in common."""
+"""What the commands that train on labels or episodes have in common."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import tyro
 
@@ -12,6 +13,25 @@ from labeling.core.errors import UsageError
 Labels = tyro.conf.Positional[
     Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LABELS [LABELS ...]", help_behavior_hint="(required)")]
 ]
+
+Episodes = tyro.conf.Positional[
+    Annotated[tuple[Path, ...], tyro.conf.arg(metavar="EPISODES [EPISODES ...]", help_behavior_hint="(required)")]
+]
+EVERY_HELD_OUT = 10
+"""Without --val every tenth episode (of frustum PointNets: object) is held out to choose the best network by."""
+_Item = TypeVar("_Item")
+
+
+def held_out(items: Sequence[_Item]) -> tuple[list[_Item], list[_Item]]:
+    """What is learnt from, and every tenth, which is held out.
+
+    >>> held_out(range(12))
+    ([0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11], [9])
+    """
+    sides: tuple[list[_Item], list[_Item]] = [], []
+    for number, one in enumerate(items, start=1):
+        sides[number % EVERY_HELD_OUT == 0].append(one)
+    return sides
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Average precision of boxes that are found in memories of a few views."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -69,6 +70,9 @@ def instances_to_find(
         categories: that are known; others are left out.
         grid: of the memory; objects outside of it are to be ignored.
         shown_by: objects that none of these views shows are to be ignored; "any": that no view of the scene shows.
+
+    Returns:
+        Boxes; their ``image`` is the name of the episode, which others of another dataset may have, too.
     """
     found = []
     for one in labelled.objects:
@@ -80,16 +84,20 @@ def instances_to_find(
 
 
 def average_precision_of_scenes(
-    found: Sequence[tuple[str, Sequence[SceneDetection3d]]], truths: Sequence[BoxInstance]
+    found: Sequence[Sequence[SceneDetection3d]], truths: Sequence[Sequence[BoxInstance]]
 ) -> AveragePrecision:
     """AP of boxes of scenes, at an IoU of .25 and .5.
 
     Args:
-        found: name of each scene, and the boxes that were found in it.
-        truths: of all these scenes, by name.
+        found: of each scene, the boxes that were found in it.
+        truths: of each scene, in the same order, what there is to find. Scenes are told apart by their place in it.
     """
-    predictions = [BoxInstance(name, one.category, one.box, one.confidence) for name, boxes in found for one in boxes]
-    return average_precision_3d(predictions, truths)
+    predictions = [
+        BoxInstance(scene, one.category, one.box, one.confidence) for scene, boxes in enumerate(found) for one in boxes
+    ]
+    return average_precision_3d(
+        predictions, [replace(one, image=scene) for scene, boxes in enumerate(truths) for one in boxes]
+    )
 
 
 def evaluate(
@@ -105,10 +113,10 @@ def evaluate(
     found, truths = [], []
     for one in scenes:
         chosen = spread_views(one.scene.num_views, views)
-        found.append((one.scene.name, detect_in(network, one.scene, chosen, device)))
-        truths += instances_to_find(one, chosen, network.spec.categories, grid, chosen)
+        found.append(detect_in(network, one.scene, chosen, device))
+        truths.append(instances_to_find(one, chosen, network.spec.categories, grid, chosen))
     network.train(was_training)
     ap = average_precision_of_scenes(found, truths).mean
     ap25, ap50 = (ap[threshold] or 0.0 for threshold in (0.25, 0.5))
-    objects = float(sum(not one.ignore for one in truths))
+    objects = float(sum(not one.ignore for of_scene in truths for one in of_scene))
     return {"ap25": ap25, "ap50": ap50, "ap": 0.5 * (ap25 + ap50), "objects": objects}

@@ -17,6 +17,7 @@ from labeling.memory.boxes.labelled_scenes import LabelledScene
 from labeling.memory.lifting.voxel_grid import voxel_of
 from labeling.memory.networks.view_batch import Views
 from labeling.memory.settings.grid_spec import GridSpec
+from labeling.memory.view_prediction.samples import BatchDraws
 from labeling.memory.view_prediction.scenes import concatenated
 
 
@@ -83,20 +84,20 @@ class BoxSamples(Dataset):
             scenes: to learn from.
             categories: that are known.
             grid: of the memory.
-            views: that go into a memory at most.
+            views: that go into a memory at most; fewer in a batch with a scene that has fewer.
             batch_size: scenes in a batch; all of them have equally many views.
             seed: of all that is drawn.
             trust_scores: weight objects by the confidence of their labels.
         """
         self.scenes, self.categories, self.grid = scenes, tuple(categories), grid
-        self.batch_size, self.seed, self.trust_scores = batch_size, seed, trust_scores
-        self.views = min(views, *(one.scene.num_views for one in scenes))
+        self.views, self.trust_scores = views, trust_scores
+        self.draws = BatchDraws([one.scene.num_views for one in scenes], batch_size, seed)
 
     def __getitem__(self, number: int) -> BoxSample:
         """Views of one scene in any order, and what is to be found in them."""
-        count = 1 + int(np.random.default_rng([self.seed, 1, number // self.batch_size]).integers(self.views))
-        rng = np.random.default_rng([self.seed, 2, number])
-        labelled = self.scenes[int(rng.integers(len(self.scenes)))]
+        count = self.draws.count(number, min(self.views, self.draws.fewest_views(number)))
+        place, rng = self.draws.scene(number)
+        labelled = self.scenes[place]
         chosen = rng.permutation(labelled.scene.num_views)[:count].tolist()
         targets = scene_targets(labelled, chosen, self.categories, self.grid, self.trust_scores)
         return BoxSample(labelled.scene.views(chosen, chosen[0]), targets)

@@ -21,6 +21,7 @@ from labeling.memory.boxes.labelled_scenes import LabelledScene, category_names
 from labeling.memory.networks.weights import Memory, memory_digest
 from labeling.memory.settings.box_settings import BoxSpec, TrainBoxesConfig
 from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.view_prediction.scenes import joined_digest
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
 
@@ -62,7 +63,8 @@ class BoxTask(loop.TrainingTask[BoxSample, BoxNet]):
                 f"validation: none of its objects is a {' or a '.join(names)}, nothing to choose a network by"
             )
         learnt = None if isinstance(memory, MemorySpec) else memory
-        spec = BoxSpec(names, memory if isinstance(memory, MemorySpec) else memory.spec, config.views, config.around)
+        views = min(config.views, max(one.scene.num_views for one in scenes))
+        spec = BoxSpec(names, memory if isinstance(memory, MemorySpec) else memory.spec, views, config.around)
         self.config, self.validation, self.about = config, list(validation), about or {}
         self.workers, self.patience = config.workers, config.patience if validation else 0
         torch.manual_seed(config.seed)  # of weights
@@ -82,6 +84,7 @@ class BoxTask(loop.TrainingTask[BoxSample, BoxNet]):
             "train": {name: value for name, value in asdict(config).items() if name not in ("patience", "workers")},
             "scenes": [one.scene.name for one in scenes],
             "validation": [one.scene.name for one in validation],
+            "data": [joined_digest(one.digest for one in part) for part in (scenes, validation)],
         }
 
     def losses(self, batch: BoxSample, step: int) -> dict[str, Tensor]:

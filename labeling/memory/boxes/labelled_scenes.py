@@ -1,5 +1,7 @@
 """Episodes with 3-D boxes, from label sets or from ground truth, as networks are given them."""
 
+import hashlib
+import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,18 +17,18 @@ from labeling.core.rle import rle_area
 from labeling.core.types import Box3d
 from labeling.detectors3d.upright_boxes import encode_box
 from labeling.formats.checked_json import read_json
-from labeling.io.coco import CategoryTable, is_ignored, read_rle, read_size, read_valid_box_3d
+from labeling.io.coco import CategoryTable, is_ignored, read_rle, read_score, read_size, read_valid_box_3d
 from labeling.io.episodes import find_episodes, read_episode
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE
 from labeling.io.label_set import read_label_set, recording_config
 from labeling.memory.settings.grid_spec import Around
-from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.settings.memory_spec import SceneSize
 from labeling.memory.view_prediction.scenes import SmallScene, small_scene
 
 SEEN_SHARE = 0.001
 """Of a picture's pixels, from which on a view shows an object."""
-ABOVE_FLOOR_M = 0.04
-"""What lies lower above the bottom of a box is taken for the floor that it stands on."""
+ABOVE_BOTTOM_M = 0.04
+"""What lies lower above the bottom of a box is taken for what it stands on: the floor, or a table."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,16 @@ class LabelledScene:
     surface: Float[np.ndarray, "n 3"]
     """Points on the objects' surfaces that any view has seen, world, metres."""
 
+    @property
+    def digest(self) -> str:
+        """Of the views as they were recorded, and of what is said of objects, in hexadecimal."""
+        found = hashlib.sha256(self.scene.digest.encode())
+        for one in self.objects:
+            found.update(json.dumps([one.category, one.weight, one.ignore]).encode())
+            for array in (one.box.centre_m, one.box.extent_m, one.box.rotation, one.shown_by):
+                found.update(np.ascontiguousarray(array).tobytes())
+        return found.hexdigest()
+
 
 @dataclass
 class _Found:
@@ -68,13 +80,13 @@ class _Found:
 
 
 def read_labelled_scenes(
-    paths: Sequence[Path], spec: MemorySpec, around: Around = "fixated", dataset: Path | None = None
+    paths: Sequence[Path], spec: SceneSize, around: Around = "fixated", dataset: Path | None = None
 ) -> tuple[list[LabelledScene], list[str]]:
     """Reads label sets, or episodes with ground truth.
 
     Args:
         paths: folders of label sets that ``labeling.generate`` wrote, or episodes or datasets with ground truth.
-        spec: of the memory.
+        spec: of the memory, or its size.
         around: where the grid stands.
         dataset: where the recordings of a label set lie, if not where it says.
 
@@ -112,14 +124,14 @@ def category_names(scenes: Sequence[LabelledScene]) -> tuple[str, ...]:
 
 
 def labelled_scene(
-    episode: Episode, found: "Mapping[int, _Found]", spec: MemorySpec, around: Around = "fixated"
+    episode: Episode, found: "Mapping[int, _Found]", spec: SceneSize, around: Around = "fixated"
 ) -> LabelledScene:
     """One episode.
 
     Args:
         episode: the views.
         found: objects by number.
-        spec: of the memory.
+        spec: of the memory, or its size.
         around: where the grid stands.
 
     Raises:
@@ -136,7 +148,7 @@ def labelled_scene(
     return LabelledScene(scene, tuple(objects), _surface(scene, boxes, spec.grid.voxel_m))
 
 
-def true_scene(episode: Episode, spec: MemorySpec, around: Around = "fixated") -> LabelledScene:
+def true_scene(episode: Episode, spec: SceneSize, around: Around = "fixated") -> LabelledScene:
     """An episode with its ground truth; see ``labelled_scene``."""
     return labelled_scene(episode, _true_objects(episode), spec, around)
 
@@ -167,7 +179,7 @@ def _of_label_set(path: Path, dataset: Path | None) -> Iterator[tuple[Episode, d
     found: dict[int, _Found] = {}
     for record in read_json(path / BOXES_FILE).list_of("boxes"):
         number, box = record.integer("instance_id"), read_valid_box_3d(record)
-        found[number] = of_episode[record.text("episode")][number] = _Found("", box, record.number("score", 1.0))
+        found[number] = of_episode[record.text("episode")][number] = _Found("", box, read_score(record, 1.0))
     images = {one.integer("id"): one for one in modal.list_of("images")}
     for record in modal.list_of("annotations"):
         number = record.integer("instance_id") if record.has("instance_id") else -1
@@ -197,7 +209,7 @@ def _surface(scene: SmallScene, boxes: Sequence[Box3d], voxel_m: float) -> Float
         for box in boxes:
             local = (points - box.centre_m) @ box.rotation
             inside = np.all(np.abs(local) <= 0.5 * box.extent_m, axis=1)
-            kept.append(points[inside & (points[:, 2] > box.corners()[:, 2].min() + ABOVE_FLOOR_M)])
+            kept.append(points[inside & (points[:, 2] > box.corners()[:, 2].min() + ABOVE_BOTTOM_M)])
     points = np.concatenate(kept)
     _, first = np.unique(np.floor(points / (0.5 * voxel_m)).astype(np.int64), axis=0, return_index=True)
     return points[np.sort(first)]

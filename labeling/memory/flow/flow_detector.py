@@ -59,7 +59,7 @@ class MovingDetector:
         grid, grid_to_world = self.spec.memory.grid, pair.grid_to_world(0)
         groups = group_flow(flow_m, moves, before.occupied[0, 0].cpu().double().numpy(), grid)
         points, _ = points_of(pair, 0)
-        return boxes_of_groups(groups, flow_m, moves, points, grid, grid_to_world)
+        return boxes_of_groups(groups, flow_m, moves, points, grid, grid_to_world, pair.floor_in_grid_m)
 
 
 def points_of(pair: SmallScene, view: int) -> tuple[np.ndarray, np.ndarray]:

@@ -36,6 +36,11 @@ class KnownPair(Protocol):
         """Of the episode."""
         ...
 
+    @property
+    def digest(self) -> str:
+        """Of the views as they were recorded."""
+        ...
+
     def sample(self, backwards: bool = False) -> FlowSample:
         """As it is learnt from, begun from either of the views."""
         ...

@@ -21,7 +21,7 @@ from labeling.memory.networks.tower import Tower
 from labeling.memory.networks.weights import Memory, memory_digest
 from labeling.memory.settings.flow_settings import FlowSpec, TrainFlowConfig
 from labeling.memory.settings.grid_spec import GridSpec
-from labeling.memory.view_prediction.scenes import SmallScene
+from labeling.memory.view_prediction.scenes import SmallScene, joined_digest
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
 
@@ -40,7 +40,7 @@ def drawn_places(
     Args:
         truth: of the batch.
         occupied: 1 where there is a surface.
-        rng: draws voxels; half of the time of those that move, if any do.
+        rng: draws voxels; of those that move ``MOVING_SHARE`` of the time, if any do.
 
     Returns:
         Slices along z, y, x, of each scene.
@@ -111,6 +111,7 @@ class FlowTask(loop.TrainingTask[FlowSample, FlowNet]):
             "memory": memory_digest(memory),
             "train": asdict(config),
             "episodes": [[one[0].name for one in part if one] for part in (learn, moving, validation)],
+            "data": [joined_digest(one.digest for own in part for one in own) for part in (learn, moving, validation)],
             "motion": "made up" if isinstance(pairs[0], SmallScene) else "true",
         }
 

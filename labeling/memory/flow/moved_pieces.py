@@ -12,20 +12,21 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 from torch import Tensor
 
 from labeling.core.geometry import transform_points, unproject_depth
 from labeling.core.splatting import splat
 from labeling.core.views import Camera
 from labeling.generator.cloud.connected_components import label_cells
+from labeling.memory.lifting.unprojection import pixel_rays
 from labeling.memory.lifting.voxel_grid import crop, voxel_of
 from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.view_prediction.scenes import SmallScene
 
 ABOVE_FLOOR_M = 0.06
-"""Lower nothing is taken for a part of a piece; the floor lies a voxel above the bottom of the grid."""
+"""Lower nothing is taken for a part of a piece."""
 CELL_M = 0.12
 """Points in neighbouring cells of this edge hang together."""
 RADIUS_M = (0.3, 0.9)
@@ -35,7 +36,9 @@ FEWEST_POINTS = 40
 SPLAT_SIZE = 2.0
 """Pixels that a moved point covers, so that no gaps open in a piece that comes nearer."""
 BEHIND_M = 0.4
-"""What was hidden by a piece lies at least so far behind it."""
+"""What was hidden by a piece lies at least so far behind it, but never below the floor."""
+LEAST_STEP_M = 0.03
+"""How far a piece is moved at least. Steps are uniform in their logarithm, so that slow motion is learnt as well."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,8 @@ def with_moved_pieces(
         rng: draws pieces and motions.
 
     Returns:
-        The pair with another second view; and flow from the first to the second, in the grid of the first.
+        The pair with another second view, from which all pieces have been taken out before any is drawn anew; and flow
+        from the first to the second, in the grid of the first. Where no floor is known nothing is moved.
     """
     grid_to_world = pair.grid_to_world(0)
     world_to_grid = np.linalg.inv(grid_to_world)
@@ -112,9 +116,11 @@ def with_moved_pieces(
         pixels.append(flat)
     first, second = clouds
     moved, moves = first.copy(), np.zeros(len(first), bool)
-    free, rgb, depth_m = np.ones(len(second), bool), pair.rgb[1], pair.depth_m[1]
+    free = np.ones(len(second), bool)
+    taken: list[Int[np.ndarray, "_"]] = []
+    placed: list[Float[np.ndarray, "_ 3"]] = []
     for _ in range(int(rng.integers(config.pieces + 1))):
-        belongs = _piece(clouds, grid, rng)
+        belongs = _piece(clouds, pair.floor_in_grid_m, grid, rng)
         if belongs is None:
             continue
         of_first, of_second = belongs(first) & ~moves, belongs(second) & free
@@ -124,11 +130,12 @@ def with_moved_pieces(
         moved[of_first] = transform_points(motion, first[of_first])
         moves |= of_first
         free &= ~of_second
-        placed = transform_points(grid_to_world @ motion, second[of_second])
-        rgb, depth_m = _redrawn(pair, rgb, depth_m, pixels[1][of_second], placed)
-    changed = replace(
-        pair, rgb=np.stack([pair.rgb[0], rgb]), depth_m=np.stack([pair.depth_m[0], depth_m.astype(np.float32)])
-    )
+        taken.append(pixels[1][of_second])
+        placed.append(transform_points(grid_to_world @ motion, second[of_second]))
+    changed = pair
+    if taken:
+        rgb, depth_m = _redrawn(pair, np.concatenate(taken), np.concatenate(placed))
+        changed = replace(pair, rgb=np.stack([pair.rgb[0], rgb]), depth_m=np.stack([pair.depth_m[0], depth_m]))
     return changed, voxel_truth(first, moved, moves, grid)
 
 
@@ -136,7 +143,8 @@ def _motion(
     about: Float[np.ndarray, "3"], config: TrainFlowConfig, rng: np.random.Generator
 ) -> Float[np.ndarray, "4 4"]:
     """A step along the floor and a turn about the vertical through a point."""
-    heading, step_m = rng.uniform(0, 2 * np.pi), config.furthest_m * np.sqrt(rng.uniform(0.02, 1))
+    least_m = min(LEAST_STEP_M, config.furthest_m)
+    heading, step_m = rng.uniform(0, 2 * np.pi), least_m * (config.furthest_m / least_m) ** rng.uniform()
     yaw = np.radians(config.furthest_turn_deg) * rng.uniform(-1, 1)
     motion = np.eye(4)
     motion[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
@@ -145,10 +153,11 @@ def _motion(
 
 
 def _piece(
-    clouds: list[Float[np.ndarray, "_ 3"]], grid: GridSpec, rng: np.random.Generator
+    clouds: list[Float[np.ndarray, "_ 3"]], floor_m: float | None, grid: GridSpec, rng: np.random.Generator
 ) -> Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, "n"]] | None:
-    """Draws a piece: a function that tells which points belong to it; None if nothing stands on the floor."""
-    floor_m = -0.5 * grid.extent_m[2] + grid.voxel_m
+    """Draws a piece: a function that tells which points belong to it; None if nothing is known to stand on a floor."""
+    if floor_m is None:
+        return None
     half = 0.5 * np.array(grid.extent_m)
     both = np.concatenate(clouds)
     above = both[(both[:, 2] > floor_m + ABOVE_FLOOR_M) & np.all(np.abs(both) < half, axis=1)]
@@ -175,40 +184,53 @@ def _piece(
 
 
 def _redrawn(
-    pair: SmallScene,
-    rgb: UInt8[np.ndarray, "h w 3"],
-    depth_m: Float32[np.ndarray, "hd wd"],
-    taken: np.ndarray,
-    placed: Float[np.ndarray, "n 3"],
+    pair: SmallScene, taken: Int[np.ndarray, "n"], placed: Float[np.ndarray, "n 3"]
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "hd wd"]]:
     """Picture and depth of the second view with some pixels' points elsewhere.
 
     Args:
         pair: whose second view.
-        rgb: its picture so far.
-        depth_m: its depth so far.
         taken: flat indices of the depth's pixels.
         placed: where their points are now, world.
     """
-    from scipy import ndimage
-
-    height, width = depth_m.shape
-    large = cv2.resize(rgb, (width, height), interpolation=cv2.INTER_LINEAR)
+    size = pair.depth_m[1].shape
+    large = cv2.resize(pair.rgb[1], size[::-1], interpolation=cv2.INTER_LINEAR)
     colours = large.reshape(-1, 3)[taken]
-    hole = np.zeros((height, width), bool)
-    hole.flat[taken] = True
-    hole = np.asarray(ndimage.binary_dilation(hole), bool) & (depth_m > 0)
-    nearest = ndimage.distance_transform_edt(hole, return_distances=False, return_indices=True)
-    rows, columns = np.asarray(nearest)
-    # What lies around the piece is continued behind it, but never before it.
-    behind = np.maximum(depth_m[rows, columns], depth_m + BEHIND_M)
-    behind[hole & (depth_m[rows, columns] == 0)] = 0
-    depth_m, large = np.where(hole, behind, depth_m), large[rows, columns]
+    large, depth_m = _erased(pair, large, taken)
     pose, intrinsics = pair.camera_to_world[1].astype(float), pair.depth_intrinsics[1].astype(float)
     distance_m = (placed - pose[:3, 3]) @ pose[:3, 2]
-    index = splat(placed, Camera(intrinsics, pose, (height, width)), SPLAT_SIZE * distance_m / intrinsics[0, 0])
+    index = splat(placed, Camera(intrinsics, pose, size), SPLAT_SIZE * distance_m / intrinsics[0, 0])
     drawn_m = np.where(index >= 0, distance_m[index], np.inf)
     shown = drawn_m < np.where(depth_m > 0, depth_m, np.inf)
     depth_m = np.where(shown, drawn_m, depth_m).astype(np.float32)
     large = np.where(shown[..., None], colours[index], large)
-    return cv2.resize(large, rgb.shape[1::-1], interpolation=cv2.INTER_AREA), depth_m
+    return cv2.resize(large, pair.rgb.shape[2:0:-1], interpolation=cv2.INTER_AREA), depth_m
+
+
+def _erased(
+    pair: SmallScene, large: UInt8[np.ndarray, "hd wd 3"], taken: Int[np.ndarray, "n"]
+) -> tuple[UInt8[np.ndarray, "hd wd 3"], Float[np.ndarray, "hd wd"]]:
+    """Picture, of the depth's size, and depth of the second view without what some pixels show.
+
+    What lies around is continued behind it: never before it, and never below the floor.
+    """
+    from scipy import ndimage
+
+    depth_m = pair.depth_m[1].astype(float)
+    hole = np.zeros(depth_m.shape, bool)
+    hole.flat[taken] = True
+    hole = np.asarray(ndimage.binary_dilation(hole), bool) & (depth_m > 0)
+    nearest = ndimage.distance_transform_edt(hole, return_distances=False, return_indices=True)
+    rows, columns = np.asarray(nearest)
+    around_m = depth_m[rows, columns]
+    behind_m = np.minimum(np.maximum(around_m, depth_m + BEHIND_M), _floor_depth(pair))
+    behind_m[around_m == 0] = 0
+    return large[rows, columns], np.where(hole, behind_m, depth_m)
+
+
+def _floor_depth(pair: SmallScene) -> Float[np.ndarray, "hd wd"]:
+    """z-depth at which the pixels of the second view would see the floor; infinite where they look above it."""
+    pose, intrinsics = pair.camera_to_world[1].astype(float), torch.from_numpy(pair.depth_intrinsics[1].astype(float))
+    rise = pixel_rays(intrinsics[None], *pair.depth_m[1].shape)[0].numpy() @ pose[2, :3]
+    above_m = -np.inf if pair.floor_m is None else pose[2, 3] - pair.floor_m
+    return np.where((rise < 0) & (above_m > 0), above_m / np.maximum(-rise, 1e-9), np.inf)

@@ -20,6 +20,8 @@ FEWEST_VOXELS, FEWEST_POINTS = 3, 15
 """Of an object."""
 SURE_VOXELS = 6.0
 """An object of so many voxels is half as sure as one of very many whose voxels say the same."""
+ABOVE_FLOOR_M = 0.03
+"""Lower points are of the floor, not of an object on it, if enough others are left."""
 MOVING = "moving"
 """The category of what moves: what it is, nobody says."""
 
@@ -102,6 +104,7 @@ def boxes_of_groups(
     points: Float[np.ndarray, "n 3"],
     grid: GridSpec,
     grid_to_world: Float[np.ndarray, "4 4"],
+    floor_m: float | None,
 ) -> list[MovingObject]:
     """Objects of groups of voxels, the surest first.
 
@@ -112,6 +115,7 @@ def boxes_of_groups(
         points: that depth measured at the earlier time, in the frame of the grid, metres.
         grid: of the voxels.
         grid_to_world: where it stands; upright.
+        floor_m: height of the floor in the frame of the grid, metres; None if it is not known.
     """
     import torch
 
@@ -121,8 +125,7 @@ def boxes_of_groups(
     voxel = np.where(inside.numpy(), index.numpy(), -1)
     found = []
     for group in groups:
-        own = points[np.isin(voxel, group)]
-        own = _above_floor(own, grid)
+        own = _above_floor(points[np.isin(voxel, group)], floor_m)
         box = fit_box(transform_points(grid_to_world, own)) if len(own) >= FEWEST_POINTS else None
         if box is None:
             continue
@@ -132,7 +135,9 @@ def boxes_of_groups(
     return sorted(found, key=lambda one: -one.confidence)
 
 
-def _above_floor(points: Float[np.ndarray, "n 3"], grid: GridSpec) -> Float[np.ndarray, "_ 3"]:
-    """Without those of the floor, which lies a voxel above the bottom of the grid, if enough are left."""
-    high = points[points[:, 2] > -0.5 * grid.extent_m[2] + grid.voxel_m + 0.03]
+def _above_floor(points: Float[np.ndarray, "n 3"], floor_m: float | None) -> Float[np.ndarray, "_ 3"]:
+    """Without those of the floor, if it is known and enough are left."""
+    if floor_m is None:
+        return points
+    high = points[points[:, 2] > floor_m + ABOVE_FLOOR_M]
     return high if len(high) >= FEWEST_POINTS else points

@@ -10,7 +10,7 @@ from labeling.memory.flow.flow_samples import FlowSample
 from labeling.memory.flow.moved_pieces import FlowTruth
 from labeling.memory.flow.view_pairs import read_pairs, view_pairs
 from labeling.memory.settings.grid_spec import GridSpec
-from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.settings.memory_spec import SceneSize
 from labeling.memory.view_prediction.scenes import SmallScene
 
 
@@ -26,6 +26,11 @@ class TruePair:
     def name(self) -> str:
         """Of the episode."""
         return self.pair.name
+
+    @property
+    def digest(self) -> str:
+        """Of the views as they were recorded."""
+        return self.pair.digest
 
     @classmethod
     def of(cls, episode: Episode, pair: SmallScene, grid: GridSpec) -> "TruePair":
@@ -49,7 +54,7 @@ def _sparse(truth: FlowTruth) -> FlowTruth:
     return FlowTruth(truth.flow_m.to_sparse(), truth.moves.to_sparse(), truth.known.to_sparse())
 
 
-def read_true_pairs(datasets: Sequence[Path], spec: MemorySpec) -> tuple[list[list[TruePair]], list[str]]:
+def read_true_pairs(datasets: Sequence[Path], spec: SceneSize) -> tuple[list[list[TruePair]], list[str]]:
     """Pairs of views of all episodes of some datasets, with true flow; see ``read_view_pairs``.
 
     Raises:

@@ -10,8 +10,8 @@ from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.views import RgbdViews
 from labeling.io.episodes import find_episodes, read_episode
-from labeling.memory.lifting.placement import grid_centre
-from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.lifting.placement import grid_and_floor
+from labeling.memory.settings.memory_spec import SceneSize
 from labeling.memory.view_prediction.scenes import SmallScene, shrunk
 
 Pair = TypeVar("Pair")
@@ -20,13 +20,13 @@ WIDEST_TURN_DEG, FURTHEST_M = 40.0, 1.5
 """Views further apart than this, of gaze or place, are no pair: they see too little in common."""
 
 
-def view_pairs(name: str, views: RgbdViews, spec: MemorySpec) -> list[SmallScene]:
+def view_pairs(name: str, views: RgbdViews, spec: SceneSize) -> list[SmallScene]:
     """All pairs of one view and the next that see something in common.
 
     Args:
         name: of the episode.
         views: in order of time.
-        spec: of the memory. Its grid stands around the middle of what each pair has seen.
+        spec: of the memory, or its size. Its grid stands around the middle of what each pair has seen.
 
     Returns:
         Scenes of two views each; ``view_index`` says which.
@@ -44,7 +44,7 @@ def view_pairs(name: str, views: RgbdViews, spec: MemorySpec) -> list[SmallScene
         if turn_deg > WIDEST_TURN_DEG or away_m > FURTHEST_M or not (views.depth_m[both] > 0).any(axis=(1, 2)).all():
             continue
         own = RgbdViews(views.rgb[both], views.depth_m[both], views.intrinsics[both], views.camera_to_world[both])
-        pairs.append(shrunk(name, views, both, spec, grid_centre(own, spec.grid, "scene")))
+        pairs.append(shrunk(name, views, both, spec, *grid_and_floor(own, spec.grid, "scene")))
     if not pairs:
         raise EpisodeFormatError(
             f"{name}: no two of its {views.num_views} views follow each other within {WIDEST_TURN_DEG:g} degrees and "
@@ -53,12 +53,12 @@ def view_pairs(name: str, views: RgbdViews, spec: MemorySpec) -> list[SmallScene
     return pairs
 
 
-def read_view_pairs(datasets: Sequence[Path], spec: MemorySpec) -> tuple[list[list[SmallScene]], list[str]]:
+def read_view_pairs(datasets: Sequence[Path], spec: SceneSize) -> tuple[list[list[SmallScene]], list[str]]:
     """Pairs of views of all episodes of some datasets.
 
     Args:
         datasets: folders of episodes, or episodes.
-        spec: of the memory.
+        spec: of the memory, or its size.
 
     Returns:
         The pairs of each episode, and a sentence about each episode that had to be left out.

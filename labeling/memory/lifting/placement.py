@@ -8,7 +8,7 @@ from labeling.core.views import RgbdViews
 from labeling.memory.settings.grid_spec import Around, GridSpec
 
 FLOOR_QUANTILE, FLOOR_VOXELS = 0.02, 1.0
-"""Which of all heights is taken for the floor's, and how many voxels of the grid lie below it."""
+"""Which of all heights is taken for the floor's, and how many voxels of the grid lie below it (``floor_height``)."""
 POINTS_PER_VIEW = 500
 ROUNDS, TRUSTED_M = 20, 0.3
 """Of reweighting, and how near to the point an optical axis passes that counts in full."""
@@ -47,13 +47,23 @@ def seen_points(views: RgbdViews) -> Float[np.ndarray, "n 3"]:
 
 
 def grid_centre(views: RgbdViews, spec: GridSpec, around: Around = "fixated") -> Float[np.ndarray, "3"]:
-    """Where the middle of the grid stands, world, metres.
+    """Where the middle of the grid stands, world, metres; see ``grid_and_floor``."""
+    return grid_and_floor(views, spec, around)[0]
+
+
+def grid_and_floor(
+    views: RgbdViews, spec: GridSpec, around: Around = "fixated"
+) -> tuple[Float[np.ndarray, "3"], float | None]:
+    """Where the middle of the grid stands, and the height of the floor in it; world, metres.
 
     Args:
         views: of the recording.
         spec: of the grid.
         around: the point that the cameras look at, if there is one; or the median of what they have seen. In height the
             grid begins a voxel below the floor, if it then reaches the point.
+
+    Returns:
+        The middle, and the floor; None if the grid had to be placed without one (``floor_height``).
 
     Raises:
         ValueError: if there is no depth at all.
@@ -64,12 +74,32 @@ def grid_centre(views: RgbdViews, spec: GridSpec, around: Around = "fixated") ->
     centre = fixated_point(views) if around == "fixated" else None
     if centre is None:
         centre = np.median(points, axis=0)
-    near = points[np.linalg.norm(points[:, :2] - centre[:2], axis=1) < 0.5 * spec.extent_m[0]]
-    if len(near):
-        bottom = float(np.quantile(near[:, 2], FLOOR_QUANTILE)) - FLOOR_VOXELS * spec.voxel_m
-        if bottom <= centre[2] <= bottom + spec.extent_m[2]:
-            centre = np.array([centre[0], centre[1], bottom + 0.5 * spec.extent_m[2]])
-    return centre
+    floor_m = floor_height(points, centre, spec)
+    if floor_m is not None:
+        bottom = floor_m - FLOOR_VOXELS * spec.voxel_m
+        centre = np.array([centre[0], centre[1], bottom + 0.5 * spec.extent_m[2]])
+    return centre, floor_m
+
+
+def floor_height(points: Float[np.ndarray, "n 3"], centre_m: Float[np.ndarray, "3"], spec: GridSpec) -> float | None:
+    """Height of the floor around a point, world, metres.
+
+    Args:
+        points: that were measured, world.
+        centre_m: what the grid is to be placed around, world.
+        spec: of the grid.
+
+    Returns:
+        The height below which ``FLOOR_QUANTILE`` of the points above and below the grid lie. None if there are none,
+        or if a grid that begins ``FLOOR_VOXELS`` below it does not reach the point: then it is not this floor that
+        things in the grid stand on.
+    """
+    near = points[np.linalg.norm(points[:, :2] - centre_m[:2], axis=1) < 0.5 * spec.extent_m[0]]
+    if not len(near):
+        return None
+    floor_m = float(np.quantile(near[:, 2], FLOOR_QUANTILE))
+    bottom = floor_m - FLOOR_VOXELS * spec.voxel_m
+    return floor_m if bottom <= centre_m[2] <= bottom + spec.extent_m[2] else None
 
 
 def place_grid(centre_m: Float[np.ndarray, "3"], camera_to_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:

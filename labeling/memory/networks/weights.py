@@ -2,17 +2,19 @@
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from labeling.memory.networks.cn3d import Cn3d
 from labeling.memory.networks.grnn import Grnn
 from labeling.memory.networks.tower import Tower
+from labeling.memory.settings.grid_spec import Around
 from labeling.memory.settings.memory_spec import MemorySpec
-from labeling.training.weights import load_weights, read_spec, save_with_spec
+from labeling.training.weights import ABOUT_KEY, load_weights, read_spec, save_with_spec
 
 MEMORY_FILE = "memory.safetensors"
-SPEC_KEY = "memory"
+SPEC_KEY, TRAINED_BY = "memory", "labeling.train_memory"
 Memory = Grnn | Cn3d | Tower
 
 
@@ -41,11 +43,35 @@ def load_memory(path: Path) -> Memory:
     Raises:
         DetectorError: if the file is missing, damaged, or holds something else.
     """
-    file = path / MEMORY_FILE if path.is_dir() else path
-    spec = read_spec(file, SPEC_KEY, MemorySpec, "labeling.train_memory")
+    file = _file(path)
+    spec = read_spec(file, SPEC_KEY, MemorySpec, TRAINED_BY)
     network = build_memory(spec)
     load_weights(file, network, f"a memory of kind {spec.model}")
     return network.eval()
+
+
+@dataclass(frozen=True)
+class _About:
+    """What is read of where a memory comes from."""
+
+    around: Around = "fixated"
+    """Not said by the earliest runs, whose grid stood there."""
+
+
+def read_around(path: Path) -> Around:
+    """What the grid of a memory stood around when it was trained.
+
+    Args:
+        path: as for ``load_memory``.
+
+    Raises:
+        DetectorError: if the file is missing or damaged, or says something else.
+    """
+    return read_spec(_file(path), ABOUT_KEY, _About, TRAINED_BY).around
+
+
+def _file(path: Path) -> Path:
+    return path / MEMORY_FILE if path.is_dir() else path
 
 
 def memory_digest(memory: Memory) -> str:

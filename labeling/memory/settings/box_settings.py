@@ -52,7 +52,7 @@ class TrainBoxesConfig(TrainingConfig):
     validate_every: Positive[int] = 250
     """Batches between validations."""
     views: Positive[int] = 8
-    """Views that go into a memory at most; each batch has from one to so many."""
+    """Views that go into a memory at most; each batch has from one to so many, or to as many as its scenes have."""
     around: Around = "fixated"
     """Where the grid stands."""
     patience: NonNegative[int] = 8
@@ -70,9 +70,11 @@ class MemoryBoxOptions(Settings):
     scenes: Positive[int] = 2
     """Episodes in a batch."""
     views: Positive[int] = 8
-    """Views of an episode that go into the memory at most; each batch has from one to so many."""
-    around: Around = "fixated"
-    """Where the grid stands: around what the cameras look at, or around the middle of what they have seen."""
+    """Views of an episode that go into the memory at most; each batch has from one to so many, or to as many as its
+    episodes have that look at the grid."""
+    around: Around | None = None
+    """Where the grid stands: around what the cameras look at, or around the middle of what they have seen. By default
+    the former; with a run as it stood there."""
     voxels: tuple[int, int, int] = MemorySize.voxels
     """Of the grid, along x, y, z; boxes whose middle lies outside are not found. Of --memory grnn or cn3d, as all that
     follow; a run has its own."""

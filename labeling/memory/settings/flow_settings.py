@@ -48,7 +48,7 @@ class TrainFlowConfig(TrainingConfig):
     pieces: Positive[int] = 3
     """Pieces of a scene that are moved at most."""
     furthest_m: Positive[float] = 0.45
-    """How far a piece is moved at most."""
+    """How far a piece is moved at most; at least 3 cm, and by little as often as by much."""
     furthest_turn_deg: NonNegative[float] = 12.0
     """How far it is turned about the vertical at most."""
     matching: NonNegative[float] = 0.1

@@ -1,7 +1,7 @@
 """Kind and size of a memory: as a network, and as commands take it."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 from labeling.core.errors import UsageError
 from labeling.memory.settings.grid_spec import GridSpec
@@ -42,9 +42,24 @@ class MemorySpec:
             raise UsageError(f"pictures must have sides of 16 to 1024 pixels that 8 divides, not {self.size}")
 
 
+@runtime_checkable
+class SceneSize(Protocol):
+    """What views are made to fit: all that scenes need to know of a memory, whatever its kind."""
+
+    @property
+    def grid(self) -> GridSpec:
+        """Of the memory."""
+        ...
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of pictures."""
+        ...
+
+
 @dataclass(frozen=True)
 class MemorySize:
-    """Size of a memory and of what it is shown."""
+    """Size of a memory and of what it is shown; a ``SceneSize``."""
 
     voxels: tuple[int, int, int] = (32, 32, 16)
     """Of the grid, along x, y, z. 64 64 32 wants a GPU."""
@@ -65,7 +80,19 @@ class MemorySize:
         Raises:
             UsageError: if it makes no sense.
         """
+        return MemorySpec(model, self.grid, self.channels, self.planes, self.width, size=self.picture)
+
+    @property
+    def grid(self) -> GridSpec:
+        """The grid.
+
+        Raises:
+            UsageError: if it makes no sense.
+        """
         x, y, z = self.voxels
-        return MemorySpec(
-            model, GridSpec((z, y, x), self.voxel_m), self.channels, self.planes, self.width, size=self.picture
-        )
+        return GridSpec((z, y, x), self.voxel_m)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of pictures."""
+        return self.picture

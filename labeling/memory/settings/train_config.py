@@ -24,9 +24,9 @@ class TrainMemoryConfig(TrainingConfig):
     validate_every: Positive[int] = 200
     """Batches between validations."""
     inputs: Positive[int] = 4
-    """Views that go into a memory at most; each batch has from one to so many."""
+    """Views that go into a memory at most; each batch has from one to so many, or to as many as its episodes have."""
     targets: Positive[int] = 2
-    """Views that are predicted from it."""
+    """Views that are predicted from it; fewer in a batch with an episode that has too few."""
     around: Around = "fixated"
     """Where the grid stands: around what the cameras look at, or around the middle of what they have seen."""
     pixel_loss: PixelLoss = "l1"

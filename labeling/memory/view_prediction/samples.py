@@ -25,21 +25,58 @@ def split_views(num_views: int, inputs: int, targets: int, rng: np.random.Genera
     return order[:inputs], order[inputs : inputs + targets]
 
 
+class BatchDraws:
+    """Which scene each sample is of, and how many views the scenes of its batch have: functions of its number."""
+
+    def __init__(self, num_views: Sequence[int], batch_size: int, seed: int) -> None:
+        """Draws nothing yet.
+
+        Args:
+            num_views: of each scene.
+            batch_size: samples in a batch.
+            seed: of all that is drawn.
+        """
+        self.num_views, self.batch_size, self.seed = num_views, batch_size, seed
+
+    def scene(self, number: int) -> tuple[int, np.random.Generator]:
+        """The scene of a sample, and the generator that draws the rest of it."""
+        rng = np.random.default_rng([self.seed, 2, number])
+        return int(rng.integers(len(self.num_views))), rng
+
+    def fewest_views(self, number: int) -> int:
+        """Of the scenes of the batch that a sample is in."""
+        first = number // self.batch_size * self.batch_size
+        return min(self.num_views[self.scene(one)[0]] for one in range(first, first + self.batch_size))
+
+    def count(self, number: int, most: int) -> int:
+        """From one to so many, the same for all samples of a batch."""
+        return 1 + int(np.random.default_rng([self.seed, 1, number // self.batch_size]).integers(most))
+
+
 class ViewSamples(Dataset):
     """Samples to learn from: number -> ``Sample``."""
 
     def __init__(self, scenes: Sequence[SmallScene], inputs: int, targets: int, batch_size: int, seed: int) -> None:
-        self.scenes, self.batch_size, self.seed = scenes, batch_size, seed
-        fewest = min(scene.num_views for scene in scenes)
-        self.targets = min(targets, fewest - 1)
-        self.inputs = min(inputs, fewest - self.targets)
+        """Draws nothing yet.
+
+        Args:
+            scenes: to learn from.
+            inputs: views that go into a memory at most; fewer in a batch with a scene that has too few.
+            targets: views that are predicted from it; likewise.
+            batch_size: scenes in a batch; all of them have equally many views of either kind.
+            seed: of all that is drawn.
+        """
+        self.scenes, self.inputs, self.targets = scenes, inputs, targets
+        self.draws = BatchDraws([scene.num_views for scene in scenes], batch_size, seed)
 
     def __getitem__(self, number: int) -> Sample:
-        """All samples of a batch have equally many inputs."""
-        count = 1 + int(np.random.default_rng([self.seed, 1, number // self.batch_size]).integers(self.inputs))
-        rng = np.random.default_rng([self.seed, 2, number])
-        scene = self.scenes[int(rng.integers(len(self.scenes)))]
-        inputs, targets = split_views(scene.num_views, count, self.targets, rng)
+        """Views of one scene; of the targets first there are fewer where its batch has too few views."""
+        fewest = self.draws.fewest_views(number)
+        most_targets = min(self.targets, fewest - 1)
+        count = self.draws.count(number, min(self.inputs, fewest - most_targets))
+        place, rng = self.draws.scene(number)
+        scene = self.scenes[place]
+        inputs, targets = split_views(scene.num_views, count, most_targets, rng)
         return Sample(scene.views(inputs, inputs[0]), scene.views(targets, inputs[0]))
 
 

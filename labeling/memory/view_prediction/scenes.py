@@ -1,6 +1,7 @@
 """Episodes as networks are given them: small pictures, depth and poses, around the place where the grid stands."""
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +14,10 @@ from labeling.core.errors import EpisodeFormatError
 from labeling.core.geometry import invert_rigid, project
 from labeling.core.views import RgbdViews
 from labeling.io.episodes import find_episodes, read_episode
-from labeling.memory.lifting.placement import grid_centre, place_grid
+from labeling.memory.lifting.placement import grid_and_floor, place_grid
 from labeling.memory.networks.view_batch import Views
 from labeling.memory.settings.grid_spec import Around
-from labeling.memory.settings.memory_spec import MemorySpec
+from labeling.memory.settings.memory_spec import SceneSize
 
 DEPTH_FACTOR = 2
 """Depth is kept at this multiple of the pictures' size, so that voxels nearby are filled without holes."""
@@ -36,13 +37,22 @@ class SmallScene:
     camera_to_world: Float[np.ndarray, "v 4 4"]
     centre_m: Float[np.ndarray, "3"]
     """Middle of the grid, world."""
+    floor_m: float | None
+    """Height of the floor, world; None if the grid was placed without one (``floor_height``)."""
     view_index: tuple[int, ...]
     """Of each view, in the episode."""
+    digest: str
+    """Of the views as they were recorded, in hexadecimal."""
 
     @property
     def num_views(self) -> int:
         """How many views there are."""
         return len(self.rgb)
+
+    @property
+    def floor_in_grid_m(self) -> float | None:
+        """Height of the floor in the frame of the grid."""
+        return None if self.floor_m is None else self.floor_m - float(self.centre_m[2])
 
     def grid_to_world(self, first: int) -> Float[np.ndarray, "4 4"]:
         """Where the grid stands if view ``first`` is the first that goes into the memory."""
@@ -59,7 +69,9 @@ class SmallScene:
             self.depth_intrinsics[kept],
             self.camera_to_world[kept],
             self.centre_m,
+            self.floor_m,
             tuple(self.view_index[view] for view in kept),
+            self.digest,
         )
 
     def views(self, chosen: Sequence[int], first: int) -> Views:
@@ -81,20 +93,20 @@ def _float(array: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(array, np.float32))[None]
 
 
-def small_scene(name: str, views: RgbdViews, spec: MemorySpec, around: Around = "fixated") -> SmallScene:
+def small_scene(name: str, views: RgbdViews, spec: SceneSize, around: Around = "fixated") -> SmallScene:
     """Makes views small, and leaves out those that do not have the middle of the grid in the picture.
 
     Args:
         name: of the episode.
         views: of any size.
-        spec: of the network.
+        spec: of the network, or its size.
         around: where the grid stands.
 
     Raises:
         EpisodeFormatError: if fewer than ``MIN_VIEWS`` views look at the grid, or there is no depth.
     """
     try:
-        centre = grid_centre(views, spec.grid, around)
+        centre, floor_m = grid_and_floor(views, spec.grid, around)
     except ValueError as error:
         raise EpisodeFormatError(f"{name}: {error}, so that it cannot be remembered in 3-D") from None
     looking = [view for view in range(views.num_views) if _looks_at(views, view, centre)]
@@ -103,11 +115,16 @@ def small_scene(name: str, views: RgbdViews, spec: MemorySpec, around: Around = 
             f"{name}: {len(looking)} of its {views.num_views} views look at the middle of the grid, fewer than the "
             f"{MIN_VIEWS} that it takes"
         )
-    return shrunk(name, views, looking, spec, centre)
+    return shrunk(name, views, looking, spec, centre, floor_m)
 
 
 def shrunk(
-    name: str, views: RgbdViews, chosen: Sequence[int], spec: MemorySpec, centre_m: Float[np.ndarray, "3"]
+    name: str,
+    views: RgbdViews,
+    chosen: Sequence[int],
+    spec: SceneSize,
+    centre_m: Float[np.ndarray, "3"],
+    floor_m: float | None,
 ) -> SmallScene:
     """Some views, made small.
 
@@ -115,8 +132,9 @@ def shrunk(
         name: of the episode.
         views: of any size.
         chosen: which of them.
-        spec: of the network.
+        spec: of the network, or its size.
         centre_m: middle of the grid, world.
+        floor_m: height of the floor, world, if it is known.
     """
     chosen = list(chosen)
     height, width = spec.size
@@ -132,7 +150,23 @@ def shrunk(
         of_depth[:, axis, axis] /= scale
         of_depth[:, axis, 2] = (of_depth[:, axis, 2] - offset) / scale
     poses = views.camera_to_world[chosen]
-    return SmallScene(name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, tuple(chosen))
+    return SmallScene(
+        name, rgb, depth_m, intrinsics, of_depth, poses, centre_m, floor_m, tuple(chosen), _digest(views, chosen)
+    )
+
+
+def _digest(views: RgbdViews, chosen: Sequence[int]) -> str:
+    """Changes with any pixel, depth or pose of some views; the same on every machine."""
+    found = hashlib.sha256()
+    for view in chosen:
+        for array in (views.rgb, views.depth_m, views.intrinsics, views.camera_to_world):
+            found.update(np.ascontiguousarray(array[view]).tobytes())
+    return found.hexdigest()
+
+
+def joined_digest(digests: Iterable[str]) -> str:
+    """One digest of several, in their order."""
+    return hashlib.sha256("\n".join(digests).encode()).hexdigest()
 
 
 def _looks_at(views: RgbdViews, view: int, point: Float[np.ndarray, "3"]) -> bool:
@@ -149,7 +183,7 @@ def _strides(before: int, after: int) -> tuple[np.ndarray, float, float]:
 
 
 def read_scenes(
-    datasets: Sequence[Path], spec: MemorySpec, around: Around = "fixated"
+    datasets: Sequence[Path], spec: SceneSize, around: Around = "fixated"
 ) -> tuple[list[SmallScene], list[str]]:
     """Reads all episodes of some datasets.
 

@@ -17,7 +17,7 @@ from labeling.memory.view_prediction.contrast import contrast_losses
 from labeling.memory.view_prediction.evaluation import evaluate
 from labeling.memory.view_prediction.losses import pixel_loss
 from labeling.memory.view_prediction.samples import Sample, ViewSamples, collate
-from labeling.memory.view_prediction.scenes import SmallScene
+from labeling.memory.view_prediction.scenes import SmallScene, joined_digest
 from labeling.training import loop
 from labeling.training.checkpoint import Progress
 
@@ -66,6 +66,7 @@ class MemoryTask(loop.TrainingTask[Sample, Memory]):
             "train": asdict(config),
             "scenes": [one.name for one in scenes],
             "validation": [one.name for one in self.validation],
+            "data": [joined_digest(one.digest for one in part) for part in (scenes, self.validation)],
         }
 
     def losses(self, batch: Sample, step: int) -> dict[str, Tensor]:

@@ -4,6 +4,8 @@ import json
 from datetime import UTC, datetime
 from pathlib import Path
 
+import torch
+
 from experiments.cache.origin import (
     DECIDES,
     ENTRANCES,
@@ -11,10 +13,15 @@ from experiments.cache.origin import (
     GENERATOR,
     MADE_ON,
     label_generator_digest,
+    machine_of,
     machines,
     origin,
+    training_machine,
 )
+from labeling.cluster.cluster_config import HERE, ClusterConfig
+from labeling.detectors.registry import choose_device
 from labeling.runtime.code_digest import ROOT, reached_code
+from labeling.training.loop import device_name
 from sbm_gym.assets.catalog.same_libraries import library_digests
 
 
@@ -46,3 +53,10 @@ def test_results_say_once_on_what_networks_were_trained(tmp_path: Path) -> None:
         about = {"machine": {"device": device, "torch": "2.0"}}
         (tmp_path / name / "train.json").write_text(json.dumps(about))
     assert machines(str(tmp_path / name) for name in devices) == ["cpu (PyTorch 2.0)", "some GPU (PyTorch 2.0)"]
+    assert machine_of(str(tmp_path / "b")) == "some GPU (PyTorch 2.0)"
+
+
+def test_the_machine_of_new_runs_is_known_before_they_are_trained() -> None:
+    device = device_name(torch.device(choose_device()))
+    assert training_machine(HERE) == f"{device} (PyTorch {torch.__version__})"
+    assert training_machine(ClusterConfig("ray://there:10001")) == "ray://there:10001"

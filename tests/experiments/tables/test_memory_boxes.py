@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import experiments.cache.episode_pool
+from experiments.cache import memory_box_stages, memory_stages, moving_stages
 from experiments.cache.egomotion import METHODS
 from experiments.cache.memory_box_stages import SceneScores, score_scenes
 from experiments.cache.object_rooms import ObjectRooms, record_boxed_rooms, record_object_rooms
@@ -23,8 +24,10 @@ from labeling.memory.boxes.box_detector import save_box_net
 from labeling.memory.boxes.box_net import BoxNet, BoxOutput
 from labeling.memory.boxes.box_samples import scene_targets
 from labeling.memory.boxes.labelled_scenes import true_scene
-from labeling.memory.settings.box_settings import BoxSpec
+from labeling.memory.settings.box_settings import BoxSpec, TrainBoxesConfig
+from labeling.memory.settings.flow_settings import TrainFlowConfig
 from labeling.memory.settings.memory_spec import MemorySize
+from labeling.memory.settings.train_config import TrainMemoryConfig
 from labeling.training.config import WEIGHTS_FILE
 
 from ...labeling.detectors3d.boxed_rooms import SIDES, boxed_room
@@ -136,6 +139,47 @@ def test_the_page_says_what_was_found_by_views_and_by_labels():
     assert "By the number of views" not in page(None, labels)
 
 
+def test_rooms_are_labelled_by_seed_alone_and_more_of_them_with_a_larger_share():
+    rooms = [Path(f"{number:04d}") for number in range(150)]
+    few, more = (label_fraction.drawn_rooms(rooms, share, 0) for share in (0.05, 0.25))
+    assert (len(few), len(more)) == (8, 38)
+    assert set(few) < set(more)
+    assert few == label_fraction.drawn_rooms(rooms, 0.05, 0)
+    assert len({label_fraction.drawn_rooms(rooms, 0.05, seed) for seed in range(4)}) == 4
+    assert label_fraction.drawn_rooms(rooms, 1.0, 3) == tuple(rooms)
+
+
+def test_the_page_says_which_rooms_are_labelled():
+    _, labels = made_up()
+    assert "of 150 rooms the first so many have boxes" in page(None, labels)
+    labels["settings"]["drawn_by_seed"] = True
+    assert "of 150 rooms so many, drawn anew for every seed, have boxes" in page(None, labels)
+
+
+def test_networks_of_another_machine_are_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Arms of one table are trained on one machine."""
+    context, stages = RunContext("smoke", (0,), 1, tmp_path), (memory_stages, memory_box_stages, moving_stages)
+    episode = tmp_path / "rooms" / "0000"
+    episode.mkdir(parents=True)
+    memory = memory_stages.MemoryJob("grnn", (episode,), (), SIZE, TrainMemoryConfig(), 0)
+    boxes = memory_box_stages.BoxJob("grnn", (episode,), (), SIZE, TrainBoxesConfig(), 0, "title")
+    flow = moving_stages.FlowJob("run", (episode,), (), (), TrainFlowConfig(), 0, "title")
+    found = []
+    for machine in ("cpu", "some GPU", "cpu"):
+        for stage in stages:
+            monkeypatch.setattr(stage, "training_machine", lambda where, name=machine: name)
+            monkeypatch.setattr(stage, "cached", lambda *_, **__: [])
+        found.append(
+            (
+                *memory_stages.train_memories([memory], context),
+                *memory_box_stages.train_box_nets([boxes], context),
+                *moving_stages.train_flows([flow], context),
+            )
+        )
+    assert found[0] == found[2]
+    assert not set(found[0]) & set(found[1])
+
+
 @pytest.fixture
 def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rooms with plain boxes in place of recorded worlds."""
@@ -162,6 +206,7 @@ def test_boxes_by_views_are_made_from_labels_to_page(boxed_rooms: None, tmp_path
         (name, labels) for name in memory_boxes.LOOKS.values() for labels in memory_boxes.LABELS
     ]
     for row in content["rows"]:
+        assert [row["machine"]] == content["machines"]
         assert set(row["inputs"]) == {"1", "2"}
         assert row["inputs"]["2"]["all"] == row["inputs"]["2"]["shown"]
         assert row["inputs"]["1"]["all"]["objects"] >= row["inputs"]["1"]["shown"]["objects"] > 0
@@ -185,6 +230,7 @@ def test_boxes_by_labels_are_made_from_rooms_to_page(tmp_path: Path):
         for beginning in (label_fraction.SCRATCH, after)
         for labelled in (1, 3)
     ]
+    assert all([row["machine"]] == content["machines"] for row in content["rows"])
     assert all(row["scenes"] == 2 and row["inputs"]["2"]["shown"]["objects"] > 0 for row in content["rows"])
     assert (tmp_path / "docs" / "pictures" / "label_fraction.png").stat().st_size > 1000
     assert "From 2 views" in (tmp_path / "docs" / "memory-boxes.md").read_text()

@@ -12,7 +12,7 @@ import experiments.cache.episode_pool
 import labeling.memory.flow.flow_detector
 from experiments import box_pictures
 from experiments.cache.icp_residuals import IcpSettings, icp_residuals
-from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, MovingScores, score_moving
+from experiments.cache.moving_stages import CLUSTERS, RESIDUALS, FlowJob, MovingScores, score_moving
 from experiments.cache.stages import RunContext
 from experiments.pages.memory.moving_objects import page
 from experiments.run import main
@@ -55,12 +55,13 @@ class Oracle:
     """Says what is true of every pair."""
 
     def __init__(self, folder: Path) -> None:
-        self.episode, self.grid = read_episode(folder), SIZE.spec("cn3d").grid
+        self.episode, self.grid, self.asked = read_episode(folder), SIZE.grid, 0
 
-    def find_in(self, pair) -> list[MovingObject]:
+    def objects(self, pair, output: FlowOutput, before: Remembered) -> list[MovingObject]:
         return [MovingObject(one.box, np.zeros(3), 0.9) for one in moving_truths(self.episode, pair, self.grid)]
 
     def flow(self, pair) -> tuple[FlowOutput, Remembered]:
+        self.asked += 1
         truth = true_flow(self.episode, pair, self.grid)
         nothing = torch.zeros(1, 1, *self.grid.shape)
         known = Remembered(nothing, truth.known, nothing, nothing.expand(-1, 2, -1, -1, -1))
@@ -70,10 +71,12 @@ class Oracle:
 def test_who_knows_everything_scores_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = tmp_path / "rooms" / "0000"
     write_episode(folder, moving_episode())
-    monkeypatch.setattr(labeling.memory.flow.flow_detector, "load_moving_detector", lambda path: Oracle(folder))
+    oracle = Oracle(folder)
+    monkeypatch.setattr(labeling.memory.flow.flow_detector, "load_moving_detector", lambda path: oracle)
     jobs = [MovingScores(method, (folder,), SIZE) for method in ("run", RESIDUALS, CLUSTERS)]
     known, residuals, clusters = score_moving(jobs, RunContext("smoke", (0,), 1, tmp_path / "cache"))
     assert (known["pairs"], known["objects"], known["boxes"]) == (1, 1, 1)
+    assert oracle.asked == 1  # of every pair once
     assert known["ap25"] == known["ap50"] == known["bev25"] == known["bev50"] == 1
     assert known["moving_m"] == known["standing_m"] == 0
     assert known["zero_m"] == pytest.approx(np.hypot(0.25, 0.1), abs=1e-3)
@@ -102,10 +105,52 @@ def test_the_page_says_what_was_found():
     pools = {name: {"episodes": 7, "moving": 6} for name in ("standing", "moving", "test")}
     about = {"scale": "smoke", "seeds": [0, 1], "machines": ["cpu (PyTorch 2.0)"], "settings": {"model": "cn3d"}}
     text = page({**about, "pools": pools, "rows": rows})
+    assert "by all of these networks" in text
+    about["settings"]["not_matched"] = ["flow"]  # type: ignore[index]
+    assert 'compared along the flow with "matching" alone' in page({**about, "pools": pools, "rows": rows})
     assert "| ICP residuals | 10.0 | 5.0 | 20.0 | 10.0 | 0.5 |" in text
     assert "| flow | 35.0 ± 7.1 |" in text
     assert "| flow | 5.0 ± 0.0 | 5.0 ± 0.0 | 5.0 ± 0.0 |" in text
     assert "0.05 m and more (5)" in text
+
+
+def test_only_the_method_called_so_matches_features(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    jobs: list[FlowJob] = []
+
+    def train_flows(some: list[FlowJob], context: RunContext) -> list[str]:
+        jobs.extend(some)
+        return [one.title for one in some]
+
+    def record(pool, context):
+        return [Path(pool.name, f"{number:04d}") for number in range(pool.episodes)]
+
+    monkeypatch.setattr(experiments.cache.episode_pool, "record", record)
+    monkeypatch.setattr(experiments.cache.episode_pool, "pool_record", lambda *_: {})
+    for name, made in {
+        "train_memories": lambda some, context: ["memory"] * len(some),
+        "train_flows": train_flows,
+        "score_moving": lambda some, context: [{} for _ in some],
+        "machines": sorted,
+        "machine_of": lambda run: f"machine of {run}",
+    }.items():
+        monkeypatch.setattr(moving_objects, name, made)
+    content = moving_objects.run(RunContext("smoke", (0, 1), 1, tmp_path))
+    weights = {one.title: (one.train.matching, len(one.moving), one.supervised) for one in jobs}
+    assert weights == {
+        moving_objects.MADE_UP: (0.0, 0, False),
+        moving_objects.MATCHED: (0.1, 2, False),
+        moving_objects.SUPERVISED: (0.0, 0, True),
+    }
+    machines = [(row["name"], row["machine"]) for row in content["rows"]]
+    assert machines[:3] == [
+        (RESIDUALS, None),
+        (CLUSTERS, None),
+        *[(moving_objects.MADE_UP, f"machine of {moving_objects.MADE_UP}")],
+    ]
+    made_up = jobs[0]
+    jobs.clear()
+    moving_objects.made_up_flow(0, RunContext("smoke", (0,), 1, tmp_path))
+    assert jobs == [made_up]  # the picture is of the network of the table
 
 
 @pytest.mark.nightly

@@ -114,6 +114,7 @@ def test_the_table_is_made_from_recording_to_page(tmp_path: Path, capsys):
     assert [row["name"] for row in content["rows"]] == ["depth reprojection", "GRNN", "C-N3D", "2-D tower"]
     device = device_name(torch.device(choose_device()))
     assert content["machines"] == [f"{device} (PyTorch {torch.__version__})"]
+    assert [row["machine"] for row in content["rows"]] == [None, *3 * content["machines"]]
     for row in content["rows"]:
         for objects in ("2", "4"):
             assert set(row["objects"][objects]) == {"1", "2"}

@@ -21,7 +21,7 @@ from labeling.memory.boxes.box_detector import SPEC_KEY, load_box_net, load_memo
 from labeling.memory.boxes.box_net import BoxNet
 from labeling.memory.boxes.box_training import BoxTask
 from labeling.memory.boxes.labelled_scenes import read_labelled_scenes
-from labeling.memory.networks.weights import load_memory
+from labeling.memory.networks.weights import MEMORY_FILE, build_memory, load_memory, save_memory
 from labeling.memory.settings.box_settings import BoxSpec
 from labeling.training.config import WEIGHTS_FILE
 from labeling.training.weights import save_weights
@@ -154,6 +154,22 @@ def test_training_begins_with_a_memory_that_has_learnt(recorded, tmp_path, capsy
     assert f"--channels is for a new memory; {learnt} has its own" in refused(
         capsys, train3d.main, recorded, "--memory", learnt, "--out", tmp_path / "other", *QUICK, "--channels", "8"
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("around", ["fixated", "scene"])
+def test_the_grid_stands_as_it_stood_when_the_memory_learnt(recorded, tmp_path, capsys, around):
+    memory, out = tmp_path / MEMORY_FILE, tmp_path / "run"
+    save_memory(memory, build_memory(TINY), {"around": around})
+    command = [str(recorded), "--memory", str(memory), *QUICK, "--iterations", "1", "--validate-every", "1"]
+    assert train3d.main([*command, "--out", str(out)]) == 0
+    assert load_box_net(out / WEIGHTS_FILE).spec.around == around
+    other = {"fixated": "scene", "scene": "fixated"}[around]
+    capsys.readouterr()
+    assert f"--around {other} contradicts {memory}, which has learnt with --around {around}" in refused(
+        capsys, train3d.main, *command, "--around", other, "--out", tmp_path / "other"
+    )
+    assert train3d.main([*command, "--around", around, "--out", str(out)]) == 0
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Boxes in a memory: targets, losses, decoding, the network, against independent oracles."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labeling.core.box_overlap import box_iou_3d
+from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.types import Box3d
+from labeling.detectors3d.several_views import SceneDetection3d
 from labeling.detectors3d.upright_boxes import encode_box
+from labeling.io.episodes import box_3d_record, write_episode
+from labeling.io.file_names import BOXES_FILE, MODAL_FILE
+from labeling.memory.boxes import box_evaluation
 from labeling.memory.boxes.box_decoding import find_boxes, in_world, peaks
 from labeling.memory.boxes.box_detector import load_box_net
 from labeling.memory.boxes.box_evaluation import evaluate, inside_grid, instances_to_find, spread_views
@@ -19,7 +25,7 @@ from labeling.memory.boxes.box_net import BoxHead, BoxOutput
 from labeling.memory.boxes.box_samples import BoxSamples, collate, filled_voxels, scene_targets
 from labeling.memory.boxes.box_targets import BoxTargets, GridBox, box_targets, other_name
 from labeling.memory.boxes.box_training import BoxTask
-from labeling.memory.boxes.labelled_scenes import true_scene
+from labeling.memory.boxes.labelled_scenes import LabelledScene, read_labelled_scenes, true_scene
 from labeling.memory.networks.scene_memory import SceneMemory
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.grid_spec import GridSpec
@@ -262,6 +268,24 @@ def test_samples_are_functions_of_their_number():
     assert batch.targets.heat.shape == (2, 2, 16, 16)
 
 
+def test_a_short_episode_takes_views_from_its_own_batches_only():
+    long, short = true_scene(boxed_room(1, 12), TINY), true_scene(boxed_room(2, 3), TINY)
+    assert short.scene.num_views == 3
+    alone, both = (BoxSamples(rooms, ["crate"], TINY.grid, 8, 2, seed=3) for rooms in ([long] * 2, [long, short]))
+    counts: dict[bool, set[int]] = {True: set(), False: set()}
+    for number in range(0, 120, 2):
+        first, second = (both[one].views.rgb.shape[1] for one in (number, number + 1))
+        assert first == second
+        of_short = any(both.draws.scene(one)[0] == 1 for one in (number, number + 1))
+        counts[of_short].add(first)
+        if not of_short:
+            assert torch.equal(both[number].views.rgb, alone[number].views.rgb)
+    assert counts[True] == {1, 2, 3}
+    assert max(counts[False]) == 8
+    task = BoxTask(TINY, [long, short], [], TrainBoxesConfig(views=20, iterations=1))
+    assert task.network.spec.views == long.scene.num_views  # what it says that it was trained with
+
+
 @given(st.integers(1, 40), st.integers(1, 10))
 def test_views_are_spread_over_all_of_them(num_views, count):
     found = spread_views(num_views, count)
@@ -270,6 +294,46 @@ def test_views_are_spread_over_all_of_them(num_views, count):
     assert found[0] == 0
     gaps = np.diff([*found, num_views])
     assert gaps.max() - gaps.min() <= 1
+
+
+def test_rooms_of_one_name_are_told_apart(monkeypatch):
+    """Episodes of two datasets may both be called 0009."""
+    rooms = [true_scene(replace(boxed_room(seed), name="0009"), TINY) for seed in (1, 2)]
+    said_of: dict[int, LabelledScene] = {}
+
+    def says(network, scene, chosen, device="cpu"):
+        return [SceneDetection3d((0,), one.category, 0.9, one.box) for one in said_of[id(scene)].objects]
+
+    monkeypatch.setattr(box_evaluation, "detect_in", says)
+    task = BoxTask(TINY, rooms, [], TrainBoxesConfig(iterations=1))
+    found = []
+    for order in (rooms, rooms[::-1]):
+        said_of = {id(one.scene): other for one, other in zip(rooms, order, strict=True)}
+        found.append(evaluate(task.network, rooms, 6)["ap50"])
+    assert found[0] == 1
+    assert found[1] < 0.5
+
+
+def test_a_run_does_not_go_on_from_one_with_other_labels_of_the_same_episodes(tmp_path):
+    room = true_scene(boxed_room(1), TINY)
+    doubted = replace(room, objects=tuple(replace(one, weight=0.5) for one in room.objects))
+    config = TrainBoxesConfig(iterations=1, validate_every=1, views=2)
+    train(BoxTask(TINY, [room], [], config), tmp_path, say=lambda line: None)
+    with pytest.raises(UsageError, match="holds a run with other data or settings"):
+        train(BoxTask(TINY, [doubted], [], config), tmp_path, say=lambda line: None)
+
+
+def test_scores_of_boxes_outside_of_0_to_1_are_refused(tmp_path):
+    room, labels = boxed_room(1), tmp_path / "labels"
+    write_episode(tmp_path / "episodes" / room.name, room)
+    labels.mkdir()
+    image = {"id": 1, "width": 128, "height": 96, "episode": room.name, "view": 0, "file_name": "rgb/000.png"}
+    modal = {"images": [image], "annotations": [], "categories": [{"id": 1, "name": "crate"}]}
+    (labels / MODAL_FILE).write_text(json.dumps(modal))
+    record = {"instance_id": 1, "episode": room.name, "score": 7.0, **box_3d_record(upright(0, 0, (1, 1, 1), 0))}
+    (labels / BOXES_FILE).write_text(json.dumps({"boxes": [record]}))
+    with pytest.raises(EpisodeFormatError, match=r"a score lies in \[0, 1\], not 7"):
+        read_labelled_scenes([labels], TINY, dataset=tmp_path / "episodes")
 
 
 def test_a_box_is_inside_of_the_grid_if_its_middle_is():

@@ -1,5 +1,6 @@
 """Flow on volumes: warps and their inverses, shifts that are found again, made-up motion, what moves as boxes."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from labeling.memory.flow.correlation_flow import correlation_flow, matched, shi
 from labeling.memory.flow.flow_evaluation import endpoint_errors, moving_truths, true_flow
 from labeling.memory.flow.flow_losses import flow_losses, matching_loss
 from labeling.memory.flow.flow_net import FlowHead, FlowOutput, Remembered
+from labeling.memory.flow.flow_training import FlowTask
 from labeling.memory.flow.moved_pieces import FlowTruth, voxel_truth, with_moved_pieces
 from labeling.memory.flow.moving_objects import boxes_of_groups, group_flow
 from labeling.memory.flow.seen_through import compare_points, seen_through
@@ -22,6 +24,7 @@ from labeling.memory.flow.true_pairs import TruePair
 from labeling.memory.flow.view_pairs import view_pairs
 from labeling.memory.flow.warping import warp_back
 from labeling.memory.lifting.voxel_grid import voxel_centres
+from labeling.memory.networks.weights import build_memory
 from labeling.memory.settings.flow_settings import FlowSpec, TrainFlowConfig
 from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.settings.memory_spec import MemorySpec
@@ -302,7 +305,7 @@ def test_flow_that_is_true_is_grouped_into_boxes_of_what_moves():
     groups = group_flow(flow, moves, truth.known[0, 0].double().numpy(), grid)
     from labeling.memory.flow.flow_detector import points_of
 
-    (found,) = boxes_of_groups(groups, flow, moves, points_of(pair, 0)[0], grid, grid_to_world)
+    (found,) = boxes_of_groups(groups, flow, moves, points_of(pair, 0)[0], grid, grid_to_world, pair.floor_in_grid_m)
     assert box_iou_3d(found.box, box_of(BOX)) > 0.4  # a view shows two sides and the top of it
     assert np.allclose(found.displacement_m, [0.25, 0.1, 0.0], atol=1e-3)
     assert 0 < found.confidence <= 1
@@ -360,3 +363,12 @@ def test_the_flow_of_a_voxel_is_the_mean_of_its_points_that_move():
 def test_specs_that_make_no_sense_are_refused(spec, message):
     with pytest.raises(UsageError, match=message):
         spec()
+
+
+def test_runs_on_other_episodes_of_the_same_names_are_told_apart():
+    memory, config = build_memory(MEMORY), TrainFlowConfig(iterations=1, width=8)
+    known = [view_pairs(one.name, one, MEMORY) for one in (moving_episode(), moving_episode((0.2, 0.0)))]
+    one, other = [known[0]], [known[1]]
+    parts = [(one, [], []), (other, [], []), (one, other, []), (one, [], other), (one, [], [])]
+    tasks = [FlowTask(memory, learn, moving, held, config) for learn, moving, held in parts]
+    assert len({json.dumps(task.identity["data"]) for task in tasks}) == 4

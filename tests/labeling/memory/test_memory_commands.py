@@ -3,7 +3,7 @@
 import json
 import os
 import signal
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -12,11 +12,14 @@ import pytest
 import torch
 
 from labeling import imagine, train_memory
+from labeling.core.detector import DetectorError
 from labeling.io.episodes import write_episode
-from labeling.memory.networks.weights import load_memory
+from labeling.memory.networks.weights import MEMORY_FILE, SPEC_KEY, build_memory, load_memory, read_around, save_memory
 from labeling.memory.view_prediction.training import MemoryTask
+from labeling.training.weights import ABOUT_KEY, save_weights
 
 from .orbits import orbit_episode, ring
+from .test_networks import TINY
 
 QUICK = (
     "--voxels", "16", "16", "8", "--voxel-m", "0.32", "--channels", "8", "--planes", "8", "--width", "8",
@@ -145,3 +148,38 @@ def test_episodes_without_depth_are_left_out_with_a_note(episodes, tmp_path, cap
     said = capsys.readouterr().out
     assert "note: left out blind: no view has any depth" in said
     assert "1 episodes to learn from" in said or "1 episode to learn from" in said
+
+
+def written(folder: Path, about: str) -> Path:
+    """A run of random weights whose header says this of where they come from."""
+    folder.mkdir()
+    header = {SPEC_KEY: json.dumps(asdict(TINY)), ABOUT_KEY: about}
+    save_weights(folder / MEMORY_FILE, build_memory(TINY), header)
+    return folder
+
+
+def test_where_the_grid_stood_is_read_from_a_run_or_its_file_and_refused_if_malformed(tmp_path):
+    run = written(tmp_path / "run", '{"around": "scene", "episodes": "some"}')
+    assert read_around(run) == read_around(run / MEMORY_FILE) == "scene"
+    save_memory(run / MEMORY_FILE, build_memory(TINY), {})
+    assert read_around(run) == "fixated"
+    for number, about in enumerate(("{", "[]", '{"around": "moon"}', '{"around": 3}')):
+        with pytest.raises(DetectorError, match="the description of its network is damaged"):
+            read_around(written(tmp_path / str(number), about))
+    with pytest.raises(DetectorError, match=r"give the folder of a labeling\.train_memory run"):
+        read_around(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_file_of_weights_is_imagined_from_as_its_run_and_a_malformed_header_refused(episodes, tmp_path, capsys):
+    run, one = written(tmp_path / "run", '{"around": "scene"}'), episodes / "toys_1"
+    options = ("--device", "cpu", "--views", "1")
+    pictures = []
+    for place in (run, run / MEMORY_FILE):
+        out = tmp_path / f"out_{place.name}"
+        assert imagine.main([str(place), str(one), "--out", str(out), *options]) == 0
+        pictures.append((out / "toys_1_views.png").read_bytes())
+    assert pictures[0] == pictures[1]
+    for number, about in enumerate(("{", "[]", '{"around": "moon"}')):
+        bad = written(tmp_path / str(number), about)
+        assert "is damaged" in refused(capsys, imagine.main, bad, one, "--out", tmp_path / "none", *options)

@@ -152,6 +152,16 @@ def test_samples_are_functions_of_their_number():
     assert counts == {1, 2, 3}
 
 
+def test_a_short_episode_takes_views_from_its_own_batches_only():
+    data = ViewSamples([scene(1, 9), scene(2, 3)], 6, 2, 2, seed=5)
+    shapes: dict[bool, set[tuple[int, int]]] = {True: set(), False: set()}
+    for number in range(0, 200, 2):
+        batch = collate([data[number], data[number + 1]])
+        of_short = any(data.draws.scene(one)[0] == 1 for one in (number, number + 1))
+        shapes[of_short].add((batch.inputs.rgb.shape[1], batch.targets.rgb.shape[1]))
+    assert shapes == {True: {(1, 2)}, False: {(inputs, 2) for inputs in range(1, 7)}}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["grnn", "cn3d", "tower"])
 def test_a_run_that_goes_on_ends_like_one_that_never_stopped(tmp_path, model):
@@ -179,6 +189,29 @@ def test_a_run_that_goes_on_ends_like_one_that_never_stopped(tmp_path, model):
         whole.network.state_dict().items(), resumed.network.state_dict().values(), strict=True
     ):
         assert torch.equal(value, other), name
+
+
+@pytest.mark.slow
+def test_a_run_does_not_go_on_from_one_with_other_episodes_of_the_same_names(tmp_path):
+    def task(*seeds: int) -> MemoryTask:
+        scenes = [replace(scene(seed), name=f"{number:04d}") for number, seed in enumerate(seeds)]
+        return MemoryTask(TINY, scenes[:1], scenes[1:], replace(QUICK, iterations=1, validate_every=1))
+
+    train(task(1, 2), tmp_path, silent)
+    for others in ((3, 2), (1, 3)):
+        with pytest.raises(UsageError, match="holds a run with other data or settings"):
+            train(task(*others), tmp_path, silent)
+    assert train(task(1, 2), tmp_path, silent).iteration == 1
+
+
+def test_what_is_learnt_from_is_told_apart_by_pixels_depths_and_poses():
+    episode = orbit_episode(1, ring(1, 5))
+    known = small_scene("one", episode, TINY).digest
+    assert small_scene("other", episode, TINY).digest == known
+    for name in ("rgb", "depth_m", "camera_to_world"):
+        array = getattr(episode, name).copy()
+        array[3] = array[2]
+        assert small_scene("one", replace(episode, **{name: array}), TINY).digest != known
 
 
 def test_settings_that_make_no_sense_are_refused():

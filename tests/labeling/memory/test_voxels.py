@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from labeling.core.errors import UsageError
 from labeling.core.geometry import invert_rigid, look_at, project, unproject_depth
-from labeling.memory.lifting.placement import fixated_point, grid_centre, place_grid
+from labeling.memory.lifting.placement import (
+    fixated_point,
+    floor_height,
+    grid_and_floor,
+    grid_centre,
+    place_grid,
+)
 from labeling.memory.lifting.projection import composite, plane_depths, project_planes
 from labeling.memory.lifting.running_mean import RunningMean, mean_over_views
 from labeling.memory.lifting.stabilisation import warp
@@ -318,3 +324,16 @@ def test_a_grid_begins_below_the_floor_and_has_the_first_view_along_x():
     assert np.allclose(place_grid(centre, down)[:2, 0], [0, 1])
     around_scene = grid_centre(episode, SPEC, "scene")
     assert np.all(np.abs(around_scene[:2]) < 1.5)
+
+
+def test_the_floor_is_known_where_the_grid_begins_below_it_and_else_not():
+    episode = orbit_episode(0, ring(0, 6))
+    centre, floor_m = grid_and_floor(episode, SPEC)
+    assert floor_m is not None
+    assert floor_m == pytest.approx(0, abs=0.02)
+    assert centre[2] == pytest.approx(floor_m - SPEC.voxel_m + SPEC.extent_m[2] / 2)
+    low = GridSpec((4, 16, 16), 0.1)  # ends below the point that the cameras look at
+    centre, floor_m = grid_and_floor(episode, low)
+    assert floor_m is None
+    assert centre[2] == pytest.approx(0.7, abs=0.05)
+    assert floor_height(np.array([[9.0, 9.0, 0.0]]), np.zeros(3), SPEC) is None
