@@ -92,7 +92,9 @@ def _retrieval(content: Mapping[str, Any], objects: str, inputs: list[str]) -> s
 
 
 def _pixels(content: Mapping[str, Any], objects: list[str], inputs: list[str]) -> str | None:
-    """Pixels found again by C-N3D's features, and how often chance would."""
+    """Pixels found again by C-N3D's features, and how often chance would, or who knows a pixel's place in its picture
+    and nothing else: the same place is asked for in all pictures.
+    """
     if not (names := names_of(content, "pixel_r1")):
         return None
     rows = []
@@ -100,6 +102,8 @@ def _pixels(content: Mapping[str, Any], objects: list[str], inputs: list[str]) -
         for title, figure in (("found", "pixel_r1"), ("by chance", "chance")):
             shares = [[100 * one for one in values_of(content, names[0], count, number, figure)] for number in inputs]
             rows.append([f"{count} objects, {title}", *(_cell(one, "{:.2f}") for one in shares)])
+    by_place = f"{100 / content['settings']['targets']:.2f}"
+    rows.append(["by the place in the picture alone", *(by_place for _ in inputs)])
     return table(["views given", *inputs], rows, "---:")
 
 

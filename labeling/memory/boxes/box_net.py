@@ -59,8 +59,11 @@ class BoxHead(nn.Module):
         nn.init.constant_(self.heat[-1].bias, math.log(FIRST_HEAT / (1 - FIRST_HEAT)))  # type: ignore[arg-type]
 
     def forward(self, memory: SceneMemory) -> BoxOutput:
-        """Logits and numbers of all columns, logits of all voxels."""
-        volume = self.volume(torch.cat([memory.features, memory.occupied], dim=1))
+        """Logits and numbers of all columns, logits of all voxels.
+
+        What a memory imagines where no view has seen anything is left out: boxes are of what was seen.
+        """
+        volume = self.volume(torch.cat([memory.features * memory.seen, memory.occupied], dim=1))
         filled = self.filled(volume)
         seen_from_above = torch.cat([volume, filled.sigmoid()], dim=1).flatten(1, 2)
         fine = self.fine(self.flat(seen_from_above))

@@ -40,7 +40,7 @@ class Cn3d(nn.Module):
     def merge(self, mapped: MappedViews) -> SceneMemory:
         """The memory of views that have been mapped."""
         mean = mean_over_views(mapped.features, mapped.seen + UNSEEN_WEIGHT)
-        return SceneMemory(mean, mapped.occupied.amax(dim=1))
+        return SceneMemory(mean, mapped.occupied.amax(dim=1), mapped.seen.amax(dim=1))
 
     def imagine(self, memory: SceneMemory, cameras: Cameras) -> Float[Tensor, "b t e h2 w2"]:
         """Top-down features of the pixels of views, at half their size."""

@@ -32,7 +32,7 @@ class Grnn(nn.Module):
         state = torch.zeros_like(mapped.features[:, 0])
         for view in range(views.rgb.shape[1]):
             state = self.update(mapped.features[:, view], state)
-        return SceneMemory(state, mapped.occupied.amax(dim=1))
+        return SceneMemory(state, mapped.occupied.amax(dim=1), mapped.seen.amax(dim=1))
 
     def imagine(self, memory: SceneMemory, cameras: Cameras) -> Float[Tensor, "b t 3 h w"]:
         """Logits of the pictures that cameras would take."""

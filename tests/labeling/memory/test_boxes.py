@@ -27,6 +27,7 @@ from labeling.memory.boxes.box_targets import BoxTargets, GridBox, box_targets, 
 from labeling.memory.boxes.box_training import BoxTask
 from labeling.memory.boxes.labelled_scenes import LabelledScene, read_labelled_scenes, true_scene
 from labeling.memory.networks.scene_memory import SceneMemory
+from labeling.memory.networks.weights import build_memory
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.grid_spec import GridSpec
 from labeling.memory.settings.memory_spec import MemorySpec
@@ -354,14 +355,35 @@ def test_the_head_says_of_a_shifted_memory_what_it_said_shifted():
     head = BoxHead(4, 4, 8, 2).eval()
     features, occupied = torch.zeros(1, 4, 4, 48, 48), torch.zeros(1, 1, 4, 48, 48)
     features[..., 22:26, 22:26] = torch.randn(1, 4, 4, 4, 4)
-    before = head(SceneMemory(features, occupied))
-    after = head(SceneMemory(features.roll((2, -4), (-2, -1)), occupied))
+    before = head(SceneMemory(features, occupied, torch.ones_like(occupied)))
+    after = head(SceneMemory(features.roll((2, -4), (-2, -1)), occupied, torch.ones_like(occupied)))
     inner = slice(14, 34)
     for name in ("heat", "numbers", "filled"):
         one, other = (getattr(output, name) for output in (before, after))
         torch.testing.assert_close(
             one.roll((2, -4), (-2, -1))[..., inner, inner], other[..., inner, inner], atol=1e-4, rtol=1e-4
         )
+
+
+def test_what_a_memory_imagines_where_nothing_was_seen_makes_no_boxes():
+    torch.manual_seed(0)
+    head = BoxHead(4, 4, 8, 2).eval()
+    features, occupied, seen = torch.randn(1, 4, 4, 16, 16), torch.zeros(1, 1, 4, 16, 16), torch.zeros(1, 1, 4, 16, 16)
+    seen[..., :8] = 1
+    imagined = torch.where(seen > 0, features, torch.randn_like(features))
+    before, after = (head(SceneMemory(one, occupied, seen)) for one in (features, imagined))
+    assert torch.equal(before.heat, after.heat)
+    assert not torch.equal(before.heat, head(SceneMemory(-features, occupied, seen)).heat)
+
+
+@pytest.mark.parametrize("model", ["cn3d", "grnn"])
+def test_a_memory_knows_what_any_of_its_views_has_seen(model):
+    network = build_memory(replace(TINY, model=model)).eval()
+    views = true_scene(boxed_room(1), TINY).scene.views([0, 2], 0)
+    memory, mapped = network.remember(views), network.mapper(views)
+    expected = ((mapped.occupied + mapped.free) > 0).any(dim=1)
+    assert torch.equal(memory.seen > 0, expected)
+    assert 0.05 < memory.seen.mean() < 0.95
 
 
 @pytest.mark.slow
