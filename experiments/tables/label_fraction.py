@@ -84,6 +84,8 @@ def run(context: RunContext) -> dict[str, Any]:
             "inputs": list(size.inputs),
             "shares": list(size.fractions),
             "drawn_by_seed": True,
+            "own_grids": True,
+            "imagined_left_out": True,
         },
         "categories": list(categories),
         "machines": machines([*memories, *runs]),

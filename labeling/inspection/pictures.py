@@ -83,8 +83,8 @@ def draw(
         top, depth_m = project(one.box.corners().mean(axis=0)[None] + [0, 0, one.box.extent_m[2] / 2], intrinsics, pose)
         if depth_m[0] > 0:
             x, y = np.clip(top[0], -1e4, 1e4).tolist()
-            plate = tuple(int(255 * (0.35 * value + 0.65)) for value in one.colour)
-            write_title(canvas, one.title, (x, y - TITLE_ABOVE_PX), TITLE_SIZE, plate, TITLE_INK)
+            red, green, blue = (int(255 * (0.35 * value + 0.65)) for value in one.colour)
+            write_title(canvas, one.title, (x, y - TITLE_ABOVE_PX), TITLE_SIZE, (red, green, blue), TITLE_INK)
     return canvas
 
 

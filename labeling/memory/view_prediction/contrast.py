@@ -97,8 +97,10 @@ def voxel_pairs(network: Cn3d, memory: SceneMemory, views: Views, count: int, ge
     to_own = memory_to_own.flatten(0, 1)
     bottom = functional.normalize(warp(alone.flatten(0, 1), to_own, grid), dim=1).unflatten(0, shape)
     both = warp(alone.new_ones(len(to_own), 1, *grid.shape), to_own, grid) > INSIDE
-    cameras = (one.flatten(0, 1) for one in (views.depth_m, views.depth_intrinsics, views.camera_to_grid))
-    shown = (both & (occupancy(*cameras, grid) > 0)).unflatten(0, shape)[:, :, 0].cpu()
+    depth_m, intrinsics, poses = (
+        one.flatten(0, 1) for one in (views.depth_m, views.depth_intrinsics, views.camera_to_grid)
+    )
+    shown = (both & (occupancy(depth_m, intrinsics, poses, grid) > 0)).unflatten(0, shape)[:, :, 0].cpu()
     scenes, voxels, by = (one.to(top.device) for one in drawn_voxels(shown, count, generator))
     return top.flatten(2)[scenes, :, voxels], bottom.flatten(3)[scenes, by, :, voxels]
 
@@ -127,7 +129,8 @@ def drawn_voxels(
     weights = (any_view / of_level).flatten()
     number = min(count, int(any_view.sum()))
     if number == 0:
-        return (torch.zeros(0, dtype=torch.long),) * 3
+        nothing = torch.zeros(0, dtype=torch.long)
+        return nothing, nothing, nothing
     picked = torch.multinomial(weights, number, generator=generator)
     scenes, voxels = picked // any_view[0].numel(), picked % any_view[0].numel()
     return scenes, voxels, by.flatten()[picked]

@@ -27,6 +27,7 @@ from labeling.memory.boxes.box_targets import BoxTargets, GridBox, box_targets, 
 from labeling.memory.boxes.box_training import BoxTask
 from labeling.memory.boxes.labelled_scenes import LabelledScene, read_labelled_scenes, true_scene
 from labeling.memory.networks.scene_memory import SceneMemory
+from labeling.memory.networks.tower import Tower
 from labeling.memory.networks.weights import build_memory
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.grid_spec import GridSpec
@@ -379,6 +380,7 @@ def test_what_a_memory_imagines_where_nothing_was_seen_makes_no_boxes():
 @pytest.mark.parametrize("model", ["cn3d", "grnn"])
 def test_a_memory_knows_what_any_of_its_views_has_seen(model):
     network = build_memory(replace(TINY, model=model)).eval()
+    assert not isinstance(network, Tower)
     views = true_scene(boxed_room(1), TINY).scene.views([0, 2], 0)
     memory, mapped = network.remember(views), network.mapper(views)
     expected = ((mapped.occupied + mapped.free) > 0).any(dim=1)

@@ -91,8 +91,10 @@ def test_voxels_of_a_view_in_a_grid_of_its_own_are_those_of_the_memory(monkeypat
     assert torch.allclose(top, bottom, atol=1e-4)
     assert len(torch.unique(top, dim=0)) > 0.4 * len(top)  # of two scenes; none twice in one
     # They lie where some view of the scene has measured a surface.
-    flat = (one.flatten(0, 1) for one in (views.depth_m, views.depth_intrinsics, views.camera_to_grid))
-    surface = (occupancy(*flat, TINY.grid) > 0).unflatten(0, (2, 2)).any(dim=1)[:, 0]
+    depth_m, intrinsics, poses = (
+        one.flatten(0, 1) for one in (views.depth_m, views.depth_intrinsics, views.camera_to_grid)
+    )
+    surface = (occupancy(depth_m, intrinsics, poses, TINY.grid) > 0).unflatten(0, (2, 2)).any(dim=1)[:, 0]
     known = functional.normalize(network.points(torch.eye(4)[None]), dim=1)[0, :, surface.any(dim=0)].T
     assert torch.cdist(top, known).amin(dim=1).max() < 1e-2
 
