@@ -177,6 +177,8 @@ class Job:
     ) -> EpisodeRecord:
         """Writes record and cloud of a labelled episode.
 
+        The record of an earlier run goes first: were it left beside a cloud of this one, it would pass for its record.
+
         Args:
             episode: its views.
             sources: what it was labelled from.
@@ -192,6 +194,7 @@ class Job:
         from labeling.generator.quality.unused_sources import notes_of_outlines, unused_sources
         from labeling.generator.settings.published_defects import with_amodal_boxes
 
+        self.record_file(episode.name).unlink(missing_ok=True)
         cloud = labels.cloud
         points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
         with in_background(lambda: write_ply(cloud_file(self.out, episode.name), *points)) as written:

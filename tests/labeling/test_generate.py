@@ -174,6 +174,24 @@ def test_a_damaged_record_is_made_again(dataset: Path, tmp_path: Path) -> None:
     assert (tmp_path / "labels" / "clouds" / "room_2.ply").is_file()
 
 
+def test_a_run_stopped_between_cloud_and_record_leaves_no_cloud_that_passes_for_another_run_s(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cloud = tmp_path / "labels" / "clouds" / "room_1.ply"
+    assert run(dataset / "room_1", tmp_path / "labels") == 0
+    before = cloud.read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr("labeling.generator.label_jobs.write_records", full)
+        assert run(dataset / "room_1", tmp_path / "labels", "--voxel-m", "0.2") == 2
+    assert cloud.read_bytes() != before
+    assert run(dataset / "room_1", tmp_path / "labels") == 0
+    assert cloud.read_bytes() == before
+
+
 @pytest.mark.slow
 def test_same_seed_same_files_in_another_process(dataset: Path, tmp_path: Path) -> None:
     assert run(dataset, tmp_path / "a") == 0
