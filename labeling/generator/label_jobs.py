@@ -14,7 +14,7 @@ from labeling.core.errors import SbmError
 from labeling.formats.atomic import write_records
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
-from labeling.io.file_names import DETECTIONS_3D_FILE, cloud_file
+from labeling.io.file_names import DETECTIONS_3D_FILE, RECORDS_FOLDER, SUMMARY_FILE, cloud_file
 from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json, episode_record, read_record
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.code_digest import code_digest
@@ -177,7 +177,8 @@ class Job:
     ) -> EpisodeRecord:
         """Writes record and cloud of a labelled episode.
 
-        The record of an earlier run goes first: were it left beside a cloud of this one, it would pass for its record.
+        What an earlier run has written goes first: its record would pass for that of the new cloud, and its
+        ``label_set.json`` says that all is done.
 
         Args:
             episode: its views.
@@ -194,6 +195,7 @@ class Job:
         from labeling.generator.quality.unused_sources import notes_of_outlines, unused_sources
         from labeling.generator.settings.published_defects import with_amodal_boxes
 
+        self.begin()
         self.record_file(episode.name).unlink(missing_ok=True)
         cloud = labels.cloud
         points = cloud.points, cloud.colours, cloud.instance_id, cloud.confidence
@@ -211,6 +213,14 @@ class Job:
         write_records(self.record_file(episode.name), as_json(record))
         return record
 
+    def begin(self) -> None:
+        """Removes ``label_set.json``, which is written anew once all episodes are labelled.
+
+        Raises:
+            OSError: if it is there and cannot be removed.
+        """
+        (self.out / SUMMARY_FILE).unlink(missing_ok=True)
+
     def failed(self, folder: Path, error: Exception) -> EpisodeResult:
         """What is said of an episode that could not be labelled."""
         if isinstance(error, SbmError):
@@ -224,7 +234,7 @@ class Job:
 
     def record_file(self, name: str) -> Path:
         """Where the record of an episode lies."""
-        return self.out / "episodes" / f"{name}.json"
+        return self.out / RECORDS_FOLDER / f"{name}.json"
 
     def relative(self, folder: Path) -> str:
         """An episode's folder as seen from the dataset; ``.`` if it is the dataset."""
@@ -247,7 +257,7 @@ def label_all(
     """
     if not where.is_local:
         files = JobFiles(job.out, lambda folder: job.files_of([folder]), job.common_files(where))
-        kept, missing = kept_apart(folders, job.kept)
+        kept, missing = kept_apart(folders, job.kept, job.begin)
         with closing(run_jobs(job.label_episode, missing, workers, where=where, files=files, ordered=True)) as outcomes:
             for outcome in outcomes:
                 yield from taken(kept)
@@ -271,12 +281,15 @@ def _result_of(job: Job, outcome: Outcome[Path, EpisodeResult]) -> EpisodeResult
     return outcome.result()
 
 
-def kept_apart(items: Iterable[Item], kept: Callable[[Item], Found | None]) -> tuple[list[Found], Iterator[Item]]:
+def kept_apart(
+    items: Iterable[Item], kept: Callable[[Item], Found | None], begin: Callable[[], None]
+) -> tuple[list[Found], Iterator[Item]]:
     """Divides what is to be done from what has been done, while it is asked for.
 
     Args:
         items: all of it.
         kept: what has come of one, None if nothing has.
+        begin: called before each that is to be done.
 
     Returns:
         What has come of those passed over so far, and an iterator over the others.
@@ -286,6 +299,7 @@ def kept_apart(items: Iterable[Item], kept: Callable[[Item], Found | None]) -> t
     def missing() -> Iterator[Item]:
         for item in items:
             if (one := kept(item)) is None:
+                begin()
                 yield item
             else:
                 found.append(one)

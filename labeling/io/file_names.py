@@ -12,6 +12,8 @@ DETECTIONS_3D_FILE = "detections_3d.json"
 MODAL_FILE, AMODAL_FILE, BOXES_FILE = "instances_modal.json", "instances_amodal.json", "boxes_3d.json"
 SUMMARY_FILE = "label_set.json"
 """Which settings, recordings and versions made the labels; written last."""
+RECORDS_FOLDER = "episodes"
+"""What ``labeling.generate`` keeps of each episode that is labelled."""
 
 
 def cloud_file(label_set: Path, episode: str) -> Path:

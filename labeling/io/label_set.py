@@ -8,7 +8,7 @@ from labeling.core.errors import EpisodeFormatError, LabelFormatError, UsageErro
 from labeling.core.rle import rle_area
 from labeling.formats.checked_json import Json, read_json
 from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
-from labeling.io.file_names import AMODAL_FILE, MODAL_FILE, SUMMARY_FILE
+from labeling.io.file_names import AMODAL_FILE, MODAL_FILE, RECORDS_FOLDER, SUMMARY_FILE
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.metrics.matching import MaskInstance
 
@@ -70,6 +70,8 @@ def read_label_set(folder: Path) -> LabelSet:
     """
     if not folder.is_dir():
         raise LabelFormatError(f"{folder}: no such folder; give the --out folder of labeling.generate")
+    if (folder / RECORDS_FOLDER).is_dir() and not (folder / SUMMARY_FILE).is_file():
+        raise LabelFormatError(f"{folder}: labeling.generate has not finished here; run it again, and it goes on")
     try:
         sizes, modal = _read_instances(folder / MODAL_FILE)
         amodal: list[MaskInstance] = []

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labeling.core.errors import LabelFormatError
 from labeling.formats.ply import read_ply
 from labeling.generate import main
 from labeling.inspect import main as inspect
 from labeling.io.episodes import write_episode
+from labeling.io.label_set import read_label_set
 
 from .synthetic_room import make_episode
 
@@ -190,6 +192,27 @@ def test_a_run_stopped_between_cloud_and_record_leaves_no_cloud_that_passes_for_
     assert cloud.read_bytes() != before
     assert run(dataset / "room_1", tmp_path / "labels") == 0
     assert cloud.read_bytes() == before
+
+
+def test_a_label_set_that_is_being_labelled_anew_is_not_read_as_if_it_were_done(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels = tmp_path / "labels"
+    assert run(dataset, labels) == 0
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as interrupted:
+        interrupted.setattr("labeling.generator.label_writer.write_label_set", stopped)
+        assert run(dataset, labels) == 130
+        assert len(read_label_set(labels).sizes) == 8, "nothing was labelled anew"
+        assert run(dataset, labels, "--seed", "1") == 130
+    assert not (labels / "label_set.json").exists()
+    with pytest.raises(LabelFormatError, match="has not finished"):
+        read_label_set(labels)
+    assert run(dataset, labels, "--seed", "1") == 0
+    assert read_label_set(labels).provenance["config"]["seed"] == 1
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def label_scenes(
     work = GroupJob(job).label_group
     if not where.is_local:
         files = JobFiles(job.out, job.files_of, job.common_files(where))
-        kept, missing = kept_apart(groups, GroupJob(job).kept)
+        kept, missing = kept_apart(groups, GroupJob(job).kept, job.begin)
         with closing(run_jobs(work, missing, workers, where=where, files=files, ordered=True)) as outcomes:
             for outcome in outcomes:
                 for results in taken(kept):
