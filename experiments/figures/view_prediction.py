@@ -32,9 +32,9 @@ def draw_view_prediction(content: Mapping[str, Any], path: Path) -> None:
         panel.set_xticks(range(len(inputs)), [str(count) for count in inputs])
         panel.set_xlabel("views given")
         panel.set_title(f"{objects} objects", fontsize=9)
-        panel.set_ylim(bottom=0)
         tidy(panel)
     first = np.atleast_1d(axes)[0]
+    first.set_ylim(bottom=0)  # once all panels are drawn: they share the axis, and this ends its scaling
     first.set_ylabel("mean absolute error of colours")
     first.legend(frameon=False, fontsize=8)
     save(figure, path)
