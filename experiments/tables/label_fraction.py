@@ -28,8 +28,10 @@ FRACTIONS = (0.01, 0.05, 0.1, 0.25, 1.0)
 
 @dataclass(frozen=True)
 class Size:
-    """How much of everything a scale has beside what ``view_prediction`` says; tested on as many rooms as there."""
+    """How much of everything a scale has beside what ``view_prediction`` says."""
 
+    test: int
+    """Rooms to report on."""
     train: TrainBoxesConfig
     """For all fractions the same number of batches; the last network is kept, as choosing would take labels, too."""
     inputs: tuple[int, ...] = (4,)
@@ -37,10 +39,10 @@ class Size:
 
 
 SIZES: dict[Scale, Size] = {
-    "smoke": Size(TrainBoxesConfig(iterations=4, validate_every=4, views=2), (2,), (0.3, 1.0)),
-    "quick": Size(TrainBoxesConfig(iterations=300, validate_every=300, views=2), (2,)),
-    "standard": Size(TrainBoxesConfig(iterations=1500, validate_every=1500, views=4), (1, 4)),
-    "full": Size(TrainBoxesConfig(iterations=10_000, validate_every=10_000, views=8, batch_size=4), (1, 4, 8)),
+    "smoke": Size(2, TrainBoxesConfig(iterations=4, validate_every=4, views=2), (2,), (0.3, 1.0)),
+    "quick": Size(96, TrainBoxesConfig(iterations=300, validate_every=300, views=2), (2,)),
+    "standard": Size(96, TrainBoxesConfig(iterations=1500, validate_every=1500, views=4), (1, 4)),
+    "full": Size(96, TrainBoxesConfig(iterations=10_000, validate_every=10_000, views=8, batch_size=4), (1, 4, 8)),
 }
 
 
@@ -57,7 +59,7 @@ def run(context: RunContext) -> dict[str, Any]:
     """
     size, of_memories = SIZES[context.scale], view_prediction.SIZES[context.scale]
     learn = record_boxed_rooms(ObjectRooms(TRAINED_ON, of_memories.learn), context)
-    test = tuple(record_boxed_rooms(ObjectRooms(TRAINED_ON, of_memories.test, seed=2), context))
+    test = tuple(record_boxed_rooms(ObjectRooms(TRAINED_ON, size.test, seed=2), context))
     named = view_prediction.memory_jobs(context, tuple(PRETRAINED))
     memories = train_memories([job for _, job in named], context)
     rows, jobs = [], []

@@ -47,6 +47,7 @@ def page(views: Mapping[str, Any] | None, labels: Mapping[str, Any] | None) -> s
         "memory-boxes.md.jinja",
         views=views and {**views, "tables": by_views, "motions": _motions(views)},
         labels=labels and {**labels, "tables": {str(n): _by_labels(labels, n) for n in labels["settings"]["inputs"]}},
+        gains=labels and {str(n): _gains(labels, n) for n in labels["settings"]["inputs"]},
         views_picture=VIEWS_PICTURE,
         labels_picture=LABELS_PICTURE,
     )
@@ -94,4 +95,32 @@ def _by_labels(content: Mapping[str, Any], inputs: int) -> str:
                 for share in shares
             ]
             rows.append([f"{title}: {name} {beginning}", *cells])
+    return table(["scenes labelled", *(f"{100 * share:g} %" for share in shares)], rows, "---:")
+
+
+def _gains(content: Mapping[str, Any], inputs: int) -> str:
+    """What a memory that has learnt before is better by, seed by seed: networks of a seed have the same rooms labelled,
+    those with a larger share more beside them.
+    """
+    shares, rows = content["settings"]["shares"], []
+    scratch = content["rows"][0]["beginning"]
+    found = {
+        (row["name"], row["beginning"], row["share"], row["seed"]): row["inputs"][str(inputs)]["shown"]
+        for row in content["rows"]
+    }
+    after = dict.fromkeys((row["name"], row["beginning"]) for row in content["rows"] if row["beginning"] != scratch)
+
+    def gain(name: str, beginning: str, figure: str, share: float, of_rival: float | None) -> str:
+        if of_rival is None:
+            return "-"
+        pairs = [
+            (found[name, beginning, share, seed], found[name, scratch, of_rival, seed]) for seed in content["seeds"]
+        ]
+        return mean_std([100 * (one[figure] - other[figure]) for one, other in pairs])
+
+    for figure, title in FIGURES.items():
+        for name, beginning in after:
+            for rivals, which in ((shares, ""), ([*shares[1:], None], " with the next larger share")):
+                cells = [gain(name, beginning, figure, *both) for both in zip(shares, rivals, strict=True)]
+                rows.append([f"{title}: {name} {beginning} less random weights{which}", *cells])
     return table(["scenes labelled", *(f"{100 * share:g} %" for share in shares)], rows, "---:")

@@ -132,6 +132,8 @@ def test_the_page_says_what_was_found_by_views_and_by_labels():
     assert "| AP .25: memory of views, SbM labels | 55.0 ± 7.1 | 55.0 ± 7.1 |" in text
     assert "| AP .25: memory of views, SbM labels | 45.0 ± 7.1 | 45.0 ± 7.1 |" in text
     assert "| AP .5: GRNN after view prediction | 23.8 ± 0.0 | 30.0 ± 0.0 |" in text
+    assert "| AP .25: GRNN after view prediction less random weights | 15.9 ± 0.0 | 20.0 ± 0.0 |" in text
+    assert "after view prediction less random weights with the next larger share | 7.7 ± 0.0 | - |" in text
     assert "within 5.1 x 5.1 m" in text
     assert "| 10 to 20° | 3 | 12.0°, 30.0 cm | 2.0°, 2.0 cm | 2.0°, 2.0 cm |" in text
     assert "From 8 views" in text
