@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
-from labeling.detectors.command import DetectionCommand
+from labeling.detectors.command import DetectionCommand, check_writable
 from labeling.detectors.registry import DEFAULT
 from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE, WRITTEN_BY_DETECTORS
 from labeling.io.recordings.recording_config import RecordingConfig
@@ -104,6 +104,7 @@ def detect_episode(
         return None
     if path.is_file() and not _kept_run(folder, "replaced_sha256") and not _kept_run(folder) and not replace:
         raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
+    check_writable(folder)
     episode = read_episode(folder, recording, detections=False)
     with progress_bar(total=episode.num_views, unit="view", desc=episode.name) as views:
         found = run_detector(detector, episode, views.update)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labeling.core.errors import EpisodeFormatError, UsageError
-from labeling.detectors.command import DetectionCommand
+from labeling.detectors.command import DetectionCommand, check_writable
 from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
 from labeling.io.file_names import DETECTIONS_3D_FILE, WRITTEN_BY_DETECTORS
@@ -143,6 +143,7 @@ def detect_episode(
     mark = _mark(recording, detector_3d.digest, RECORDED if detector_2d is None else detector_2d.digest, found_in)
     if _mark_of_file(path) == mark:
         return None
+    check_writable(folder)
     episode = read_episode(folder, recording, ground_truth=False)
     detections = episode.detections if detector_2d is None else run_detector(detector_2d, episode)
     if detections is None:
@@ -190,6 +191,7 @@ def detect_with_memory(
     mark = _mark(recording, detector.digest, str(views), folder_digest(folder, WRITTEN_BY_DETECTORS))
     if _mark_of_file(path) == mark:
         return None
+    check_writable(folder)
     found = detector.find(read_episode(folder, recording, ground_truth=False), views)
     records = [
         {
@@ -225,6 +227,7 @@ def detect_moving(folder: Path, detector: "MovingDetector", recording: Recording
     mark = _mark(recording, detector.digest, "moving", folder_digest(folder, WRITTEN_BY_DETECTORS))
     if _mark_of_file(path) == mark:
         return None
+    check_writable(folder)
     episode = read_episode(folder, recording, ground_truth=False)
     records = [
         {
