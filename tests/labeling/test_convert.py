@@ -57,6 +57,15 @@ def test_detections_that_undistortion_moves_out_of_the_picture_are_left_out(tmp_
     assert found.mask.any()
 
 
+@pytest.mark.parametrize("layout", WRITERS)
+def test_nothing_is_written_into_a_recording(tmp_path, room, layout, capsys):
+    (tmp_path / "in").mkdir()
+    WRITERS[layout](tmp_path / "in", room)
+    assert main([str(tmp_path / "in"), "--out", str(tmp_path / "in" / "below" / "out")]) == 2
+    assert "lies inside the recording" in capsys.readouterr().err
+    assert not (tmp_path / "in" / "below").exists()
+
+
 def test_an_existing_folder_is_left_alone(tmp_path, room, capsys):
     (tmp_path / "in").mkdir()
     WRITERS["tum"](tmp_path / "in", room)
