@@ -340,7 +340,7 @@ def test_arrays_that_are_no_depth_are_refused(tmp_path, room, content):
     else:
         shape = b"(True, 4)" if content == "no size" else b"(999999, 999999)"
         header = (b"{'descr': '<f4', 'fortran_order': False, 'shape': " + shape + b", }").ljust(117) + b"\n"
-        file.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+        file.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(16))
     with pytest.raises(EpisodeFormatError, match=r"001\.npy: "):
         read_episode(folder)
 
