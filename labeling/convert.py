@@ -12,6 +12,7 @@ from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar, say_next, showing_stages
 from labeling.runtime.help import CommandHelp
 from labeling.runtime.ranges import Share
+from labeling.runtime.run_folder import check_outside_recordings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -59,6 +60,7 @@ def run(config: ConvertConfig) -> None:
     config.recording.check()
     if config.out.exists():
         raise UsageError(f"--out {config.out}: exists already; give a new folder")
+    check_outside_recordings(config.out)
     if config.to == "episode":
         _convert_recording(config)
     else:

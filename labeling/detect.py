@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labeling.core.errors import UsageError
-from labeling.detectors.command import DetectionCommand
+from labeling.detectors.command import DetectionCommand, check_writable
 from labeling.detectors.registry import DEFAULT
-from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE
+from labeling.io.file_names import ABOUT_FILE, DETECTIONS_FILE, TRUTH_FILE, WRITTEN_BY_DETECTORS
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main, progress_bar, say_next
 from labeling.runtime.help import CommandHelp
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class DetectCommand(DetectionCommand):
     """Writes ``detections.json`` (COCO results with RLE masks and scores) beside the frames of each episode.
 
-    Episodes that already hold the results of this detector are skipped.
+    Episodes that already hold the results of this detector are skipped, unless their recordings have changed since.
     """
 
     detector: str = DEFAULT
@@ -61,7 +61,7 @@ def run(command: DetectCommand) -> None:
         summary,
         [] if command.detector in NAMES else [command.detector],
         DETECTIONS_FILE,
-        lambda folder: _has_looked(folder, command.detector, _mark(digest, command.recording)),
+        lambda folder: _has_looked(folder, command.detector, _mark(folder, digest, command.recording)),
     )
     say_next("label them", "labeling.generate", command.dataset, *command.recording.words(), "--out", "LABELS")
 
@@ -99,11 +99,12 @@ def detect_episode(
     recording = recording or RecordingConfig()
     path, about_path = folder / DETECTIONS_FILE, folder / ABOUT_FILE
     about: dict[str, Any] = dict(read_json(about_path).mapping()) if about_path.is_file() else {}
-    mark = _mark(detector.digest, recording)
+    mark = _mark(folder, detector.digest, recording)
     if _has_looked(folder, detector.name, mark):
         return None
     if path.is_file() and not _kept_run(folder, "replaced_sha256") and not _kept_run(folder) and not replace:
         raise UsageError(f"{path}: holds detections that this command did not write; --replace overwrites them")
+    check_writable(folder)
     episode = read_episode(folder, recording, detections=False)
     with progress_bar(total=episode.num_views, unit="view", desc=episode.name) as views:
         found = run_detector(detector, episode, views.update)
@@ -133,9 +134,11 @@ def detect_episode(
     return episode.num_views, len(records)
 
 
-def _mark(digest: str, recording: RecordingConfig) -> str:
-    """Changes with a detector, and with how it is shown the views."""
-    return _digest(f"{digest}\0{sorted(asdict(recording).items())}")
+def _mark(folder: Path, digest: str, recording: RecordingConfig) -> str:
+    """Changes with a recording, with a detector, and with how it is shown the views."""
+    from labeling.io.folder_digest import folder_digest
+
+    return _digest(f"{digest}\0{sorted(asdict(recording).items())}\0{folder_digest(folder, WRITTEN_BY_DETECTORS)}")
 
 
 def _has_looked(folder: Path, name: str, mark: str) -> bool:

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labeling.core.errors import EpisodeFormatError, UsageError
-from labeling.detectors.command import DetectionCommand
+from labeling.detectors.command import DetectionCommand, check_writable
 from labeling.formats.atomic import write_json
 from labeling.formats.checked_json import read_json
-from labeling.io.file_names import DETECTIONS_3D_FILE, DETECTIONS_FILE
+from labeling.io.file_names import DETECTIONS_3D_FILE, WRITTEN_BY_DETECTORS
+from labeling.io.folder_digest import folder_digest
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
@@ -32,7 +33,7 @@ class Detect3dCommand(DetectionCommand):
     """Writes ``detections_3d.json`` beside the frames of each episode: boxes in the world, each found from one view, or
     from several views together where the detector has a memory; or of what moves from one view to the next.
 
-    Episodes that already hold the results of these detectors are skipped.
+    Episodes that already hold the results of these detectors are skipped, unless their recordings have changed since.
     """
 
     detector: str
@@ -138,9 +139,11 @@ def detect_episode(
     from labeling.io.episodes import box_3d_record, read_episode
 
     path = folder / DETECTIONS_3D_FILE
-    mark = _mark(recording, detector_3d.digest, _lifted_from(folder, detector_2d))
+    found_in = folder_digest(folder, [DETECTIONS_3D_FILE] if detector_2d is None else WRITTEN_BY_DETECTORS)
+    mark = _mark(recording, detector_3d.digest, RECORDED if detector_2d is None else detector_2d.digest, found_in)
     if _mark_of_file(path) == mark:
         return None
+    check_writable(folder)
     episode = read_episode(folder, recording, ground_truth=False)
     detections = episode.detections if detector_2d is None else run_detector(detector_2d, episode)
     if detections is None:
@@ -185,9 +188,10 @@ def detect_with_memory(
     from labeling.io.episodes import box_3d_record, read_episode
 
     path = folder / DETECTIONS_3D_FILE
-    mark = _mark(recording, detector.digest, str(views))
+    mark = _mark(recording, detector.digest, str(views), folder_digest(folder, WRITTEN_BY_DETECTORS))
     if _mark_of_file(path) == mark:
         return None
+    check_writable(folder)
     found = detector.find(read_episode(folder, recording, ground_truth=False), views)
     records = [
         {
@@ -220,9 +224,10 @@ def detect_moving(folder: Path, detector: "MovingDetector", recording: Recording
     from labeling.memory.flow.moving_objects import MOVING
 
     path = folder / DETECTIONS_3D_FILE
-    mark = _mark(recording, detector.digest, "moving")
+    mark = _mark(recording, detector.digest, "moving", folder_digest(folder, WRITTEN_BY_DETECTORS))
     if _mark_of_file(path) == mark:
         return None
+    check_writable(folder)
     episode = read_episode(folder, recording, ground_truth=False)
     records = [
         {
@@ -239,16 +244,10 @@ def detect_moving(folder: Path, detector: "MovingDetector", recording: Recording
     return len(records)
 
 
-def _lifted_from(folder: Path, detector_2d: "Detector | None") -> str:
-    """Changes with the detections that are lifted."""
-    recorded = folder / DETECTIONS_FILE
-    return detector_2d.digest if detector_2d is not None else recorded.read_bytes().hex() if recorded.is_file() else ""
-
-
-def _mark(recording: RecordingConfig | None, *found_by: str) -> str:
-    """Changes with what finds boxes, and with how it is shown the views."""
+def _mark(recording: RecordingConfig | None, *found: str) -> str:
+    """Changes with what finds boxes, with what it finds them in, and with how it is shown the views."""
     how = sorted(asdict(recording or RecordingConfig()).items())
-    return hashlib.sha256("\0".join([*found_by, str(how)]).encode()).hexdigest()
+    return hashlib.sha256("\0".join([*found, str(how)]).encode()).hexdigest()
 
 
 def _mark_of_file(path: Path) -> object:

@@ -1,5 +1,6 @@
 """What the commands that run detectors on recorded episodes have in common."""
 
+import os
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -13,7 +14,7 @@ from labeling.cluster.cluster_config import ClusterConfig, JobFiles
 from labeling.cluster.jobs import run_jobs
 from labeling.core.errors import SbmError, UsageError
 from labeling.io.recordings.recording_config import RecordingConfig
-from labeling.runtime.cli import progress_bar, showing_stages
+from labeling.runtime.cli import printable, progress_bar, refusal, showing_stages
 from labeling.runtime.process_pool import Outcome, Work
 
 Found = TypeVar("Found")
@@ -58,15 +59,16 @@ class DetectionCommand:
         from labeling.io.episodes import find_episodes
 
         folders = find_episodes(self.dataset, self.recording)
-        missing = folders if self.where.is_local else [folder for folder in folders if not is_done(folder)]
+        missing = folders if self.where.is_local else [folder for folder in folders if not _passes(is_done, folder)]
         done: list[Found] = []
         failed, passed_over = 0, len(folders) - len(missing)
         bar = progress_bar(total=len(missing), unit="episode", desc="detecting")
         with bar, showing_stages(bar), closing(self._run(detect, missing, named, last)) as outcomes:
             for outcome in outcomes:
                 bar.update()
-                if isinstance(outcome.error, SbmError):
-                    tqdm.write(f"error: {outcome.error}", file=sys.stderr)
+                if isinstance(outcome.error, SbmError | OSError):
+                    told = _words(outcome.job, outcome.error)
+                    tqdm.write(f"error: {printable(told)}", file=sys.stderr)
                     failed += 1
                 elif (found := outcome.result()) is None:
                     passed_over += 1
@@ -85,3 +87,28 @@ class DetectionCommand:
         common = [] if self.where.is_local else self.where.files_named(*named)
         files = JobFiles(self.dataset, lambda folder: [folder], common, last=(last,))
         return run_jobs(detect, folders, 1, where=self.where, files=files, gpus=True)
+
+
+def check_writable(folder: Path) -> None:
+    """Refuses an episode that results cannot be written into, before a detector has looked at it for minutes.
+
+    Raises:
+        UsageError: if its folder may not be written to.
+    """
+    if not os.access(folder, os.W_OK):
+        raise UsageError(f"{folder}: cannot be written to; change its permissions, or copy the episode elsewhere")
+
+
+def _passes(is_done: Callable[[Path], bool], folder: Path) -> bool:
+    """Whether an episode is done; of one that cannot be read, whoever detects in it tells."""
+    try:
+        return is_done(folder)
+    except (SbmError, OSError):
+        return False
+
+
+def _words(folder: Path, error: Exception) -> str:
+    """What was wrong with an episode, in one sentence."""
+    if isinstance(error, SbmError) or not isinstance(error, OSError):
+        return str(error)
+    return f"{folder}: cannot be read or written ({refusal(error)})"

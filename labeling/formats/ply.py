@@ -1,5 +1,6 @@
 """Binary PLY of a segmented cloud, as viewers such as MeshLab, CloudCompare and Open3D read it."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ from jaxtyping import Float, Int
 from labeling.formats.atomic import atomic_file
 from labeling.formats.regular_file import regular
 
+MAX_HEADER = 65536
+"""Bytes that are searched for the header's end."""
 _COLOUR = [(channel, "u1") for channel in ("red", "green", "blue")]
 
 
@@ -54,6 +57,7 @@ def read_ply(path: Path) -> np.ndarray:
     """
     from plyfile import PlyData, PlyParseError
 
+    _check_counts(path)
     try:
         vertices = PlyData.read(str(regular(path)))["vertex"].data
     except (PlyParseError, KeyError, UnicodeDecodeError) as error:
@@ -65,6 +69,21 @@ def read_ply(path: Path) -> np.ndarray:
             f"{path}: its points have no {', '.join(missing)}; expected the segmented cloud of a label set"
         )
     return vertices
+
+
+def _check_counts(path: Path) -> None:
+    """Refuses, before memory is taken for them, more points than the file has bytes.
+
+    Raises:
+        ValueError: if the header states so many.
+        OSError: if the file cannot be read.
+    """
+    with regular(path).open("rb") as file:
+        header = file.read(MAX_HEADER).split(b"end_header")[0]
+    size = path.stat().st_size
+    for stated in re.findall(rb"^element\s+\S+\s+(\d+)", header, re.MULTILINE):
+        if len(stated) > 18 or int(stated) > size:
+            raise ValueError(f"{path}: truncated (its header states {stated[:20].decode()} points, in {size} bytes)")
 
 
 def hues(labels: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:

@@ -15,6 +15,7 @@ from labeling.formats.atomic import write_records
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.source_config import SourceConfig
 from labeling.io.file_names import DETECTIONS_3D_FILE, RECORDS_FOLDER, SUMMARY_FILE, cloud_file
+from labeling.io.folder_digest import folder_digest
 from labeling.io.label_records import SCHEMA_VERSION, EpisodeRecord, as_json, episode_record, read_record
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.runtime.code_digest import code_digest
@@ -63,12 +64,7 @@ def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
         json.dumps([SCHEMA_VERSION, asdict(config), package_versions(LIBRARIES), inputs], sort_keys=True).encode()
     )
     digest.update(code_digest("labeling.generator.label_jobs").encode())
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        relative = path.relative_to(folder)
-        if not any(part.startswith(".") for part in relative.parts) and relative.name != DETECTIONS_3D_FILE:
-            digest.update(str(relative).encode(errors="surrogateescape") + b"\0")
-            with path.open("rb") as file:  # which may be larger than the memory
-                digest.update(hashlib.file_digest(file, "sha256").digest())
+    digest.update(folder_digest(folder, [DETECTIONS_3D_FILE]).encode())
     return digest.hexdigest()
 
 

@@ -247,7 +247,9 @@ def _not_looked_at(episode: Episode) -> str | None:
 
 
 def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion | None]") -> Episode:
-    """Moves masks that were drawn on distorted pictures onto the undistorted ones."""
+    """Moves masks that were drawn on distorted pictures onto the undistorted ones; detections of which nothing is left
+    there are left out.
+    """
     if not any(undistortions):
         return episode
 
@@ -262,7 +264,7 @@ def _undistorted_masks(episode: Episode, undistortions: "Sequence[Undistortion |
     detections, truths = episode.detections, episode.ground_truth
     return replace(
         episode,
-        detections=detections and tuple(map(moved_detection, detections)),
+        detections=detections and tuple(one for one in map(moved_detection, detections) if one.mask.any()),
         ground_truth=truths
         and tuple(replace(t, modal=moved(t.view_index, t.modal), amodal=moved(t.view_index, t.amodal)) for t in truths),
         notes=(*episode.notes, f"lens distortion was removed from {sum(map(bool, undistortions))} views"),

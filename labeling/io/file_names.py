@@ -8,6 +8,8 @@ MOTION_FILE = "motion.json"
 """Where the objects are that may move; labels do not depend on it."""
 DETECTIONS_3D_FILE = "detections_3d.json"
 """What ``labeling.detect3d`` writes beside an episode's frames; labels do not depend on it."""
+WRITTEN_BY_DETECTORS = (DETECTIONS_FILE, ABOUT_FILE, DETECTIONS_3D_FILE)
+"""What is no part of the recording that detectors look at."""
 
 MODAL_FILE, AMODAL_FILE, BOXES_FILE = "instances_modal.json", "instances_amodal.json", "boxes_3d.json"
 SUMMARY_FILE = "label_set.json"

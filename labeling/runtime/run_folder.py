@@ -12,6 +12,9 @@ Settings = Mapping[str, Any]
 RECORDING_FILE = "transforms.json"
 """Makes a folder a recording: ``TRANSFORMS_FILE`` of ``labeling.io``, which builds on this package."""
 
+OTHER_RECORDINGS = (("rgb.txt", "depth.txt", "groundtruth.txt"), ("color", "depth", "pose", "intrinsic"))
+"""Files and folders that together make a folder a recording, too: the ``FILES`` of TUM and ScanNet."""
+
 
 def check_outside_recordings(folder: Path) -> None:
     """Refuses to write results into a recording, of which they would become a part.
@@ -19,9 +22,15 @@ def check_outside_recordings(folder: Path) -> None:
     Raises:
         UsageError: if the folder lies inside of one.
     """
-    recording = next((one for one in folder.resolve().parents if (one / RECORDING_FILE).is_file()), None)
+    recording = next((one for one in folder.resolve().parents if _is_recording(one)), None)
     if recording is not None:
         raise UsageError(f"{folder} lies inside the recording {recording}; give an --out outside of it")
+
+
+def _is_recording(folder: Path) -> bool:
+    if (folder / RECORDING_FILE).is_file():
+        return True
+    return any(all((folder / mark).exists() for mark in marks) for marks in OTHER_RECORDINGS)
 
 
 def claim_run_folder(

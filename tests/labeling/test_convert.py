@@ -45,6 +45,27 @@ def test_what_comes_next_depends_on_whether_there_are_detections(tmp_path, room,
     assert ("labeling.generate" in said, "labeling.detect" in said) == (detected, not detected)
 
 
+def test_detections_that_undistortion_moves_out_of_the_picture_are_left_out(tmp_path, room):
+    write_episode(tmp_path / "in", room)
+    path = tmp_path / "in" / "transforms.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "k1": -0.5}))
+    boxes = [[0, 0, 2, 2], [10, 10, 20, 15]]
+    records = [{"image_id": 0, "category_id": 1, "bbox": box, "score": 0.5} for box in boxes]
+    (tmp_path / "in" / "detections.json").write_text(json.dumps(records))
+    assert main([str(tmp_path / "in"), "--undistort", "--out", str(tmp_path / "out")]) == 0
+    (found,) = read_episode(tmp_path / "out").detections or ()
+    assert found.mask.any()
+
+
+@pytest.mark.parametrize("layout", WRITERS)
+def test_nothing_is_written_into_a_recording(tmp_path, room, layout, capsys):
+    (tmp_path / "in").mkdir()
+    WRITERS[layout](tmp_path / "in", room)
+    assert main([str(tmp_path / "in"), "--out", str(tmp_path / "in" / "below" / "out")]) == 2
+    assert "lies inside the recording" in capsys.readouterr().err
+    assert not (tmp_path / "in" / "below").exists()
+
+
 def test_an_existing_folder_is_left_alone(tmp_path, room, capsys):
     (tmp_path / "in").mkdir()
     WRITERS["tum"](tmp_path / "in", room)

@@ -4,7 +4,11 @@
 docs/detectors.md says what the network may give and what the JSON may hold.
 """
 
+import contextlib
 import hashlib
+import os
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +21,7 @@ from labeling.core.detector import DetectorError, PictureDetections
 from labeling.core.errors import EpisodeFormatError
 from labeling.core.masks import MASK_THRESHOLD, paste_mask
 from labeling.detectors.adapters.function import first_line
-from labeling.detectors.adapters.onnx_config import FAMILIES, read_config
+from labeling.detectors.adapters.onnx_config import FAMILIES, OnnxConfig, read_config
 from labeling.detectors.adapters.onnx_layouts import DENSE_NMS_IOU, Candidates, read_candidates
 from labeling.detectors.data.augment import resize_picture
 from labeling.formats.checked_json import read_json
@@ -30,6 +34,8 @@ PAD_VALUE = 114
 MAX_CANDIDATES = 100
 MAX_DENSE = 1000
 """Candidates of dense layouts that are compared with each other at most, the most confident."""
+MAX_NAME = 4096
+"""Bytes of the longest name of a file of weights."""
 SIZES_INPUT = "orig_target_sizes"
 """Input of exported RT-DETRs that says for which picture, width and height, boxes are to be."""
 
@@ -57,7 +63,8 @@ class OnnxDetector:
             )
         self.categories = tuple(dict.fromkeys(one for one in self.config.categories if one))
         extra = regular(beside).read_bytes() if beside.is_file() else (family or "").encode()
-        self.digest = hashlib.sha256(regular(path).read_bytes() + extra).hexdigest()
+        content = regular(path).read_bytes()
+        self.digest = _digest(content + extra, [path.parent / one for one in _named_files(content, self.config)])
         missing = [one for _, one in self.config.outputs if one not in self._outputs]
         if missing:
             raise DetectorError(
@@ -206,6 +213,30 @@ def _session(path: Path, name: str) -> Any:
         raise DetectorError(f"{name}: cannot be loaded ({first_line(error)})") from None
 
 
+_EXTERNAL_DATA = re.compile(rb"\x0a\x08location\x12([\x80-\xff]*[\x00-\x7f])")
+"""An entry of a tensor that says in which file its numbers are (``StringStringEntryProto`` of onnx.proto), up to the
+length of the file's name. Found in the bytes: the package onnx, which reads graphs, need not be installed.
+"""
+
+
+def _named_files(graph: bytes, config: OnnxConfig) -> list[str]:
+    """Files beside a graph that hold weights or anchors of it."""
+    names = {config.anchors} if config.anchors is not None else set()
+    for match in _EXTERNAL_DATA.finditer(graph):
+        length = sum((digit & 0x7F) << 7 * place for place, digit in enumerate(match.group(1)))
+        names.add(os.fsdecode(graph[match.end() : match.end() + min(length, MAX_NAME)]))
+    return sorted(name for name in names if name and "\0" not in name)
+
+
+def _digest(content: bytes, files: Sequence[Path]) -> str:
+    """Changes with any of the contents; files that cannot be read do not count."""
+    digest = hashlib.sha256(content)
+    for file in files:
+        with contextlib.suppress(OSError), regular(file).open("rb") as opened:
+            digest.update(hashlib.file_digest(opened, "sha256").digest())
+    return digest.hexdigest()
+
+
 def _described(session: Any, name: str) -> tuple[dict[str, str], list[tuple[str, str, list[Any]]], list[str]]:
     """Metadata of a graph; name, type and shape of its inputs; names of its outputs."""
     try:
@@ -220,7 +251,7 @@ def _described(session: Any, name: str) -> tuple[dict[str, str], list[tuple[str,
 
 def _anchors(path: Path, where: str, name: str) -> Float32[np.ndarray, "n 4"]:
     """Anchors from a file of numpy beside the graph, or from a constant of the graph."""
-    beside = path.with_name(where)
+    beside = path.parent / where
     try:
         if beside.suffix == ".npy":
             return np.load(beside, allow_pickle=False).astype(np.float32)

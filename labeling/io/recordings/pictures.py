@@ -215,8 +215,11 @@ def _read_array(path: Path) -> np.ndarray:
     """Reads numbers that numpy has saved; objects, which could hold code, are refused."""
     try:
         array = np.load(regular(path), mmap_mode="r", allow_pickle=False)
+        if not isinstance(array, np.ndarray):
+            array.close()
+            raise ValueError("an archive of several arrays")
         if array.size > max_pixels() or array.dtype.kind not in "fui":
             raise ValueError(f"{array.dtype} {array.shape}")
         return np.array(array)
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, TypeError, OverflowError) as error:  # the last two: sizes that are none
         raise EpisodeFormatError(f"{path}: not an array of depths that can be read ({error})") from None

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import save_network
 from labeling.detectors.registry import load_detector
+from labeling.formats.atomic import write_png
 from labeling.io.episodes import read_episode
+from labeling.io.recordings.pictures import read_colour
 from labeling.io.recordings.recording_config import RecordingConfig
 from labeling.training.config import WEIGHTS_FILE
 
@@ -46,6 +50,44 @@ def test_a_rerun_only_does_what_is_missing(dataset, detector, capsys):
     assert detect(command) == 0
     assert len(calls) == 6
     assert {path: path.read_bytes() for path in dataset.rglob("*.json")} == before
+
+
+def test_a_recording_that_has_changed_is_looked_at_anew(dataset, detector, capsys):
+    command = [str(dataset), "--detector", f"{detector}:find"]
+    assert detect(command) == 0
+    (dataset / "one" / "detections_3d.json").write_text("{}")
+    picture = dataset / "one" / "rgb" / "001.png"
+    write_png(picture, np.zeros_like(read_colour(picture)))
+    capsys.readouterr()
+    assert detect(command) == 0
+    assert "of 1 episodes; 1 were done already" in capsys.readouterr().out
+    assert len(sys.modules[detector].CALLS) == 6
+
+
+def test_an_episode_that_cannot_be_written_to_does_not_stop_the_others(dataset, detector, monkeypatch, capsys):
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "one")  # root may write everywhere
+    assert detect([str(dataset), "--detector", f"{detector}:find"]) == 2
+    error = capsys.readouterr().err
+    assert f"error: {dataset / 'one'}: cannot be written to; change its permissions" in error
+    assert "1 of 2 episodes failed" in error
+    assert len(sys.modules[detector].CALLS) == 2
+    assert (dataset / "two" / "detections.json").is_file()
+
+
+def test_an_episode_that_the_system_refuses_does_not_stop_the_others(dataset, detector, monkeypatch, capsys):
+    write = Path.write_text
+
+    def refuse(path: Path, *given: Any, **more: Any) -> int:
+        if path.parent.name == "one":
+            raise PermissionError(13, "Permission denied", str(path))
+        return write(path, *given, **more)
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    assert detect([str(dataset), "--detector", f"{detector}:find"]) == 2
+    error = capsys.readouterr().err
+    assert f"error: {dataset / 'one'}: cannot be read or written (" in error
+    assert "1 of 2 episodes failed" in error
+    assert (dataset / "two" / "detections.json").is_file()
 
 
 def test_detections_of_others_are_left_alone_unless_told(scene, detector, capsys):

@@ -311,6 +311,26 @@ def test_anchors_are_a_constant_of_the_graph_or_a_file(tmp_path, constant):
         load_detector(f"onnx:{path}")
 
 
+def test_files_beside_a_graph_count_for_its_digest(tmp_path):
+    offsets, anchors = anchored()
+    outputs = {"loc": offsets[None], "conf": with_background(first=True)[None]}
+    path = graph(tmp_path / "ssd.onnx", outputs, constants={"w": np.zeros(1000, np.float32)})
+    external = "weights/" + "w" * 200 + ".bin"
+    (tmp_path / "weights").mkdir()
+    onnx.save(
+        onnx.load(path), path, save_as_external_data=True, location=external, size_threshold=100, convert_attribute=True
+    )
+    np.save(tmp_path / "priors.npy", anchors)
+    settings = {"categories": NAMES, "anchors": "priors.npy", "order": "yxyx", "boxes": "unit"}
+    path.with_suffix(".json").write_text(json.dumps(settings))
+    before = load_detector(f"onnx:{path}").digest
+    assert load_detector(f"onnx:{path}").digest == before
+    np.save(tmp_path / "priors.npy", anchors + 0.01)
+    moved = load_detector(f"onnx:{path}").digest
+    (tmp_path / external).write_bytes((tmp_path / external).read_bytes()[:-4] + b"\x00\x00\x80\x3f")
+    assert len({before, moved, load_detector(f"onnx:{path}").digest}) == 3
+
+
 def test_a_graph_is_told_the_size_that_it_asks_for(tmp_path):
     sizes = helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, (1, 2))
     outputs = {"labels": LABELS[None], "boxes": BOXES[None], "scores": SCORES[None]}

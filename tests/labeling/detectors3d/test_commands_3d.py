@@ -170,6 +170,16 @@ def test_views_that_are_read_otherwise_are_looked_at_anew(episodes, capsys):
     assert [one.get("box_3d").value for one in after] != [one.get("box_3d").value for one in before]
 
 
+def test_a_recording_that_has_changed_is_looked_at_anew(episodes, capsys):
+    command = [str(episodes), "--detector", "ldls"]
+    assert detect3d.main(command) == 0
+    depth = episodes / "boxed_1" / "depth" / "000.png"
+    shutil.copyfile(depth.with_name("001.png"), depth)
+    capsys.readouterr()
+    assert detect3d.main(command) == 0
+    assert "in 1 episodes; 1 were done already" in capsys.readouterr().out
+
+
 def test_found_boxes_do_not_change_the_labels_of_an_episode(episodes, tmp_path, capsys):
     out = tmp_path / "labels"
     assert generate([str(episodes), "--out", str(out)]) == 0

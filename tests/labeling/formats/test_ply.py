@@ -48,6 +48,13 @@ def test_objects_have_colours_that_differ() -> None:
     [
         (lambda content: content[:-3], "truncated"),
         (lambda content: content[:60], "truncated"),
+        (lambda content: content.replace(b"vertex 50", b"vertex 10000000000000"), "truncated .*10000000000000 points"),
+        (
+            lambda content: content.replace(b"binary_little_endian", b"ascii").replace(
+                b"vertex 50", b"vertex 1" + b"0" * 13
+            ),
+            "truncated .*10000000000000 points",
+        ),
         (lambda content: b"", "PLY"),
         (lambda content: b"not a cloud\n" + content, "PLY"),
         (lambda content: content.replace(b"int label", b"int owner"), "no label"),

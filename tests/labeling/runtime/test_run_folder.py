@@ -7,7 +7,8 @@ import pytest
 
 from labeling.core.errors import SbmError, UsageError
 from labeling.io.file_names import TRANSFORMS_FILE
-from labeling.runtime.run_folder import RECORDING_FILE, as_options, claim_run_folder
+from labeling.io.recordings.layouts import LAYOUTS
+from labeling.runtime.run_folder import OTHER_RECORDINGS, RECORDING_FILE, as_options, claim_run_folder
 
 FILE = "settings.json"
 SETTINGS = {"env": "a", "seed": 1, "steps": 10}
@@ -70,3 +71,7 @@ def test_nothing_is_begun_inside_a_recording(tmp_path):
     with pytest.raises(UsageError, match=r"lies inside the recording .*capture; give an --out outside of it"):
         claim_run_folder(tmp_path / "capture" / "deep" / "labels", "settings.json", {})
     assert [path.name for path in (tmp_path / "capture").iterdir()] == ["transforms.json"]
+
+
+def test_the_marks_of_recordings_are_those_of_all_layouts() -> None:
+    assert {(RECORDING_FILE,), *OTHER_RECORDINGS} == {layout.marks for layout in LAYOUTS}

@@ -324,7 +324,7 @@ def test_enlarging_by_whole_factors_repeats_pixels():
     np.testing.assert_array_equal(enlarge_depth(depth, (3, 4)), depth)
 
 
-@pytest.mark.parametrize("content", ["objects", "text", "3d", "huge"])
+@pytest.mark.parametrize("content", ["objects", "text", "3d", "archive", "no size", "huge"])
 def test_arrays_that_are_no_depth_are_refused(tmp_path, room, content):
     folder = written(tmp_path, "nerfstudio", room)
     file = folder / "depths" / "001.npy"
@@ -334,9 +334,13 @@ def test_arrays_that_are_no_depth_are_refused(tmp_path, room, content):
         file.write_text("hello")
     elif content == "3d":
         np.save(file, np.ones((36, 48, 3)))
+    elif content == "archive":
+        with file.open("wb") as opened:
+            np.savez(opened, depth=np.ones((36, 48)))
     else:
-        header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (999999, 999999), }".ljust(117) + b"\n"
-        file.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+        shape = b"(True, 4)" if content == "no size" else b"(999999, 999999)"
+        header = (b"{'descr': '<f4', 'fortran_order': False, 'shape': " + shape + b", }").ljust(117) + b"\n"
+        file.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(16))
     with pytest.raises(EpisodeFormatError, match=r"001\.npy: "):
         read_episode(folder)
 
