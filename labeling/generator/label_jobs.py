@@ -48,6 +48,15 @@ class EpisodeResult:
     error: str | None = None
     labelled_with: tuple[str, ...] = ()
     """Names of the episodes of its scene that it was labelled together with, its own included; empty if alone."""
+    labelled_alone: str | None = None
+    """Why it was not labelled together with others of its scene, although it was asked for; a note for users."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know about how it was labelled; none if it failed."""
+        if self.record is None:
+            return ()
+        return (*self.record.notes, *(() if self.labelled_alone is None else (self.labelled_alone,)))
 
 
 def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
