@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -34,6 +35,10 @@ LIBRARIES = ("numpy", "numba", "opencv-python-headless", "scipy", "hotcoco")
 """What the labels depend on."""
 MAX_BESIDE_PX = 8_000_000
 """While an episode of more pixels is labelled no other one is kept in memory: 100 views of 320x240."""
+
+
+DATA_ERRORS = (ValueError, ArithmeticError)
+"""What numbers that make no sense lead to; other exceptions are faults of the program."""
 
 
 @dataclass(frozen=True)
@@ -236,9 +241,16 @@ class Job:
             problem = str(error)
         elif isinstance(error, OSError):
             problem = f"{folder}: cannot be read or written ({error})"
-        else:
+        elif isinstance(error, MemoryError):
+            problem = f"{folder}: cannot be labelled, as memory ran out; give fewer --workers, or record fewer views"
+        elif isinstance(error, DATA_ERRORS):
             told = " ".join(str(error).split()) or type(error).__name__
             problem = f"{folder}: cannot be labelled ({told}); check its poses, intrinsics and depth unit"
+        else:
+            told = " ".join(f"{type(error).__name__}: {error}".split())
+            problem = (
+                f"{folder}: cannot be labelled, by a fault of this program ({told}{_place(error)}); report this line"
+            )
         return EpisodeResult(folder.resolve().name, self.relative(folder), None, problem)
 
     def record_file(self, name: str) -> Path:
@@ -248,6 +260,12 @@ class Job:
     def relative(self, folder: Path) -> str:
         """An episode's folder as seen from the dataset; ``.`` if it is the dataset."""
         return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
+
+
+def _place(error: Exception) -> str:
+    """Where an exception was raised, in words; empty if it does not know."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f" in {frames[-1].name}, line {frames[-1].lineno} of {Path(frames[-1].filename).name}" if frames else ""
 
 
 def label_all(
