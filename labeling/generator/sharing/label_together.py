@@ -124,7 +124,8 @@ class GroupJob:
             except OSError as error:
                 failed[folder] = self.job.failed(folder, error)
         marks = _joint_marks(marks)
-        records = {folder: self.job.finished(folder.resolve().name, mark) for folder, mark in marks.items()}
+        records, unreadable = self._left(marks)
+        failed |= unreadable
         if any(record is None for record in records.values()):
             read: dict[Path, tuple[Episode, Sources]] = {}
             for folder in marks:
@@ -141,6 +142,15 @@ class GroupJob:
                 told = " ".join(f"{type(error).__name__}: {error}".split())
                 del read
                 return self._one_by_one(folders, failed, f"this failed ({told})")
+        return self._results(folders, records, failed)
+
+    def _results(
+        self,
+        folders: Sequence[Path],
+        records: "dict[Path, EpisodeRecord | None]",
+        failed: dict[Path, EpisodeResult],
+    ) -> list[EpisodeResult]:
+        """How it went with a group, in the order of its folders."""
         together = tuple(folder.resolve().name for folder in records)
         labelled = {
             folder: EpisodeResult(folder.resolve().name, self.job.relative(folder), record, labelled_with=together)
@@ -162,14 +172,30 @@ class GroupJob:
             marks = {folder: fingerprint(folder, self.job.label, list(self.job.inputs)) for folder in folders}
         except OSError:  # whoever labels it tells
             return None
-        names = {folder: folder.resolve().name for folder in folders}
-        records = {folder: self.job.finished(names[folder], mark) for folder, mark in _joint_marks(marks).items()}
+        records, failed = self._left(_joint_marks(marks))
         if any(record is None for record in records.values()):
             return None
-        return [
-            EpisodeResult(names[folder], self.job.relative(folder), record, labelled_with=tuple(names.values()))
-            for folder, record in records.items()
-        ]
+        return self._results(folders, records, failed)
+
+    def _left(self, marks: dict[Path, str]) -> "tuple[dict[Path, EpisodeRecord | None], dict[Path, EpisodeResult]]":
+        """What an earlier run has left of a group, and which of its episodes cannot be read, as they could not then.
+
+        If all that have no record are such, the others need not be labelled anew, and the records are theirs alone.
+        Otherwise there is a record, or None, for every episode.
+        """
+        records = {folder: self.job.finished(folder.resolve().name, mark) for folder, mark in marks.items()}
+        missing = [folder for folder, record in records.items() if record is None]
+        if len(missing) == len(records):
+            return records, {}
+        failed: dict[Path, EpisodeResult] = {}
+        for folder in missing:
+            try:
+                _result(self.job.read(folder))
+            except Exception as error:  # whatever is wrong with it, the others have been labelled without it
+                failed[folder] = self.job.failed(folder, error)
+            else:
+                return records, {}
+        return {folder: record for folder, record in records.items() if record is not None}, failed
 
     def _label(
         self,

@@ -8,7 +8,9 @@ import pytest
 
 from labeling.core.episode import Episode
 from labeling.generate import main
+from labeling.generator.label_jobs import Job
 from labeling.generator.sharing import label_together
+from labeling.generator.sharing.label_together import GroupJob
 from labeling.io.episodes import write_episode
 
 from ...synthetic_room import make_episode, pick
@@ -88,3 +90,36 @@ def test_no_other_episode_of_the_scene(dataset: Path, about: dict[str, str], why
     found = label(dataset)
     assert why_alone(found["visit_1"]) == [why]
     assert why_alone(found["visit_0"]) == ["there is no other one here"]
+
+
+@pytest.mark.slow
+def test_a_group_with_an_unreadable_episode_is_labelled_once(whole: Episode, dataset: Path) -> None:
+    """And anew when that one has been mended, or another has changed."""
+    third = replace(pick(whole, [0, 1, 2]), metadata={"world": "rooms", "scene": "room_3"})
+    write_episode(dataset / "visit_2", third)
+    broken = dataset / "visit_1" / "rgb" / "001.png"
+    picture = broken.read_bytes()
+    broken.write_bytes(b"no picture")
+
+    def clouds() -> dict[str, int]:
+        return {file.name: file.stat().st_mtime_ns for file in (dataset.parent / "labels" / "clouds").iterdir()}
+
+    first = label(dataset, code=2)
+    before = clouds()
+    assert len(before) == 2
+    assert label(dataset, code=2) == first
+    assert clouds() == before
+    broken.write_bytes(picture)
+    assert {one["status"] for one in label(dataset).values()} == {"labelled"}
+    assert not before.items() & clouds().items()
+
+
+@pytest.mark.slow
+def test_a_cluster_is_not_asked_for_a_group_that_is_done_but_for_an_unreadable_episode(dataset: Path) -> None:
+    (dataset / "visit_1" / "rgb" / "001.png").write_bytes(b"no picture")
+    folders = sorted(dataset.iterdir())
+    work = GroupJob(Job(dataset, dataset.parent / "labels"))
+    assert work.kept(folders) is None
+    done = work.label_group(folders)
+    assert [one.record is None for one in done] == [False, True]
+    assert work.kept(folders) == done
