@@ -120,7 +120,7 @@ def _print_notes(result: EpisodeResult) -> None:
     """Says on stderr, beside the progress bar, what a user should know about an episode."""
     from tqdm import tqdm
 
-    for note in () if result.record is None else result.record.notes:
+    for note in result.notes:
         tqdm.write(printable(f"note: {result.name}: {note}"), file=sys.stderr)
     if result.error is not None:
         tqdm.write(printable(f"error: {result.error}"), file=sys.stderr)

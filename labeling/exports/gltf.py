@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from labeling.core.types import BOX_EDGES
 from labeling.formats.atomic import atomic_file
 from labeling.inspection.scene import LabelledScene
 
 POINTS, LINES = 0, 1
 _FLOAT, _BYTE, _ARRAY_BUFFER = 5126, 5121, 34962
-_EDGES = [(0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7)]
-"""Of a box, as pairs of what ``Box3d.corners`` lists."""
 
 
 def write_gltf(path: Path, scene: LabelledScene) -> None:
@@ -32,7 +31,7 @@ def write_gltf(path: Path, scene: LabelledScene) -> None:
     if len(scene.points):
         parts.append(("cloud", POINTS, scene.points - origin, scene.colours))
     for one in scene.objects:
-        corners = one.box.corners()[np.array(_EDGES).ravel()] - origin
+        corners = one.box.corners()[np.array(BOX_EDGES).ravel()] - origin
         colour = np.rint(255 * np.asarray(one.colour)).astype(np.uint8)
         parts.append((one.title, LINES, corners, np.tile(colour, (len(corners), 1))))
     content, buffer = _document(parts, origin)

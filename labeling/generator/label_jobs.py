@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -37,6 +38,10 @@ MAX_BESIDE_PX = 8_000_000
 """While an episode of more pixels is labelled no other one is kept in memory: 100 views of 320x240."""
 
 
+DATA_ERRORS = (ValueError, ArithmeticError)
+"""What numbers that make no sense lead to; other exceptions are faults of the program."""
+
+
 @dataclass(frozen=True)
 class EpisodeResult:
     """How it went with one episode."""
@@ -49,6 +54,15 @@ class EpisodeResult:
     error: str | None = None
     labelled_with: tuple[str, ...] = ()
     """Names of the episodes of its scene that it was labelled together with, its own included; empty if alone."""
+    labelled_alone: str | None = None
+    """Why it was not labelled together with others of its scene, although it was asked for; a note for users."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know about how it was labelled; none if it failed."""
+        if self.record is None:
+            return ()
+        return (*self.record.notes, *(() if self.labelled_alone is None else (self.labelled_alone,)))
 
 
 def fingerprint(folder: Path, config: LabelConfig, inputs: Any = None) -> str:
@@ -223,9 +237,16 @@ class Job:
             problem = str(error)
         elif isinstance(error, OSError):
             problem = f"{folder}: cannot be read or written ({error})"
-        else:
+        elif isinstance(error, MemoryError):
+            problem = f"{folder}: cannot be labelled, as memory ran out; give fewer --workers, or record fewer views"
+        elif isinstance(error, DATA_ERRORS):
             told = " ".join(str(error).split()) or type(error).__name__
             problem = f"{folder}: cannot be labelled ({told}); check its poses, intrinsics and depth unit"
+        else:
+            told = " ".join(f"{type(error).__name__}: {error}".split())
+            problem = (
+                f"{folder}: cannot be labelled, by a fault of this program ({told}{_place(error)}); report this line"
+            )
         return EpisodeResult(folder.resolve().name, self.relative(folder), None, problem)
 
     def record_file(self, name: str) -> Path:
@@ -235,6 +256,12 @@ class Job:
     def relative(self, folder: Path) -> str:
         """An episode's folder as seen from the dataset; ``.`` if it is the dataset."""
         return "." if folder == self.dataset else folder.relative_to(self.dataset).as_posix()
+
+
+def _place(error: Exception) -> str:
+    """Where an exception was raised, in words; empty if it does not know."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f" in {frames[-1].name}, line {frames[-1].lineno} of {Path(frames[-1].filename).name}" if frames else ""
 
 
 def label_all(

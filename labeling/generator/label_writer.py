@@ -127,7 +127,7 @@ def _summary(out: Path, dataset: Path, config: LabelConfig, results: Sequence[Ep
                 "status": "failed" if one.record is None else "labelled",
                 "error": one.error,
                 "sources": one.record and one.record.sources,
-                "notes": list(one.record.notes) if one.record else [],
+                "notes": list(one.notes),
                 **({"poses": one.record.poses.summary()} if one.record and one.record.poses else {}),
                 "unused_sources": one.record.unused_sources if one.record else 0,
                 "fingerprint": one.record and one.record.fingerprint,

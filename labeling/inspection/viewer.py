@@ -1,6 +1,7 @@
 """A label set in the browser: segmented clouds, boxes, cameras and their pictures, by viser (extra ``viewer``)."""
 
 import contextlib
+import hashlib
 import html
 import socket
 import tempfile
@@ -32,6 +33,8 @@ FLIGHT_S, FLIGHT_STEPS = 0.6, 20
 FRAME_TIMEOUT_S = 20.0
 CELL = "padding:2px 6px;text-align:left;vertical-align:top"
 TRUTH: Rgb = (0.1, 0.1, 0.12)
+MAX_NAME_BYTES = 150
+"""Longest name of an HTML file, without its ending; file systems take 255, and files being written have longer ones."""
 FRUSTUM_SHARE = 0.025
 """Length of a camera's pyramid, as a share of the diagonal of the region that objects take up."""
 
@@ -81,7 +84,7 @@ class SceneViewer:
         for name, parts in self._choices.items():
             self.episode.value = name
             self._open()
-            file = folder / f"{'_'.join(scene.name for scene in parts)}.html"
+            file = folder / f"{short_name('_'.join(scene.name for scene in parts))}.html"
             text = self.server.get_scene_serializer().as_html()
             with atomic_file(file) as temporary:
                 temporary.write_text(text, encoding="utf-8")
@@ -321,6 +324,15 @@ def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
         if len(parts) > 1:
             found[f"{' '.join(filter(None, (world, name)))}: {len(parts)} episodes"] = parts
     return found
+
+
+def short_name(name: str) -> str:
+    """A name that file systems take: what is longer than ``MAX_NAME_BYTES`` in UTF-8 ends with a digest of the rest."""
+    coded = name.encode(errors="surrogateescape")
+    if len(coded) <= MAX_NAME_BYTES:
+        return name
+    mark = f"_{hashlib.sha256(coded).hexdigest()[:12]}"
+    return coded[: MAX_NAME_BYTES - len(mark)].decode(errors="ignore") + mark
 
 
 def object_table(objects: Sequence[SceneObject]) -> str:

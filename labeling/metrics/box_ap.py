@@ -121,15 +121,16 @@ def average_precision_by_range(
         By the nearest and the farthest distance of each bin.
     """
     least = min(iou_thresholds) - _ROUNDING
-
-    def finds_something(one: BoxInstance) -> bool:
-        rivals = [t for t in ground_truth if (t.image, t.category) == (one.image, one.category)]
-        return any(box_iou_3d(one.box, truth.box) >= least for truth in rivals)
-
+    rivals: dict[tuple[Hashable, str], list[Box3d]] = defaultdict(list)
+    for truth in ground_truth:
+        rivals[truth.image, truth.category].append(truth.box)
+    finds = [any(box_iou_3d(one.box, box) >= least for box in rivals[one.image, one.category]) for one in predictions]
     found = {}
     for low, high in pairwise(edges_m):
         truths = [item if low <= item.range_m < high else replace(item, ignore=True) for item in ground_truth]
-        kept = [item for item in predictions if low <= item.range_m < high or finds_something(item)]
+        kept = [
+            item for item, finds_one in zip(predictions, finds, strict=True) if finds_one or low <= item.range_m < high
+        ]
         found[low, high] = average_precision_3d(kept, truths, iou_thresholds)
     return found
 

@@ -78,20 +78,33 @@ def test_focal_lengths_in_no_pixels_are_refused(dataset, tmp_path, capsys) -> No
     assert "room_1: view 0: focal lengths of 1e+09 and 1e+09 pixels in pictures of 64x48" in capsys.readouterr().err
 
 
-def test_an_unexpected_error_is_the_line_of_its_episode(dataset, tmp_path, capsys, monkeypatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (ZeroDivisionError("nothing to divide by"), "cannot be labelled (nothing to divide by); check its poses"),
+        (MemoryError("9 GiB"), "cannot be labelled, as memory ran out; give fewer --workers"),
+        (KeyError("chair"), "by a fault of this program (KeyError: 'chair' in fails_in_one, line "),
+    ],
+)
+def test_an_unexpected_error_is_the_line_of_its_episode(
+    dataset, tmp_path, capsys, monkeypatch, error, expected
+) -> None:
     from labeling.generator import propagate as module
 
     real = module.propagate
 
     def fails_in_one(views, *arguments):
         if views.name == "room_1":
-            raise ZeroDivisionError("nothing to divide by")
+            raise error
         return real(views, *arguments)
 
     monkeypatch.setattr(module, "propagate", fails_in_one)
     assert generate([str(dataset), "--out", str(tmp_path / "labels")]) == 2
     told = capsys.readouterr().err
-    assert "room_1: cannot be labelled (nothing to divide by); check its poses" in told
+    assert "room_1: cannot be labelled" in told
+    assert expected in told
+    assert ("check its poses" in told) == isinstance(error, ZeroDivisionError)
+    assert "Traceback" not in told
     assert "1 of 2 episodes could not be labelled" in told
 
 

@@ -112,10 +112,10 @@ class GroupJob:
 
         An episode that cannot be read, or has nothing to be labelled from, fails alone. If picture sizes or detectors
         differ, the group is larger than ``MAX_PIXELS``, or one of them makes labels of all impossible, each episode is
-        labelled by itself.
+        labelled by itself, and its result says why; so does that of one which nothing was left to be joined with.
         """
         if len(folders) == 1:
-            return [self.job.label_episode(folders[0])]
+            return [_alone(self.job.label_episode(folders[0]), _why_single(folders[0]))]
         failed: dict[Path, EpisodeResult] = {}
         marks: dict[Path, str] = {}
         for folder in folders:
@@ -124,7 +124,8 @@ class GroupJob:
             except OSError as error:
                 failed[folder] = self.job.failed(folder, error)
         marks = _joint_marks(marks)
-        records = {folder: self.job.finished(folder.resolve().name, mark) for folder, mark in marks.items()}
+        records, unreadable = self._left(marks)
+        failed |= unreadable
         if any(record is None for record in records.values()):
             read: dict[Path, tuple[Episode, Sources]] = {}
             for folder in marks:
@@ -132,38 +133,69 @@ class GroupJob:
                     read[folder] = _result(self.job.read(folder))
                 except Exception as error:  # whatever is wrong with one episode, the others are labelled
                     failed[folder] = self.job.failed(folder, error)
-                if not _fit_together(read.values()):
+                if (why := _why_apart(read.values())) is not None:
                     del read
-                    return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
+                    return self._one_by_one(folders, failed, why)
             try:
                 records = self._label(read, marks, failed)
-            except Exception:  # of which episode it is shows when each is labelled alone
+            except Exception as error:  # of which episode it is shows when each is labelled alone
+                told = " ".join(f"{type(error).__name__}: {error}".split())
                 del read
-                return [failed.get(folder) or self.job.label_episode(folder) for folder in folders]
+                return self._one_by_one(folders, failed, f"this failed ({told})")
+        return self._results(folders, records, failed)
+
+    def _results(
+        self,
+        folders: Sequence[Path],
+        records: "dict[Path, EpisodeRecord | None]",
+        failed: dict[Path, EpisodeResult],
+    ) -> list[EpisodeResult]:
+        """How it went with a group, in the order of its folders."""
         together = tuple(folder.resolve().name for folder in records)
         labelled = {
             folder: EpisodeResult(folder.resolve().name, self.job.relative(folder), record, labelled_with=together)
             for folder, record in records.items()
         }
+        if len(labelled) == 1:
+            labelled = {folder: _alone(one, "these could not be labelled") for folder, one in labelled.items()}
         return [failed.get(folder) or labelled[folder] for folder in folders]
+
+    def _one_by_one(self, folders: Sequence[Path], failed: dict[Path, EpisodeResult], why: str) -> list[EpisodeResult]:
+        return [failed.get(folder) or _alone(self.job.label_episode(folder), why) for folder in folders]
 
     def kept(self, folders: Sequence[Path]) -> list[EpisodeResult] | None:
         """What an earlier run has left of a group, if that still fits all of it."""
         if len(folders) == 1:
             found = self.job.kept(folders[0])
-            return None if found is None else [found]
+            return None if found is None else [_alone(found, _why_single(folders[0]))]
         try:
             marks = {folder: fingerprint(folder, self.job.label, list(self.job.inputs)) for folder in folders}
         except OSError:  # whoever labels it tells
             return None
-        names = {folder: folder.resolve().name for folder in folders}
-        records = {folder: self.job.finished(names[folder], mark) for folder, mark in _joint_marks(marks).items()}
+        records, failed = self._left(_joint_marks(marks))
         if any(record is None for record in records.values()):
             return None
-        return [
-            EpisodeResult(names[folder], self.job.relative(folder), record, labelled_with=tuple(names.values()))
-            for folder, record in records.items()
-        ]
+        return self._results(folders, records, failed)
+
+    def _left(self, marks: dict[Path, str]) -> "tuple[dict[Path, EpisodeRecord | None], dict[Path, EpisodeResult]]":
+        """What an earlier run has left of a group, and which of its episodes cannot be read, as they could not then.
+
+        If all that have no record are such, the others need not be labelled anew, and the records are theirs alone.
+        Otherwise there is a record, or None, for every episode.
+        """
+        records = {folder: self.job.finished(folder.resolve().name, mark) for folder, mark in marks.items()}
+        missing = [folder for folder, record in records.items() if record is None]
+        if len(missing) == len(records):
+            return records, {}
+        failed: dict[Path, EpisodeResult] = {}
+        for folder in missing:
+            try:
+                _result(self.job.read(folder))
+            except Exception as error:  # whatever is wrong with it, the others have been labelled without it
+                failed[folder] = self.job.failed(folder, error)
+            else:
+                return records, {}
+        return {folder: record for folder, record in records.items() if record is not None}, failed
 
     def _label(
         self,
@@ -215,10 +247,25 @@ class _Origins:
         )
 
 
-def _fit_together(read: Collection[tuple[Episode, Sources]]) -> bool:
-    """Whether these episodes can be joined into one recording."""
-    kinds = {(episode.size, sources.detector) for episode, sources in read}
-    return len(kinds) <= 1 and sum(episode.depth_m.size for episode, _ in read) <= MAX_PIXELS
+def _why_apart(read: Collection[tuple[Episode, Sources]]) -> str | None:
+    """Why these episodes cannot be joined into one recording; None if they can."""
+    if len({episode.size for episode, _ in read}) > 1:
+        return "their pictures differ in size"
+    if len({sources.detector for _, sources in read}) > 1:
+        return "their detections are of different detectors"
+    if sum(episode.depth_m.size for episode, _ in read) > MAX_PIXELS:
+        return f"all their views have more than {MAX_PIXELS:,} pixels"
+    return None
+
+
+def _why_single(folder: Path) -> str:
+    """Why a group has this one episode only."""
+    return "its episode.json names no scene" if scene_of(folder) is None else "there is no other one here"
+
+
+def _alone(result: EpisodeResult, why: str) -> EpisodeResult:
+    """A result that says that its episode was labelled by itself."""
+    return replace(result, labelled_alone=f"labelled by itself, not with other episodes of its scene: {why}")
 
 
 def _joint_marks(marks: dict[Path, str]) -> dict[Path, str]:

@@ -29,7 +29,7 @@ from labeling.inspection.colouring import COLOURINGS, TINT, object_colours, poin
 from labeling.inspection.framing import SURE, below, cut_height_m, opening_view
 from labeling.inspection.scene import LabelledScene, SceneObject, TrueObject, read_scenes, together
 from labeling.inspection.view_thumbnails import thumbnails
-from labeling.inspection.viewer import SceneViewer, choices, object_table
+from labeling.inspection.viewer import SceneViewer, choices, object_table, short_name
 from labeling.io.episodes import read_episode, write_episode
 
 from ..synthetic_room import make_episode
@@ -178,6 +178,27 @@ def test_episodes_of_a_scene_can_be_seen_together() -> None:
     for one in both.objects:
         np.testing.assert_array_equal(both.points[both.labels == one.number], one.box.corners())
     assert [one.source for one in both.objects][::3] == ["a: view 2 (0.97)", "c: view 2 (0.97)"]
+
+
+@pytest.mark.slow
+def test_many_episodes_of_a_scene_have_a_file_name_of_bounded_length(tmp_path: Path) -> None:
+    parts = [
+        room("flat_of_my_aunt_in_the_north_of_the_town_visit_" + str(number), ("homes", "flat")) for number in range(12)
+    ]
+    viewer = SceneViewer(tmp_path, parts, "127.0.0.1", 8080)
+    files = viewer.write_html(tmp_path / "html")
+    viewer.server.stop()
+    assert len(set(files)) == 13
+    assert all(file.is_file() for file in files)
+    assert files[0].name == f"{parts[0].name}.html"
+
+
+@settings(deadline=None)
+@given(st.text(max_size=300), st.text(max_size=300))
+def test_short_names_are_short_and_differ_as_names_do(one: str, other: str) -> None:
+    assert len(short_name(one).encode()) <= 150
+    assert (short_name(one) == short_name(other)) == (one == other)
+    assert short_name(one) == one or len(one.encode()) > 150
 
 
 def cells_of(objects: tuple[SceneObject, ...]) -> list[list[str]]:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from labeling.core.box_overlap import box_iou_3d
+from labeling.core.box_overlap import box_iou_3d, intersection_volume
 from labeling.core.rle import encode_mask
 from labeling.core.types import Box3d
 from labeling.metrics.box_ap import BoxInstance, average_precision_3d, average_precision_by_range
@@ -90,6 +90,83 @@ def test_by_distance_each_object_counts_once():
     assert bins[0, 10].mean[0.5] == pytest.approx(1.0)
     assert bins[10, 30].mean[0.5] == 0.0
     assert bins[30, 50].mean[0.5] is None
+
+
+def test_each_box_is_compared_with_those_of_its_view_only():
+    truths = [BoxInstance(view, "car", box(0, 0), range_m=3.0) for view in range(20)]
+    asked = 0
+
+    class View(int):
+        def __eq__(self, other):
+            nonlocal asked
+            asked += 1
+            return int(self) == int(other)
+
+        __hash__ = int.__hash__
+
+    found = [BoxInstance(View(view), "car", box(20, 0), 0.9, range_m=3.0) for view in range(20)]
+    average_precision_by_range(found, truths, (0.0, 1.0, 2.0, 3.0, 4.0), (0.5,))
+    assert asked < 20 * 20, "predictions are compared with the ground truth of other views"
+
+
+def by_brute_force(found, truths, low, high, threshold):
+    """AP of the one category "car", each rule spelled out for each box."""
+    ranked = sorted(found, key=lambda one: -one.confidence)
+    inside = [low <= truth.range_m < high and not truth.ignore for truth in truths]
+    taken, right = set(), []
+    for one in ranked:
+        same = [k for k, truth in enumerate(truths) if truth.image == one.image]
+        overlaps = {k: box_iou_3d(one.box, truths[k].box) for k in same}
+        free = [k for k in same if inside[k] and k not in taken and overlaps[k] >= threshold]
+        if free:
+            taken.add(max(free, key=overlaps.__getitem__))
+            right.append(True)
+            continue
+        volume = float(np.prod(one.box.extent_m))
+        on_ignored = any(
+            not inside[k] and intersection_volume(one.box, truths[k].box) / volume >= threshold for k in same
+        )
+        far_and_idle = not low <= one.range_m < high and not any(value >= threshold for value in overlaps.values())
+        if not on_ignored and not far_and_idle:
+            right.append(False)
+    if not any(inside):
+        return None
+    precision = [sum(right[: k + 1]) / (k + 1) for k in range(len(right))]
+    recall = [sum(right[: k + 1]) / sum(inside) for k in range(len(right))]
+    return float(
+        np.mean(
+            [
+                max((p for p, r in zip(precision, recall, strict=True) if r >= wanted - 1e-9), default=0.0)
+                for wanted in np.linspace(0, 1, 101)
+            ]
+        )
+    )
+
+
+@pytest.mark.slow
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 100_000), threshold=st.sampled_from([0.253, 0.507]))
+def test_by_distance_it_is_what_brute_force_finds(seed, threshold):
+    rng = np.random.default_rng(seed)
+
+    def some(count: int) -> list[BoxInstance]:
+        return [
+            BoxInstance(
+                int(rng.integers(2)),
+                "car",
+                box(*rng.uniform(0, 4, 2), *rng.uniform(2, 5, 2)),
+                float(rng.random()),
+                range_m=float(rng.uniform(0, 30)),
+                ignore=bool(rng.random() < 0.15),
+            )
+            for _ in range(count)
+        ]
+
+    found, truths = some(int(rng.integers(1, 12))), some(int(rng.integers(1, 8)))
+    bins = average_precision_by_range(found, truths, (0.0, 10.0, 20.0, 30.0), (threshold,))
+    for (low, high), ap in bins.items():
+        expected = by_brute_force(found, truths, low, high, threshold)
+        assert ap.per_class["car"][threshold] == (None if expected is None else pytest.approx(expected, abs=1e-9))
 
 
 @pytest.mark.parametrize(("thresholds", "score"), [((0.0,), 0.5), ((1.2,), 0.5), ((), 0.5), ((0.5,), float("nan"))])

@@ -1,4 +1,7 @@
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +14,7 @@ from labeling.generator.objects.association import (
     group_unsure,
     overlap,
     overlap_of_detection,
+    same_object,
 )
 from labeling.generator.objects.seeds import DetectionSeeds
 
@@ -94,6 +98,52 @@ def test_views_that_share_too_little_decide_nothing() -> None:
     a = Candidate.of(seeds(0, "chair", 0.9, range(100, 200), range(0, 200)), NUM_VOXELS)
     b = Candidate.of(seeds(1, "chair", 0.9, range(195, 300), range(195, 500)), NUM_VOXELS)
     assert overlap(a, b) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("shared", "decides"), [(9, False), (10, True)])
+def test_a_tenth_of_the_smaller_foreground_must_be_seen_by_both(shared: int, decides: bool) -> None:
+    """All that both have seen is in both foregrounds: only how little that is tells against their being one."""
+    small = seeds(0, "chair", 0.9, range(100, 200), range(100, 200))
+    large = seeds(1, "chair", 0.9, range(200 - shared, 500), range(200 - shared, 500))
+    for one, other in ((small, large), (large, small)):
+        a, b = Candidate.of(one, NUM_VOXELS), Candidate.of(other, NUM_VOXELS)
+        assert (overlap(a, b) != (0.0, 0.0)) == decides
+        assert (overlap_of_detection(a, other) != (0.0, 0.0)) == decides
+        assert same_object(a, b, 0.5) == decides
+
+
+def outlined(one: DetectionSeeds) -> DetectionSeeds:
+    return replace(one, detection=replace(one.detection, exact=True))
+
+
+def test_only_what_a_person_drew_counts_as_an_outline() -> None:
+    one = seeds(3, "chair", 0.9, range(100, 200), range(0, 500))
+    drawn = outlined(seeds(5, "chair", 0.9, range(100, 200), range(0, 500)))
+    assert Candidate.of(one, NUM_VOXELS).outlined_in == frozenset()
+    assert Candidate.of(one, NUM_VOXELS).with_sources([drawn]).outlined_in == {5}
+
+
+def test_two_outlines_of_one_view_are_two_objects_and_those_of_two_views_may_be_one() -> None:
+    seen = range(0, 500)
+    first, second = (outlined(seeds(0, "chair", 1.0, range(start, 200), seen)) for start in (100, 110))
+    elsewhere = outlined(seeds(1, "chair", 1.0, range(105, 200), seen))
+    detected = seeds(0, "chair", 1.0, range(110, 200), seen)
+    assert categories(associate_detections([first, second], NUM_VOXELS, 0.5)) == [("chair", [0]), ("chair", [0])]
+    assert categories(associate_detections([first, elsewhere], NUM_VOXELS, 0.5)) == [("chair", [0, 1])]
+    assert categories(associate_detections([first, detected], NUM_VOXELS, 0.5)) == [("chair", [0, 0])]
+    a, b = Candidate.of(first, NUM_VOXELS), Candidate.of(second, NUM_VOXELS)
+    assert not same_object(a, b, 0.5)
+    assert same_object(a, Candidate.of(elsewhere, NUM_VOXELS), 0.5)
+    assert same_object(a, Candidate.of(detected, NUM_VOXELS), 0.5)
+
+
+def test_segments_of_two_outlines_of_one_view_stay_apart() -> None:
+    seen = range(0, 500)
+    drawn = [outlined(seeds(view, "chair", 1.0, range(100, 200), seen)) for view in (0, 1, 0)]
+    alike = np.repeat((np.arange(NUM_VOXELS) < 100)[:, None], 3, axis=1).astype(np.float32)
+    objects = [Candidate.of(one, NUM_VOXELS) for one in drawn]
+    assert group_segments(objects, alike, 0.5) == [[0, 1], [2]]
+    assert group_segments([objects[1], objects[0], objects[2]], alike, 0.5) == [[0, 1], [2]], "of any member"
 
 
 def test_weak_detections_join_the_object_in_their_place() -> None:
