@@ -81,9 +81,17 @@ class Json:
         return value
 
     def file_name(self, name: str) -> str:
-        """A text field that files are named for: one part of a path, which leads nowhere else."""
+        """A text field that files are named for: one part of a path, which leads nowhere else.
+
+        A colon is part of a name, as in a time of day, but for one behind the letter of a drive.
+        """
         value = self.text(name)
-        if value in (".", "..") or any(character in value for character in "/\\:") or not value.isprintable():
+        if (
+            value in (".", "..")
+            or PureWindowsPath(value).drive
+            or any(character in value for character in "/\\")
+            or not value.isprintable()
+        ):
             raise self.error(f"must be a plain name, without slashes, not {_kind(value)}", name)
         return value
 

@@ -67,6 +67,14 @@ def test_nothing_is_written_into_a_recording(tmp_path, room, layout, capsys):
     assert not (tmp_path / "in" / "below").exists()
 
 
+def test_an_episode_may_be_named_for_a_time_of_day(tmp_path, room):
+    episode = tmp_path / "2024-05-01T12:30:00"
+    write_episode(episode, room)
+    assert generate([str(episode), "--out", str(tmp_path / "labels")]) == 0
+    assert main([str(tmp_path / "labels"), "--to", "masks", "--out", str(tmp_path / "out")]) == 0
+    assert main([str(tmp_path / "labels"), "--to", "gltf", "--out", str(tmp_path / "clouds")]) == 0
+
+
 def test_an_existing_folder_is_left_alone(tmp_path, room, capsys):
     (tmp_path / "in").mkdir()
     WRITERS["tum"](tmp_path / "in", room)
