@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from labeling.detectors3d.frustum_pointnet import HALF_TURN, FrustumNet, FrustumOutput, bin_to_heading, heading_to_bin
+from labeling.detectors3d.frustum_pointnet import FrustumNet, FrustumOutput, bin_to_heading, heading_to_bin
+from labeling.detectors3d.upright_boxes import HALF_TURN
 
 RESIDUALS, CORNERS = 20.0, 10.0
 """Weights of residuals and of the corner loss. Source: the paper's published code."""

@@ -14,10 +14,10 @@ import torch
 from torch import Tensor, nn
 
 from labeling.core.errors import UsageError
+from labeling.detectors3d.upright_boxes import HALF_TURN
 
 HEADINGS = 6
 """Bins of half a turn; their width is that of the paper, 30 degrees."""
-HALF_TURN = torch.pi
 OBJECT_POINTS = 512
 """Points of the object that its box is estimated from. Source: the paper's appendix."""
 MOMENTUM = 0.1

@@ -1,6 +1,6 @@
 """What can be wrong with a label set, one sentence per problem; unlike reading, inspection goes on after the first."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,9 +110,10 @@ def _repeated(file: Json, name: str) -> Iterator[str]:
 
 
 def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[str]:
-    found: list[tuple[Json, str, str, Box3d]] = []
-    moving = boxes.list_of("moving") if boxes.has("moving") else []  # objects without a box
-    for record in (*boxes.list_of("boxes"), *moving):
+    found: defaultdict[str, list[tuple[Json, str, Box3d]]] = defaultdict(list)  # by episode
+    moving = boxes.list_of("moving") if boxes.has("moving") else []
+    records = [(record, True) for record in boxes.list_of("boxes")] + [(record, False) for record in moving]
+    for record, has_box in records:
         number, episode = record.integer("instance_id"), record.text("episode")
         if number in known.objects:
             yield f"{record.where('instance_id')}: {number} is given twice"
@@ -123,16 +124,14 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
             yield f"{record.where('category_id')}: there is no category {category_id}"
         known.used.add(names.get(category_id, ""))
         yield from _check_score(record, "score")
-        if any(record is one for one in moving):
+        if not has_box:
             continue
         try:
             box = read_valid_box_3d(record)
         except EpisodeFormatError as error:
             yield str(error)
             continue
-        for other, other_episode, category, other_box in found:
-            if other_episode != episode:
-                continue
+        for other, category, other_box in found[episode]:
             same = category == names.get(category_id)
             overlap = box_iou_3d(box, other_box)
             if overlap >= (SAME_CATEGORY_OVERLAP if same else ANY_CATEGORY_OVERLAP):
@@ -141,7 +140,7 @@ def _check_boxes(boxes: Json, names: dict[int, str], known: _Known) -> Iterator[
                     f"{other.integer('instance_id')} ({category}) of {episode} share {overlap:.0%} of their space; "
                     "are they one?"
                 )
-        found.append((record, episode, names.get(category_id, ""), box))
+        found[episode].append((record, names.get(category_id, ""), box))
 
 
 def _check_instances(
@@ -241,6 +240,7 @@ def _check_poses(summary: Json, notes: list[str]) -> Iterator[str]:
 def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]:
     from labeling.formats.ply import read_ply
 
+    objects_of = Counter(known.objects.values())
     for episode in summary.list_of("episodes"):
         name = episode.text("name")
         if episode.text("status") != "labelled":
@@ -260,7 +260,7 @@ def _check_episodes(folder: Path, summary: Json, known: _Known) -> Iterator[str]
             continue
         if lost:
             yield f"{file}: {lost} points have no finite place"
-        objects = sum(owner == name for owner in known.objects.values())
+        objects = objects_of[name]
         if labels - set(range(1, objects + 1)):
             yield f"{file}: has points of object {max(labels)}, but the episode has {objects} objects"
     stated = {episode.text("name") for episode in summary.list_of("episodes")}

@@ -1,5 +1,6 @@
 """What pictures and the viewer show of one labelled episode: cloud, boxes, cameras."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from labeling.io.coco import CategoryTable, image_of, is_ignored, read_box_3d
 from labeling.io.episodes import find_episodes
 from labeling.io.file_names import BOXES_FILE, MODAL_FILE, SUMMARY_FILE, TRUTH_FILE, cloud_file
 from labeling.io.label_set import recording_config, stated_dataset
+from labeling.io.recordings.recording_config import RecordingConfig
 
 
 @dataclass(frozen=True)
@@ -81,11 +83,14 @@ def read_scenes(folder: Path, most: int | None = None) -> list[LabelledScene]:
         modal = read_json(folder / MODAL_FILE)
         names_of = {one.integer("id"): one.text("name") for one in modal.list_of("categories")}
         views_of = _views_of_objects(modal)
-        boxes = read_json(folder / BOXES_FILE).list_of("boxes")
+        boxes_of: defaultdict[str, list[Json]] = defaultdict(list)
+        for box in read_json(folder / BOXES_FILE).list_of("boxes"):
+            boxes_of[box.text("episode")].append(box)
+        recordings, config = _recordings(folder, summary)
         labelled = [e.file_name("name") for e in summary.list_of("episodes") if e.text("status") == "labelled"]
         scenes = []
         for name in labelled[:most]:
-            found = [box for box in boxes if box.text("episode") == name]
+            found = boxes_of[name]
             tints = hues(np.arange(1, len(found) + 1)).tolist()
             objects = []
             for number, (box, tint) in enumerate(zip(found, tints, strict=True), start=1):
@@ -104,7 +109,7 @@ def read_scenes(folder: Path, most: int | None = None) -> list[LabelledScene]:
             labels = np.asarray(cloud["label"], np.int32)
             there = np.isfinite(points).all(axis=1)  # labeling.inspect tells of others
             points, colours, labels = points[there], colours[there], labels[there]
-            recorded = _recorded(folder, summary, name)
+            recorded = _recorded(recordings.get(name), config)
             scenes.append(LabelledScene(name, points, colours, labels, tuple(objects), *recorded))
         return scenes
     except EpisodeFormatError as error:
@@ -142,25 +147,34 @@ def _consistency(box: Json, category: str) -> float | None:
     return sum(agrees for _, agrees in surest.values()) / len(surest) if surest else None
 
 
+def _recordings(folder: Path, summary: Json) -> tuple[dict[str, Path], RecordingConfig]:
+    """Folders of the recorded episodes, by name, and how they are read; none if the recording is gone."""
+    dataset = stated_dataset(folder, summary)
+    if dataset is None or not dataset.is_dir():
+        return {}, RecordingConfig()
+    try:
+        config = recording_config(summary.mapping())
+        return {path.resolve().name: path for path in find_episodes(dataset, config)}, config
+    except SbmError:
+        return {}, RecordingConfig()
+
+
 def _recorded(
-    folder: Path, summary: Json, name: str
+    episode: Path | None, config: RecordingConfig
 ) -> tuple[tuple[Camera, ...], tuple[str, str] | None, tuple[TrueObject, ...]]:
     """Where the views were taken from, in which scene, and what stands there; nothing if the recording is gone."""
     from labeling.generator.sharing.scene_groups import scene_of
     from labeling.io.recordings.layouts import frames_of
     from labeling.io.recordings.pictures import read_colour
 
-    dataset = stated_dataset(folder, summary)
-    if dataset is None or not dataset.is_dir():
+    if episode is None:
         return (), None, ()
     try:
-        config = recording_config(summary.mapping())
-        episode = next(path for path in find_episodes(dataset, config) if path.resolve().name == name)
         frames = frames_of(episode, config).frames
         size = read_colour(frames[0].colour_file).shape[:2]
         cameras = tuple(Camera(frame.camera((size[0], size[1])), frame.camera_to_world, size) for frame in frames)
         return cameras, scene_of(episode), _truth(episode)
-    except (SbmError, StopIteration):
+    except SbmError:
         return (), None, ()
 
 

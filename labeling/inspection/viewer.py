@@ -237,11 +237,10 @@ class SceneViewer:
         self._frustums: list[tuple[str, int, Any]] = []
         names = [(part.name, index, camera) for part in self._parts for index, camera in enumerate(part.cameras)]
         for number, (episode, index, camera) in enumerate(names):
-            height_px, width_px = camera.size
             frustum = self.server.scene.add_camera_frustum(
                 f"/cameras/{number}",
                 fov=_vertical_fov_rad(camera),
-                aspect=width_px / height_px,
+                aspect=_aspect(camera),
                 scale=self._frustum_m,
                 thickness=1.5,
                 thickness_units="screen",
@@ -395,6 +394,12 @@ def _check_host(host: str) -> None:
 
 def _vertical_fov_rad(camera: Camera) -> float:
     return 2 * float(np.arctan(0.5 * camera.size[0] / camera.intrinsics[1, 1]))
+
+
+def _aspect(camera: Camera) -> float:
+    """Width by height of what a camera sees at one depth: of pixels that need not be square."""
+    height_px, width_px = camera.size
+    return float((width_px / camera.intrinsics[0, 0]) / (height_px / camera.intrinsics[1, 1]))
 
 
 def _wxyz(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4"]:

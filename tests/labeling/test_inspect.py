@@ -25,7 +25,7 @@ from labeling.inspect import main
 from labeling.inspection.checks import inspect_label_set
 from labeling.inspection.pictures import SIZE
 from labeling.inspection.scene import read_scenes
-from labeling.io.episodes import write_episode
+from labeling.io.episodes import find_episodes, write_episode
 
 from .synthetic_room import make_episode
 
@@ -175,6 +175,18 @@ def test_points_without_a_place_are_told_and_not_drawn(labels, tmp_path):
     scene, _ = read_scenes(labels)
     assert np.isfinite(scene.points).all()
     assert len(scene.points) == len(scene.labels) == len(content["x"]) - 2
+
+
+def test_recordings_are_looked_for_once_not_for_every_episode(labels, monkeypatch):
+    asked = []
+
+    def found(*arguments):
+        asked.append(arguments)
+        return find_episodes(*arguments)
+
+    monkeypatch.setattr("labeling.inspection.scene.find_episodes", found)
+    assert all(scene.cameras for scene in read_scenes(labels))
+    assert len(asked) == 1
 
 
 def test_missing_and_broken_clouds_are_found(labels):

@@ -400,6 +400,20 @@ def test_cameras_carry_pictures_when_asked_to(viewer: SceneViewer) -> None:
     assert not any(frustum.visible for frustum in frustums)
 
 
+@pytest.mark.parametrize("stretch", [1.0, 0.5])
+def test_a_camera_s_pyramid_is_as_wide_as_its_picture(viewer: SceneViewer, stretch: float) -> None:
+    camera = viewer.scene.cameras[0]
+    intrinsics = np.diag([stretch, 1.0, 1.0]) @ camera.intrinsics
+    viewer._parts = [replace(viewer.scene, cameras=(replace(camera, intrinsics=intrinsics),))]
+    viewer._add_cameras()
+    ((*_, frustum),) = viewer._frustums
+    height_px, width_px = camera.size
+    # Where the pyramid's corners lie in the picture, from its middle.
+    up = np.tan(frustum.fov / 2)
+    corner = intrinsics[:2, :2] @ np.array([up * frustum.aspect, up])
+    np.testing.assert_allclose(corner, [width_px / 2, height_px / 2], rtol=1e-6)
+
+
 def test_another_episode_takes_the_place_of_the_first(viewer: SceneViewer) -> None:
     viewer.episode.value = "W s: 2 episodes"
     assert len(viewer._frustums) == 6
