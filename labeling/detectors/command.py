@@ -107,8 +107,6 @@ def _passes(is_done: Callable[[Path], bool], folder: Path) -> bool:
         return False
 
 
-def _words(folder: Path, error: Exception) -> str:
+def _words(folder: Path, error: SbmError | OSError) -> str:
     """What was wrong with an episode, in one sentence."""
-    if isinstance(error, SbmError) or not isinstance(error, OSError):
-        return str(error)
-    return f"{folder}: cannot be read or written ({refusal(error)})"
+    return f"{folder}: cannot be read or written ({refusal(error)})" if isinstance(error, OSError) else str(error)
