@@ -77,7 +77,9 @@ def propagate(
         Objects, masks and the segmented cloud. Without a confident detection on known depth all are empty.
 
     Raises:
-        ValueError: if a detection does not belong to the views.
+        TypeError: if pictures are not uint8, depth is not float32, or a mask is not bool.
+        ValueError: if intrinsics or poses are not finite, a detection does not belong to the views, or its confidence
+            is not in [0, 1].
 
     Example:
         >>> views = RgbdViews(
@@ -93,6 +95,7 @@ def propagate(
         (['poster'], True)
     """
     config, detections = config or LabelConfig(), detections or ()
+    _check_views(views)
     _check_detections(detections, views)
     usable = [one for one in detections if np.count_nonzero(one.mask) >= config.min_mask_px]
     calibration = calibration or calibration_of()
@@ -237,6 +240,17 @@ def fuse_scene(views: RgbdViews, detections: Sequence[Detection], config: LabelC
     return FusedScene(views, cloud, scale, poses, seeds, moved)
 
 
+def _check_views(views: RgbdViews) -> None:
+    if views.rgb.dtype != np.uint8 or views.depth_m.dtype != np.float32:
+        raise TypeError(
+            f"rgb must be uint8 and depth_m float32, in metres, not {views.rgb.dtype} and {views.depth_m.dtype}"
+        )
+    for name, given in (("intrinsics", views.intrinsics), ("camera_to_world", views.camera_to_world)):
+        known = np.isfinite(given).all(axis=(1, 2))
+        if not known.all():
+            raise ValueError(f"{name} of view {int(np.argmin(known))} must be finite: leave out views without a pose")
+
+
 def _check_detections(detections: Sequence[Detection], views: RgbdViews) -> None:
     for one in detections:
         if not 0 <= one.view_index < views.num_views or one.mask.shape != views.size:
@@ -244,6 +258,10 @@ def _check_detections(detections: Sequence[Detection], views: RgbdViews) -> None
                 f"a detection in view {one.view_index} with a mask of {one.mask.shape} does not belong to "
                 f"{views.num_views} views of {views.size}"
             )
+        if one.mask.dtype != bool:
+            raise TypeError(f"the mask of a detection must be bool, not {one.mask.dtype}: compare it with a threshold")
+        if not 0 <= one.confidence <= 1:
+            raise ValueError(f"the confidence of a detection must be in [0, 1], not {one.confidence}")
 
 
 def _empty_labels(scale: Scale | None = None) -> EpisodeLabels:

@@ -7,7 +7,7 @@ stands still. What is left of it where it has gone are patches of the ground.
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool, Int, Int32
 from numba import njit
 
 from labeling.core.episode_labels import LabelledObject
@@ -21,10 +21,18 @@ MISSES_PER_HIT = 2.5
 towns and homes: from one on, plants are taken for gone where they let much be seen."""
 MIN_MISSES = 8
 """A view that looks through fewer tells nothing."""
+STILL_SHOWN = 0.25
+"""What has moved is there in a view that shows this share of the voxels that its sources show (their median): it has
+voxels in all places where it was for a while, and a view that shows it in one looks through those of the others.
+"""
 
 
 def gone_objects(
-    cloud: Cloud, views: RgbdViews, owner: Int32[np.ndarray, "n"], objects: Sequence[LabelledObject]
+    cloud: Cloud,
+    views: RgbdViews,
+    owner: Int32[np.ndarray, "n"],
+    objects: Sequence[LabelledObject],
+    moves: Bool[np.ndarray, "k"] | None = None,
 ) -> Bool[np.ndarray, "v k"]:
     """Which objects each view shows to be gone; never one that it is a source of.
 
@@ -33,19 +41,23 @@ def gone_objects(
         views: those that the cloud was made from.
         owner: the object that each point belongs to, -1 for none.
         objects: in that order.
+        moves: which of them have moved, if any have.
     """
     num_objects = len(objects)
     owned = np.flatnonzero(owner >= 0)
 
-    def gone_in(view: int) -> Bool[np.ndarray, "k"]:
+    def count_in(view: int) -> Int[np.ndarray, "2 k"]:
         through = looked_through(cloud, views, owned, view)
-        misses = np.bincount(owner[owned[through]], minlength=num_objects)
         hits = _hits(cloud.voxel_of_pixel[view], owner, num_objects)
-        return (misses >= MIN_MISSES) & (misses > MISSES_PER_HIT * hits)
+        return np.array([hits, np.bincount(owner[owned[through]], minlength=num_objects)])
 
-    gone = np.array(in_threads(gone_in, range(views.num_views))).reshape(views.num_views, num_objects)
+    hits, misses = np.stack(in_threads(count_in, range(views.num_views)), axis=1)
+    gone = (misses >= MIN_MISSES) & (misses > MISSES_PER_HIT * hits)
     for k, one in enumerate(objects):
-        gone[[source.view_index for source in one.sources], k] = False
+        sources = sorted({source.view_index for source in one.sources})
+        if moves is not None and moves[k] and sources:
+            gone[hits[:, k] >= max(1.0, STILL_SHOWN * np.median(hits[sources, k])), k] = False
+        gone[sources, k] = False
     return gone
 
 

@@ -57,9 +57,9 @@ def draw_labels(
     passing = None if moves is None or not moves.any() else np.append(moves, False)[owner]
     reach_px = fill_reach_px(cloud.voxel_m, scale.pixel_m, config)
     likely = likely_voxels(probability)
-    gone = (
-        gone_objects(cloud, views, owner, objects) if config.moving else np.zeros((views.num_views, len(objects)), bool)
-    )
+    gone = np.zeros((views.num_views, len(objects)), bool)
+    if config.moving:
+        gone = gone_objects(cloud, views, owner, objects, moves)
     whole = [float(probability[owner == k, k].mean()) if (owner == k).any() else 0.0 for k in range(len(objects))]
 
     def labels_of(view: int) -> list[PseudoLabel]:

@@ -287,6 +287,25 @@ def test_arrays_that_do_not_belong_together_are_refused(room: Episode) -> None:
         label(room, detections=(Detection(0, "chair", 0.9, np.ones((3, 3), bool)),))
 
 
+def test_arrays_of_other_kinds_are_refused(room: Episode) -> None:
+    """Colours of 0 to 1, millimetres, probabilities for masks and lost poses would give labels that look like some."""
+    with pytest.raises(TypeError, match="uint8"):
+        label(room, rgb=room.rgb / np.float32(255))
+    with pytest.raises(TypeError, match="in metres, not uint8 and uint16"):
+        label(room, depth_m=(1000 * room.depth_m).astype(np.uint16))
+    lost = room.camera_to_world.copy()
+    lost[2] = np.nan
+    with pytest.raises(ValueError, match="camera_to_world of view 2 must be finite"):
+        label(room, camera_to_world=lost)
+    soft = Detection(0, "chair", 0.9, np.ones(room.size, bool))
+    object.__setattr__(soft, "mask", np.ones(room.size, np.float32))  # in tests the constructor refuses it itself
+    with pytest.raises(TypeError, match="must be bool, not float32"):
+        label(room, detections=(soft,))
+    for confidence in (95.0, -0.1, float("nan")):
+        with pytest.raises(ValueError, match=r"in \[0, 1\]"):
+            label(room, detections=(Detection(0, "chair", confidence, np.ones(room.size, bool)),))
+
+
 @pytest.mark.slow
 def test_a_real_capture_is_labelled_better_than_its_network_saw_it(apc_shelf) -> None:
     episode = read_episode(apc_shelf)
