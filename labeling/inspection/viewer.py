@@ -1,40 +1,35 @@
 """A label set in the browser: segmented clouds, boxes, cameras and their pictures, by viser (extra ``viewer``)."""
 
 import contextlib
-import hashlib
-import html
 import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
 
 from labeling.core.errors import SbmError, UsageError
 from labeling.core.types import BOX_EDGES, Box3d
 from labeling.core.views import Camera
 from labeling.formats.atomic import atomic_file
 from labeling.formats.film import write_film
+from labeling.inspection.browser_cameras import aspect, fly, vertical_fov_rad, wxyz
 from labeling.inspection.colouring import COLOURINGS, Rgb, object_colours, point_colours
 from labeling.inspection.framing import SURE, below, cut_height_m, opening_view, region, spacing_m
+from labeling.inspection.object_table import object_table
 from labeling.inspection.orbit import FRAME_MS, SIZE, orbit
 from labeling.inspection.scene import LabelledScene, SceneObject, together
+from labeling.inspection.short_names import short_name
 from labeling.inspection.view_thumbnails import Thumbnail, thumbnails
 from labeling.runtime.extras import how_to_install
 
 ALL = "all classes"
 FOV_RAD = 0.8
-FLIGHT_S, FLIGHT_STEPS = 0.6, 20
 FRAME_TIMEOUT_S = 20.0
-CELL = "padding:2px 6px;text-align:left;vertical-align:top"
 TRUTH: Rgb = (0.1, 0.1, 0.12)
-MAX_NAME_BYTES = 150
-"""Longest name of an HTML file, without its ending; file systems take 255, and files being written have longer ones."""
 FRUSTUM_SHARE = 0.025
 """Length of a camera's pyramid, as a share of the diagonal of the region that objects take up."""
 
@@ -239,13 +234,13 @@ class SceneViewer:
         for number, (episode, index, camera) in enumerate(names):
             frustum = self.server.scene.add_camera_frustum(
                 f"/cameras/{number}",
-                fov=_vertical_fov_rad(camera),
-                aspect=_aspect(camera),
+                fov=vertical_fov_rad(camera),
+                aspect=aspect(camera),
                 scale=self._frustum_m,
                 thickness=1.5,
                 thickness_units="screen",
                 color=(60, 60, 60),
-                wxyz=_wxyz(camera.camera_to_world),
+                wxyz=wxyz(camera.camera_to_world),
                 position=tuple(camera.camera_to_world[:3, 3] - self._origin_m),
             )
             frustum.on_click(self._flight_to(camera))
@@ -253,7 +248,7 @@ class SceneViewer:
 
     def _flight_to(self, camera: Camera) -> Callable[[Any], None]:
         def fly_there(event: Any) -> None:
-            fly(event.client, camera.camera_to_world, self._origin_m, _vertical_fov_rad(camera))
+            fly(event.client, camera.camera_to_world, self._origin_m, vertical_fov_rad(camera))
 
         return fly_there
 
@@ -290,7 +285,7 @@ class SceneViewer:
         try:
             frames = []
             for pose in orbit(self.scene, FOV_RAD):
-                how = {"wxyz": _wxyz(pose), "position": pose[:3, 3] - self._origin_m, "fov": FOV_RAD}
+                how = {"wxyz": wxyz(pose), "position": pose[:3, 3] - self._origin_m, "fov": FOV_RAD}
                 frames.append(client.get_render(*SIZE, timeout=FRAME_TIMEOUT_S, **how))
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder) / f"{self.scene.name}.gif"
@@ -325,49 +320,6 @@ def choices(scenes: list[LabelledScene]) -> dict[str, list[LabelledScene]]:
     return found
 
 
-def short_name(name: str) -> str:
-    """A name that file systems take: what is longer than ``MAX_NAME_BYTES`` in UTF-8 ends with a digest of the rest."""
-    coded = name.encode(errors="surrogateescape")
-    if len(coded) <= MAX_NAME_BYTES:
-        return name
-    mark = f"_{hashlib.sha256(coded).hexdigest()[:12]}"
-    return coded[: MAX_NAME_BYTES - len(mark)].decode(errors="ignore") + mark
-
-
-def object_table(objects: Sequence[SceneObject]) -> str:
-    """The objects as an HTML table, in which what stands in files is escaped.
-
-    Number, class, confidence, how many views show it, its consistency, and where its surest detection is.
-    """
-    heads = ("", "class", "sure", "views", "agree", "found in")
-    rows = []
-    for one in objects:
-        agree = "" if one.consistency is None else f"{one.consistency:.0%}"
-        cells = (one.number, one.category, f"{one.confidence:.2f}", len(one.views), agree, one.source)
-        rows.append("".join(f'<td style="{CELL}">{html.escape(str(cell))}</td>' for cell in cells))
-    head = "".join(f'<th style="{CELL}">{name}</th>' for name in heads)
-    body = "".join(f"<tr>{row}</tr>" for row in rows)
-    return f'<table style="font-size:12px;border-collapse:collapse"><tr>{head}</tr>{body}</table>'
-
-
-def fly(client: Any, camera_to_world: Float[np.ndarray, "4 4"], origin_m: Float[np.ndarray, "3"], fov: float) -> None:
-    """Moves the eye of a browser to a camera in ``FLIGHT_S``: places in a line, directions on the shortest turn."""
-    camera = client.camera
-    start, end = np.array(camera.position), camera_to_world[:3, 3] - origin_m
-    turns = Rotation.concatenate(
-        [Rotation.from_quat(camera.wxyz, scalar_first=True), Rotation.from_matrix(camera_to_world[:3, :3])]
-    )
-    between = Slerp([0.0, 1.0], turns)
-    for step in range(1, FLIGHT_STEPS + 1):
-        share = step / FLIGHT_STEPS
-        with client.atomic():
-            camera.wxyz = between(share).as_quat(scalar_first=True)
-            camera.position = start + share * (end - start)
-        client.flush()
-        time.sleep(FLIGHT_S / FLIGHT_STEPS)
-    camera.fov = fov
-
-
 def wait() -> None:
     """Keeps the viewer open until Ctrl-C."""
     with contextlib.suppress(KeyboardInterrupt):
@@ -390,17 +342,3 @@ def _check_host(host: str) -> None:
             pass
     except (OSError, UnicodeError) as error:
         raise UsageError(f"--host {host}: cannot be an address of this machine ({error})") from None
-
-
-def _vertical_fov_rad(camera: Camera) -> float:
-    return 2 * float(np.arctan(0.5 * camera.size[0] / camera.intrinsics[1, 1]))
-
-
-def _aspect(camera: Camera) -> float:
-    """Width by height of what a camera sees at one depth: of pixels that need not be square."""
-    height_px, width_px = camera.size
-    return float((width_px / camera.intrinsics[0, 0]) / (height_px / camera.intrinsics[1, 1]))
-
-
-def _wxyz(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4"]:
-    return Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)

@@ -17,8 +17,10 @@ from labeling.core.views import Camera
 from labeling.formats.ply import hues, read_ply, write_ply
 from labeling.inspection.colouring import COLOURINGS, TINT, object_colours, point_colours, true_colours
 from labeling.inspection.framing import SURE, below, cut_height_m, opening_view
+from labeling.inspection.object_table import object_table
 from labeling.inspection.scene import LabelledScene, SceneObject, together
-from labeling.inspection.viewer import SceneViewer, choices, object_table, short_name
+from labeling.inspection.short_names import short_name
+from labeling.inspection.viewer import SceneViewer, choices
 
 ROOM_M, CEILING_M, EYE_M = 5.0, 2.6, 1.5
 
@@ -71,7 +73,7 @@ def test_objects_are_shown_whole_whatever_is_cut_off() -> None:
     assert not below(scene, -1.0)[scene.labels == 0].any()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-200, 200), st.floats(-200, 200), st.floats(0, 6.28), st.floats(0.4, 1.4))
 def test_the_opening_view_shows_every_sure_box_from_the_side_of_the_cameras(x, y, yaw, fov_rad) -> None:
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
@@ -179,7 +181,6 @@ def test_many_episodes_of_a_scene_have_a_file_name_of_bounded_length(tmp_path: P
     assert files[0].name == f"{parts[0].name}.html"
 
 
-@settings(deadline=None)
 @given(st.text(max_size=300), st.text(max_size=300))
 def test_short_names_are_short_and_differ_as_names_do(one: str, other: str) -> None:
     assert len(short_name(one).encode()) <= 150
