@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
@@ -47,6 +48,10 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     os.environ["SBM_CACHE"] = str(session_cache)
 # Array shapes in signatures are checked while tests run. Before the first test module is imported.
 install_import_hook(checked_by_jaxtyping(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+
+# How long an example takes says nothing of whether the code is right, and much of what else the machine is doing.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parents[1]
 

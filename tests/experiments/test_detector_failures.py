@@ -24,7 +24,7 @@ def turned(yaw: float) -> np.ndarray:
 
 
 @given(st.floats(-3.1, 3.1), st.floats(0.0, 3.1), st.floats(0.5, 20.0), st.floats(-1.0, 3.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_side_depends_on_the_turn_between_object_and_camera_only(yaw, side, away, height):
     box = Box3d(np.array([1.0, -2.0, 0.5]), np.ones(3), turned(yaw))
     for mirrored in (side, -side):

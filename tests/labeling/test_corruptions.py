@@ -130,7 +130,6 @@ def corrupt(count: int, recorded: Path, factory: pytest.TempPathFactory, capsys)
 
     @settings(
         max_examples=count,
-        deadline=None,
         derandomize=True,
         phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),  # pyright: ignore[reportArgumentType]

@@ -211,7 +211,7 @@ def test_the_same_input_gives_the_same_files(scene):
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_all_figures_lie_between_zero_and_one(scene, seed):
     rng = np.random.default_rng(seed)

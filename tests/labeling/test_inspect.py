@@ -237,7 +237,7 @@ def fuzzed(sound, tmp_path_factory) -> tuple[Path, dict[str, str]]:
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_whatever_a_label_set_holds_inspection_finds_words_for_it(fuzzed, data):
     folder, texts = fuzzed

@@ -83,13 +83,13 @@ def test_subjects_are_seen_whole_from_their_front(theme):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_nobody_takes_pictures_of_backs(seed):
     assert abs(draw_azimuth(np.random.default_rng(seed))) <= np.deg2rad(95.0)
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_cameras_look_level_at_their_subject(seed):
     photo_set, _ = _SET
     rng = np.random.default_rng(seed)

@@ -45,7 +45,7 @@ def test_one_start_in_each_scene_is_as_student_has_it(count):
 
 
 @given(st.lists(st.tuples(NUMBERS, st.integers(0, 7)), min_size=4, max_size=40), NUMBERS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_is_added_moves_the_interval_and_a_sign_mirrors_it(starts, shift):
     values, scenes = np.array([value for value, _ in starts]), [scene for _, scene in starts]
     low, high = mean_interval(values, scenes) or (0.0, 0.0)
@@ -56,7 +56,7 @@ def test_what_is_added_moves_the_interval_and_a_sign_mirrors_it(starts, shift):
 
 
 @given(st.lists(st.tuples(NUMBERS, st.integers(0, 7)), min_size=4, max_size=40), st.randoms(use_true_random=False))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_order_of_starts_within_scenes_changes_nothing(starts, random):
     by_scene = [[one for one in starts if one[1] == scene] for scene in dict.fromkeys(scene for _, scene in starts)]
     if len(by_scene) < 4:  # over starts, whose order the resampling knows

@@ -215,7 +215,7 @@ ANY_SPACE = st.one_of(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(ANY_SPACE)
 def test_spaces_survive_json(space):
     again = space_of(json.loads(json.dumps(describe(space), allow_nan=False)))
@@ -236,7 +236,7 @@ def test_spaces_that_claim_gigabytes_are_refused_before_anything_is_made(claim):
         space_of(claim)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(ANY_SPACE, ANY_SPACE)
 def test_spaces_differ_in_words_exactly_if_they_differ(wanted, given_space):
     same = wanted == given_space

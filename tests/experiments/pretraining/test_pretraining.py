@@ -66,7 +66,7 @@ def test_a_warp_that_moves_nothing_changes_nothing():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(48, 200), st.integers(48, 200))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_masks_stay_on_their_objects(seed, height, width):
     rng = np.random.default_rng(seed)
     sample = coloured()
@@ -89,7 +89,7 @@ def test_masks_stay_on_their_objects(seed, height, width):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_photographs_larger_than_a_view_fill_it(seed):
     """Without turns, a photograph that is larger than its view leaves no rim, and a smaller one lies in it whole."""
     rng = np.random.default_rng(seed)

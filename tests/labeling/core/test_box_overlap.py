@@ -72,7 +72,7 @@ def test_upright_boxes_agree_with_open3d():
     np.testing.assert_allclose(iou_bev_cpu(*flat), bird, atol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10_000), angle=st.floats(-3, 3), shift=st.floats(-5, 5))
 def test_moving_both_boxes_changes_nothing(seed, angle, shift):
     a, b = any_box(seed), any_box(seed + 1)
@@ -81,7 +81,7 @@ def test_moving_both_boxes_changes_nothing(seed, angle, shift):
     assert box_iou_3d(*moved) == pytest.approx(box_iou_3d(a, b), abs=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10_000))
 def test_overlap_is_symmetric_and_bounded(seed):
     a, b = any_box(seed), any_box(seed + 1)

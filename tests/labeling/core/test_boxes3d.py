@@ -16,7 +16,7 @@ def box_surface(extent, yaw: float, centre, count: int = 4000, seed: int = 0) ->
     return (points * extent) @ turn.T + centre
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(0, np.pi), st.floats(0.3, 0.9), st.floats(0.2, 2.0), st.integers(0, 100))
 def test_the_box_of_a_box_is_itself(yaw: float, ratio: float, height: float, seed: int) -> None:
     extent, centre = np.array([1.0, ratio, height]), np.array([3.0, -2.0, 0.7])
@@ -40,7 +40,7 @@ def two_sides(extent, yaw: float, centre, thick_m: float, count: int = 3000, see
     return shown @ turn.T + centre
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(0, np.pi), st.floats(0.35, 1.0), st.floats(0.0, 0.05), st.integers(0, 100))
 def test_a_box_of_which_two_sides_were_seen_is_the_whole_box(yaw: float, ratio: float, thick: float, seed: int) -> None:
     """The hull of its footprint is a triangle, on each of whose sides lies a rectangle of the same area."""

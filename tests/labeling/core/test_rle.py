@@ -30,7 +30,7 @@ def check_against_pycocotools(mask: np.ndarray) -> None:
     np.testing.assert_array_equal(back, mask)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(masks)
 def test_any_mask_is_encoded_as_pycocotools_does(mask: np.ndarray) -> None:
     check_against_pycocotools(mask)
@@ -47,7 +47,7 @@ def test_masks_in_any_memory_order_give_the_same_text() -> None:
     assert encode_mask(mask[::2, ::3]) == encode_mask(mask[::2, ::3].copy())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=12), st.integers(1, 9), st.integers(1, 9))
 def test_any_bytes_are_decoded_to_a_mask_of_the_size_or_refused(text: bytes, height: int, width: int) -> None:
     rle = {"size": [height, width], "counts": text}
@@ -68,7 +68,7 @@ def test_damaged_text_is_refused(damage) -> None:
         check_rle({**rle, "counts": damage(rle["counts"])})
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(masks, st.data())
 def test_missing_pixels_are_counted(mask: np.ndarray, data) -> None:
     """Text of a picture with fewer columns, stated to be of the whole one."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -37,7 +37,6 @@ def splat_by_loops(points: np.ndarray, camera: Camera, point_size_m: float) -> n
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(0, 25),
@@ -102,7 +101,6 @@ def reproject(depth_m, mask, source, target):
     return (index >= 0) & mask.ravel()[flat[index]]
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_reproject_to_the_same_view_returns_the_mask_where_there_is_depth(seed):
     rng = np.random.default_rng(seed)
@@ -131,7 +129,6 @@ def test_reproject_hides_what_stands_behind():
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(0, 20),

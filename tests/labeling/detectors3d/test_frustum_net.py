@@ -44,7 +44,7 @@ def fresh(spec: FrustumSpec = SMALL, seed: int = 0) -> FrustumNet:
     return FrustumNet(spec).eval()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(heading=st.floats(0, 3.14159))
 def test_headings_go_into_bins_and_back(heading):
     number, residual = heading_to_bin(torch.tensor([heading]))
@@ -53,7 +53,7 @@ def test_headings_go_into_bins_and_back(heading):
     assert np.sin(float(bin_to_heading(number, residual)) - heading) == pytest.approx(0, abs=1e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 1000))
 def test_corners_are_those_of_the_box(seed):
     rng = np.random.default_rng(seed)
@@ -145,7 +145,7 @@ def test_segmentation_is_that_of_the_paper_written_out():
 
 
 @given(st.integers(0, 10_000), st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_largest_of_all_points_is_that_of_all_outputs(seed, is_training):
     torch.manual_seed(seed)
     ours = SharedMlp(3, 6, 8).double().train(is_training)

@@ -65,7 +65,7 @@ def test_no_box_is_refused(box):
         cut(wall(2.0), look_at(np.zeros(3), np.array([1.0, 0, 0])), box)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 1000), yaw=st.floats(-3, 3))
 def test_boxes_go_there_and_back(seed, yaw):
     rng = np.random.default_rng(seed)
@@ -76,7 +76,7 @@ def test_boxes_go_there_and_back(seed, yaw):
     assert box_iou_3d(frustum.to_world(frustum.from_world(box)), box) == pytest.approx(1.0, abs=1e-6)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(angle=st.floats(-3, 3), shift=st.floats(-9, 9))
 def test_turning_the_scene_about_the_vertical_leaves_the_frustum_as_it_is(angle, shift):
     rng = np.random.default_rng(0)
@@ -88,7 +88,7 @@ def test_turning_the_scene_about_the_vertical_leaves_the_frustum_as_it_is(angle,
     np.testing.assert_allclose(before.points, after.points, atol=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     sides=st.tuples(*[st.floats(0.1, 5)] * 3),
     yaw=st.floats(-7, 7),
@@ -157,7 +157,7 @@ def test_a_mirrored_sample_is_the_mirror_image():
     assert np.sin(mirrored[2][6] + plain[2][6]) == pytest.approx(0, abs=1e-5)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(available=st.integers(1, 60), wanted=st.integers(1, 60))
 def test_points_are_repeated_only_where_there_are_too_few(available, wanted):
     chosen = resample_points(available, wanted, np.random.default_rng(0))

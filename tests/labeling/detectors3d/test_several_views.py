@@ -20,7 +20,7 @@ BOX = st.builds(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(BOX, st.sampled_from([0.1, 0.4, 0.4, 0.9]), st.sampled_from("ab")), max_size=9))
 def test_suppression_is_that_of_brute_force(found):
     boxes, scores, names = ([one[part] for one in found] for part in range(3))

@@ -136,7 +136,7 @@ def view_of(number: int, category: str) -> LabelledView:
 
 
 @given(st.text(st.characters(exclude_categories=("Cs",)), min_size=1))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_any_name_of_a_category_comes_back(tmp_path_factory: pytest.TempPathFactory, category: str) -> None:
     out = tmp_path_factory.mktemp("out")
     for name, write in (("fiftyone", write_fiftyone), ("hugging_face", write_hugging_face)):

@@ -71,7 +71,7 @@ def without_holes(mask: np.ndarray) -> np.ndarray:
     return cv2.drawContours(np.zeros(mask.shape, np.uint8), contours, -1, 1, cv2.FILLED) > 0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12))).filter(np.any))
 def test_a_polygon_holds_every_pixel_of_any_mask(mask: np.ndarray) -> None:
     polygon = polygon_of(mask)

@@ -255,7 +255,7 @@ def test_cuboids_are_the_boxes_of_the_label_set(written: Path, views: list[Label
     assert count > 3
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12))))
 def test_outlines_hold_the_pixels_of_any_mask_and_no_others(mask: np.ndarray) -> None:
     found = outlines(mask)
@@ -279,7 +279,7 @@ def view_of(index: int, *labels: tuple[int, str]) -> LabelledView:
 
 
 @given(st.sets(st.integers(0, 9), min_size=1), st.text(min_size=1).filter(lambda text: text.isprintable()))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_intervals_hold_the_views_of_an_object_whatever_it_is_called(
     tmp_path_factory: pytest.TempPathFactory, seen: set[int], category: str
 ) -> None:

@@ -248,7 +248,7 @@ def test_a_failing_detector_is_one_line_and_leaves_no_labels(detector, dataset, 
 # Polygons ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.lists(
         st.lists(st.floats(-5, 45, allow_nan=False, width=32), min_size=6, max_size=14).map(

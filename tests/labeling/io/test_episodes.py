@@ -53,7 +53,7 @@ def test_an_episode_survives_the_disk_unchanged(tmp_path, seed, same_camera, ann
     assert_same(read_episode(tmp_path / "episode"), episode)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(hnp.arrays(np.float32, (1, 2, 3), elements=st.floats(0, 100, width=32)))
 def test_depth_is_rounded_to_millimetres_and_too_far_is_no_return(tmp_path_factory, depth_m):
     episode = make_episode(views=1, annotated=False)

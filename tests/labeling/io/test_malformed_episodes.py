@@ -302,7 +302,7 @@ def spoil(data: st.DataObject, content: Any) -> Any:
 
 
 @pytest.mark.slow
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(
     data=st.data(), name=st.sampled_from(["transforms.json", "detections.json", "ground_truth.json", "episode.json"])
 )
@@ -322,7 +322,7 @@ def test_whatever_the_json_holds_only_format_errors_come_out(fuzzed, data, name)
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(data=st.data(), name=st.sampled_from(["rgb/001.png", "depth/001.png"]))
 def test_whatever_a_picture_holds_only_format_errors_come_out(fuzzed, data, name):
     folder, sound = fuzzed

@@ -74,7 +74,7 @@ def boxes_apart(draw: st.DrawFn) -> list[GridBox]:
 # Targets and decoding -------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(boxes_apart())
 def test_what_is_to_be_said_of_boxes_gives_them_back(boxes):
     found = find_boxes(*said(box_targets(boxes, 5, GRID)), GRID, STANDING)
@@ -86,7 +86,7 @@ def test_what_is_to_be_said_of_boxes_gives_them_back(boxes):
         assert box_iou_3d(by_category[one.category], true) > 0.999
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9), SIDES, st.floats(0, 3.1), st.integers(-4, 4), st.integers(-3, 3))
 def test_a_scene_shifted_by_whole_voxels_has_its_boxes_shifted(x, y, sides, yaw, columns, rows):
     one = grid_box(x, y, sides, yaw)
@@ -101,7 +101,7 @@ def test_a_scene_shifted_by_whole_voxels_has_its_boxes_shifted(x, y, sides, yaw,
     np.testing.assert_allclose(theirs.extent_m, ours.extent_m, atol=1e-4)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(SIDES, st.floats(-3, 3), st.sampled_from([0.0, np.pi]), st.booleans())
 def test_all_names_of_a_box_ask_for_the_same(sides, yaw, turn, exchanged):
     other = upright(0.1, 0.2, (sides[1], sides[0], sides[2]), yaw + turn + np.pi / 2)

@@ -88,7 +88,7 @@ def test_what_was_measured_is_seen_in_its_colour(pair):
     assert red_share(BOX.centre[0], BOX.centre[1] + 1.0) < 0.05
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_columns_that_move_have_the_mean_flow_of_their_voxels(seed):
     rng, grid = np.random.default_rng(seed), GridSpec((4, 5, 6), 0.5)

@@ -185,7 +185,7 @@ def smooth_volume(waves: float = 1.2) -> torch.Tensor:
     ]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.floats(-3.1, 3.1),
     st.floats(-0.3, 0.3),
@@ -232,7 +232,7 @@ def test_occupancy_seen_from_a_moved_grid_is_the_warped_one():
 # Memory, projection --------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.permutations(range(4)))
 def test_the_mean_does_not_depend_on_the_order_and_ignores_what_was_not_seen(order):
     generator = torch.Generator().manual_seed(1)

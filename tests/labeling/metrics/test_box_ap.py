@@ -42,7 +42,7 @@ def overlaps_tie(one: BoxInstance, truths: list[BoxInstance]) -> bool:
 
 
 @pytest.mark.slow
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(seed=st.integers(0, 100_000))
 def test_flat_boxes_score_as_the_coco_protocol_scores_their_masks(seed):
     predictions, truths, mask_predictions, mask_truths = scene(seed)
@@ -144,7 +144,7 @@ def by_brute_force(found, truths, low, high, threshold):
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 100_000), threshold=st.sampled_from([0.253, 0.507]))
 def test_by_distance_it_is_what_brute_force_finds(seed, threshold):
     rng = np.random.default_rng(seed)

@@ -95,7 +95,7 @@ def precision_by_pycocotools(predictions, truths, thresholds, kind):
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(predictions_strategy, truths_strategy, st.sampled_from(["mask", "box", "own_box"]))
 def test_average_precision_agrees_with_pycocotools(predictions, truths, kind):
     result = average_precision(predictions, truths, THRESHOLDS, kind)
@@ -138,7 +138,7 @@ def all_point_by_loops(predictions, truths, threshold):
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(predictions_strategy, truths_strategy)
 def test_all_point_interpolation_agrees_with_loops(predictions, truths):
     truths = [replace(item, ignore=False) for item in truths]
@@ -150,7 +150,7 @@ def test_all_point_interpolation_agrees_with_loops(predictions, truths):
             assert value is None if name not in expected else value == pytest.approx(expected[name], abs=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(predictions_strategy, truths_strategy)
 def test_the_two_interpolations_never_differ_by_more_than_a_recall_step(predictions, truths):
     """Both average one monotone curve, so they differ by at most one truth and one of the 101 points."""
@@ -264,7 +264,7 @@ def test_assign_finds_the_greatest_sum(num_predictions, num_truths, seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(predictions_strategy, truths_strategy)
 def test_matches_stay_within_picture_and_category_and_are_one_to_one(predictions, truths):
     matches = match(predictions, truths)
@@ -282,7 +282,7 @@ def test_matches_stay_within_picture_and_category_and_are_one_to_one(predictions
         assert m.iou > 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(predictions_strategy, truths_strategy)
 def test_ignored_instances_change_nothing_for_the_others(predictions, truths):
     counted = [item for item in truths if not item.ignore]

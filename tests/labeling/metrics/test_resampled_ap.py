@@ -48,7 +48,7 @@ def again(items: list, count: dict[str, int]) -> list:
     return [replace(item, image=(item.image, copy)) for item in items for copy in range(count[SCENES[item.image]])]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["mask", "box"]))
 def test_a_scene_that_is_drawn_twice_counts_as_if_it_were_there_twice(seed, kind):
     predictions, truths = made_up(seed)
@@ -75,7 +75,7 @@ def boxed(items: list[MaskInstance]) -> list[BoxInstance]:
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_scenes_with_boxes_are_drawn_as_often_as_those_with_masks(seed):
     found, truths = map(boxed, made_up(seed))

@@ -64,7 +64,7 @@ def episode_of(seed) -> Episode:
     )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_points_stay_where_they_are_in_the_frame_of_their_object(seed):
     episode = episode_of(seed)
@@ -83,7 +83,7 @@ def test_points_stay_where_they_are_in_the_frame_of_their_object(seed):
         assert np.allclose(before, after, atol=1e-5)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 10_000))
 def test_there_and_back_is_no_flow(seed):
     episode = episode_of(seed)

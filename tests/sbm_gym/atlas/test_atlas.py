@@ -57,7 +57,7 @@ def plain(**changes) -> FixationEnv:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 30), st.integers(2, 30), st.floats(0.05, 0.5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_every_cell_of_the_grid_that_has_free_floor_has_one_place_there(seed, rows, columns, grid_m):
     in_tiles = 0.05 * (np.arange(30) + 0.5) / grid_m
     assume((np.abs(in_tiles - np.round(in_tiles)) > 1e-6).all())  # where borders meet, rounding decides
@@ -84,7 +84,7 @@ def test_the_nearest_heading_is_at_most_half_a_step_away(num_headings, yaw_rad):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 20), st.integers(1, 20))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_is_stored_comes_back(seed, height, width):
     rng = np.random.default_rng(seed)
     depth_m = (rng.choice([0.0, 1.0], (height, width)) * rng.exponential(5.0, (height, width))).astype(np.float32)
@@ -101,7 +101,7 @@ def test_what_is_stored_comes_back(seed, height, width):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 40), st.sampled_from(["", "0", "o", "P1", "P"]))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_stored_masks_are_those_of_the_codec_or_refused(seed, height, width, inserted):
     rng = np.random.default_rng(seed)
     mask = rng.random((height, width)) < rng.choice([0.0, 0.02, 0.5, 1.0])

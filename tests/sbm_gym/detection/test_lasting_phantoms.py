@@ -32,7 +32,7 @@ def detect(view, seed=0):
     return SimulatedDetector(ALONE).detect(np.random.default_rng(seed), view)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-2, 2), st.floats(0.5, 3), st.sampled_from([0.5, 1.0, 2.0]), st.floats(0.0, 1.0), st.floats(1.2, 3.0))
 def test_cells_divide_the_background_as_a_loop_over_pixels_does(x_m, distance_m, cell_m, low_m, high_m):
     view = view_of_a_wall(x_m, distance_m)

@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sbm_gym.detection.mask_noise import corrupt_mask, phantom_mask, smooth_field
@@ -82,7 +82,6 @@ def plain_phantom_mask(rng, depth_m):
     return blob & (depth_m > 0.0) & (np.abs(depth_m - depth_m[y, x]) < 0.4)
 
 
-@settings(deadline=None)
 @given(SEEDS, st.floats(0.0, 1.0))
 def test_a_corrupted_mask_is_that_of_the_definition(seed, error):
     scene = np.random.default_rng(seed)
@@ -95,7 +94,6 @@ def test_a_corrupted_mask_is_that_of_the_definition(seed, error):
     assert one.random() == other.random()
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_a_phantom_is_that_of_the_definition(seed):
     _, depth_m = random_mask(np.random.default_rng(seed))

@@ -29,7 +29,7 @@ def nearest_by_brute_force(corners: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(0, 50))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_hits_are_those_of_brute_force(seed: int, triangles: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     corners = (rng.uniform(-1, 1, (triangles, 1, 3)) + rng.normal(0, 0.5, (triangles, 3, 3))).astype(np.float32)
@@ -69,7 +69,7 @@ def test_threads_change_nothing() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 200), st.integers(1, 30), st.integers(1, 100))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_neither_runs_nor_the_order_of_rays_change_what_is_hit(
     seed: int, triangles: int, runs: int, count: int
 ) -> None:

@@ -45,7 +45,7 @@ def distinct_looks(from_object_m: np.ndarray) -> float:
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.tuples(st.floats(0.0, 6.28), st.floats(1.0, 3.0), st.floats(0.0, 1.0)), min_size=1, max_size=6))
 def test_expected_labels_are_what_their_definition_says(looks):
     robot = Robot()
@@ -102,7 +102,7 @@ def test_sides_are_about_those_of_the_mask():
 
 
 @given(st.floats(0.0, 6.28), st.floats(1.0, 3.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_worth_of_a_place_is_what_a_look_from_it_adds(angle_rad, radius_m):
     robot = Robot()
     for k in range(3):

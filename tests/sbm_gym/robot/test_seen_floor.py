@@ -1,7 +1,7 @@
 """The floor that a robot can see at all is the part of its map that it can get to."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
@@ -9,7 +9,6 @@ from sbm_gym.robot.seen_floor import SeenFloor
 from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 0.8))
 def test_floor_hangs_together_with_where_the_robot_stands_or_is_the_largest_part(seed, share):
     rng = np.random.default_rng(seed)

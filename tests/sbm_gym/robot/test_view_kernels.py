@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from labeling.core.geometry import intrinsics_from_fov, look_at, project, unproject, unproject_depth
@@ -36,7 +36,6 @@ def pixels_in_view(points_m, camera, min_depth_m, max_depth_m=np.inf):
     return np.flatnonzero(within), y[within].astype(int), x[within].astype(int), depth_m[within]
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_shown_points_are_counted(seed):
     rng = np.random.default_rng(seed)
@@ -51,7 +50,6 @@ def test_shown_points_are_counted(seed):
     np.testing.assert_array_equal(told[1], np.bincount(shown, minlength=7))
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_points_that_agree_with_depth_are_counted(seed):
     rng = np.random.default_rng(seed)
@@ -64,7 +62,6 @@ def test_points_that_agree_with_depth_are_counted(seed):
     assert told == np.count_nonzero(agrees)
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_floor_is_noted_where_nothing_stands_before_it(seed):
     rng = np.random.default_rng(seed)
@@ -85,7 +82,6 @@ def test_floor_is_noted_where_nothing_stands_before_it(seed):
     np.testing.assert_array_equal(told, expected)
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_seen_space_is_where_the_pixels_points_are(seed):
     rng = np.random.default_rng(seed)
@@ -100,7 +96,6 @@ def test_seen_space_is_where_the_pixels_points_are(seed):
     np.testing.assert_array_equal(filled, expected)
 
 
-@settings(deadline=None)
 @given(SEEDS, st.floats(0.05, 1.0))
 def test_points_of_masks(seed, share):
     rng = np.random.default_rng(seed)
@@ -126,7 +121,6 @@ def test_points_of_masks(seed, share):
     assert view_kernels.window_of(mask) == (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1)
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_bins_of_views_are_those_of_sorted_edges_and_whole_sectors(seed):
     rng = np.random.default_rng(seed)
@@ -142,7 +136,6 @@ def test_bins_of_views_are_those_of_sorted_edges_and_whole_sectors(seed):
     np.testing.assert_array_equal(azimuths, bins.azimuth_bin(np.arctan2(y, x)))
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_points_that_an_object_holds_are_near_its_centroid_or_in_its_box(seed):
     rng = np.random.default_rng(seed)
@@ -153,7 +146,6 @@ def test_points_that_an_object_holds_are_near_its_centroid_or_in_its_box(seed):
     np.testing.assert_array_equal(known.holds(points_m, 0.7, margin_m), expected)
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_open_directions_have_a_free_place_from_which_the_target_is_seen(seed):
     rng = np.random.default_rng(seed)
@@ -170,7 +162,6 @@ def test_open_directions_have_a_free_place_from_which_the_target_is_seen(seed):
     np.testing.assert_array_equal(told, seen.any(axis=0))
 
 
-@settings(deadline=None)
 @given(SEEDS)
 def test_steps_are_counted_up_to_the_first_place_that_is_not_free(seed):
     rng = np.random.default_rng(seed)
@@ -183,7 +174,6 @@ def test_steps_are_counted_up_to_the_first_place_that_is_not_free(seed):
     np.testing.assert_array_equal(told, blocked)
 
 
-@settings(deadline=None)
 @given(SEEDS, st.floats(-3.0, 3.0))
 def test_unseen_floor_is_counted_by_direction_and_distance(seed, yaw_rad):
     rng = np.random.default_rng(seed)

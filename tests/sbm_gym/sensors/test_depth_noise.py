@@ -141,7 +141,7 @@ def test_edges_cost_a_kinect_half_of_their_pixels():
 DEPTHS = arrays(np.float32, (9, 11), elements=st.just(0.0) | st.floats(2.0**-10, 60.0, width=32))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(DEPTHS, st.sampled_from(SENSORS), st.integers(0, 2**32 - 1))
 def test_any_depth_stays_depth(depth_m, sensor, seed):
     """Nothing appears where nothing was, all is finite, and the same seed gives the same."""
@@ -155,7 +155,7 @@ def test_any_depth_stays_depth(depth_m, sensor, seed):
     assert sense_depth("ideal", depth_m, k, np.random.default_rng(seed)) is depth_m
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(DEPTHS, st.floats(1e-4, 0.1))
 def test_rounding_of_inverses_is_idempotent_and_within_half_a_step(depth_m, step_per_m):
     once = quantised(depth_m, step_per_m)

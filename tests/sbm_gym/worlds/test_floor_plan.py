@@ -26,7 +26,6 @@ def holes(draw):
     return [(float(a), float(b), float(c), float(d)) for (a, b), (c, d) in zip(low, high, strict=True)], rng
 
 
-@settings(deadline=None)
 @given(holes())
 def test_a_complement_covers_exactly_what_the_holes_leave(case):
     found, rng = case
@@ -37,7 +36,7 @@ def test_a_complement_covers_exactly_what_the_holes_leave(case):
         assert sum(covers(piece, point) for piece in solid) == (0 if open_ else 1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(list(PROGRAMMES)), st.integers(0, 2**32 - 1))
 def test_plans_hang_together(kind, seed):
     plan = draw_plan(kind, np.random.default_rng(seed))
@@ -56,7 +55,7 @@ def test_plans_hang_together(kind, seed):
     assert area(plan.open_rectangles()) + area(plan.solid_rectangles()) == pytest.approx(area([plan.bounds]))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(list(PROGRAMMES)), st.integers(0, 2**32 - 1))
 def test_doorways_are_openings_of_both_rooms_and_wide_enough(kind, seed):
     plan = draw_plan(kind, np.random.default_rng(seed))
@@ -75,7 +74,7 @@ def test_doorways_are_openings_of_both_rooms_and_wide_enough(kind, seed):
     assert len(doors) == 1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(list(PROGRAMMES)), st.integers(0, 2**32 - 1))
 def test_openings_stay_inside_their_walls_and_apart(kind, seed):
     plan = draw_plan(kind, np.random.default_rng(seed))
@@ -91,7 +90,7 @@ def test_all_kinds_of_rooms_can_be_furnished():
     assert set(FURNISH) == set(ROOM_KINDS)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.sampled_from(list(PROGRAMMES)), st.integers(0, 2**32 - 1))
 def test_door_leaves_stand_beside_their_doorway_clear_of_windows_and_doorways(kind, seed):
     plan = draw_plan(kind, np.random.default_rng(seed))

@@ -109,7 +109,7 @@ def test_what_is_carried_goes_back_where_its_way_is_blocked_or_ends():
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_nothing_that_moves_ever_touches_anything_else_that_does(seed):
     rng = np.random.default_rng(seed)

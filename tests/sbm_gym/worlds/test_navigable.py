@@ -47,7 +47,6 @@ def cell_of(grid, point):
     return int(i), int(j)
 
 
-@settings(deadline=None)
 @given(maps())
 def test_random_points_are_free_and_connected(case):
     grid, rng = case
@@ -57,7 +56,6 @@ def test_random_points_are_free_and_connected(case):
         assert grid.largest_component[cell_of(grid, point)]
 
 
-@settings(deadline=None)
 @given(maps())
 def test_a_path_exists_exactly_where_the_grid_connects_and_is_never_longer(case):
     grid, rng = case
@@ -77,7 +75,6 @@ def test_a_path_exists_exactly_where_the_grid_connects_and_is_never_longer(case)
         assert grid.line_is_free(p, q)
 
 
-@settings(deadline=None)
 @given(maps())
 def test_free_lines_pass_over_free_points_only(case):
     grid, rng = case
@@ -93,7 +90,6 @@ def test_free_lines_pass_over_free_points_only(case):
     assert grid.first_straight(a, ends) == (straight[0] if straight else -1)
 
 
-@settings(deadline=None)
 @given(maps())
 def test_nearest_free_is_free_and_nearest(case):
     grid, rng = case
@@ -154,7 +150,6 @@ def test_an_empty_floor_is_free_up_to_the_radius():
     assert not grid.is_free(np.array([0.17, 1.0]))
 
 
-@settings(deadline=None)
 @given(maps())
 def test_many_places_are_free_where_each_is(case):
     grid, rng = case

@@ -1,7 +1,7 @@
 """Boxes on the floor plan against brute force, and layouts that take back what they put in."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sbm_gym.assets.parametric.builtin import BuiltinLibrary
@@ -29,7 +29,6 @@ def gap(a, b):
     return float(np.linalg.norm(rim_a[:, None] - rim_b[None], axis=2).min())
 
 
-@settings(deadline=None)
 @given(boxes, boxes)
 def test_overlap_is_what_sampled_outlines_show(a, b):
     distance = gap(a, b)

@@ -171,7 +171,7 @@ def sample_of(seed: int, side: int = 64) -> Sample:
     return Sample(rgb, masks, np.array([1, 2]), np.ones(2, np.float32), np.zeros(2, bool))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6))
 def test_masks_move_with_the_picture(seed):
     config = AugmentConfig(short_side_px=(32, 128), colour=0.0, blur=0.0, noise=0.0, crop=0.7)
@@ -184,7 +184,7 @@ def test_masks_move_with_the_picture(seed):
     assert 32 <= min(red.shape) <= 128
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6))
 def test_augmentation_is_a_function_of_its_generator(seed):
     a, b = (augment(sample_of(1), AugmentConfig(), np.random.default_rng(seed)) for _ in range(2))
@@ -200,7 +200,7 @@ def test_without_augmentation_nothing_changes():
     assert not after.ignore.any()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), side=st.integers(8, 80), ignored=st.booleans())
 def test_a_window_is_a_part_of_the_picture_that_shows_something_to_learn(seed, side, ignored):
     whole = sample_of(seed % 7)
@@ -274,7 +274,7 @@ def test_batches_hold_pictures_of_different_sizes():
     assert targets[0]["masks"].shape == (2, 64, 64)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     own=st.integers(1, 9), replayed=st.integers(1, 9), share=st.floats(0, 0.99), seed=st.integers(0, 99),
 )  # fmt: skip

@@ -25,7 +25,7 @@ def random_rois(rng: np.random.Generator, number: int, height: float, width: flo
 
 @pytest.mark.parametrize("aligned", [False, True])
 @pytest.mark.parametrize("sampling", [-1, 1, 2, 3])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), height=st.integers(1, 9), width=st.integers(1, 9), rows=st.integers(1, 5))
 def test_roi_align_and_its_gradient_are_those_of_the_reference(sampling, aligned, seed, height, width, rows):
     rng = np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def brute_force_nms(boxes: np.ndarray, scores: np.ndarray, threshold: float) -> 
     return kept
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10**6), number=st.integers(0, 40), threshold=st.sampled_from([0.1003, 0.3107, 0.5003, 0.7701])
 )

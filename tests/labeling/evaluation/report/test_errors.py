@@ -105,7 +105,7 @@ def pictures(draw: st.DrawFn) -> tuple[list[MaskInstance], list[MaskInstance]]:
     return some(6, False), some(4, True)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(pictures(), st.integers(0, 100))
 def test_counts_at_a_confidence_are_those_of_the_predictions_that_have_it(both, step: int) -> None:
     """Against kinds and matches of those predictions alone."""

@@ -28,7 +28,7 @@ def scene(count: int = 500) -> LabelledScene:
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 3000), st.integers(1, 3000))
 def test_thinning_keeps_few_points_and_leaves_no_hole(count: int, most: int) -> None:
     points = np.random.default_rng(count).uniform(0, 4, (count, 3))

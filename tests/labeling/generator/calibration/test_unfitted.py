@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from labeling.core.episode_labels import EpisodeLabels
@@ -17,7 +17,6 @@ from labeling.generator.settings.presets import PRESETS
 from ...synthetic_room import make_episode
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.lists(st.tuples(st.floats(0.03, 0.97), st.floats(0.03, 0.97)), min_size=1, max_size=6))
 def test_the_odds_of_a_category_are_those_of_its_highest_confidence(looks):
     confidence = {

@@ -10,7 +10,7 @@ def flat_guide(height: int, width: int) -> np.ndarray:
     return np.zeros((height, width, 3), np.uint8)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-5, 5), st.integers(0, 1000), st.floats(1, 20))
 def test_a_constant_stays_a_constant(value: float, seed: int, reach: float) -> None:
     rng = np.random.default_rng(seed)

@@ -29,7 +29,7 @@ def gone_from(plates: Sequence[slice], sources: Sequence[int], moves: bool) -> s
     known = tuple(Source(view, 0.9, "plate") for view in sources)
     thing = LabelledObject(instance_id=1, category="plate", confidence=1.0, box_3d=None, sources=known)
     (found,) = gone_objects(cloud, views, owner, [thing], np.array([moves])).T
-    return set(np.flatnonzero(found))
+    return set(np.flatnonzero(found).tolist())
 
 
 PLACES = [slice(0, 16), slice(16, 32), slice(32, 48), slice(48, 64), slice(64, 80), slice(0, 0), slice(0, 3)]

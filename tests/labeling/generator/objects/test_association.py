@@ -79,7 +79,7 @@ def test_what_a_view_cannot_see_does_not_count_against_overlap() -> None:
     assert overlap(whole, part) == (1.0, 1.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 0.05, 0.4, 0.9]), st.sampled_from([0.0, 0.05, 0.5, 1.0]))
 def test_a_detection_overlaps_as_the_object_it_would_be(seed: int, share: float, confidence: float) -> None:
     rng = np.random.default_rng(seed)

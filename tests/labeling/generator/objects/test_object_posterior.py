@@ -73,7 +73,7 @@ def test_a_fit_tells_objects_from_background_and_from_each_other() -> None:
     assert np.mean(right) > 0.9
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000))
 def test_chances_sum_to_less_than_one_whatever_is_seen(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -99,7 +99,7 @@ DETECTORS = sorted(file.stem for file in FOLDER.glob("*.json"))
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.data())
 def test_a_look_that_grows_surer_of_a_name_never_favours_another(detector: str, data: st.DataObject) -> None:
     views = data.draw(st.integers(2, 8))

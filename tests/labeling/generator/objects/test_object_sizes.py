@@ -47,7 +47,7 @@ def fitted(seed: int) -> SizeModel:
     return fit_size_model(samples(seed))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-3.1, 3.1), st.floats(-2, 30), st.floats(0, 1.5))
 def test_turning_and_moving_an_object_leaves_its_size(turned: float, floor_m: float, above_m: float) -> None:
     size = measure_size(box(COUCH, floor_m + above_m, turned), floor_m)
@@ -100,7 +100,7 @@ def test_a_trace_of_a_known_category_says_nothing_of_an_object_of_unknown_size()
         assert model.posterior({"cup": 0.6, trace: 1e-4}, size)["cup"] == pytest.approx(0.6, abs=1e-3)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(0.01, 0.4), st.floats(0.01, 0.4), st.lists(st.floats(-5, 5), min_size=5, max_size=5))
 def test_no_size_says_whether_an_object_is_of_a_category_without_one(
     bus: float, chair: float, size: list[float]
@@ -110,7 +110,7 @@ def test_no_size_says_whether_an_object_is_of_a_category_without_one(
     assert found["bus"] / sum(found.values()) == pytest.approx(bus / (bus + chair + 0.1))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(0.01, 0.99), st.lists(st.floats(-5, 5), min_size=5, max_size=5))
 def test_no_size_makes_much_of_what_the_detector_says(chance: float, size: list[float]) -> None:
     """Of one name: the odds change by what is allowed, whatever the size."""
@@ -119,7 +119,7 @@ def test_no_size_makes_much_of_what_the_detector_says(chance: float, size: list[
     assert MOST_CHANGE[0] - 1e-6 <= change <= MOST_CHANGE[1] + 1e-6
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 1000), st.lists(st.floats(0, 0.33), min_size=1, max_size=3))
 @example(27, [5e-324])
 def test_probabilities_stay_probabilities(seed: int, chances: list[float]) -> None:

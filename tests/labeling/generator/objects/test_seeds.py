@@ -16,7 +16,7 @@ def views_of(depth: np.ndarray, intrinsics: np.ndarray) -> RgbdViews:
     return RgbdViews(np.zeros((*depth.shape, 3), np.uint8), depth, intrinsics, np.eye(4)[None])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10_000), st.floats(0, 0.1), st.floats(0, 0.2))
 def test_parts_of_a_mask_do_not_overlap(seed: int, erode: float, dilate: float) -> None:
     rng = np.random.default_rng(seed)

@@ -58,7 +58,7 @@ def test_other_names_far_places_and_long_gaps_are_other_things():
     assert len(set(tracks_of([(0, 0, 0), (0.3, 0, 0)], [0, MAX_GAP]))) == 1
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 8), st.floats(-2, 2), st.floats(-2, 2)), min_size=1, max_size=12))
 def test_no_track_is_in_two_places_in_one_view(found):
     tracks = tracks_of([(x, y, 0.0) for _, x, y in found], [view for view, *_ in found])

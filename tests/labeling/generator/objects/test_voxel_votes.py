@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from labeling.generator.objects.voxel_votes import split_voxels
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000), st.integers(1, 60))
 def test_voxels_go_where_most_of_their_pixels_are(seed: int, num_voxels: int) -> None:
     rng = np.random.default_rng(seed)

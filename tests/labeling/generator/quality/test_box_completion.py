@@ -80,7 +80,7 @@ def test_the_floor_that_nobody_saw_below_a_couch_counts() -> None:
     assert bottom(standing(couch, seen)) == pytest.approx(0, abs=0.5 * VOXEL_M)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(0, 2), st.floats(0.2, 1.5), st.floats(0, 1.5))
 def test_boxes_only_grow_downwards_and_not_without_bounds(gap_m: float, height_m: float, yaw: float) -> None:
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])

@@ -59,7 +59,7 @@ def test_a_view_of_a_sliver_counts_less_than_a_view_from_near() -> None:
     assert np.allclose(feature(far, "agreement"), 0.16, atol=1e-3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_the_order_of_the_detections_does_not_matter(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -147,7 +147,7 @@ def test_a_detector_without_a_calibration_gets_no_lines_of_another() -> None:
     assert calibration_of("some other").labels.lines == {}
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000), st.integers(0, len(NAMES) - 1), st.floats(0, 30))
 def test_more_of_what_speaks_for_a_label_never_lowers_it(seed: int, column: int, more: float) -> None:
     rng = np.random.default_rng(seed)

@@ -227,7 +227,7 @@ def test_what_hangs_on_a_wall_has_no_parts() -> None:
     np.testing.assert_array_equal(on, off)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_pieces_are_the_components_of_the_graph_of_neighbouring_cells(seed: int, count: int) -> None:
     cell = np.unique(np.random.default_rng(seed).integers(0, 7, (count, 3)), axis=0).astype(np.int32)
@@ -239,7 +239,7 @@ def test_pieces_are_the_components_of_the_graph_of_neighbouring_cells(seed: int,
     assert pairs.shape[1] == total == len(np.unique(pairs[0]))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_covariances_are_those_of_balls(seed: int) -> None:
     cell = np.unique(np.random.default_rng(seed).integers(0, 8, (50, 3)), axis=0).astype(np.int32)

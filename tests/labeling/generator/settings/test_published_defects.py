@@ -98,7 +98,7 @@ def test_the_last_object_written_wins() -> None:
         assert shown[y, x] == (owners[-1] if len(owners) else -1)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(0.5, 8.0))
 def test_an_empty_kernel_is_a_prior_for_the_majority(seed: int, weight: float) -> None:
     """With all points equally near, the message to each is the weight times the majority's lead."""

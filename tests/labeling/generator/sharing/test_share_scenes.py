@@ -95,7 +95,7 @@ def test_a_lamp_post_where_a_car_was_is_no_car() -> None:
     assert project_objects([known()], depth_m, Camera(K, FAR, (120, 160))) == [None]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-3, 3), st.floats(-20, 20), st.floats(-20, 20))
 def test_turning_the_world_with_its_cameras_changes_no_mask(angle: float, x: float, y: float) -> None:
     turn = np.eye(4)

@@ -148,7 +148,7 @@ def test_depth_of_a_camera_of_its_own_is_no_more_distorted_than_that_camera(tmp_
     np.testing.assert_array_equal(read_episode(tmp_path, undistort=True).depth_m[0], depth_m)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(1.0, 4.0), st.integers(1, 3))
 def test_a_wall_has_no_gaps_however_large_the_colour_picture(shift_m, angle_rad, distance_m, factor):
     """Every colour pixel whose ray meets the seen part of a wall has the wall's depth."""

@@ -40,7 +40,7 @@ def angle_deg(one: np.ndarray, other: np.ndarray) -> float:
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_the_floor_is_found_under_any_rotation(room, noisy, quaternion) -> None:
     turn = Rotation.from_quat(quaternion).as_matrix()
@@ -51,7 +51,7 @@ def test_the_floor_is_found_under_any_rotation(room, noisy, quaternion) -> None:
         assert angle_deg(normal, turn[:, 2]) < tolerance
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_without_a_floor_in_view_nothing_is_taken_for_it(room, quaternion) -> None:
     turn = Rotation.from_quat(quaternion).as_matrix()

@@ -112,7 +112,7 @@ def test_the_up_axis_becomes_z(tmp_path, room, up):
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.tuples(*[st.floats(-2, 2).map(lambda value: round(value, 3))] * 3).filter(lambda up: np.linalg.norm(up) > 0.1)
 )
@@ -355,7 +355,7 @@ def sound(tmp_path_factory, room) -> dict[str, Path]:
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(data=st.data())
 def test_whatever_the_text_files_hold_only_our_errors_come_out(sound, data):
     folder = sound[data.draw(st.sampled_from(sorted(sound)))]

@@ -72,7 +72,7 @@ def test_small_offsets_are_none_and_noise_hides_none(room):
     assert depth_offset(replace(room, depth_m=noisy.astype(np.float32))) is None
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9))
 def test_nothing_is_said_where_there_is_nothing_to_see(seed, views):
     rng = np.random.default_rng(seed)
@@ -83,7 +83,7 @@ def test_nothing_is_said_where_there_is_nothing_to_see(seed, views):
     assert depth_offset(replace(wall, depth_m=np.zeros_like(wall.depth_m))) is None
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 8), st.integers(3, 60), st.integers(3, 60))
 def test_noise_says_nothing_however_small_the_pictures(seed, count, height_px, width_px):
     rng = np.random.default_rng(seed)
@@ -93,7 +93,7 @@ def test_noise_says_nothing_however_small_the_pictures(seed, count, height_px, w
     assert depth_offset(RgbdViews(rgb, depth_m, np.stack([np.eye(3)] * count), poses)) is None
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9), st.floats(0.5, 5))
 def test_planes_have_no_edges_however_tilted(across, along, distance_m):
     y, x = np.mgrid[-1:1:40j, -1:1:50j]

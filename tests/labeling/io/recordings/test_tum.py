@@ -69,7 +69,7 @@ def test_malformed_tum_files_are_named_by_line(tmp_path, room, file, old, new, m
         read_episode(folder)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.floats(0, 2), max_size=7),
     st.lists(st.floats(0, 2), max_size=7),
@@ -103,7 +103,7 @@ def test_poses_between_samples_are_interpolated():
     assert pose_at(5.0, np.array([0.0, 1.0]), table, max_gap_s=1.0) is None
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_quaternions_have_their_real_part_last(q):
     """Against Hamilton's product: a rotated vector is q v q*."""
