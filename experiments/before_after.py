@@ -53,6 +53,7 @@ def run(config: PictureConfig) -> None:
     Raises:
         SbmError: if a world cannot be built, or no view has changed.
     """
+    from experiments.cache.origin import origin
     from experiments.cache.stages import RunContext
     from experiments.tables.training_sets import Student, TrainingSets
     from labeling.detectors.registry import load_detector
@@ -72,7 +73,7 @@ def run(config: PictureConfig) -> None:
     gains = np.sign([one.gain for one in changes])
     counts = {word: int(np.sum(gains == sign)) for word, sign in (("gained", 1), ("same", 0), ("lost", -1))}
     settings = {name: value for name, value in asdict(config).items() if not isinstance(value, Path)}
-    write_json(record, {**settings, "views": views, "all_views": counts})
+    write_json(record, {**settings, "views": views, "all_views": counts, **origin()})
     print(f"{picture}\n{record}")
 
 

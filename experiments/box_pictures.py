@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PictureConfig:
-    """Draws the boxes of LDLS and of the SbM frustum PointNet on views of test scenes, and from above. Or, of rooms in
-    which things move, flow and the boxes of what moves, from above.
+    """Draws the boxes of LDLS and of the SbM frustum PointNet (on shared labels) on views of test scenes, and from
+    above. Or, of rooms in which things move, flow and the boxes of what moves, from above.
 
     The networks are those of table 5.5 and of moving_objects (from made-up motion): trained if they are not in the
     cache yet.
@@ -45,6 +45,7 @@ def run(config: PictureConfig) -> None:
     Raises:
         SbmError: if a world cannot be built, or nothing moves where it should.
     """
+    from experiments.cache.origin import origin
     from experiments.cache.stages import RunContext
     from labeling.formats.atomic import write_json
 
@@ -53,7 +54,7 @@ def run(config: PictureConfig) -> None:
     drawn = (_moving if config.world == "moving" else _boxes)(config, context, picture)
     record = config.results / f"{RECORD.format(config.world)}.json"
     settings = {name: value for name, value in asdict(config).items() if not isinstance(value, Path)}
-    write_json(record, {**settings, "views": drawn})
+    write_json(record, {**settings, "views": drawn, **origin()})
     print(f"{picture}\n{record}")
 
 
@@ -76,7 +77,7 @@ def _boxes(config: PictureConfig, context: "RunContext", picture: Path) -> list[
     ldls_ap25 = table_5_5.ldls_ap25_by_scale(config.world, sets.episodes("choose"), categories, context)
     detectors = {
         table_5_5.TUNED: load_detector_3d(table_5_5.best_ldls(ldls_ap25)),
-        table_5_5.OURS: load_detector_3d(network),
+        table_5_5.SHARED: load_detector_3d(network),
     }
     panels, drawn = [], []
     for folder in sets.episodes(table_5_5.TEST_SUBSET)[: config.views]:

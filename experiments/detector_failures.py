@@ -35,6 +35,7 @@ def run(config: FailuresConfig) -> None:
     from dataclasses import asdict
 
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    from experiments.cache.origin import origin
     from experiments.pretraining.failure_figures import CONDITIONS, bin_by, draw_failures, find_objects
     from experiments.pretraining.world_views import record_views
     from labeling.detectors.registry import check_name, load_detector
@@ -55,6 +56,7 @@ def run(config: FailuresConfig) -> None:
         "episodes": config.views.episodes,
         "objects": {world: len(objects[world]) for world in WORLDS},
         "by": {world: {name: [asdict(row) for row in rows] for name, rows in t.items()} for world, t in tables.items()},
+        **origin(),
     }
     write_json(config.results, content)
     print(config.picture)

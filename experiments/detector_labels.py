@@ -61,11 +61,14 @@ def _scores(name: str, dataset: Path, cache: Path) -> dict[str, Any]:
     from labeling.generate import GenerateConfig
     from labeling.generate import run as generate
     from labeling.io.episodes import find_episodes
+    from labeling.runtime.code_digest import code_digest
+    from labeling.runtime.provenance import experiment_versions
 
     weights = detector_digest(name)
     folders = {folder.name: folder for folder in find_episodes(dataset)}
     episodes = [folder_digest(folder) for folder in folders.values()]
-    own = f"detector-labels-{digest(str(dataset.resolve()), weights, episodes)}"
+    code = [code_digest(detect), experiment_versions()]
+    own = f"detector-labels-{digest(str(dataset.resolve()), weights, episodes, *code)}"
     linked = link_dataset(own, folders, RunContext(scale="quick", seeds=(0,), workers=1, cache=cache))
     detect(DetectCommand(dataset=linked[0].parent, detector=name, replace=True))
     labelled: dict[str, dict[str, float | None]] = {}

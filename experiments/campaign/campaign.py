@@ -22,20 +22,25 @@ from experiments.campaign.trial import FINE, MOST_MEMORY_MB, PATIENCE_S
 from labeling.formats.atomic import write_json
 from labeling.runtime.cli import progress_bar
 from labeling.runtime.process_pool import PerProcess, run_jobs
+from labeling.runtime.run_folder import claim_run_folder
 
 KINDS = ("corruptions", "kills", "faults", "loop")
 """Campaigns of trials; a soak has none."""
 SURVIVED = (*FINE, "survived")
+SETTINGS_FILE = "settings.json"
 
 
 def run_campaign(config: CampaignConfig) -> dict[str, Any]:
     """Does what has not been done, writes OUT/campaign.json and returns it.
 
     Raises:
+        UsageError: if OUT holds trials of another seed or of other code.
         SbmError: if a command fails on valid input, or a disk cannot be mounted.
     """
-    from labeling.runtime.provenance import experiment_provenance
+    from labeling.runtime.provenance import experiment_provenance, git_commit
 
+    # Trials of other code or of another seed must not be counted as those of this.
+    claim_run_folder(config.out, SETTINGS_FILE, {"seed": config.seed, "commit": git_commit()}, results="trials")
     inputs = config.out / "inputs"
     if set(config.kinds) - {"soak", "loop"}:
         make_inputs(inputs)

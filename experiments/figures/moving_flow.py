@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from labeling.core.errors import SbmError
+from labeling.core.errors import EpisodeFormatError, SbmError
 
 
 def draw(flow: Path, folders: Sequence[Path], count: int, path: Path) -> list[dict[str, Any]]:
@@ -36,7 +36,10 @@ def draw(flow: Path, folders: Sequence[Path], count: int, path: Path) -> list[di
     panels, drawn = [], []
     for folder in folders:
         episode = read_episode(folder)
-        pairs = view_pairs(folder.name, episode, memory)
+        try:
+            pairs = view_pairs(folder.name, episode, memory)
+        except EpisodeFormatError:  # it has none
+            continue
         to_find = [sum(not one.ignore for one in moving_truths(episode, pair, memory.grid)) for pair in pairs]
         most = max(to_find)
         if most == 0:

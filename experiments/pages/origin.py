@@ -24,7 +24,8 @@ def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | No
         content = contents[name]
         commit = (content.get("git_commit") or "unknown")[:COMMIT_DIGITS]
         when = f"on {content[MADE_ON][:DAY]}, " if MADE_ON in content else ""
-        sentence = f"Made {when}at commit {commit}."
+        changed = ", with uncommitted changes" if content.get("git_uncommitted_changes") else ""
+        sentence = f"Made {when}at commit {commit}{changed}."
         if content.get(MACHINES):
             sentence += f" Trained on {', '.join(content[MACHINES])}."
         found[name] = sentence + (f" {EARLIER}" if name in earlier else "")

@@ -42,9 +42,15 @@ def record_views(config: WorldViewsConfig, world: str, split: Literal["train", "
     """
     from agents.rollouts.collect_config import CollectConfig
     from agents.rollouts.recorder import collect_episodes
+    from experiments.cache.stages import digest
+    from labeling.runtime.code_digest import code_digest
+    from labeling.runtime.provenance import experiment_versions
+    from sbm_gym.assets.catalog.same_libraries import library_digests
 
     episodes = config.episodes if split == "train" else config.val_episodes
-    out = config.folder / f"{world}_{split}"
+    # Another name whenever worlds, their pictures or furniture are others.
+    made_by = digest(code_digest(collect_episodes), experiment_versions(), library_digests())
+    out = config.folder / f"{world}_{split}-{made_by}"
     collect_episodes(CollectConfig(out=out, env=WORLDS[world], episodes=episodes, seed=config.seed, split=split))
     return out
 

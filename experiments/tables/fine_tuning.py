@@ -94,7 +94,7 @@ def mended_job(sets: TrainingSets, teacher: str, seed: int) -> "TrainJob":
 def mended(
     labels: "Sequence[AnnotatedPicture]", truths: "Sequence[AnnotatedPicture]", true_masks: bool
 ) -> "list[AnnotatedPicture]":
-    """Labels without those that stand for no object.
+    """Labels without those that stand for no object; those of objects that are to be ignored become regions to ignore.
 
     Args:
         labels: pictures with labels. Regions to ignore stay as they are.
@@ -104,6 +104,7 @@ def mended(
     known, found = {_name(picture): picture for picture in truths}, []
     for picture in labels:
         kept = [one for one in picture.annotations if one.ignore]
+        kept += [replace(one, ignore=True) for one in of_ignored(picture, known[_name(picture)])]
         for label, truth in objects_of(picture, known[_name(picture)]):
             kept.append(replace(label, rle=truth.rle) if true_masks else label)
         found.append(replace(picture, annotations=tuple(kept)))
@@ -113,7 +114,8 @@ def mended(
 def count_errors(labels: "Sequence[AnnotatedPicture]", truths: "Sequence[AnnotatedPicture]") -> dict[str, Any]:
     """How many labels there are by category, how many of them are false, and how many objects have none.
 
-    Only categories that are labelled count. ``false_weight`` is the share of false labels in the weight of all.
+    Only categories that are labelled count. A label of an object that is to be ignored counts as nothing.
+    ``false_weight`` is the share of false labels in the weight of all.
     """
     known = {_name(picture): picture for picture in truths}
     names = sorted({one.category for picture in labels for one in picture.annotations if not one.ignore})
@@ -121,11 +123,12 @@ def count_errors(labels: "Sequence[AnnotatedPicture]", truths: "Sequence[Annotat
     weights = {"right": 0.0, "all": 0.0}
     for picture in labels:
         truth = known[_name(picture)]
-        pairs = objects_of(picture, truth)
+        pairs, neither = objects_of(picture, truth), of_ignored(picture, truth)
+        labels_of = [one for one in picture.annotations if not any(one is other for other in neither)]
         weights["right"] += sum(label.weight for label, _ in pairs)
-        weights["all"] += sum(one.weight for one in picture.annotations if not one.ignore)
+        weights["all"] += sum(one.weight for one in labels_of if not one.ignore)
         for all_of, errors, annotations, right in (
-            ("labels", "false", picture.annotations, [label.category for label, _ in pairs]),
+            ("labels", "false", labels_of, [label.category for label, _ in pairs]),
             ("objects", "missing", truth.annotations, [one.category for _, one in pairs]),
         ):
             for name in names:
@@ -144,6 +147,19 @@ def objects_of(picture: "AnnotatedPicture", truth: "AnnotatedPicture") -> "list[
     iou = pairwise_iou(ours, theirs)
     same = np.array([[a.category == b.category for b in objects] for a in labels], bool).reshape(iou.shape)
     return [(labels[p], objects[g]) for p, g in assign(np.where(same & (iou >= SAME_OBJECT), iou, 0.0))]
+
+
+def of_ignored(picture: "AnnotatedPicture", truth: "AnnotatedPicture") -> "list[Annotation]":
+    """Labels of a picture that stand for an object that is to be ignored, such as a sliver, and for no other."""
+    from labeling.metrics.matching import MaskInstance, pairwise_iou
+
+    taken = [label for label, _ in objects_of(picture, truth)]
+    left = [one for one in picture.annotations if not one.ignore and not any(one is other for other in taken)]
+    ignored = [one for one in truth.annotations if one.ignore]
+    ours, theirs = ([MaskInstance(0, one.category, one.rle) for one in some] for some in (left, ignored))
+    near = pairwise_iou(ours, theirs) >= SAME_OBJECT
+    same = np.array([[a.category == b.category for b in ignored] for a in left], bool).reshape(near.shape)
+    return [left[place] for place in np.flatnonzero(np.any(near & same, axis=1))]
 
 
 def _name(picture: "AnnotatedPicture") -> tuple[str, ...]:

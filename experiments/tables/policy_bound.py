@@ -14,6 +14,7 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import WORLDS
 from experiments.tables.policy_evaluation import LABEL_VIEWS, SPLIT, evaluate_config
+from labeling.runtime.code_digest import code_digest
 
 WORLD, DETECTOR = "rooms", "simulated:compact"
 """The simulated detector that is fitted to ``compact``: so many ways with the detector itself would take days."""
@@ -45,6 +46,8 @@ SIZES: dict[Scale, tuple[int, int]] = {"smoke": (1, 2), "quick": (10, 32), "stan
 def run(context: RunContext) -> dict[str, Any]:
     """Plays every start many times, and labels what each way has seen.
 
+    Seeds are not counted: every start is drawn from many times.
+
     Returns:
         The starts, and for each policy and number of views the right labels of its mean way and of its best one.
 
@@ -52,11 +55,15 @@ def run(context: RunContext) -> dict[str, Any]:
         SbmError: if the world cannot be built.
     """
     from agents.evaluation.label_quality import episode_figures
+    from agents.evaluation.results import policy_key
     from agents.evaluation.run import Evaluator, evaluate_policies
     from agents.rollouts.run_episode import episode_spec
 
     starts, draws = SIZES[context.scale]
-    config = evaluate_config("policy_bound", WORLDS[WORLD], POLICIES, starts, DETECTOR, context, labels=True)
+    # The name of a class says nothing of the weights that it reads.
+    weights = [policy_key("ppo_evidence", WORLDS[WORLD]), code_digest(SampledEvidence)]
+    own = replace(context, seeds=(0,))  # draws take the place of seeds
+    config = evaluate_config("policy_bound", WORLDS[WORLD], POLICIES, starts, DETECTOR, own, labels=True, more=weights)
     config = replace(config, draws=draws)
     evaluate_policies(config)
     evaluator = Evaluator(config)

@@ -153,6 +153,7 @@ def evaluate_config(
     context: RunContext,
     labels: bool = False,
     picture_px: int | None = None,
+    more: Sequence[str] = (),
 ) -> "EvaluateConfig":
     """How policies are evaluated, in another folder whenever something changes that decides their results.
 
@@ -165,6 +166,7 @@ def evaluate_config(
         context: seeds, workers and cache.
         labels: make labels of the views, too.
         picture_px: height of the pictures that labels are made on; None is the world's own.
+        more: what else decides the results.
     """
     from agents.evaluation.evaluate_config import EvaluateConfig
     from agents.evaluation.run import Evaluator
@@ -173,7 +175,7 @@ def evaluate_config(
     from sbm_gym.env.view_detectors import digest_of_detector
 
     settings = [env_id, SPLIT, SCENES, detector, picture_px]
-    behind = [experiment_versions(), code_digest(Evaluator), digest_of_detector(detector), library_digests()]
+    behind = [experiment_versions(), code_digest(Evaluator), digest_of_detector(detector), library_digests(), *more]
     name = digest(settings, *behind)
     return EvaluateConfig(
         policies=policies,

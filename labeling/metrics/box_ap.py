@@ -7,7 +7,7 @@ volume) is neither right nor wrong. Precision is made monotone and averaged over
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -109,7 +109,8 @@ def average_precision_by_range(
 ) -> dict[tuple[float, float], AveragePrecision]:
     """AP of objects at several distances.
 
-    Ground truth at other distances is to be ignored, and so are predictions at other distances that find nothing.
+    Ground truth at other distances is to be ignored, and so are predictions at other distances that find nothing, at
+    each threshold by itself.
 
     Args:
         predictions: of all distances.
@@ -120,19 +121,32 @@ def average_precision_by_range(
     Returns:
         By the nearest and the farthest distance of each bin.
     """
-    least = min(iou_thresholds) - _ROUNDING
     rivals: dict[tuple[Hashable, str], list[Box3d]] = defaultdict(list)
     for truth in ground_truth:
         rivals[truth.image, truth.category].append(truth.box)
-    finds = [any(box_iou_3d(one.box, box) >= least for box in rivals[one.image, one.category]) for one in predictions]
+    best = [
+        max((box_iou_3d(one.box, box) for box in rivals[one.image, one.category]), default=0.0) for one in predictions
+    ]
     found = {}
     for low, high in pairwise(edges_m):
         truths = [item if low <= item.range_m < high else replace(item, ignore=True) for item in ground_truth]
-        kept = [
-            item for item, finds_one in zip(predictions, finds, strict=True) if finds_one or low <= item.range_m < high
-        ]
-        found[low, high] = average_precision_3d(kept, truths, iou_thresholds)
+        at_each: dict[float, AveragePrecision] = {}
+        for threshold in map(float, iou_thresholds):
+            kept = [
+                item
+                for item, iou in zip(predictions, best, strict=True)
+                if iou >= threshold - _ROUNDING or low <= item.range_m < high
+            ]
+            at_each[threshold] = average_precision_3d(kept, truths, (threshold,))
+        found[low, high] = _joined(at_each)
     return found
+
+
+def _joined(at_each: Mapping[float, AveragePrecision]) -> AveragePrecision:
+    """AP at several thresholds, each from a ranking of its own, as one record."""
+    names = sorted({name for one in at_each.values() for name in one.per_class})
+    per_class = {name: {t: one.per_class.get(name, {}).get(t) for t, one in at_each.items()} for name in names}
+    return summarise(per_class, list(at_each))
 
 
 def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Kind) -> list[list[tuple[int, float]]]:

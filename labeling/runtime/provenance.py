@@ -42,13 +42,14 @@ def experiment_versions() -> dict[str, str | None]:
     return {"python": platform.python_version(), **package_versions(EXPERIMENT_PACKAGES)}
 
 
-SOURCES = (".py", ".toml", ".yaml")
-"""Ends of the names of files, anywhere in the checkout, whose changes may change figures."""
+SOURCES = ("*.py", "*.toml", "*.yaml", "*.safetensors", "labeling/*.json", "sbm_gym/*.json", "agents/*.json")
+"""Files of the checkout whose changes may change figures: code, settings, weights, calibrations. ``*`` crosses folders.
+Results are none: one experiment writes them while the next runs."""
 
 
 def experiment_provenance() -> dict[str, Any]:
     """Versions, commit and machine that figures were measured with; the commit is None outside a checkout."""
-    changes = _git("status", "--porcelain", "--untracked-files=normal", "--", *(f":(top)*{kind}" for kind in SOURCES))
+    changes = _git("status", "--porcelain", "--untracked-files=normal", "--", *(f":(top){files}" for files in SOURCES))
     return {
         "versions": experiment_versions(),
         "git_commit": git_commit(),

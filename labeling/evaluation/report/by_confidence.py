@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from labeling.evaluation.report.errors import RIGHT_IOU, kinds_in_picture
+from labeling.evaluation.report.errors import RIGHT_IOU, inside_ignored, kinds_in_picture
 from labeling.metrics.matching import MaskInstance, assign, assign_counted_first, pairwise_iou
 
 STEPS = 101
@@ -49,9 +49,10 @@ def by_confidence(predictions: Sequence[MaskInstance], truths: Sequence[MaskInst
         for item in items:
             by_image[item.image][side].append(item)
     for here, there in by_image.values():
-        overlap = pairwise_iou(here, there)
+        overlap, inside = pairwise_iou(here, there), inside_ignored(here, there)
         for steps, alive in _changes(np.array([item.confidence for item in here])):
-            _count(found, steps, overlap[alive], [item for item, yes in zip(here, alive, strict=True) if yes], there)
+            kept = [item for item, yes in zip(here, alive, strict=True) if yes]
+            _count(found, steps, overlap[alive], kept, there, inside[alive])
     return found
 
 
@@ -75,8 +76,9 @@ def _count(
     overlap: Float[np.ndarray, "p g"],
     predictions: Sequence[MaskInstance],
     truths: Sequence[MaskInstance],
+    inside: Bool[np.ndarray, "p"],
 ) -> None:
-    """Adds one picture at some steps."""
+    """Adds one picture at some steps; ``inside`` is as in ``kinds_in_picture``."""
     called, is_of = (np.array([item.category for item in items], object) for items in (predictions, truths))
     ignored = np.array([item.ignore for item in truths], bool)
     own: dict[int, int] = {}
@@ -84,7 +86,7 @@ def _count(
         rows, columns = np.flatnonzero(called == name), np.flatnonzero(is_of == name)
         pairs = assign_counted_first(overlap[np.ix_(rows, columns)], ignored[columns].tolist())
         own |= {int(rows[p]): int(columns[g]) for p, g in pairs}
-    for item, kind in zip(predictions, kinds_in_picture(overlap, predictions, truths, own), strict=True):
+    for item, kind in zip(predictions, kinds_in_picture(overlap, predictions, truths, own, inside), strict=True):
         found.kinds[item.category, kind][steps] += 1
     best = {truth: float(overlap[prediction, truth]) for prediction, truth in own.items()}
     for index, item in enumerate(truths):
@@ -93,7 +95,7 @@ def _count(
             found.kinds[item.category, "missed"][steps] += iou < RIGHT_IOU
             found.ious[item.category, min(BINS - 1, int(iou * BINS))][steps] += 1
             found.iou_sum[item.category][steps] += iou
-    _count_confusion(found.confusion, steps, overlap, predictions, truths)
+    _count_confusion(found.confusion, steps, overlap, predictions, truths, inside)
 
 
 def _count_confusion(
@@ -102,6 +104,7 @@ def _count_confusion(
     overlap: Float[np.ndarray, "p g"],
     predictions: Sequence[MaskInstance],
     truths: Sequence[MaskInstance],
+    inside: Bool[np.ndarray, "p"],
 ) -> None:
     """One-to-one, whatever the categories, from an IoU of ``RIGHT_IOU`` on."""
     pairs = [(p, g) for p, g in assign(np.where(overlap >= RIGHT_IOU, overlap, 0.0)) if overlap[p, g] >= RIGHT_IOU]
@@ -113,5 +116,5 @@ def _count_confusion(
         if index not in met and not item.ignore:
             confusion[item.category, BACKGROUND][steps] += 1
     for index, item in enumerate(predictions):
-        if index not in taken:
+        if index not in taken and not inside[index]:
             confusion[BACKGROUND, item.category][steps] += 1

@@ -4,7 +4,8 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from hotcoco import mask as coco_mask
+from jaxtyping import Bool, Float
 
 from labeling.metrics.matching import MaskInstance, Match, pairwise_iou
 
@@ -45,9 +46,22 @@ def kinds_of(
     for found, there in by_image.values():
         here = [predictions[i] for i in found], [truths[i] for i in there]
         own = {found.index(p): there.index(partner[p]) for p in found if p in partner}
-        for index, kind in zip(found, kinds_in_picture(pairwise_iou(*here), *here, own), strict=True):
+        told = kinds_in_picture(pairwise_iou(*here), *here, own, inside_ignored(*here))
+        for index, kind in zip(found, told, strict=True):
             kinds[index] = kind
     return kinds
+
+
+def inside_ignored(predictions: Sequence[MaskInstance], truths: Sequence[MaskInstance]) -> Bool[np.ndarray, "p"]:
+    """Which predictions of a picture lie by half or more in what is to be ignored of their category, however large that
+    is: average precision leaves them out (COCO's ``iscrowd``).
+    """
+    regions = [one for one in truths if one.ignore]
+    if not predictions or not regions:
+        return np.zeros(len(predictions), bool)
+    share = coco_mask.iou([one.rle for one in predictions], [one.rle for one in regions], [True] * len(regions))
+    same = np.array([[one.category == region.category for region in regions] for one in predictions])
+    return np.any(same & (np.asarray(share, float).reshape(same.shape) >= RIGHT_IOU), axis=1)
 
 
 def kinds_in_picture(
@@ -55,6 +69,7 @@ def kinds_in_picture(
     predictions: Sequence[MaskInstance],
     truths: Sequence[MaskInstance],
     own: Mapping[int, int],
+    inside: Bool[np.ndarray, "p"],
 ) -> list[str]:
     """As ``kinds_of``, of one picture.
 
@@ -63,6 +78,7 @@ def kinds_in_picture(
         predictions: p of one picture.
         truths: g of the same picture.
         own: prediction -> the truth that it is matched with.
+        inside: see ``inside_ignored``.
     """
     kinds = []
     for index, item in enumerate(predictions):
@@ -70,7 +86,8 @@ def kinds_in_picture(
         if truth is not None and overlap[index, truth] >= RIGHT_IOU:
             kinds.append("ignored" if truths[truth].ignore else "right")
         else:
-            kinds.append(_kind(item.category, overlap[index], truths) if truths else "background")
+            kind = _kind(item.category, overlap[index], truths) if truths else "background"
+            kinds.append("ignored" if kind == "background" and inside[index] else kind)
     return kinds
 
 

@@ -137,7 +137,8 @@ class LabelConfig(Settings):
     moving: bool = True
     """Take what some views measured and others look through for things that move, and label these in the views where
     they are, where they are (labeling.generator.objects.tracks); a view that looks through most of any object has no
-    label of it, unless it has moved and shows there (labeling.generator.draw.gone_objects). False: everything stands still, as in the thesis."""
+    label of it, unless it has moved and shows there (labeling.generator.draw.gone_objects). False: everything
+    stands still, as in the thesis."""
     calibrate: bool = True
     """Give each label its expected IoU as confidence, from what all views say about its object
     (labeling.generator.quality.label_quality); False: the chance of its object's category times the mean probability in

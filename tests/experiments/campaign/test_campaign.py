@@ -3,6 +3,7 @@
 import json
 import shutil
 import struct
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,9 @@ from experiments.campaign.damage import damage, damage_json, forge_png_size
 from experiments.campaign.processes import leftovers, tree_digest
 from experiments.campaign.soak import Sample, growth_mb_per_1000
 from experiments.campaign.subjects import SUBJECTS, files_of
+from labeling.core.errors import UsageError
 from labeling.io.episodes import write_episode
+from labeling.runtime.provenance import COMMIT_VARIABLE
 
 from ...labeling.synthetic_room import make_episode
 
@@ -98,10 +101,9 @@ def test_a_short_campaign_goes_on_and_finds_no_fault(
 ) -> None:
     chosen = tuple(one for one in SUBJECTS if one.inputs == "episodes" and one.module.startswith("labeling"))
     monkeypatch.setattr(corruptions, "SUBJECTS", chosen)
-    monkeypatch.setattr(campaign, "make_inputs", lambda folder: None)
+    monkeypatch.setattr(campaign, "make_inputs", partial(shutil.copytree, inputs, dirs_exist_ok=True))
     # In this process, so that it is a short one.
     monkeypatch.setattr(campaign, "run_jobs", lambda work, jobs, workers, always_spawn: _here(work.make(), jobs))
-    shutil.copytree(inputs, tmp_path / "inputs")
     first = campaign.run_campaign(CampaignConfig(("corruptions",), trials=10, out=tmp_path))
     with (tmp_path / "corruptions.jsonl").open("a") as lines:
         lines.write('{"number": 10, "subj')  # cut off by a kill
@@ -110,6 +112,11 @@ def test_a_short_campaign_goes_on_and_finds_no_fault(
     assert summary["corruptions"]["trials"] == 24
     assert not summary["corruptions"]["not_survived"]
     assert f"24 of {24} survived" in campaign.table(summary)
+    for differs in ({"seed": 7}, {}):
+        if not differs:
+            monkeypatch.setenv(COMMIT_VARIABLE, "0123456")
+        with pytest.raises(UsageError, match="made with other settings"):
+            campaign.run_campaign(CampaignConfig(("corruptions",), trials=24, out=tmp_path, **differs))
 
 
 def _here(work, jobs):

@@ -74,6 +74,21 @@ def test_labels_are_mended_in_one_respect_after_the_other() -> None:
     assert errors["false_weight"] == pytest.approx(0.8 / 1.6)
 
 
+def test_a_label_of_what_is_to_be_ignored_is_neither_right_nor_false() -> None:
+    file = Path("data/0001/rgb/000.png")
+    chair, sliver = square(0, 10, "chair"), square(25, 6, "chair", ignore=True)
+    right, of_sliver = square(0, 9, "chair", 0.8), square(25, 5, "chair", 0.7)
+    named_otherwise = square(25, 5, "table", 0.4)
+    labels = AnnotatedPicture(file, (20, 40), (right, of_sliver, named_otherwise))
+    truth = AnnotatedPicture(file, (20, 40), (chair, sliver))
+    errors = count_errors([labels], [truth])
+    assert errors["categories"]["chair"] == {"labels": 1, "false": 0, "objects": 1, "missing": 0}
+    assert errors["categories"]["table"] == {"labels": 1, "false": 1, "objects": 0, "missing": 0}
+    assert errors["false_weight"] == pytest.approx(0.4 / 1.2)
+    (without,) = mended([labels], [truth], true_masks=False)
+    assert without.annotations == (replace(of_sliver, ignore=True), right)
+
+
 @pytest.mark.nightly
 def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -92,6 +92,15 @@ def test_by_distance_each_object_counts_once():
     assert bins[30, 50].mean[0.5] is None
 
 
+def test_each_threshold_has_its_own_idle_boxes_of_other_distances():
+    """A box that finds something at .25 and nothing at .5 is idle at .5, and no mistake of nearer distances."""
+    truths = [BoxInstance(0, "car", box(0, 0), range_m=1.0), BoxInstance(0, "car", box(20, 0), range_m=3.0)]
+    found = [BoxInstance(0, "car", box(0, 0), 0.8, range_m=1.0), BoxInstance(0, "car", box(22, 0), 0.9, range_m=3.0)]
+    both = average_precision_by_range(found, truths, (0.0, 2.0, 4.0))
+    assert both[0, 2].mean == {0.25: pytest.approx(1.0), 0.5: pytest.approx(1.0)}
+    assert both[2, 4].mean == {0.25: pytest.approx(1.0), 0.5: 0.0}
+
+
 def test_each_box_is_compared_with_those_of_its_view_only():
     truths = [BoxInstance(view, "car", box(0, 0), range_m=3.0) for view in range(20)]
     asked = 0

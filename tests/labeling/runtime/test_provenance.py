@@ -27,12 +27,21 @@ def test_provenance_is_json_and_names_commit_and_machine() -> None:
 
 @pytest.mark.parametrize(
     ("changed", "counts"),
-    [("experiments/table.py", True), ("experiments/tables/rows.yaml", True), ("new.py", True), ("README.md", False)],
+    [
+        ("experiments/table.py", True),
+        ("experiments/tables/rows.yaml", True),
+        ("new.py", True),
+        ("labeling/generator/calibration/compact.json", True),
+        ("sbm_gym/weights/compact.safetensors", True),
+        ("experiments/results/table.json", False),
+        ("README.md", False),
+    ],
 )
 def test_changes_anywhere_in_the_checkout_count(
     changed: str, counts: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("labeling/runtime/provenance.py", "experiments/table.py", "experiments/tables/rows.yaml", "README.md"):
+    program = "labeling/runtime/provenance.py"
+    for name in {program, changed} - {"new.py"}:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("one\n")
     user = ("-c", "user.name=x", "-c", "user.email=x@example.org")

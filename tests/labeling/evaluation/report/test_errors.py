@@ -41,6 +41,17 @@ def test_one_prediction_has_one_kind(predicted: MaskInstance, kind: str) -> None
     assert kinds_of([predicted], TRUTHS, match([predicted], TRUTHS)) == [kind]
 
 
+def test_what_lies_in_a_large_region_to_ignore_is_no_phantom() -> None:
+    """By IoU it is not near the region, of which it covers a twelfth; average precision leaves it out all the same."""
+    crowd = [strip("chair", 0, 36, ignore=True), strip("table", 37, 40)]
+    inside, other, half_out = strip("chair", 4, 7), strip("table", 4, 7), strip("chair", 35, 38)
+    for one, kind in ((inside, "ignored"), (other, "background"), (half_out, "background")):
+        assert kinds_of([one], crowd, match([one], crowd)) == [kind]
+        phantoms = by_confidence([one], crowd).confusion[BACKGROUND, one.category][0]
+        assert phantoms == (kind == "background")
+    assert average_precision([strip("table", 37, 40), inside], crowd, (0.5,)).mean[0.5] == pytest.approx(1.0)
+
+
 def test_the_second_of_an_object_is_a_duplicate() -> None:
     both = [strip("chair", 0, 10), strip("chair", 0, 9)]
     assert kinds_of(both, TRUTHS, match(both, TRUTHS)) == ["right", "duplicate"]
