@@ -7,7 +7,6 @@ would count what differs between starts twice: of such intervals 98 to 99 in 100
 """
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
@@ -16,9 +15,11 @@ from jaxtyping import Float, Int64
 from scipy.special import ndtri, stdtrit
 
 from labeling.metrics.average_precision import mean_of
-from labeling.metrics.bootstrap import MIN_EPISODES, RESAMPLES, paired_difference, significant_sign
 
 DIGITS = 5
+RESAMPLES = 4000
+MIN_EPISODES = 4
+"""Fewer say nothing about how much episodes differ."""
 MIN_SCENES = MIN_EPISODES
 """In fewer, nothing can be said about how much scenes differ: intervals are over starts, and of these scenes only."""
 MIN_STARTS = 100
@@ -34,22 +35,6 @@ def over_seeds(per_seed: Sequence[float | None]) -> dict[str, Any]:
     defined = [value for value in per_seed if value is not None]
     std = float(np.std(defined, ddof=1)) if len(defined) > 1 else None
     return {"mean": rounded(mean_of(defined)), "std": rounded(std), "per_seed": [rounded(value) for value in per_seed]}
-
-
-def difference_record(ours: Sequence[float | None], theirs: Sequence[float | None]) -> dict[str, Any] | None:
-    """Mean difference over episodes with a 95 % bootstrap interval, as JSON; None if no episode has both.
-
-    Args:
-        ours: a figure per episode, None where it is undefined.
-        theirs: the same figure of what is compared with, on the same episodes.
-
-    Returns:
-        ``mean``, ``low`` and ``high`` (None with too few episodes), ``episodes`` (on which both are defined).
-    """
-    difference = paired_difference(ours, theirs)
-    if difference is None:
-        return None
-    return {name: value if name == "episodes" else rounded(value) for name, value in asdict(difference).items()}
 
 
 def paired_record(
@@ -138,6 +123,17 @@ def small_sample_factor(groups: int) -> float:
     return float(np.sqrt(groups / (groups - 1)) * stdtrit(groups - 1, QUANTILES[1]) / ndtri(QUANTILES[1]))
 
 
+def significant_sign(difference: Mapping[str, Any]) -> int:
+    """Which of two settings is significantly better, by their difference as JSON.
+
+    Returns:
+        1 if its interval lies above zero, -1 if below, 0 if neither, or if there is no interval.
+    """
+    if difference["low"] is None:
+        return 0
+    return int(difference["low"] > 0) - int(difference["high"] < 0)
+
+
 def shown_sign(difference: Mapping[str, Any] | None) -> int:
     """Whether a paired difference is shown: 1 if it lies above 0, -1 if below, 0 if that cannot be said.
 
@@ -147,7 +143,7 @@ def shown_sign(difference: Mapping[str, Any] | None) -> int:
     """
     if difference is None or difference["episodes"] < MIN_STARTS or difference.get("scenes", 0) < MIN_SCENES:
         return 0
-    return significant_sign(dict(difference))
+    return significant_sign(difference)
 
 
 def starts_to_resolve(difference: dict[str, Any], target: float) -> int | None:

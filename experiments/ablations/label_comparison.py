@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
-from agents.evaluation.statistics import difference_record, rounded
+from agents.evaluation.statistics import paired_record, rounded
 from experiments.ablations.label_scores import FIGURES, Scored, Setting, pooled_figures, score_all, true_instances
 from experiments.cache.episode_pool import EpisodePool, pool_record, record
 from experiments.cache.stages import RunContext
@@ -26,12 +26,13 @@ def compare(
 
     Returns:
         What the pools are, and by name and pool: ``mean`` over episodes, ``pooled`` over all their labels,
-        ``per_episode``, ``difference`` from the base (mean, low, high, episodes) and ``cpu_s`` per episode.
+        ``per_episode``, ``difference`` from the base (``paired_record``) and ``cpu_s`` per episode.
 
     Raises:
         SbmError: if recording or labelling fails.
     """
     folders = {pool.name: record(pool, context) for pool in pools}
+    about = {pool.name: pool_record(pool, folders[pool.name]) for pool in pools}
     every_setting = [one for settings in named.values() for one in settings]
     every = [folder for found in folders.values() for folder in found]
     rows = iter(score_all(every, every_setting, context, title))
@@ -44,9 +45,10 @@ def compare(
         episodes = {name: [row[part] for row in seeds] for name, seeds in scored.items()}
         reference = _per_episode(episodes[base])
         truths = true_instances(folders[pool.name])
+        scenes = about[pool.name]["scenes"]
         for name, seeds in episodes.items():
-            results[name][pool.name] = _summary(truths, seeds, reference)
-    return {pool.name: pool_record(pool, folders[pool.name]) for pool in pools}, results
+            results[name][pool.name] = _summary(truths, seeds, reference, scenes)
+    return about, results
 
 
 def _per_episode(seeds: Sequence[Sequence[Scored]]) -> dict[str, list[float | None]]:
@@ -57,14 +59,16 @@ def _per_episode(seeds: Sequence[Sequence[Scored]]) -> dict[str, list[float | No
     }
 
 
-def _summary(truths: list[MaskInstance], seeds: list[list[Scored]], reference: dict[str, Any]) -> dict[str, Any]:
+def _summary(
+    truths: list[MaskInstance], seeds: list[list[Scored]], reference: dict[str, Any], scenes: Sequence[str]
+) -> dict[str, Any]:
     found = _per_episode(seeds)
     pooled = [pooled_figures(truths, one) for one in seeds]
     return {
         "mean": {figure: rounded(mean_of(found[figure])) for figure in FIGURES},
         "pooled": {figure: rounded(mean_of([one[figure] for one in pooled])) for figure in pooled[0]},
         "per_episode": {figure: [rounded(value) for value in found[figure]] for figure in FIGURES},
-        "difference": {figure: difference_record(found[figure], reference[figure]) for figure in FIGURES},
+        "difference": {figure: paired_record(found[figure], reference[figure], scenes) for figure in FIGURES},
         "cpu_s": rounded(median(one.cpu_s for seed in seeds for one in seed)),
         "objects": [mean_of([one.objects for one in episode]) for episode in zip(*seeds, strict=True)],
     }

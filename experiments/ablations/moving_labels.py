@@ -65,7 +65,7 @@ def pools_of(name: str, world: World, scale: Scale) -> "dict[str, EpisodePool]":
 
 
 def _one_world(name: str, world: World, context: RunContext) -> dict[str, Any]:
-    from agents.evaluation.statistics import difference_record
+    from agents.evaluation.statistics import paired_record
     from experiments.ablations.label_scores import Setting, score_all
     from experiments.cache.episode_pool import pool_record, record
 
@@ -89,13 +89,14 @@ def _one_world(name: str, world: World, context: RunContext) -> dict[str, Any]:
             scored = [[list(one.predictions) for one in next(rows)] for _ in settings]
             found[motion][treatment] = {part: _figures(scored, [one[part] for one in truths]) for part in PARTS}
     for motion, part in ((motion, part) for motion in pools for part in PARTS):
+        scenes = about[motion]["scenes"]
         ours = found[motion][OURS][part]
         theirs = found[motion][THESIS][part]["per_episode"]
-        ours["gain"] = {one: difference_record(ours["per_episode"][one], theirs[one]) for one in FIGURES}
+        ours["gain"] = {one: paired_record(ours["per_episode"][one], theirs[one], scenes) for one in FIGURES}
         still = found[STILL][OURS][part]
         if motion == MOVING:
             ours["kept"] = {
-                one: difference_record(ours["per_episode"][one], still["per_episode"][one]) for one in FIGURES
+                one: paired_record(ours["per_episode"][one], still["per_episode"][one], scenes) for one in FIGURES
             }
     return {"pools": about, "movers": movers, "results": found}
 

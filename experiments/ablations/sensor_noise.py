@@ -59,7 +59,7 @@ def run(context: RunContext) -> dict[str, Any]:
         The kinds of noise, the pool, and by treatment and kind the figures, with differences from no noise and, under
         ``gain``, from the first treatment of the same noise.
     """
-    from agents.evaluation.statistics import difference_record
+    from agents.evaluation.statistics import paired_record
     from experiments.ablations.label_comparison import compare
     from experiments.cache.episode_pool import EpisodePool
 
@@ -76,10 +76,11 @@ def run(context: RunContext) -> dict[str, Any]:
         treatment: {kind.name: results[f"{treatment}: {kind.name}"][pool.name] for kind in KINDS}
         for treatment in TREATMENTS
     }
+    scenes = about[pool.name]["scenes"]
     for kinds in found.values():
         for kind, one in kinds.items():
             ours, theirs = one["per_episode"], found[first][kind]["per_episode"]
-            one["gain"] = {figure: difference_record(ours[figure], theirs[figure]) for figure in SHOWN}
+            one["gain"] = {figure: paired_record(ours[figure], theirs[figure], scenes) for figure in SHOWN}
     return {
         "pool": about[pool.name],
         "kinds": [{"name": kind.name, **asdict(kind.noise)} for kind in KINDS],

@@ -6,9 +6,9 @@ from typing import Any
 
 from matplotlib import pyplot as plt
 
+from agents.evaluation.statistics import significant_sign
 from experiments.figures.result_values import widened
 from experiments.figures.style import GREEN, GREY, GRID, INK, save, tidy
-from labeling.metrics.bootstrap import significant_sign
 
 ROW_IN = 0.235
 COLOURS = {1: GREEN, -1: "#b42318", 0: GREY}

@@ -203,10 +203,12 @@ def thesis_gap_share(name: str, gap: Gap, figure: str = "ap50") -> float | None:
 
 
 def widened(difference: Mapping[str, Any] | None, scenes: int) -> dict[str, Any] | None:
-    """A difference with an interval as wide as that of so few scenes is: episodes of one scene are alike. None of fewer
-    than ``MIN_SCENES``.
+    """A difference with an interval as wide as that of so few scenes is; None of fewer than ``MIN_SCENES``.
+
+    Records of before have percentiles over episodes; those of ``paired_record``, which say in how many scenes, are
+    returned as they are.
     """
-    if difference is None or difference["low"] is None:
+    if difference is None or difference["low"] is None or "scenes" in difference:
         return None if difference is None else dict(difference)
     if scenes < MIN_SCENES:
         return {**difference, "low": None, "high": None}

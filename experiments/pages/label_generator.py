@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from agents.evaluation.statistics import significant_sign
 from experiments.figures.result_values import widened
 from experiments.pages.markdown import Pictures, points, read_result, render, table
 from labeling.core.errors import SbmError
 from labeling.generator.settings.label_config import LabelConfig
-from labeling.metrics.bootstrap import significant_sign
 
 PAGE, PICTURE = "label-generator.md", "label_ablation.png"
 OF_LABELS = ("label_ablation.json", "label_modes.json")

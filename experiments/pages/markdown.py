@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from labeling.metrics.bootstrap import significant_sign
+from agents.evaluation.statistics import significant_sign
 
 SCALES = {
     "smoke": "a handful of episodes, to see that it runs: no figure here means anything",
@@ -123,11 +123,6 @@ def mean_std(values: Sequence[float]) -> str:
     if not values:
         return "-"
     return f"{np.mean(values):.1f}" + (f" ± {np.std(values, ddof=1):.1f}" if len(values) > 1 else "")
-
-
-def mean_range(values: Sequence[float]) -> str:
-    """Mean and, of several values, the least and the greatest."""
-    return f"{np.mean(values):.1f}" + (f" ({min(values):.1f} to {max(values):.1f})" if len(values) > 1 else "")
 
 
 def interval(difference: Mapping[str, Any] | None) -> str:

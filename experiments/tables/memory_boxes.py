@@ -107,7 +107,6 @@ def run(context: RunContext) -> dict[str, Any]:
             "train": asdict(size.train),
             "frustums": asdict(frustum_train),
             "inputs": list(size.inputs),
-            "imagined_left_out": True,
         },
         "finder": table_5_5.DETECTOR,
         "categories": list(categories),

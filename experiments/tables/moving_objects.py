@@ -116,8 +116,6 @@ def run(context: RunContext) -> dict[str, Any]:
             "model": MODEL,
             "train_memory": asdict(size.train_memory),
             "train": asdict(size.train),
-            "not_matched": list(NOT_MATCHED),
-            "own_grids": True,
         },
         "pools": {name: pool_record(pool, list(episodes[name])) for name, pool in pools.items()},
         "machines": machines([*memories, *flows]),

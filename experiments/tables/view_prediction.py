@@ -107,7 +107,6 @@ def run(context: RunContext) -> dict[str, Any]:
             "scenes": {"learn": size.learn, "choose": size.choose, "test": size.test},
             "inputs": list(size.inputs),
             "targets": size.targets,
-            "own_grids": True,
         },
         "machines": machines(runs),
         "rows": rows,

@@ -18,7 +18,7 @@ from agents.evaluation.evaluate_config import VIEW_COUNTS, EvaluateConfig
 from agents.evaluation.label_quality import episode_figures, label_record, pooled_ap
 from agents.evaluation.results import policy_key
 from agents.evaluation.run import Evaluator, evaluate_policies
-from agents.evaluation.statistics import difference_record, over_seeds, paired_record
+from agents.evaluation.statistics import over_seeds, paired_record
 from agents.evaluation.summary import over_trainings, summary
 from agents.evaluation.table import COLUMNS, _differences_table, print_tables, resolution
 from agents.rollouts.run_episode import episode_spec
@@ -401,16 +401,7 @@ def test_pooled_ap_ranks_all_episodes_together():
     assert pooled_ap([good, silent], "10")["ap50"] == pytest.approx(51 / 101)
 
 
-def test_paired_differences_and_spread_by_hand():
-    assert difference_record([1.0, None, 3.0], [0.0, 5.0, 1.0]) == {
-        "mean": 1.5,
-        "low": None,
-        "high": None,
-        "episodes": 2,
-    }
-    assert difference_record([None], [1.0]) is None
-    same = difference_record([2.0] * 6, [1.0] * 6)
-    assert same == {"mean": 1.0, "low": 1.0, "high": 1.0, "episodes": 6}
+def test_spread_over_seeds_by_hand():
     assert over_seeds([1.0, 3.0]) == {"mean": 2.0, "std": pytest.approx(2**0.5, abs=1e-5), "per_seed": [1.0, 3.0]}
     assert over_seeds([1.0]) == {"mean": 1.0, "std": None, "per_seed": [1.0]}
 

@@ -1,6 +1,7 @@
 """The page about what moves, of the experiment ``moving_objects``."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,9 @@ def _precision(content: Mapping[str, Any]) -> str:
 
 def _recall(content: Mapping[str, Any]) -> str:
     bins = content["rows"][0]["recall"]
-    heads = [f"{one['from_m']:g} m and more ({one['objects']})" for one in bins]
+    ends = [f"{one['from_m']:g} to {after['from_m']:g} m" for one, after in pairwise(bins)]
+    ends.append(f"{bins[-1]['from_m']:g} m and more")
+    heads = [f"{end} ({one['objects']})" for end, one in zip(ends, bins, strict=True)]
     rows = []
     for name in _names(content):
         shares = [[row["recall"][number]["recall"] for row in _of(content, name)] for number in range(len(bins))]

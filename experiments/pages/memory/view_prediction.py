@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from agents.evaluation.statistics import paired_record, significant_sign
 from experiments.pages.markdown import Pictures, read_result, render, table
 from labeling.core.errors import SbmError
-from labeling.metrics.bootstrap import paired_difference
 
 PAGE, PICTURE = "view-prediction.md", "view_prediction.png"
 FIGURES = {"l1": ("L1", "{:.3f}"), "psnr": ("PSNR, dB", "{:.1f}"), "ssim": ("SSIM", "{:.3f}")}
@@ -127,11 +127,11 @@ def _leads(content: Mapping[str, Any], objects: str, inputs: list[str]) -> str:
         cells = []
         for count in inputs:
             ours, theirs = (_per_scene(content, name, objects, count) for name in (first, other))
-            found = paired_difference(ours, theirs)
-            text = "-" if found is None else f"{found.mean:+.3f}"
-            if found is not None and found.low is not None and found.high is not None:
-                text += f" [{found.low:+.3f}, {found.high:+.3f}]"
-                text = f"**{text}**" if found.low > 0 or found.high < 0 else text
+            found = paired_record(ours, theirs, range(len(ours)))
+            text = "-" if found is None else f"{found['mean']:+.3f}"
+            if found is not None and found["low"] is not None:
+                text += f" [{found['low']:+.3f}, {found['high']:+.3f}]"
+                text = f"**{text}**" if significant_sign(found) else text
             cells.append(text)
         rows.append([f"{first} less {other}", *cells])
     return table(["L1, views given", *inputs], rows, "---:")

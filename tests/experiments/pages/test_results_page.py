@@ -354,6 +354,8 @@ def test_a_page_ends_with_where_its_figures_come_from() -> None:
 def test_intervals_of_few_scenes_are_wider_and_of_fewer_than_four_none() -> None:
     difference = {"mean": 0.02, "low": 0.01, "high": 0.04, "episodes": 20}
     assert widened(None, 9) is None
+    as_it_is = {**difference, "scenes": 9}  # of paired_record, which has seen to it
+    assert widened(as_it_is, 9) == as_it_is
     assert widened(difference, 3) == {**difference, "low": None, "high": None}
     for scenes in (4, 10, 40):
         factor = np.sqrt(scenes / (scenes - 1)) * t.ppf(0.975, scenes - 1) / norm.ppf(0.975)

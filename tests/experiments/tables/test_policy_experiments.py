@@ -18,7 +18,6 @@ from experiments.ablations import reward_ablation
 from experiments.run import main
 from experiments.tables import policy_bound, policy_evaluation
 from experiments.tables.trained_policies import training_command
-from labeling.metrics.bootstrap import paired_difference
 
 from ..box_env import ENV_ID, SHORT_ENV_ID
 
@@ -126,16 +125,6 @@ def test_commands_name_what_differs_from_the_defaults() -> None:
     command = "python -m agents.train --env sbm_gym/Outdoor-v0 --steps 1000 --seed 0 --envs 2 --detector compact"
     assert training_command(description) == f"{command} --eval-episodes 7"
     assert "--eval-every 30" in training_command({**description, "eval_every": 30})
-
-
-def test_bootstrap_interval_by_brute_force() -> None:
-    rng = np.random.default_rng(5)
-    ours, theirs = rng.normal(size=12), rng.normal(size=12)
-    found = paired_difference(ours.tolist(), theirs.tolist())
-    assert found is not None
-    means = [np.mean(rng.choice(ours - theirs, 12)) for _ in range(20_000)]
-    assert found.low == pytest.approx(np.quantile(means, 0.025), abs=0.05)
-    assert found.high == pytest.approx(np.quantile(means, 0.975), abs=0.05)
 
 
 @pytest.mark.nightly
