@@ -51,7 +51,6 @@ def page(contents: Sequence[Mapping[str, Any]]) -> str:
         "fine-tuning.md.jinja",
         **contents[0],
         worlds=[_world(content) for content in contents],
-        train=contents[0]["settings"]["train"],
         figures=list(FIGURES.values()),
         picture=PICTURE,
     )
@@ -92,6 +91,9 @@ def _world(content: Mapping[str, Any]) -> dict[str, Any]:
     gaps = [[gap_closed(content, one, names) for one in FIGURES] for names in (None, ALONE, INTERPOLATED)]
     return {
         "name": content["world"],
+        "scale": content["scale"],
+        "seeds": content["seeds"],
+        "train": content["settings"]["train"],
         "episodes": {part: pool["episodes"] for part, pool in pools},
         "scenes": {part: len(set(pool["scenes"])) for part, pool in pools},
         "means": means,

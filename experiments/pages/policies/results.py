@@ -91,10 +91,12 @@ def _with_worlds(
 
 
 def _together(contents: Sequence[Mapping[str, Any] | None]) -> dict[str, Any] | None:
-    """Records of single worlds as one; each world says the scale it was run at."""
+    """Records of single worlds as one; each world says the scale and the seeds it was run with."""
     there = [content for content in contents if content is not None]
     worlds = {
-        world: {**found, "scale": content["scale"]} for content in there for world, found in content["worlds"].items()
+        world: {**found, "scale": content["scale"], "seeds": content["seeds"]}
+        for content in there
+        for world, found in content["worlds"].items()
     }
     return {**there[0], "worlds": worlds} if there else None
 

@@ -103,7 +103,8 @@ def test_every_figure_of_training_and_ablation_stands_in_its_cell(tmp_path: Path
 def test_the_page_says_what_differs_between_seeds(tmp_path: Path) -> None:
     _, _, rooms = page(read_results(write(tmp_path))).partition("### Rooms: detectors")
     rooms, _, streets = rooms.partition("### Streets: detectors")
-    assert "20 episodes of each policy to learn from, 2 scenes to be tested in. Each seed has other episodes" in rooms
+    assert "20 episodes of each policy to learn from, 2 scenes to be tested in. Scale `quick`" in rooms
+    assert "3 seeds. Each seed has other episodes" in rooms
     assert "Seeds are of label generation and training, on the same episodes." in streets
 
 
