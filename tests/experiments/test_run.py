@@ -137,7 +137,8 @@ def test_an_ablation_runs_resumes_and_reports(
     assert content["seeds"] == [0]
     assert content["pools"]["rooms_train"]["scenes"] == ["room/0", "room/1"]
     base = content["results"]["default"]["rooms_train"]
-    assert base["difference"]["mean_iou"] == {"mean": 0.0, "low": None, "high": None, "episodes": 2}
+    itself = {"mean": 0.0, "low": None, "high": None, "std": 0.0, "resolves": None, "episodes": 2, "scenes": 2}
+    assert base["difference"]["mean_iou"] == itself
     (factor,) = content["factors"]
     for one in factor["variants"]:
         found = one["results"]["rooms_train"]
