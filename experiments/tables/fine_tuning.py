@@ -103,9 +103,10 @@ def mended(
     """
     known, found = {_name(picture): picture for picture in truths}, []
     for picture in labels:
+        pairs = objects_of(picture, known[_name(picture)])
         kept = [one for one in picture.annotations if one.ignore]
-        kept += [replace(one, ignore=True) for one in of_ignored(picture, known[_name(picture)])]
-        for label, truth in objects_of(picture, known[_name(picture)]):
+        kept += [replace(one, ignore=True) for one in of_ignored(picture, known[_name(picture)], pairs)]
+        for label, truth in pairs:
             kept.append(replace(label, rle=truth.rle) if true_masks else label)
         found.append(replace(picture, annotations=tuple(kept)))
     return found
@@ -123,7 +124,8 @@ def count_errors(labels: "Sequence[AnnotatedPicture]", truths: "Sequence[Annotat
     weights = {"right": 0.0, "all": 0.0}
     for picture in labels:
         truth = known[_name(picture)]
-        pairs, neither = objects_of(picture, truth), of_ignored(picture, truth)
+        pairs = objects_of(picture, truth)
+        neither = of_ignored(picture, truth, pairs)
         labels_of = [one for one in picture.annotations if not any(one is other for other in neither)]
         weights["right"] += sum(label.weight for label, _ in pairs)
         weights["all"] += sum(one.weight for one in labels_of if not one.ignore)
@@ -149,12 +151,15 @@ def objects_of(picture: "AnnotatedPicture", truth: "AnnotatedPicture") -> "list[
     return [(labels[p], objects[g]) for p, g in assign(np.where(same & (iou >= SAME_OBJECT), iou, 0.0))]
 
 
-def of_ignored(picture: "AnnotatedPicture", truth: "AnnotatedPicture") -> "list[Annotation]":
-    """Labels of a picture that stand for an object that is to be ignored, such as a sliver, and for no other."""
+def of_ignored(
+    picture: "AnnotatedPicture", truth: "AnnotatedPicture", pairs: "Sequence[tuple[Annotation, Annotation]]"
+) -> "list[Annotation]":
+    """Labels of a picture that stand for an object that is to be ignored, such as a sliver, and for none of ``pairs``
+    (``objects_of``).
+    """
     from labeling.metrics.matching import MaskInstance, pairwise_iou
 
-    taken = [label for label, _ in objects_of(picture, truth)]
-    left = [one for one in picture.annotations if not one.ignore and not any(one is other for other in taken)]
+    left = [one for one in picture.annotations if not one.ignore and not any(one is label for label, _ in pairs)]
     ignored = [one for one in truth.annotations if one.ignore]
     ours, theirs = ([MaskInstance(0, one.category, one.rle) for one in some] for some in (left, ignored))
     near = pairwise_iou(ours, theirs) >= SAME_OBJECT
