@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from agents.planning.kernels import expected_gains, new_sides, unseen_by_way
 from agents.planning.steering import bearing_rad, move_and_look
+from agents.planning.unmapped import Unmapped
 from sbm_gym.env.gaze import TURN_RAD
 from sbm_gym.env.state_vector import CANDIDATES, UNSEEN_STRIDES, likely_candidates, nearest_others, state_names
 from sbm_gym.robot.angles import wrap
@@ -79,8 +80,13 @@ SUMMARY = (
     *("target_best_confidence", "other_0_known", "candidate_0_confidence", "objects_confirmed", "time_left"),
 )
 """Entries of ``state`` that bear on all choices alike."""
+UNMAPPED = "moves_and_looks_unmapped"
+"""The wrapper for robots that are given no map; see ``Unmapped``."""
+UNMAPPED_ENTRIES = ("into_the_unknown",)
+"""What each move promises besides without a map: 1 if it ends where floor has not been seen."""
 WITHOUT: dict[str, tuple[str, ...]] = {
     "moves_and_looks": (),
+    UNMAPPED: (),
     "moves_and_looks_without_map": ("unseen_near", "unseen_far", "unseen_by_way"),
     "moves_and_looks_without_history": (
         *(name for name in MOVE_ENTRIES if name.startswith(("labels", "candidates_new"))),
@@ -109,20 +115,32 @@ class MovesAndLooks(gym.Wrapper):
         """
         super().__init__(env)
         self._name = name
-        self.action_space, self.observation_space = ACTION_SPACE, observation_space(env.observation_space)
+        self.action_space, self.observation_space = ACTION_SPACE, observation_space(env.observation_space, name)
         self._info: dict[str, Any] = {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode."""
         observation, self._info = self.env.reset(seed=seed, options=options)
-        return with_promises(observation, self._info, self.env.get_wrapper_attr("knowledge"), self._name), self._info
+        self._robot = knowledge_for(self._name, self.env.get_wrapper_attr("knowledge"), self._info)
+        return with_promises(observation, self._info, self._robot, self._name), self._info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Moves and looks."""
-        robot = self.env.get_wrapper_attr("knowledge")
-        observation, reward, terminated, truncated, self._info = self.env.step(chosen_action(action, self._info, robot))
-        promised = with_promises(observation, self._info, robot, self._name)
+        chosen = chosen_action(action, self._info, self._robot)
+        observation, reward, terminated, truncated, self._info = self.env.step(chosen)
+        promised = with_promises(observation, self._info, self._robot, self._name)
         return promised, reward, terminated, truncated, self._info
+
+
+def knowledge_for(name: str, robot: RobotKnowledge, info: dict[str, Any]) -> RobotKnowledge:
+    """What the robot goes by in an episode.
+
+    Args:
+        name: one of ``WITHOUT``.
+        robot: what it knows in this episode.
+        info: what ``env.reset`` returned.
+    """
+    return Unmapped(robot, info) if name == UNMAPPED else robot
 
 
 def chosen_action(choice: Any, info: dict[str, Any], robot: RobotKnowledge) -> Float[np.ndarray, "4"]:
@@ -140,7 +158,10 @@ def chosen_action(choice: Any, info: dict[str, Any], robot: RobotKnowledge) -> F
     if move != STAY:
         step_m = free_step(robot.navigable, position_m, robot.stride_m, heading_rad + move * 2.0 * np.pi / DIRECTIONS)
     where_rad = _looked_at_rad(LOOKS[look], info, robot, position_m + step_m)
-    return move_and_look(info, robot.stride_m, step_m, *where_rad)
+    action = move_and_look(info, robot.stride_m, step_m, *where_rad)
+    if isinstance(robot, Unmapped):
+        robot.note_action(action, info)
+    return action
 
 
 def free_step(
@@ -189,10 +210,16 @@ def _looked_at_rad(
 # What it sees -----------------------------------------------------------------------------------------------------
 
 
-def observation_space(space: spaces.Space) -> spaces.Dict:
-    """The observation space with what moves and looks promise, from that of the environment."""
+def observation_space(space: spaces.Space, wrapper: str = "moves_and_looks") -> spaces.Dict:
+    """The observation space with what moves and looks promise.
+
+    Args:
+        space: that of the environment.
+        wrapper: one of ``WITHOUT``.
+    """
     assert isinstance(space, spaces.Dict)
-    moves = spaces.Box(-1.0, 1.0, (DIRECTIONS + 1, len(MOVE_ENTRIES)), np.float32)
+    entries = len(MOVE_ENTRIES) + (len(UNMAPPED_ENTRIES) if wrapper == UNMAPPED else 0)
+    moves = spaces.Box(-1.0, 1.0, (DIRECTIONS + 1, entries), np.float32)
     looks = spaces.Box(-1.0, 1.0, (DIRECTIONS + 1, len(LOOKS), len(LOOK_ENTRIES)), np.float32)
     summary = spaces.Box(-1.0, 1.0, (len(SUMMARY),), np.float32)
     return spaces.Dict({**space.spaces, "summary": summary, "moves": moves, "looks": looks})
@@ -206,9 +233,11 @@ def with_promises(
     Args:
         observation: of the environment.
         info: that came with it.
-        robot: what it knows.
+        robot: what it goes by, as ``knowledge_for`` has it.
         wrapper: one of ``WITHOUT``, which may leave some of it out.
     """
+    if isinstance(robot, Unmapped):
+        robot.update(info)
     agent = info["agent"]
     position_m, heading_rad = agent["position_m"], agent["yaw_rad"]
     things = _Things(robot, agent["camera_to_world"][:3, 3])
@@ -249,6 +278,8 @@ def with_promises(
     looks = _looks_from(things, ends_m, heading_rad, robot.stride_m, new[:, : DIRECTIONS + 1], unseen, labels)
     for entries, values in ((MOVE_ENTRIES, moves), (LOOK_ENTRIES, looks)):
         values[..., [entries.index(name) for name in WITHOUT[wrapper] if name in entries]] = 0.0
+    if wrapper == UNMAPPED:
+        moves = np.column_stack([moves, ~floor.was_seen(ends_m)])
     rows = {"moves": moves.astype(np.float32), "looks": looks.astype(np.float32)}
     return {**observation, "summary": summary, **rows}
 

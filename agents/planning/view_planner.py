@@ -91,7 +91,7 @@ class ViewPlanner:
             rng: draws the places to compare.
         """
         self._robot, self._rng = robot, rng
-        self._map, self._stride_m, self._bins = robot.navigable, robot.stride_m, robot.view_bins
+        self._stride_m, self._bins = robot.stride_m, robot.view_bins
         self._frontiers = Frontiers(robot.seen_floor)
         self.goal_m: Float[np.ndarray, "2"] | None = None
         """Where it heads for, None if no view within reach has any gain."""
@@ -109,8 +109,8 @@ class ViewPlanner:
         targets = self._targets(frontiers, priorities)
         goal_m = self.goal_m = self._best_place(targets, info)
         if goal_m is None:
-            goal_m = self._frontiers.next_goal(self._map, position_m, yaw_rad, self._rng)
-        step_m = advance(self._map, position_m, goal_m, self._stride_m)
+            goal_m = self._frontiers.next_goal(self._robot.navigable, position_m, yaw_rad, self._rng)
+        step_m = advance(self._robot.navigable, position_m, goal_m, self._stride_m)
         if step_m is None:
             self._frontiers.give_up(goal_m)
             step_m = np.zeros(2)
@@ -199,7 +199,7 @@ class ViewPlanner:
         """The place within reach whose best view has the highest utility; None if no view has any gain."""
         agent = info["agent"]
         reach_m = BANDS_STRIDES[-1] * self._stride_m
-        places_m, lengths_m = reachable_places(self._map, agent["position_m"], self._stride_m, reach_m)
+        places_m, lengths_m = reachable_places(self._robot.navigable, agent["position_m"], self._stride_m, reach_m)
         chosen = self._candidate_places(places_m, lengths_m)
         places_m, lengths_m = places_m[chosen], lengths_m[chosen]
         gains = self._gains(targets, places_m)

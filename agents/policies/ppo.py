@@ -44,9 +44,12 @@ class Ppo:
 
         observations, actions = env.observation_space, env.action_space
         if self._wrapper:
-            observations, actions = moves_and_looks.observation_space(observations), moves_and_looks.ACTION_SPACE
+            observations = moves_and_looks.observation_space(observations, self._wrapper)
+            actions = moves_and_looks.ACTION_SPACE
         check_spaces(self._folder, self.description, observations, actions)
-        self._robot = env.get_wrapper_attr("knowledge") if self._wrapper else None
+        self._robot = None
+        if self._wrapper:
+            self._robot = moves_and_looks.knowledge_for(self._wrapper, env.get_wrapper_attr("knowledge"), info)
         self._rng = rng
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:

@@ -35,6 +35,16 @@ class SeenFloor:
         """Depth images added so far."""
         self._pass_by(start_m, 0.75 * stride_m)
 
+    @property
+    def origin_m(self) -> Float[np.ndarray, "2"]:
+        """World (x, y) of the outer corner of cell (0, 0)."""
+        return self._origin_m
+
+    @property
+    def seen_at(self) -> Int[np.ndarray, "my mx"]:
+        """The number of the latest view of every cell, counted from 1; 0 for the start, -1 where it was never seen."""
+        return self._seen_at
+
     def unseen(self, since: int = 0) -> Bool[np.ndarray, "my mx"]:
         """The cells of the floor that have not been seen.
 
@@ -42,6 +52,14 @@ class SeenFloor:
             since: only views from this one on count.
         """
         return self.is_floor & (self._seen_at < since)
+
+    def was_seen(self, places_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        """Which places lie in cells of the floor that have been seen."""
+        columns, rows = np.floor((places_m - self._origin_m) / self.cell_m).astype(int).T
+        inside = (rows >= 0) & (rows < self.is_floor.shape[0]) & (columns >= 0) & (columns < self.is_floor.shape[1])
+        seen = np.zeros(len(places_m), bool)
+        seen[inside] = (self._seen_at >= 0)[rows[inside], columns[inside]]
+        return seen
 
     def add(self, depth_m: Float[np.ndarray, "h w"], camera: Camera) -> None:
         """Notes the floor that a depth image shows: where it says nothing nearer stands before a place."""
