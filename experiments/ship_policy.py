@@ -39,8 +39,8 @@ class ShipConfig:
     results: Path = Path("experiments/results")
     """Folder for the record of the training."""
     as_seed: bool = False
-    """Beside the policy of the env, not in its place: under the names ppo_seed_N or ppo_evidence_seed_N, where N is the
-    seed of the training."""
+    """Beside the policy of the env, not in its place: under the names ppo_seed_N, ppo_evidence_seed_N or
+    ppo_unmapped_seed_N, where N is the seed of the training."""
     record: str | None = None
     """Name of the record; by default that of the folder of the weights."""
     remark: str = ""
@@ -53,6 +53,7 @@ def run(config: ShipConfig) -> None:
     Raises:
         SbmError: if there is no checkpoint in the folder, or it is damaged or too large.
     """
+    from agents.planning.moves_and_looks import UNMAPPED
     from agents.policies.registry import TRAINED
     from experiments.tables.trained_policies import origin_of
     from labeling.formats.atomic import atomic_folder, write_json
@@ -65,6 +66,8 @@ def run(config: ShipConfig) -> None:
         raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
     if origin.get("reward") == "evidence":
         name += TRAINED["ppo_evidence"]
+    if origin.get("hyperparameters", {}).get("env_wrapper") == UNMAPPED:
+        name += TRAINED["ppo_unmapped"]
     if config.as_seed:
         name += f"-seed-{origin['seed']}"
     record = {

@@ -23,8 +23,8 @@ class EvaluateConfig:
     """
 
     policies: tuple[str, ...] = ("ring", "spin", "random", "frontier", "next_best_view")
-    """Who is compared: "ring", "spin", "random", "frontier", "next_best_view", "ppo" and "ppo_evidence" (trained
-    policies that come with the project), "ppo:CHECKPOINT". Differences are to the first one."""
+    """Who is compared: "ring", "spin", "random", "frontier", "next_best_view", "ppo", "ppo_evidence" and
+    "ppo_unmapped" (trained policies that come with the project), "ppo:CHECKPOINT". Differences are to the first."""
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of the world."""
     split: Split = "endless"

@@ -19,10 +19,10 @@ POLICIES = {
 """The hand-written ones: name -> module and class. A policy that is added here is known to all commands."""
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 """Trained policies that come with the project: a folder for each env, such as ``Indoor-v0``."""
-TRAINED = {"ppo": "", "ppo_evidence": "-evidence"}
-"""Names of these: the one trained for the reward of the thesis, and the one trained for ``reward="evidence"``; and how
-their folders' names end. Each also goes by NAME_seed_N, in folders that end in ``-seed-N``: the same training from
-another seed, to show how much trainings differ."""
+TRAINED = {"ppo": "", "ppo_evidence": "-evidence", "ppo_unmapped": "-unmapped"}
+"""Names of these: the one trained for the reward of the thesis, the one trained for ``reward="evidence"``, and the one
+that is given no map; and how their folders' names end. Each also goes by NAME_seed_N, in folders that end in
+``-seed-N``: the same training from another seed, to show how much trainings differ."""
 SEED = re.compile(r"(.*)_seed_(\d+)")
 
 
@@ -30,9 +30,8 @@ def make_policy(name: str, env_id: str | None = None) -> Policy:
     """The policy of that name.
 
     Args:
-        name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), "ppo" and
-            "ppo_evidence" (trained policies that come with the project), "ppo:CHECKPOINT", or "package.module:Class"
-            for one of your own.
+        name: one of ``POLICIES``, "next_best_view:GOAL" (goals: agents.policies.next_best_view), one of ``TRAINED``
+            (which come with the project), "ppo:CHECKPOINT", or "package.module:Class" for one of your own.
         env_id: for which environment; trained policies without a checkpoint need it.
 
     Raises:

@@ -26,8 +26,9 @@ class CollectConfig:
     env: str = "sbm_gym/Indoor-v0"
     """Gymnasium id of the world."""
     policy: str = "ring"
-    """Who moves: "ring" (the thesis' hand-written policy), "next_best_view", "frontier", "spin", "random", "ppo" and
-    "ppo_evidence" (trained policies that come with the project), or "ppo:RUN" (one of agents.train)."""
+    """Who moves: "ring" (the thesis' hand-written policy), "next_best_view", "frontier", "spin", "random", "ppo",
+    "ppo_evidence" and "ppo_unmapped" (trained policies that come with the project), or "ppo:RUN" (one of agents.train).
+    """
     detector: str = "simulated"
     """Whose detections guide the agent and are recorded: "simulated", or a real one: "compact",
     "maskrcnn_resnet50_fpn", the folder of a labeling.finetune run, "onnx:FILE" or "package.module:function"."""

@@ -20,8 +20,11 @@ TRAINED = ("ppo", "ppo_evidence")
 POLICIES = ("ring", "next_best_view", *(f"{name}{seed}" for name in TRAINED for seed in ("", "_seed_1", "_seed_2")))
 """Differences are to the first. Each training has three seeds."""
 WIDE_POLICIES = tuple(policy for policy in POLICIES if "evidence" not in policy)
-LABELLED = POLICIES
-"""Whose views labels are made of, which takes several times as long as the views do."""
+UNMAPPED = (
+    *("ring", "next_best_view", "next_best_view:unmapped", "ppo"),
+    *(f"ppo_unmapped{seed}" for seed in ("", "_seed_1", "_seed_2")),
+)
+"""Those that are given no map, beside those that are."""
 LABEL_VIEWS = (12, 25)
 """Of so many of the first views."""
 
@@ -47,6 +50,7 @@ SIZES: dict[Scale, Size] = {
 
 
 ABOUT = "what policies earn, and how good the labels of their views are, in unseen {} with compact"
+WITHOUT_A_MAP = "the same of policies that are given no map of the {}, beside those that are"
 
 
 @experiment("policy_evaluation", ABOUT.format("homes"), pages=("policies.results",))
@@ -59,6 +63,18 @@ def run(context: RunContext) -> dict[str, Any]:
 def run_streets(context: RunContext) -> dict[str, Any]:
     """The same in streets."""
     return evaluate_world("streets", context)
+
+
+@experiment("policy_evaluation_unmapped", WITHOUT_A_MAP.format("homes"), pages=("policies.results",))
+def run_unmapped(context: RunContext) -> dict[str, Any]:
+    """The same of policies that are given no map of the homes, beside those that are."""
+    return evaluate_world("rooms", context, UNMAPPED, "policy_evaluation_unmapped")
+
+
+@experiment("policy_evaluation_unmapped_streets", WITHOUT_A_MAP.format("towns"), pages=("policies.results",))
+def run_unmapped_streets(context: RunContext) -> dict[str, Any]:
+    """The same in streets."""
+    return evaluate_world("streets", context, UNMAPPED, "policy_evaluation_unmapped")
 
 
 @experiment(
@@ -78,12 +94,16 @@ def run_wide(context: RunContext) -> dict[str, Any]:
     return {"compared_with": POLICIES[0], "worlds": {"rooms": figures}, "protocol": content["protocol"]}
 
 
-def evaluate_world(world: str, context: RunContext) -> dict[str, Any]:
+def evaluate_world(
+    world: str, context: RunContext, policies: Sequence[str] = POLICIES, name: str = "policy_evaluation"
+) -> dict[str, Any]:
     """Plays what has not been played, and sums up.
 
     Args:
         world: one of ``WORLDS``.
         context: seeds, workers and cache.
+        policies: who is compared, with the first.
+        name: of the folders in the cache.
 
     Returns:
         The policy that others are compared with; for the world, settings and figures of all policies, who is left out
@@ -96,11 +116,10 @@ def evaluate_world(world: str, context: RunContext) -> dict[str, Any]:
 
     env_id, size = WORLDS[world], SIZES[context.scale]
     num_episodes, num_labelled = size.streets if world == "streets" else size.rooms
-    policies, left_out = available_policies(env_id, POLICIES)
-    chosen = tuple(policy for policy in policies if policy in LABELLED)
-    config = evaluate_config("policy_evaluation", env_id, policies, num_episodes, DETECTOR, context)
+    available, left_out = available_policies(env_id, policies)
+    config = evaluate_config(name, env_id, available, num_episodes, DETECTOR, context)
     with_labels = evaluate_config(
-        "policy_evaluation_labelled", env_id, chosen, num_labelled, DETECTOR, context, True, size.picture_px
+        f"{name}_labelled", env_id, available, num_labelled, DETECTOR, context, True, size.picture_px
     )
     labelled = evaluate_policies(with_labels)
     content = evaluate_policies(config, reuse=with_labels.out)
@@ -109,10 +128,10 @@ def evaluate_world(world: str, context: RunContext) -> dict[str, Any]:
     for pair, found in labelled["pairs"].items():
         content["pairs"][pair] |= {name: value for name, value in found.items() if "@" in name}
     figures = {
-        **_figures(content, env_id, policies, left_out),
+        **_figures(content, env_id, available, left_out),
         "labelled": {"episodes": num_labelled, "picture_px": size.picture_px},
     }
-    return {"compared_with": POLICIES[0], "worlds": {world: figures}, "protocol": labelled["protocol"]}
+    return {"compared_with": policies[0], "worlds": {world: figures}, "protocol": labelled["protocol"]}
 
 
 def _figures(

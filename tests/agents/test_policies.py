@@ -75,7 +75,8 @@ def test_policies_are_deterministic_and_stay_in_the_action_space(name):
 
 def test_unknown_policies_name_the_known_ones():
     with pytest.raises(
-        UsageError, match="frontier, next_best_view, random, ring, spin, ppo, ppo_evidence, ppo:CHECKPOINT"
+        UsageError,
+        match="frontier, next_best_view, random, ring, spin, ppo, ppo_evidence, ppo_unmapped, ppo:CHECKPOINT",
     ):
         make_policy("clever")
 

@@ -14,11 +14,12 @@ from labeling.core.errors import SbmError
 PAGE = "policies-results.md"
 EVALUATION = ("policy_evaluation.json", "policy_evaluation_streets.json")
 """A file for each world."""
+UNMAPPED = ("policy_evaluation_unmapped.json", "policy_evaluation_unmapped_streets.json")
 WIDE = "policy_evaluation_wide.json"
 TEACHING = ("policies.json", "policies_streets.json")
 ABLATION = "reward_ablation.json"
 BOUND = "policy_bound.json"
-OF_LABELS = (*EVALUATION, BOUND, *TEACHING)
+OF_LABELS = (*EVALUATION, *UNMAPPED, BOUND, *TEACHING)
 """Files of results whose figures depend on labels."""
 TRAINING, WAYS = "policy_training_*.json", "policy_pictures_*.json"
 PICTURES = {"learning": "policies_learning.png", "labels": "policies_labels.png", "ablation": "policies_rewards.png"}
@@ -48,7 +49,7 @@ def read_results(results: Path) -> dict[str, Any]:
     """
     files = {"wide": WIDE, "ablation": ABLATION, "bound": BOUND}
     found: dict[str, Any] = {name: read_result(results / file) for name, file in files.items()}
-    for name, of_worlds in (("evaluation", EVALUATION), ("teaching", TEACHING)):
+    for name, of_worlds in (("evaluation", EVALUATION), ("unmapped", UNMAPPED), ("teaching", TEACHING)):
         found[name] = _together([read_result(results / file) for file in of_worlds])
     for name, pattern in {"training": TRAINING, "ways": WAYS}.items():
         paths = sorted(results.glob(pattern))
@@ -66,6 +67,7 @@ def page(results: Mapping[str, Any]) -> str:
     return render(
         "policies-results.md.jinja",
         evaluation=_with_worlds(results["evaluation"], compared),
+        unmapped=_with_worlds(results["unmapped"], compared),
         wide=_with_worlds(
             results["wide"], lambda world, base: {"earned": earned_table(world), "pair_table": pairs_table(world)}
         ),
