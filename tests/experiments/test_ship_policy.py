@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.evaluation.statistics import paired_record
+from agents.planning.moves_and_looks import UNMAPPED
 from agents.policies import registry
 from agents.policies.registry import make_policy
 from agents.ppo.config import PpoConfig
@@ -112,6 +113,22 @@ def test_what_unseen_starts_showed_is_kept(trained: Path, tmp_path: Path) -> Non
     assert shipped is not None
     above = shipped["policies"]["ring"]["above"]
     assert (above["mean"], above["low"], above["high"]) == (-few["mean"], None, None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "ending"),
+    [({"reward": "evidence"}, "evidence"), ({"hyperparameters": {"env_wrapper": UNMAPPED}}, "unmapped")],
+)
+def test_what_a_policy_was_trained_for_decides_its_name(trained: Path, tmp_path: Path, change, ending) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(trained, run)
+    description = json.loads((run / "best" / "policy.json").read_text())
+    hyperparameters = {**description["hyperparameters"], **change.get("hyperparameters", {})}
+    description = {**description, **change, "hyperparameters": hyperparameters}
+    (run / "best" / "policy.json").write_text(json.dumps(description))
+    assert ship(run, tmp_path) == 0
+    assert [folder.name for folder in (tmp_path / "weights").iterdir()] == [f"{NAME}-{ending}"]
 
 
 @pytest.mark.slow
