@@ -97,6 +97,11 @@ def _prefix(path: Path) -> str:
     return f".{path.name}.{os.getpid()}-{_machine()}."
 
 
+def is_half_written(path: Path) -> bool:
+    """Whether a name is that of something that is being written, or that a killed process has left half written."""
+    return _TEMPORARY.fullmatch(path.name) is not None
+
+
 _TEMPORARY = re.compile(r"\..+\.(\d+)-([0-9a-f]{6})\.\w+")
 _ABANDONED_S = 24 * 3600.0
 """Of other machines it is not known which processes are gone; what has not changed for so long is taken to be left."""

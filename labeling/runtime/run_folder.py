@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from labeling.core.errors import UsageError
-from labeling.formats.atomic import write_json
+from labeling.formats.atomic import is_half_written, write_json
 from labeling.formats.checked_json import read_json
 
 Settings = Mapping[str, Any]
@@ -73,7 +73,7 @@ def claim_run_folder(
             return
     elif folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder} is a file; --out is a folder for {results}")
-    elif folder.is_dir() and any(folder.iterdir()):
+    elif folder.is_dir() and not all(is_half_written(one) for one in folder.iterdir()):
         raise UsageError(f"{folder} is not empty and was not made by this program; give another --out")
     try:
         write_json(path, content)

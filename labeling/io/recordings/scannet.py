@@ -108,8 +108,9 @@ def _pose(path: Path) -> Float[np.ndarray, "4 4"] | None:
 
 
 def _numbered(folder: Path, extensions: tuple[str, ...]) -> dict[str, Path]:
-    """Files by their names without what says what kind they are (``000017`` of ``000017.color.jpg``), in the order of
-    the numbers in these.
+    """Files by their names without what says what kind they are (``000017`` of ``000017.color.jpg``) and, of names that
+    are numbers, without leading zeros: ``color/000017.jpg`` and ``depth/17.png`` are of one view. In the order of the
+    numbers in the names.
 
     Raises:
         EpisodeFormatError: if the folder is missing, or two files have one name.
@@ -121,6 +122,7 @@ def _numbered(folder: Path, extensions: tuple[str, ...]) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for file in files:
         stem = re.sub(r"\.[A-Za-z]\w*$", "", file.stem)
+        stem = re.sub(r"^0+(?=[0-9]+$)", "", stem)
         if stem in found:
             raise EpisodeFormatError(f"{found[stem]} and {file.name}: are both {stem!r}; one view has one file here")
         found[stem] = file

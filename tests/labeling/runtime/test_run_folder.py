@@ -1,6 +1,8 @@
 """A run goes on with the settings it was begun with, and never in a folder of something else."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,6 +58,18 @@ def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / FILE).write_text("[1")
     with pytest.raises(SbmError, match=FILE):
         claim_run_folder(tmp_path, FILE, SETTINGS)
+
+
+def test_what_a_kill_left_before_the_settings_were_there_is_no_obstacle(tmp_path: Path) -> None:
+    program = (
+        "import os, sys; from pathlib import Path; from labeling.formats.atomic import atomic_file\n"
+        f"with atomic_file(Path(sys.argv[1]) / {FILE!r}) as file: file.write_text('half'); os._exit(9)"
+    )
+    assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 9
+    assert len(list(tmp_path.iterdir())) == 1
+    claim_run_folder(tmp_path, FILE, SETTINGS)
+    assert json.loads((tmp_path / FILE).read_text()) == SETTINGS
+    assert [path.name for path in tmp_path.iterdir()] == [FILE]
 
 
 def test_folders_that_cannot_be_written_to_are_refused(tmp_path: Path) -> None:

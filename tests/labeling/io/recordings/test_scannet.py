@@ -48,6 +48,16 @@ def test_names_may_be_times(tmp_path, room, kinds):
     assert_same_views(read_episode(folder), pick(room, [0, 2, 3, 4]))
 
 
+def test_numbers_may_be_padded_in_one_folder_and_not_in_another(tmp_path, room):
+    folder = written(tmp_path, "scannet", room)
+    for name, width in (("color", 6), ("pose", 4)):
+        for file in list((folder / name).iterdir()):
+            file.rename(file.with_stem(f"{int(file.stem):0{width}d}"))
+    episode = read_episode(folder)
+    assert_same_views(episode, room)
+    assert episode.file_names[:2] == ("color/000000.png", "color/000007.png")
+
+
 def test_two_files_of_one_name_are_refused(tmp_path, room):
     folder = written(tmp_path, "scannet", room)
     (folder / "color" / "7.rgb.png").write_bytes((folder / "color" / "7.png").read_bytes())
