@@ -29,6 +29,7 @@ def run(config: PicturesConfig) -> None:
         SbmError: if the demo has not been run.
     """
     from experiments.figures.episodes import draw_episode, draw_label_steps, draw_labels
+    from experiments.figures.policies import draw_without_a_map
     from labeling.formats.atomic import atomic_file
     from labeling.io.episodes import find_episodes, read_episode
     from sbm_gym import preview
@@ -43,6 +44,9 @@ def run(config: PicturesConfig) -> None:
         with atomic_file(path) as temporary:
             draw(episodes, temporary)
         print(path)
+    path = config.out / "policies_unmapped.png"
+    draw_without_a_map(path)
+    print(path)
     # Of the scenes only those of the test split: enough to see what worlds look like.
     preview.run(preview.PreviewConfig(out=config.out, what=("scenes",), worlds=("indoor", "outdoor"), split="test"))
     two = ("indoor", "outdoor")

@@ -1,14 +1,22 @@
 """The pictures of the page about policies."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Patch
 
-from experiments.figures.style import BLUE, GREEN, GREY, INK, save, seed_dots, tidy
+from experiments.figures.style import BLUE, GREEN, GREY, GRID, INK, save, seed_dots, tidy
+
+if TYPE_CHECKING:
+    from agents.planning.unmapped import Unmapped
+    from sbm_gym.worlds.geometry.navigable import NavigableMap
 
 COLOURS = {
     "ring": BLUE,
@@ -19,6 +27,7 @@ COLOURS = {
     "spin": "#9467bd",
     "frontier": "#17becf",
 }
+SEEN_FLOOR, HOPED_FOR, IN_THE_WAY = "#8fce9f", "#f3c66b", "#c2410c"
 LABEL_PANELS = {"pooled_ap50": ("AP50 of the labels, per cent", 100), "right": ("correct labels an episode", 1)}
 """Title and factor by figure."""
 LEARNING_COLUMNS = 2
@@ -143,6 +152,71 @@ def draw_reward_ablation(content: Mapping[str, Any], path: Path) -> None:
     handles, names = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, names, loc="lower center", ncols=max(1, len(names)), frameon=False, fontsize=8)
     save(figure, path)
+
+
+def draw_without_a_map(path: Path) -> None:
+    """Draws what ``ppo_unmapped`` goes by in the course of an episode in a home, over what is there.
+
+    Args:
+        path: PNG to write.
+
+    Raises:
+        SbmError: if the furniture of homes is not installed.
+    """
+    from agents.planning.unmapped import Unmapped
+    from agents.policies.registry import make_policy
+    from agents.rollouts.environments import inner_env
+    from agents.rollouts.rollout import rollout
+    from sbm_gym.named_env import make_env
+
+    env_id, views = "sbm_gym/Indoor-v0", (1, 4, 12, 25)
+    figure, panels = plt.subplots(1, len(views), figsize=(2.6 * len(views), 3.4), dpi=100)
+    with contextlib.closing(make_env(env_id, "val", "simulated:compact")) as env:
+        observation, info = env.reset(seed=0)
+        robot, way_m = Unmapped(inner_env(env).knowledge, info), [info["agent"]["position_m"]]
+        steps = rollout(env, make_policy("ppo_unmapped", env_id), observation, info, np.random.default_rng(0))
+        for view, step in enumerate(steps, 2):
+            if view - 1 in views:
+                _draw_known(panels[views.index(view - 1)], inner_env(env).knowledge.navigable, robot, np.array(way_m))
+            robot.note_action(step.action, info)
+            info = step.info
+            robot.update(info)
+            way_m.append(info["agent"]["position_m"])
+
+    for axes, view in zip(panels, views, strict=True):
+        axes.set_title(f"after {view} view{'s' if view > 1 else ''}", fontsize=9)
+    colours = {"seen floor": SEEN_FLOOR, "hoped for": HOPED_FOR, "in the way, as far as it knows": IN_THE_WAY}
+    handles = [Patch(facecolor=colour, label=name) for name, colour in {**colours, "furniture and walls": GRID}.items()]
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=8.5)
+    figure.tight_layout(rect=(0, 0.08, 1, 0.98))
+    save(figure, path)
+
+
+def _draw_known(axes: Axes, navigable: "NavigableMap", robot: "Unmapped", way_m: Float[np.ndarray, "n 2"]) -> None:
+    """What a robot without a map goes by, over a map of what is there.
+
+    Args:
+        axes: to draw in.
+        navigable: what is there.
+        robot: what it knows.
+        way_m: where it has stood.
+    """
+    floor, known = robot.seen_floor, robot.navigable
+    layers = (
+        (np.equal(navigable.free, False), navigable.origin_m, navigable.cell_m, GRID),
+        (floor.is_floor & ~floor.unseen(), floor.origin_m, floor.cell_m, SEEN_FLOOR),
+        (floor.unseen(), floor.origin_m, floor.cell_m, HOPED_FOR),
+        (np.equal(known.free, False), known.origin_m, known.cell_m, IN_THE_WAY),
+    )
+    for cells, (left, low), cell_m, colour in layers:
+        picture = np.zeros((*cells.shape, 4))
+        picture[cells] = to_rgba(colour, 0.75)
+        extent = left, left + cells.shape[1] * cell_m, low, low + cells.shape[0] * cell_m
+        axes.imshow(picture, origin="lower", extent=extent, interpolation="nearest")
+    axes.plot(*way_m.T, ".-", color=INK, lw=0.8, ms=3)
+    axes.plot(*way_m[-1], "o", color=INK, ms=5)
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
 
 
 def _small(axes: Axes) -> None:
