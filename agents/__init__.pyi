@@ -1,6 +1,7 @@
 from .evaluation.evaluate_config import EvaluateConfig as EvaluateConfig
 from .evaluation.run import evaluate_policies as evaluate_policies
 from .planning.moves_and_looks import MovesAndLooks as MovesAndLooks
+from .planning.unmapped import Unmapped as Unmapped
 from .policies.base import Policy as Policy
 from .policies.base import RobotPolicy as RobotPolicy
 from .policies.registry import make_policy as make_policy
