@@ -56,13 +56,13 @@ WITHOUT_A_MAP = "the same of policies that are given no map of the {}, beside th
 @experiment("policy_evaluation", ABOUT.format("homes"), pages=("policies.results",))
 def run(context: RunContext) -> dict[str, Any]:
     """Plays what has not been played in rooms, and sums up; see ``evaluate_world``."""
-    return evaluate_world("rooms", context)
+    return evaluate_world("rooms", context, POLICIES)
 
 
 @experiment("policy_evaluation_streets", ABOUT.format("towns"), pages=("policies.results",))
 def run_streets(context: RunContext) -> dict[str, Any]:
     """The same in streets."""
-    return evaluate_world("streets", context)
+    return evaluate_world("streets", context, POLICIES)
 
 
 @experiment("policy_evaluation_unmapped", WITHOUT_A_MAP.format("homes"), pages=("policies.results",))
@@ -95,7 +95,7 @@ def run_wide(context: RunContext) -> dict[str, Any]:
 
 
 def evaluate_world(
-    world: str, context: RunContext, policies: Sequence[str] = POLICIES, name: str = "policy_evaluation"
+    world: str, context: RunContext, policies: Sequence[str], name: str = "policy_evaluation"
 ) -> dict[str, Any]:
     """Plays what has not been played, and sums up.
 

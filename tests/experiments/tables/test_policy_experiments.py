@@ -34,14 +34,12 @@ def test_policies_are_compared_and_results_kept(
     monkeypatch.setattr(policy_evaluation, "WORLDS", {"rooms": ENV_ID})
     monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
     monkeypatch.setattr(policy_evaluation, "POLICIES", ("ring", "random", "spin", "ppo"))
-    monkeypatch.setattr(policy_evaluation, "LABELLED", ("ring", "random", "ppo"))
     assert run("policy_evaluation", tmp_path) == 0
     content = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
     boxes = content["worlds"]["rooms"]
     assert boxes["settings"]["split"] == "endless"
     assert boxes["settings"]["scenes"] == ["box_3"]
     assert list(boxes["policies"]) == ["ring", "random", "spin"]
-    assert boxes["policies"]["spin"]["labels"] is None
     assert "no trained policy" in boxes["left_out"]["ppo"]
     assert boxes["trained"] == {}
     assert list(boxes["policies"]["ring"]["labels"]) == ["12", "25"]
@@ -68,6 +66,20 @@ def test_policies_are_compared_and_results_kept(
     again = json.loads((tmp_path / "results" / "policy_evaluation.json").read_text())
     assert again["worlds"] == content["worlds"]
     capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_policies_without_a_map_have_a_section_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policy_evaluation, "WORLDS", {"rooms": ENV_ID})
+    monkeypatch.setattr(policy_evaluation, "DETECTOR", "simulated")
+    monkeypatch.setattr(policy_evaluation, "UNMAPPED", ("spin", "next_best_view:unmapped", "ppo_unmapped"))
+    assert run("policy_evaluation_unmapped", tmp_path) == 0
+    content = json.loads((tmp_path / "results" / "policy_evaluation_unmapped.json").read_text())
+    assert content["compared_with"] == "spin"
+    assert list(content["worlds"]["rooms"]["policies"]) == ["spin", "next_best_view:unmapped"]
+    page = (tmp_path / "docs" / "policies-results.md").read_text()
+    assert "### Rooms without a map" in page
+    assert "`ppo_unmapped` is left out" in page
 
 
 @pytest.mark.slow
