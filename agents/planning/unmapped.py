@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sbm_gym.env.simulation import displacement_of
 from sbm_gym.robot.knowledge import RobotKnowledge
 from sbm_gym.robot.object_beliefs import ObjectBeliefs
 from sbm_gym.robot.object_memory import KnownObject
@@ -75,9 +76,7 @@ class Unmapped(RobotKnowledge):
             info: of the latest step before it.
         """
         agent = info["agent"]
-        forward, left = action[:2] / max(1.0, float(np.linalg.norm(action[:2])))
-        cos, sin = np.cos(agent["yaw_rad"]), np.sin(agent["yaw_rad"])
-        step_m = self.stride_m * np.array([cos * forward - sin * left, sin * forward + cos * left])
+        step_m = displacement_of(action[:2], agent["yaw_rad"], self.stride_m)
         self._goal_m = np.asarray(agent["position_m"], float) + step_m
 
     @property

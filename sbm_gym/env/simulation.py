@@ -91,7 +91,7 @@ class Simulation:
         """
         body = self.scene.body
         before = body.position_m
-        displacement_m = self._displacement_m(action[:2], body.yaw_rad)
+        displacement_m = displacement_of(action[:2], body.yaw_rad, self._config.robot.stride_m)
         way_is_free = self.scene.world.navigable.line_is_free(before, before + displacement_m)
         if self._traffic is not None:
             way_is_free &= not self._traffic.is_near(before, before + displacement_m)
@@ -149,12 +149,6 @@ class Simulation:
     def trace(self) -> AgentTrace:
         """What a picture from outside shows of the robot."""
         return AgentTrace(self.view.camera, tuple(self._places_m), tuple(self.robot.objects), self.robot.target)
-
-    def _displacement_m(self, forward_left: Float[np.ndarray, "2"], yaw_rad: float) -> Float[np.ndarray, "2"]:
-        """World displacement of a move command, at most one stride long."""
-        forward, left = forward_left / max(1.0, float(np.linalg.norm(forward_left)))
-        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-        return self._config.robot.stride_m * np.array([cos * forward - sin * left, sin * forward + cos * left])
 
     def _aim(self, yaw_pitch: Float[np.ndarray, "2"]) -> None:
         """Turns the camera: around the target's direction, or on from where it points."""
@@ -222,6 +216,19 @@ class Simulation:
     def _detect(self, view: View) -> list[Detection]:
         """Detections in a view."""
         return self._detector.detect(self.scene, view, self.step_index, self._entropy)
+
+
+def displacement_of(forward_left: Float[np.ndarray, "2"], yaw_rad: float, stride_m: float) -> Float[np.ndarray, "2"]:
+    """World displacement of a move command, at most one stride long.
+
+    Args:
+        forward_left: the first two numbers of an action.
+        yaw_rad: where the camera points before the move, counter-clockwise from +X.
+        stride_m: longest move of one step.
+    """
+    forward, left = forward_left / max(1.0, float(np.linalg.norm(forward_left)))
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return stride_m * np.array([cos * forward - sin * left, sin * forward + cos * left])
 
 
 def _object_model(detector: str) -> ObjectModel:

@@ -55,11 +55,7 @@ class SeenFloor:
 
     def was_seen(self, places_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
         """Which places lie in cells of the floor that have been seen."""
-        columns, rows = np.floor((places_m - self._origin_m) / self.cell_m).astype(int).T
-        inside = (rows >= 0) & (rows < self.is_floor.shape[0]) & (columns >= 0) & (columns < self.is_floor.shape[1])
-        seen = np.zeros(len(places_m), bool)
-        seen[inside] = (self._seen_at >= 0)[rows[inside], columns[inside]]
-        return seen
+        return NavigableMap(self._seen_at >= 0, self._origin_m, self.cell_m).are_free(places_m)
 
     def add(self, depth_m: Float[np.ndarray, "h w"], camera: Camera) -> None:
         """Notes the floor that a depth image shows: where it says nothing nearer stands before a place."""

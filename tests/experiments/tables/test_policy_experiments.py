@@ -40,6 +40,7 @@ def test_policies_are_compared_and_results_kept(
     assert boxes["settings"]["split"] == "endless"
     assert boxes["settings"]["scenes"] == ["box_3"]
     assert list(boxes["policies"]) == ["ring", "random", "spin"]
+    assert all(found["labels"] for found in boxes["policies"].values())
     assert "no trained policy" in boxes["left_out"]["ppo"]
     assert boxes["trained"] == {}
     assert list(boxes["policies"]["ring"]["labels"]) == ["12", "25"]
