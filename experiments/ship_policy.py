@@ -51,9 +51,9 @@ def run(config: ShipConfig) -> None:
     """Ships a policy.
 
     Raises:
-        SbmError: if there is no checkpoint in the folder, or it is damaged or too large.
+        SbmError: if there is no checkpoint in the folder, it is damaged or too large, or no policy goes by its weights.
     """
-    from agents.planning.moves_and_looks import UNMAPPED
+    from agents.planning.promises import UNMAPPED
     from agents.policies.registry import TRAINED
     from experiments.tables.trained_policies import origin_of
     from labeling.formats.atomic import atomic_folder, write_json
@@ -64,9 +64,16 @@ def run(config: ShipConfig) -> None:
     name = str(origin.get("env")).rpartition("/")[2]  # names folders
     if not ENV_NAME.fullmatch(name):
         raise UsageError(f"{folder}: was trained on {origin.get('env')!r}, which is no id of an env such as Indoor-v0")
-    if origin.get("reward") == "evidence":
+    rewarded_by_evidence = origin.get("reward") == "evidence"
+    without_a_map = origin.get("hyperparameters", {}).get("env_wrapper") == UNMAPPED
+    if rewarded_by_evidence and without_a_map and config.weights is not None:
+        raise UsageError(
+            f"{folder}: was trained for evidence and without a map, and no policy goes by weights of both; "
+            "ship its record alone (without --weights), or add a name to TRAINED in agents/policies/registry.py"
+        )
+    if rewarded_by_evidence:
         name += TRAINED["ppo_evidence"]
-    if origin.get("hyperparameters", {}).get("env_wrapper") == UNMAPPED:
+    if without_a_map:
         name += TRAINED["ppo_unmapped"]
     if config.as_seed:
         name += f"-seed-{origin['seed']}"

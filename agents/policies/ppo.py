@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.planning import moves_and_looks
+from agents.planning import choices, promises
 from labeling.core.errors import SbmError
 
 
@@ -28,7 +28,7 @@ class Ppo:
         self._folder, self._sampled = checkpoint_folder(checkpoint), sampled
         self._network, self.description = read_policy(self._folder)
         wrapper = self.description.get("hyperparameters", {}).get("env_wrapper")
-        if wrapper not in (None, *moves_and_looks.WITHOUT):
+        if wrapper not in (None, *promises.WITHOUT):
             raise SbmError(f"{self._folder}: its actions are those of {wrapper!r}, which this version does not know")
         self._wrapper: str | None = wrapper
 
@@ -44,22 +44,22 @@ class Ppo:
 
         observations, actions = env.observation_space, env.action_space
         if self._wrapper:
-            observations = moves_and_looks.observation_space(observations, self._wrapper)
-            actions = moves_and_looks.ACTION_SPACE
+            observations = promises.observation_space(observations, self._wrapper)
+            actions = choices.ACTION_SPACE
         check_spaces(self._folder, self.description, observations, actions)
         self._robot = None
         if self._wrapper:
-            self._robot = moves_and_looks.knowledge_for(self._wrapper, env.get_wrapper_attr("knowledge"), info)
+            self._robot = promises.knowledge_for(self._wrapper, env.get_wrapper_attr("knowledge"), info)
         self._rng = rng
 
     def act(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> np.ndarray:
         """The most likely action, or one that is drawn."""
         if self._robot is not None and self._wrapper is not None:
-            observation = moves_and_looks.with_promises(observation, info, self._robot, self._wrapper)
+            observation = promises.with_promises(observation, info, self._robot, self._wrapper)
         seen = {name: observation[name] for name in self.description["observation_space"]["spaces"]}
         action = self._draw(seen) if self._sampled else self._network.predict(seen, deterministic=True)[0]
         if self._robot is not None:
-            return moves_and_looks.chosen_action(action, info, self._robot)
+            return choices.chosen_action(action, info, self._robot)
         return action
 
     def _draw(self, seen: dict[str, np.ndarray]) -> np.ndarray:

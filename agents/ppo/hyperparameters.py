@@ -6,7 +6,8 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from agents.planning.moves_and_looks import WITHOUT, MovesAndLooks
+from agents.planning.moves_and_looks import MovesAndLooks
+from agents.planning.promises import WITHOUT
 from labeling.core.errors import UsageError
 from labeling.formats.regular_file import regular
 

@@ -3,13 +3,14 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from agents.evaluation.statistics import paired_record
-from agents.planning.moves_and_looks import UNMAPPED
+from agents.planning.promises import UNMAPPED
 from agents.policies import registry
 from agents.policies.registry import make_policy
 from agents.ppo.config import PpoConfig
@@ -121,14 +122,31 @@ def test_what_unseen_starts_showed_is_kept(trained: Path, tmp_path: Path) -> Non
     [({"reward": "evidence"}, "evidence"), ({"hyperparameters": {"env_wrapper": UNMAPPED}}, "unmapped")],
 )
 def test_what_a_policy_was_trained_for_decides_its_name(trained: Path, tmp_path: Path, change, ending) -> None:
-    run = tmp_path / "run"
+    run = described_anew(trained, tmp_path / "run", change)
+    assert ship(run, tmp_path) == 0
+    assert [folder.name for folder in (tmp_path / "weights").iterdir()] == [f"{NAME}-{ending}"]
+
+
+@pytest.mark.slow
+def test_weights_that_no_policy_goes_by_are_not_shipped(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = {"reward": "evidence", "hyperparameters": {"env_wrapper": UNMAPPED}}
+    run = described_anew(trained, tmp_path / "run", both)
+    assert ship(run, tmp_path) == 2
+    assert "no policy goes by weights of both" in capsys.readouterr().err
+    assert not (tmp_path / "weights").exists()
+    assert not (tmp_path / "results").exists()
+
+
+def described_anew(trained: Path, run: Path, change: dict[str, Any]) -> Path:
+    """A copy of a run whose best policy is said to have been trained otherwise."""
     shutil.copytree(trained, run)
     description = json.loads((run / "best" / "policy.json").read_text())
     hyperparameters = {**description["hyperparameters"], **change.get("hyperparameters", {})}
     description = {**description, **change, "hyperparameters": hyperparameters}
     (run / "best" / "policy.json").write_text(json.dumps(description))
-    assert ship(run, tmp_path) == 0
-    assert [folder.name for folder in (tmp_path / "weights").iterdir()] == [f"{NAME}-{ending}"]
+    return run
 
 
 @pytest.mark.slow

@@ -10,20 +10,10 @@ from agents.network.checkpoint import write_policy
 from agents.network.choice_policy import PARTS
 from agents.network.policy_network import build_policy
 from agents.network.spaces import describe
+from agents.planning.choices import ACTION_SPACE, DIRECTIONS, LOOKS, STAY, free_step
 from agents.planning.kernels import unseen_by_way
-from agents.planning.moves_and_looks import (
-    ACTION_SPACE,
-    DIRECTIONS,
-    LOOK_ENTRIES,
-    LOOKS,
-    MOVE_ENTRIES,
-    STAY,
-    UNMAPPED,
-    WITHOUT,
-    MovesAndLooks,
-    free_step,
-    with_promises,
-)
+from agents.planning.moves_and_looks import MovesAndLooks
+from agents.planning.promises import LOOK_ENTRIES, MOVE_ENTRIES, UNMAPPED, WITHOUT, with_promises
 from agents.policies.ppo import Ppo
 from sbm_gym.env.gaze import PITCH_RAD
 from sbm_gym.env.state_vector import likely_candidates, nearest_others

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents.planning.moves_and_looks import DIRECTIONS, LOOK_ENTRIES, LOOKS, MOVE_ENTRIES, STAY, with_promises
+from agents.planning.choices import DIRECTIONS, LOOKS, STAY
+from agents.planning.promises import LOOK_ENTRIES, MOVE_ENTRIES, with_promises
 from sbm_gym.env.state_vector import state_names
 from sbm_gym.robot.object_memory import ViewBins
 from sbm_gym.robot.seen_floor import SeenFloor

@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from agents.planning.moves_and_looks import (
-    ACTION_SPACE,
-    DIRECTIONS,
-    UNMAPPED,
-    chosen_action,
-    knowledge_for,
-    with_promises,
-)
+from agents.planning.choices import ACTION_SPACE, DIRECTIONS, chosen_action
+from agents.planning.promises import UNMAPPED, knowledge_for, with_promises
 from agents.planning.unmapped import AHEAD_STRIDES, Unmapped
 from agents.policies.next_best_view import NextBestView
 from sbm_gym.robot.seen_floor import SeenFloor

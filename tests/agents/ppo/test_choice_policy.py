@@ -8,7 +8,8 @@ from gymnasium import spaces
 
 from agents.network.choice_policy import ChoicePolicy
 from agents.network.policy_network import build_policy, observed_keys
-from agents.planning.moves_and_looks import ACTION_SPACE, observation_space
+from agents.planning.choices import ACTION_SPACE
+from agents.planning.promises import observation_space
 from labeling.core.errors import UsageError
 from sbm_gym.env.observations import observation_space as env_space
 from sbm_gym.robot.object_memory import ViewBins
