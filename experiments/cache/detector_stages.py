@@ -22,7 +22,6 @@ def make_labels(
     settings: LabelConfig | None = None,
     sources: SourceConfig | None = None,
     share_scenes: bool = False,
-    growing: bool = False,
 ) -> Path:
     """Labels episodes.
 
@@ -33,7 +32,6 @@ def make_labels(
         settings: of label generation; None takes the defaults. Their seed is replaced.
         sources: where the masks come from that labels are made of; by default the detections of the episodes.
         share_scenes: label what one episode has found in the others of its scene, too.
-        growing: the dataset will have more episodes next time: its label set is brought up to date in place.
 
     Returns:
         The folder of the label set.
@@ -44,8 +42,7 @@ def make_labels(
     config = replace(settings or LabelConfig(), seed=seed)
     sources = sources or SourceConfig()
     dataset = episodes[0].parent
-    chosen = "growing" if growing else len(episodes)
-    inputs = [dataset.name, chosen, asdict(config), source_fingerprint(sources), share_scenes]
+    inputs = [dataset.name, len(episodes), asdict(config), source_fingerprint(sources), share_scenes]
     out = context.cache / "labels" / digest(*inputs, code_digest(run))
     run(
         GenerateConfig(

@@ -8,7 +8,7 @@ from typing import Any
 
 from experiments.cache.stages import RunContext
 
-FOLDERS = ("experiments.tables", "experiments.ablations")
+FOLDERS = ("experiments.tables", "experiments.loops", "experiments.ablations")
 Run = Callable[[RunContext], dict[str, Any]]
 
 

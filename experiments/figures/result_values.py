@@ -68,6 +68,23 @@ def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[fl
 
 Gap = Sequence[str]
 """Names of rows: before, after, and the ceiling."""
+LOOP_GAP = ("pre-trained", "the loop", "the same loop, taught by ground truth")
+
+
+def loop_table(content: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The last round of a loop as a table with the rows of ``LOOP_GAP``, of the seeds that have come to it; None if
+    none has, or results tell of no ceiling (earlier ones do not).
+
+    Args:
+        content: of a loop's result.
+    """
+    last = [loop["rounds"][-1] for loop in content["loops"] if len(loop["rounds"]) == content["size"]["rounds"]]
+    ended = [one for one in last if "test" in one and "ceiling" in one]
+    if not ended:
+        return None
+    runs = ([content["before"]] * len(ended), [one["test"] for one in ended], [one["ceiling"] for one in ended])
+    rows = [{"name": name, "part": "loop", "runs": some} for name, some in zip(LOOP_GAP, runs, strict=True)]
+    return {"rows": rows, "pools": {"loop": content["test"]}}
 
 
 def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> float | None:

@@ -79,8 +79,9 @@ def _draw_bars(content: Mapping[str, Any], groups: Sequence[str | None], path: P
 
 
 CURVES = {
-    "labels, on the views so far": ("labels", "pseudo_labels", "mask_ap50"),
+    "labels, on the views they are of": ("labels", "pseudo_labels", "mask_ap50"),
     "detector after it, unseen scenes": ("test", "mask_ap50"),
+    "taught by ground truth": ("ceiling", "mask_ap50"),
     "detector after it, photographs": ("test", "photographs_ap50"),
 }
 
@@ -93,15 +94,14 @@ def draw_loop(content: Mapping[str, Any], path: Path) -> None:
         path: PNG to write.
     """
     figure, axes = plt.subplots(figsize=(7.0, 3.6), dpi=110, layout="constrained")
-    before = {
-        "detector after it, unseen scenes": 100 * content["before"]["mask_ap50"],
-        "detector after it, photographs": 100 * content["before"]["photographs_ap50"],
-    }
+    before = content["before"]
     for number, (name, place) in enumerate(CURVES.items(), start=1):
         found = {one: loop_values(content, one, *place) for one in range(1, content["size"]["rounds"] + 1)}
-        if name in before:
-            found = {0: [before[name]], **found}
         found = {one: points for one, points in found.items() if points}
+        if not found:
+            continue
+        if place[0] != "labels":
+            found = {0: [100 * before[place[-1]]], **found}
         rounds, colour = list(found), PALETTE[number]
         axes.plot(rounds, [np.mean(one) for one in found.values()], "o-", color=colour, label=name)
         low, high = ([pick(one) for one in found.values()] for pick in (min, max))

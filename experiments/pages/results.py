@@ -11,10 +11,12 @@ import numpy as np
 from experiments.cache.episode_pool import BEGUN_AGAIN
 from experiments.cache.worlds import WORLDS
 from experiments.figures.result_values import (
+    LOOP_GAP,
     MEANS,
     gap_interval,
     gap_share,
     gap_shares,
+    loop_table,
     loop_values,
     of_category,
     share_interval,
@@ -48,9 +50,11 @@ TITLES = {
     "table_a_2": "Table A.2: labels of novel categories",
     "table_a_3": "Table A.3: detectors of novel categories",
     "label_modes": "Presets of the label generator, and what they teach",
+    "never_ending_parts": "What the loop gains by going round, and by new homes",
 }
 LOOPS = {
     "never_ending": "The never-ending loop: rooms",
+    "never_ending_again": "The never-ending loop, in the same homes again",
     "never_ending_streets": "The never-ending loop: streets",
 }
 BOXES = {
@@ -64,7 +68,11 @@ ROUND_COLUMNS = (
     ("labels", "detector", "mask_ap50"),
     ("labels", "pseudo_labels", "mask_ap50"),
     ("test", "mask_ap50"),
-    ("test", "mask_ap30"),
+    ("test", "box_ap50"),
+    ("test", "own_box_ap50"),
+    ("ceiling", "mask_ap50"),
+    ("ceiling", "box_ap50"),
+    ("ceiling", "own_box_ap50"),
     ("test", "photographs_ap50"),
 )
 """Where the columns of a loop's table stand in the record of a round."""
@@ -312,13 +320,19 @@ def _categories_table(name: str, content: Mapping[str, Any], figure: str) -> str
 
 def loop_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """The never-ending loop, round by round."""
-    before = (content["before"][figure] for figure in ("mask_ap50", "mask_ap30", "photographs_ap50"))
-    rows = [["0 (pre-trained)", "-", "-", *map(points, before)]]
+    before = content["before"]
+    rows = [["0 (pre-trained)", "-", "-", *(_points(before.get(place[-1])) for place in ROUND_COLUMNS[2:])]]
     for number in range(1, content["size"]["rounds"] + 1):
         cells = [mean_std(loop_values(content, number, *place)) for place in ROUND_COLUMNS]
         if any(cell != "-" for cell in cells):
             rows.append([str(number), *cells])
-    return {"rounds": rows, "trend": loop_trend(content)}
+    last = loop_table(content)
+    gap = None if last is None else _gap(name, last, LOOP_GAP)
+    return {"rounds": rows, "trend": loop_trend(content), "gap": gap}
+
+
+def _points(value: float | None) -> str:
+    return "-" if value is None else points(value)
 
 
 def loop_trend(content: Mapping[str, Any]) -> dict[str, float] | None:

@@ -8,8 +8,11 @@ import numpy as np
 import yaml
 
 from experiments.figures.result_values import (
+    LOOP_GAP,
+    Gap,
     gap_interval,
     gap_share,
+    loop_table,
     loop_values,
     ratio_to_ceiling,
     share_interval,
@@ -22,6 +25,8 @@ from experiments.tables.table_5_5 import CEILING, SHARED
 ROWS: list[dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("summary.yaml").read_text(encoding="utf-8"))
 GAP = ("pre-trained", "SbM fine-tuned on shared labels", "GT fine-tuned")
 """Whose share is told."""
+SHARES = ("share", "loop")
+"""Kinds of rows that tell the share of a gap: of a table, and of the last round of a loop."""
 FIGURES, BOX_FIGURES = ("ap50", "box_ap50"), ("ap25", "ap50")
 """Of masks and boxes in pictures, and of 3-D boxes."""
 NOT_RUN, NOT_SHOWN, WITHIN_CHANCE, EARLIER = "not run", "no gap shown", "above, within chance", " \u2020"
@@ -48,7 +53,7 @@ def summary_table(contents: Mapping[str, Mapping[str, Any]]) -> str:
         content = contents.get(row["table"])
         now = None if content is None else _now(row, content)
         told = NOT_RUN if now is None else _with_intervals(row, content or {}, now)
-        told += EARLIER if row["table"] in earlier else ""
+        told += EARLIER if now is not None and row["table"] in earlier else ""
         thesis = "-" if "thesis" not in row else _written(row, row["thesis"])
         rows.append(
             [
@@ -65,8 +70,11 @@ def summary_table(contents: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | None] | None:
     """Today's figures: masks and boxes, or 3-D boxes at .25 and .5; None for a world that is not among the results."""
-    if row["kind"] == "share":
-        return [gap_share(content, GAP, figure) if _has_gap(content) else None for figure in FIGURES]
+    if row["kind"] in SHARES:
+        table_and_gap = _gap_of(row, content)
+        if table_and_gap is None and row["kind"] == "loop":
+            return None
+        return [None if table_and_gap is None else gap_share(*table_and_gap, figure) for figure in FIGURES]
     if row["kind"] == "gain":
         last = content["size"]["rounds"]
         names = ("mask_ap50", "box_ap50")
@@ -80,9 +88,14 @@ def _now(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[float | Non
     return [_of_ceiling(row, content, figure)[0] for figure in BOX_FIGURES]
 
 
-def _has_gap(content: Mapping[str, Any]) -> bool:
-    """Whether a table has the rows of the gap; small ones have not."""
-    return set(GAP) <= {one["name"] for one in content["rows"]}
+def _gap_of(row: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Gap] | None:
+    """The table and the gap in it whose share is told; None where there is none: small tables lack rows."""
+    if row["kind"] == "loop":
+        last = loop_table(content)
+        return None if last is None else (last, LOOP_GAP)
+    if row["kind"] != "share":
+        return None
+    return (content, GAP) if set(GAP) <= {one["name"] for one in content["rows"]} else None
 
 
 def _less(after: list[float], before: float | None) -> float | None:
@@ -111,9 +124,10 @@ def _pair(row: Mapping[str, Any], pair: list[float | None] | None) -> str:
 
 def _with_intervals(row: Mapping[str, Any], content: Mapping[str, Any], now: list[float | None]) -> str:
     told = [_within(row, *one) for one in zip(now, _intervals(row, content), strict=True)]
-    if row["kind"] == "share" and _has_gap(content):
+    table_and_gap = _gap_of(row, content)
+    if table_and_gap is not None:
         for number, (figure, value) in enumerate(zip(FIGURES, now, strict=True)):
-            if value is None and gap_interval(content, GAP, figure) is not None:
+            if value is None and gap_interval(*table_and_gap, figure) is not None:
                 told[number] = NOT_SHOWN
     return " / ".join(told)
 
@@ -122,8 +136,9 @@ def _intervals(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[tuple
     """Of today's figures, where results tell of draws."""
     if row["kind"] == "boxes":
         return [_of_ceiling(row, content, figure)[1] for figure in BOX_FIGURES]
-    if row["kind"] == "share" and _has_gap(content):
-        return [share_interval(content, GAP, figure) for figure in FIGURES]
+    table_and_gap = _gap_of(row, content)
+    if table_and_gap is not None:
+        return [share_interval(*table_and_gap, figure) for figure in FIGURES]
     return [None, None]
 
 

@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from experiments.cache.stages import RunContext, cached
+from experiments.loops import rounds
 from experiments.run import main
-from experiments.tables import never_ending
 from labeling.cluster.cluster_config import ClusterConfig
 from labeling.core.errors import SbmError
 from labeling.training import loop as training_loop
@@ -52,7 +52,7 @@ def test_the_never_ending_loop_is_the_same_bytes_as_on_one_machine(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(never_ending, "collapse_reason", lambda rounds: None)
+    monkeypatch.setattr(rounds, "collapse_reason", lambda signs: None)
 
     def run(machine: str, *more: str) -> int:
         home = tmp_path / machine
@@ -65,7 +65,9 @@ def test_the_never_ending_loop_is_the_same_bytes_as_on_one_machine(
     away = ("--cluster", context.where.cluster)
     assert run("there", *away) == 0
     here, there = (contents(tmp_path / machine) for machine in ("here", "there"))
-    assert len([name for name in there if name.endswith("train.json")]) == 4  # two rounds of two seeds
+    assert (
+        len([name for name in there if name.endswith("train.json")]) == 8
+    )  # two networks in each of two rounds of two seeds
     assert {name for name, content in there.items() if here.get(name) != content} == set()
     assert there.keys() == here.keys()
     monkeypatch.setattr(training_loop, "train_one_epoch", None)
