@@ -19,7 +19,7 @@ ROWS = {
     "GT fine-tuned": "taught by ground truth",
 }
 """Name of a row in results -> what README calls it."""
-FIGURES = {"ap50": "masks", "box_ap50": "boxes"}
+FIGURES = {"ap50": "masks", "box_ap50": "boxes around masks", "own_box_ap50": "detector's boxes"}
 """AP50 of what."""
 SHARED, TRUTH = "SbM fine-tuned on shared labels", "GT fine-tuned"
 _PLACE = re.compile(r"(<!-- results: .*? -->\n).*?(<!-- end of results -->)", re.DOTALL)
@@ -66,8 +66,9 @@ def results_section(contents: Mapping[str, Mapping[str, Any]]) -> str:
     closed += [_gap_closed(contents[name], figure) for name, figure in columns]
     seeds = {len(contents[name]["seeds"]) for name in WORLDS}
     return (
-        "AP50 of masks and of boxes in scenes that the detector has neither been in nor been chosen by, mean ± "
-        f"standard deviation over {'/'.join(map(str, sorted(seeds)))} seeds ([all tables](docs/results.md)):\n\n"
+        "AP50 of masks, of the tightest boxes around them, and of boxes as the detector gives them (which COCO's "
+        "metric scores), in scenes that the detector has neither been in nor been chosen by; mean ± standard deviation "
+        f"over {'/'.join(map(str, sorted(seeds)))} seeds ([all tables](docs/results.md)):\n\n"
         + table(["detector `compact`", *titles], [*rows, closed], "---:")
         + "\n\n"
         + "\n".join(
