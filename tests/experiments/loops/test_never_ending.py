@@ -34,12 +34,12 @@ def never_collapses(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.nightly
+@pytest.mark.usefixtures("never_collapses")
 def test_rounds_begin_elsewhere_with_the_networks_of_the_round_before(
     small_rooms: list,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    never_collapses: None,
 ) -> None:
     content = run(tmp_path, "never_ending", 2)
     for seed, loop in enumerate(content["loops"]):
@@ -67,6 +67,7 @@ def test_rounds_begin_elsewhere_with_the_networks_of_the_round_before(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("never_collapses")
 @pytest.mark.parametrize("comes_back", [False, True])
 def test_scenes_are_labelled_with_all_that_has_been_seen_of_them(
     comes_back: bool,
@@ -74,7 +75,6 @@ def test_scenes_are_labelled_with_all_that_has_been_seen_of_them(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    never_collapses: None,
 ) -> None:
     if not comes_back:
         others = iter("abcd")
@@ -114,8 +114,9 @@ def test_scenes_are_labelled_with_all_that_has_been_seen_of_them(
 
 
 @pytest.mark.nightly
+@pytest.mark.usefixtures("never_collapses")
 def test_parts_of_a_loop_are_taught_in_as_many_batches(
-    small_rooms: list, tmp_path: Path, capsys: pytest.CaptureFixture[str], never_collapses: None
+    small_rooms: list, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = run(tmp_path, "never_ending_parts", 1)
     assert [row["name"] for row in content["rows"]] == [

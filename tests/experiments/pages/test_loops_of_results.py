@@ -1,0 +1,65 @@
+"""What the page of results says of loops: how far they rise, and what of a loop that ground truth teaches."""
+
+from typing import Any
+
+import pytest
+
+from experiments.pages.results import loop_section, loop_trend, page
+from experiments.pages.summary import summary_table
+
+
+def test_a_loop_tells_how_far_it_rises() -> None:
+    tests = [[0.50, 0.52], [0.56, 0.54], [0.53, 0.55]]  # means: 51, 55, 54
+    content = {
+        "description": "rooms: rounds",
+        "scale": "quick",
+        "policy": "ppo",
+        "world": "rooms",
+        "split": "endless",
+        "episodes_per_scene": 3,
+        "size": {"rounds": 4, "learn": 12},
+        "settings": {"train": {"iterations": 90, "batch_size": 8, "learning_rate": 3e-4}},
+        "test": {"episodes": 40},
+        "before": {"mask_ap50": 0.48, "mask_ap30": 0.58, "photographs_ap50": 0.60},
+        "loops": [
+            {"stopped": None, "rounds": [{"test": {"mask_ap50": one[seed], "photographs_ap50": 0.59}} for one in tests]}
+            for seed in range(2)
+        ],
+    }
+    text = page({"never_ending": content})
+    assert "rises in 2 of 3 rounds, and ends **+3.0** points" in text
+    assert "(+6.0 from the pre-trained one)" in text
+    assert "on photographs it ends -1.0 points" in text
+    assert loop_trend({**content, "loops": []}) is None
+
+
+def test_a_loop_tells_what_it_gains_of_what_ground_truth_teaches() -> None:
+    def figures(masks: float, boxes: float, draws: list[float]) -> dict[str, Any]:
+        return {"mask_ap50": masks, "box_ap50": boxes, "photographs_ap50": 0.8, "resampled": {"mask_ap50": draws}}
+
+    def ended(seed: int, after: float, ceiling: float) -> dict[str, Any]:
+        rounds = [{"test": figures(0.41, 0.5, [0.41]), "ceiling": figures(0.42, 0.5, [0.42])}]
+        rounds += [{"test": figures(after, 0.56, [after] * 9), "ceiling": figures(ceiling, 0.58, [ceiling] * 9)}]
+        return {"seed": seed, "stopped": None, "rounds": rounds}
+
+    content = {
+        "size": {"rounds": 2},
+        "test": {"scenes": [f"seed/{number}" for number in range(20)]},
+        "before": figures(0.40, 0.50, [0.40] * 9),
+        "loops": [ended(0, 0.48, 0.50), ended(1, 0.46, 0.50), {**ended(2, 0.9, 0.9), "stopped": "there are no labels"}],
+    }
+    content["loops"][2]["rounds"].pop()  # stopped before its last round: no end to tell of
+    section = loop_section("never_ending", content)
+    assert section["gap"]["share"] == pytest.approx(0.7)  # (8 + 6) / 2 of 10 points
+    assert section["gap"]["by_seed"] == ["0.80", "0.60"]
+    assert section["gap"]["others"]["AP50 of boxes"] == "0.75"
+    of_truth = section["rounds"][2][6]
+    assert of_truth.startswith("50.0")
+    told = summary_table({"never_ending": content})
+    row = next(line for line in told.splitlines() if "the loop in rooms, of what" in line)
+    assert "0.70 [" in row
+    assert "/ 0.75 |" in row
+    for loop in content["loops"]:
+        for one in loop["rounds"]:
+            one.pop("ceiling", None)
+    assert loop_section("never_ending", content)["gap"] is None
