@@ -15,6 +15,9 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 
+LOOPS = "never_ending"
+"""What names of experiments begin with that go round."""
+
 
 @dataclass(frozen=True)
 class RunConfig:
@@ -30,6 +33,8 @@ class RunConfig:
     quarters of an hour), "standard" to decide by (hours), "full" with the thesis' own training."""
     seeds: int = 1
     """How many seeds each setting is run with (0, 1, ...)."""
+    rounds: int | None = None
+    """How many rounds the never-ending loop goes, such as more than it has gone already; else as the scale says."""
     report: bool = False
     """Only write the page about it anew, from the figures that are there."""
     workers: int = 0
@@ -62,6 +67,8 @@ def run(config: RunConfig) -> None:
         raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(known)}")
     if config.seeds < 1 or config.workers < 0:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
+    if config.rounds is not None and (config.rounds < 1 or not config.name.startswith(LOOPS)):
+        raise UsageError(f"--rounds must be 1 or more, and is for loops: {LOOPS} and what begins like it")
     _check_place(config)
     chosen = known[config.name]
     if not config.report:
@@ -72,6 +79,7 @@ def run(config: RunConfig) -> None:
             workers=config.workers or cores,
             cache=config.cache,
             where=config.where,
+            rounds=config.rounds,
         )
         made = origin()  # before the run: code may be edited while it lasts
         results, path = chosen.run(context), config.results / f"{config.name}.json"

@@ -53,6 +53,8 @@ class RunContext:
     """Folder for recorded episodes and the outcomes of stages."""
     where: ClusterConfig = HERE
     """This machine or a cluster."""
+    rounds: int | None = None
+    """Of loops; None takes as many as the scale says."""
 
 
 def cached(

@@ -17,7 +17,7 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR
 from experiments.loops import signs
-from experiments.loops.rounds import POLICY, SIZES, Places, SeedRounds
+from experiments.loops.rounds import POLICY, SIZES, Places, SeedRounds, num_rounds
 from experiments.tables.training_sets import Subset, TrainingSets
 
 TEST_SUBSET: Subset = "wide"
@@ -53,7 +53,7 @@ class SelfTrainingLoop:
 
         sets = TrainingSets(self.places.world, context)
         loops = [SeedRounds(seed, self.places, sets, context) for seed in context.seeds]
-        numbers = range(1, SIZES[context.scale].rounds + 1)
+        numbers = range(1, num_rounds(context) + 1)
         for number in tqdm(numbers, desc="rounds", unit="round", file=sys.stderr):
             jobs = [(one, *job) for one in loops for job in one.collect(number).items()]
             detectors = train_detectors([job for _, _, job in jobs], context)
@@ -64,12 +64,12 @@ class SelfTrainingLoop:
 
     def record(self, context: RunContext) -> dict[str, Any]:
         """What the record of results says about all seeds alike."""
-        sets, size = TrainingSets(self.places.world, context), SIZES[context.scale]
-        learn, choose = size.episodes[self.places.world]
+        sets = TrainingSets(self.places.world, context)
+        learn, choose = SIZES[context.scale].episodes[self.places.world]
         return {
             "world": self.places.world,
             "policy": POLICY,
-            "size": {"rounds": size.rounds, "learn": learn, "choose": choose},
+            "size": {"rounds": num_rounds(context), "learn": learn, "choose": choose},
             "settings": sets.settings(),
             "split": self.places.split,
             "episodes_per_scene": self.places.episodes_per_scene,

@@ -47,6 +47,11 @@ SIZES: dict[Scale, LoopSize] = {
 }
 
 
+def num_rounds(context: RunContext) -> int:
+    """How many rounds a loop goes at most."""
+    return SIZES[context.scale].rounds if context.rounds is None else context.rounds
+
+
 @dataclass(frozen=True)
 class Places:
     """Where the episodes of a loop are recorded."""

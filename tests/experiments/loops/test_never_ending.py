@@ -17,9 +17,9 @@ from labeling.training import loop as training_loop
 from labeling.training.config import CONFIG_FILE
 
 
-def run(tmp_path: Path, name: str, seeds: int) -> dict[str, Any]:
+def run(tmp_path: Path, name: str, seeds: int, *more: str) -> dict[str, Any]:
     places = [f"--{place}={tmp_path / place}" for place in ("cache", "results", "docs")]
-    assert main([name, "--scale", "smoke", "--seeds", str(seeds), "--workers", "1", *places]) == 0
+    assert main([name, "--scale", "smoke", "--seeds", str(seeds), "--workers", "1", *places, *more]) == 0
     return json.loads((tmp_path / "results" / f"{name}.json").read_text())
 
 
@@ -110,6 +110,32 @@ def test_scenes_are_labelled_with_all_that_has_been_seen_of_them(
         view = episode.file_names.index(f"rgb/{picture.file.name}")
         true = [one for one in episode.ground_truth or () if one.view_index == view]
         assert sorted(one.category for one in picture.annotations) == sorted(one.category for one in true)
+    capsys.readouterr()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("never_collapses")
+def test_a_loop_goes_further_from_where_it_was(
+    small_rooms: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    learnt: list[list[Any]] = []
+
+    def train(jobs, context):
+        learnt.append(list(jobs))
+        return ["compact"] * len(jobs)
+
+    monkeypatch.setattr("experiments.cache.detector_stages.train_detectors", train)
+    monkeypatch.setattr("experiments.loops.never_ending.machines", lambda names: [])
+    shorter = run(tmp_path, "never_ending", 1)
+    files = set((tmp_path / "cache").rglob("*"))
+    longer = run(tmp_path, "never_ending", 1, "--rounds", str(SIZES["smoke"].rounds + 1))
+    for content, rounds_gone in ((shorter, SIZES["smoke"].rounds), (longer, SIZES["smoke"].rounds + 1)):
+        assert content["size"]["rounds"] == len(content["loops"][0]["rounds"]) == rounds_gone
+    assert longer["loops"][0]["rounds"][:-1] == shorter["loops"][0]["rounds"]
+    assert learnt[: SIZES["smoke"].rounds] == learnt[SIZES["smoke"].rounds : -1]  # no training is another one for it
+    assert files < set((tmp_path / "cache").rglob("*"))
+    page = (tmp_path / "docs" / "results.md").read_text()
+    assert "| 3 |" in page
     capsys.readouterr()
 
 
