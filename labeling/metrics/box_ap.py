@@ -20,7 +20,7 @@ from labeling.core.types import Box3d
 from labeling.metrics.average_precision import AveragePrecision, check_ranking, interpolated_area, summarise
 from labeling.metrics.mask_ap import RankedMatches
 
-Kind = Literal["3d", "bev"]
+Overlap = Literal["3d", "bev"]
 IOU_THRESHOLDS = (0.25, 0.5)
 _ROUNDING = 1e-7
 """An overlap that falls short of a threshold by less has reached it."""
@@ -46,7 +46,7 @@ def average_precision_3d(
     predictions: Sequence[BoxInstance],
     ground_truth: Sequence[BoxInstance],
     iou_thresholds: Sequence[float] = IOU_THRESHOLDS,
-    kind: Kind = "3d",
+    kind: Overlap = "3d",
 ) -> AveragePrecision:
     """Ranked AP per category and its mean over categories.
 
@@ -73,7 +73,7 @@ def ranked_box_matches(
     predictions: Sequence[BoxInstance],
     ground_truth: Sequence[BoxInstance],
     iou_thresholds: Sequence[float] = IOU_THRESHOLDS,
-    kind: Kind = "3d",
+    kind: Overlap = "3d",
 ) -> list[RankedMatches]:
     """The matches that AP is made of, of every category of ground truth or predictions, sorted by name.
 
@@ -149,7 +149,7 @@ def _joined(at_each: Mapping[float, AveragePrecision]) -> AveragePrecision:
     return summarise(per_class, list(at_each))
 
 
-def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Kind) -> list[list[tuple[int, float]]]:
+def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Overlap) -> list[list[tuple[int, float]]]:
     """For each prediction the truths of its view, and how far it overlaps them; where they are to be ignored, the share
     of its own volume.
     """
