@@ -79,7 +79,6 @@ class SelfTrainingLoop:
                 "less_sure": signs.MAX_CONFIDENCE_DROP,
                 "one_sided": signs.MAX_CATEGORY_SHARE,
             },
-            "labels_of": "round",
             "test": sets.pool_record(TEST_SUBSET),
             "before": sets.detector_scores(TEST_SUBSET, [DETECTOR])[0],
         }
