@@ -149,7 +149,9 @@ def _joined(at_each: Mapping[float, AveragePrecision]) -> AveragePrecision:
     return summarise(per_class, list(at_each))
 
 
-def _overlaps(found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Overlap) -> list[list[tuple[int, float]]]:
+def _overlaps(
+    found: Sequence[BoxInstance], truths: Sequence[BoxInstance], kind: Overlap
+) -> list[list[tuple[int, float]]]:
     """For each prediction the truths of its view, and how far it overlaps them; where they are to be ignored, the share
     of its own volume.
     """
