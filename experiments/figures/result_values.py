@@ -71,15 +71,17 @@ Gap = Sequence[str]
 LOOP_GAP = ("pre-trained", "the loop", "the same loop, taught by ground truth")
 
 
-def loop_table(content: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The last round of a loop as a table with the rows of ``LOOP_GAP``, of the seeds that have come to it; None if
-    none has, or results tell of no ceiling (earlier ones do not).
+def loop_table(content: Mapping[str, Any], number: int | None = None) -> dict[str, Any] | None:
+    """A round of a loop as a table with the rows of ``LOOP_GAP``, of the seeds that have come to it; None if none has,
+    or results tell of no ceiling (earlier ones do not).
 
     Args:
         content: of a loop's result.
+        number: of the round, from 1; None takes the last.
     """
-    last = [loop["rounds"][-1] for loop in content["loops"] if len(loop["rounds"]) == content["size"]["rounds"]]
-    ended = [one for one in last if "test" in one and "ceiling" in one]
+    index = (content["size"]["rounds"] if number is None else number) - 1
+    there = [loop["rounds"][index] for loop in content["loops"] if len(loop["rounds"]) > index]
+    ended = [one for one in there if "test" in one and "ceiling" in one]
     if not ended:
         return None
     runs = ([content["before"]] * len(ended), [one["test"] for one in ended], [one["ceiling"] for one in ended])

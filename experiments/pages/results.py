@@ -321,14 +321,22 @@ def _categories_table(name: str, content: Mapping[str, Any], figure: str) -> str
 def loop_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """The never-ending loop, round by round."""
     before = content["before"]
-    rows = [["0 (pre-trained)", "-", "-", *(_points(before.get(place[-1])) for place in ROUND_COLUMNS[2:])]]
+    rows = [["0 (pre-trained)", "-", "-", *(_points(before.get(place[-1])) for place in ROUND_COLUMNS[2:]), "-"]]
     for number in range(1, content["size"]["rounds"] + 1):
         cells = [mean_std(loop_values(content, number, *place)) for place in ROUND_COLUMNS]
         if any(cell != "-" for cell in cells):
-            rows.append([str(number), *cells])
+            rows.append([str(number), *cells, _shares_of(loop_table(content, number))])
     last = loop_table(content)
     gap = None if last is None else _gap(name, last, LOOP_GAP)
     return {"rounds": rows, "trend": loop_trend(content), "gap": gap}
+
+
+def _shares_of(of_round: Mapping[str, Any] | None) -> str:
+    """Of the gap of a round, in masks, boxes around them, and boxes as the detector gives them."""
+    if of_round is None:
+        return "-"
+    found = [gap_share(of_round, LOOP_GAP, figure) for figure in ("ap50", "box_ap50", "own_box_ap50")]
+    return " / ".join("-" if one is None else f"{one:.2f}" for one in found)
 
 
 def _points(value: float | None) -> str:

@@ -38,7 +38,7 @@ def test_a_loop_tells_what_it_gains_of_what_ground_truth_teaches() -> None:
         return {"mask_ap50": masks, "box_ap50": boxes, "photographs_ap50": 0.8, "resampled": {"mask_ap50": draws}}
 
     def ended(seed: int, after: float, ceiling: float) -> dict[str, Any]:
-        rounds = [{"test": figures(0.41, 0.5, [0.41]), "ceiling": figures(0.42, 0.5, [0.42])}]
+        rounds = [{"test": figures(0.41, 0.5, [0.41] * 9), "ceiling": figures(0.42, 0.5, [0.42] * 9)}]
         rounds += [{"test": figures(after, 0.56, [after] * 9), "ceiling": figures(ceiling, 0.58, [ceiling] * 9)}]
         return {"seed": seed, "stopped": None, "rounds": rounds}
 
@@ -55,6 +55,7 @@ def test_a_loop_tells_what_it_gains_of_what_ground_truth_teaches() -> None:
     assert section["gap"]["others"]["AP50 of boxes"] == "0.75"
     of_truth = section["rounds"][2][6]
     assert of_truth.startswith("50.0")
+    assert [row[-1] for row in section["rounds"]] == ["-", "0.50 / - / -", "0.70 / 0.75 / -"]
     told = summary_table({"never_ending": content})
     row = next(line for line in told.splitlines() if "the loop in rooms, of what" in line)
     assert "0.70 [" in row
