@@ -15,9 +15,6 @@ from labeling.core.errors import UsageError
 from labeling.runtime.cli import make_main
 from labeling.runtime.help import CommandHelp
 
-LOOPS = "never_ending"
-"""What names of experiments begin with that go round."""
-
 
 @dataclass(frozen=True)
 class RunConfig:
@@ -67,10 +64,11 @@ def run(config: RunConfig) -> None:
         raise UsageError(f"there is no experiment {config.name!r}; experiments are {', '.join(known)}")
     if config.seeds < 1 or config.workers < 0:
         raise UsageError("--seeds must be 1 or more, --workers 0 or more")
-    if config.rounds is not None and (config.rounds < 1 or not config.name.startswith(LOOPS)):
-        raise UsageError(f"--rounds must be 1 or more, and is for loops: {LOOPS} and what begins like it")
-    _check_place(config)
     chosen = known[config.name]
+    if config.rounds is not None and (config.rounds < 1 or not chosen.has_rounds):
+        loops = ", ".join(name for name, one in known.items() if one.has_rounds)
+        raise UsageError(f"--rounds must be 1 or more, and is for loops: {loops}")
+    _check_place(config)
     if not config.report:
         cores = len(os.sched_getaffinity(0)) if config.where.is_local else 1  # of a cluster: all that there are
         context = RunContext(

@@ -23,18 +23,23 @@ class Experiment:
     """Computes the results, as JSON content."""
     pages: tuple[str, ...] = ()
     """Modules of ``experiments.pages`` that show the results."""
+    has_rounds: bool = False
+    """Whether it goes round in a loop, as many times as is asked for."""
 
 
 _REGISTRY: dict[str, Experiment] = {}
 
 
-def experiment(name: str, description: str, pages: tuple[str, ...] = ()) -> Callable[[Run], Run]:
+def experiment(
+    name: str, description: str, pages: tuple[str, ...] = (), has_rounds: bool = False
+) -> Callable[[Run], Run]:
     """Registers the function below it as an experiment.
 
     Args:
         name: on the command line, and of the file of results.
         description: one line.
         pages: modules of ``experiments.pages`` that show the results.
+        has_rounds: whether it goes round in a loop.
 
     Raises:
         ValueError: if there is another one of that name.
@@ -43,7 +48,7 @@ def experiment(name: str, description: str, pages: tuple[str, ...] = ()) -> Call
     def registered(run: Run) -> Run:
         if name in _REGISTRY:
             raise ValueError(f"there are two experiments called {name!r}")
-        _REGISTRY[name] = Experiment(name, description, run, pages)
+        _REGISTRY[name] = Experiment(name, description, run, pages, has_rounds)
         return run
 
     return registered

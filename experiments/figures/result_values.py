@@ -73,7 +73,7 @@ LOOP_GAP = ("pre-trained", "the loop", "the same loop, taught by ground truth")
 
 def loop_table(content: Mapping[str, Any], number: int | None = None) -> dict[str, Any] | None:
     """A round of a loop as a table with the rows of ``LOOP_GAP``, of the seeds that have come to it; None if none has,
-    or results tell of no ceiling (earlier ones do not).
+    or results tell of no ceiling.
 
     Args:
         content: of a loop's result.

@@ -16,7 +16,12 @@ AT_ONCE, FIRST_HOMES = "labels of all rounds at once", "labels of the first roun
 alone. All in as many batches."""
 
 
-@experiment(f"{LOOP}_parts", "rooms: what the loop gains by going round, and by ever new homes", pages=("results",))
+@experiment(
+    f"{LOOP}_parts",
+    "rooms: what the loop gains by going round, and by ever new homes",
+    pages=("results",),
+    has_rounds=True,
+)
 def run(context: RunContext) -> dict[str, Any]:
     """Goes round, and trains the others.
 

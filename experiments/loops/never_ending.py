@@ -92,4 +92,4 @@ LOOPS = {
 for _name, _loop in LOOPS.items():
     _where = "the same few homes again and again" if _loop.places.split == "train" else "new places in every round"
     _what = f"{_loop.places.world}: rounds of recording, labelling, fine-tuning and redeploying in {_where}"
-    experiment(_name, _what, pages=("results",))(_loop.run)
+    experiment(_name, _what, pages=("results",), has_rounds=True)(_loop.run)

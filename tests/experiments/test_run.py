@@ -82,7 +82,10 @@ def test_list_names_every_experiment(capsys: pytest.CaptureFixture[str]) -> None
     [
         (["table_0_0"], "label_ablation"),
         (["label_modes", "--seeds", "0"], "--seeds"),
-        (["label_modes", "--rounds", "3"], "--rounds must be 1 or more, and is for loops: never_ending"),
+        (
+            ["label_modes", "--rounds", "3"],
+            "--rounds must be 1 or more, and is for loops: never_ending, never_ending_again, ",
+        ),
         (["never_ending", "--rounds", "0"], "--rounds must be 1 or more"),
         (["label_modes", "--cluster", "auto", "--cache", "/cache"], "--cache /cache: with --cluster give it as seen"),
         (["label_modes", "--cluster", "somewhere"], "--cluster must be local, auto, HOST:PORT or ray://HOST:PORT"),
