@@ -1,6 +1,7 @@
 """Figures out of the results of tables (by row, by round, and how much of a gap is closed), and those of the thesis."""
 
 import statistics
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,35 @@ def loop_values(content: Mapping[str, Any], number: int, *place: str) -> list[fl
         if record is not None:
             found.append(100.0 * record)
     return found
+
+
+def loop_errors(content: Mapping[str, Any], number: int) -> tuple[list[float], list[float]]:
+    """What is wrong with the labels of a round's views, in percent, one of each seed whose loop has come so far: how
+    many of the objects have none, and how much of the weight of all labels is that of false ones. Empty where results
+    do not tell.
+    """
+    rounds = [loop["rounds"][number - 1] for loop in content["loops"] if number <= len(loop["rounds"])]
+    errors, missing = [one["errors"] for one in rounds if "errors" in one], []
+    for one in errors:
+        counts = one["categories"].values()
+        missing.append(
+            100.0 * sum(each["missing"] for each in counts) / max(1, sum(each["objects"] for each in counts))
+        )
+    return missing, [100.0 * one["false_weight"] for one in errors]
+
+
+def loop_error_counts(content: Mapping[str, Any]) -> list[dict[str, dict[str, int]]]:
+    """By seed and category, what ``label_errors.count_errors`` counts, of all rounds together. Empty where results do
+    not tell.
+    """
+    found = []
+    for loop in content["loops"]:
+        counts: dict[str, Counter[str]] = defaultdict(Counter)
+        for one in loop["rounds"]:
+            for category, of_round in one.get("errors", {"categories": {}})["categories"].items():
+                counts[category].update(of_round)
+        found.append({category: dict(of_seed) for category, of_seed in counts.items()})
+    return [one for one in found if one]
 
 
 Gap = Sequence[str]

@@ -10,7 +10,8 @@ from experiments.cache.stages import RunContext, Scale, digest
 from experiments.cache.worlds import DETECTOR, WORLDS
 from experiments.cache.worlds import SIZES as TRAIN_SIZES
 from experiments.loops.signs import LabelStatistics, collapse_reason, label_statistics
-from experiments.tables.training_sets import TrainingSets
+from experiments.tables.label_errors import count_errors
+from experiments.tables.training_sets import TrainingSets, known_categories
 from labeling.generator.settings.source_config import SourceConfig
 
 if TYPE_CHECKING:
@@ -108,8 +109,16 @@ class SeedRounds:
         self._episodes.update(new)
         self._scenes.update({name: _scene(folder) for name, folder in new.items()})
         labels = self._label(new)
-        self._signs.append(label_statistics(self.views(LABELS, "learn", new)))
-        self.records.append({"round": number, "labels": score_labels(labels), "signs": asdict(self._signs[-1])})
+        taught, true = (self.views(teacher, "learn", new) for teacher in (LABELS, TRUTH))
+        self._signs.append(label_statistics(taught))
+        self.records.append(
+            {
+                "round": number,
+                "labels": score_labels(labels),
+                "errors": count_errors(taught, true, known_categories()),
+                "signs": asdict(self._signs[-1]),
+            }
+        )
         self.stopped = collapse_reason(self._signs)
         return {} if self.stopped is not None else {teacher: self.train_job(teacher) for teacher in SCORES}
 

@@ -101,15 +101,20 @@ def _world(content: Mapping[str, Any]) -> dict[str, Any]:
         "categories": sorted(boxes),
         "per_category": per_category,
         "false_weight": mean_std([100 * one["false_weight"] for one in content["labels"]]),
-        "errors": _errors(content["labels"]),
+        "errors": error_rows([one["categories"] for one in content["labels"]]),
     }
 
 
-def _errors(labels: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Rows of counts by category, means over seeds."""
-    names = sorted({name for one in labels for name in one["categories"]})
-    nothing = {"labels": 0, "false": 0, "objects": 0, "missing": 0}
-    return [
-        [name, *(f"{np.mean([one['categories'].get(name, nothing)[kind] for one in labels]):.0f}" for kind in nothing)]
-        for name in names
-    ]
+def error_rows(counts: Sequence[Mapping[str, Mapping[str, int]]]) -> list[list[str]]:
+    """Labels, false ones, objects, and those without a label, by category: means over seeds, without categories of
+    which there is nothing.
+
+    Args:
+        counts: by seed and category (``label_errors.count_errors``).
+    """
+    rows, nothing = [], {"labels": 0, "false": 0, "objects": 0, "missing": 0}
+    for name in sorted({name for one in counts for name in one}):
+        means = [np.mean([one.get(name, nothing)[kind] for one in counts]) for kind in nothing]
+        if any(means):
+            rows.append([name, *(f"{one:.0f}" for one in means)])
+    return rows

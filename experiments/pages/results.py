@@ -16,6 +16,8 @@ from experiments.figures.result_values import (
     gap_interval,
     gap_share,
     gap_shares,
+    loop_error_counts,
+    loop_errors,
     loop_table,
     loop_values,
     of_category,
@@ -24,6 +26,7 @@ from experiments.figures.result_values import (
     values,
 )
 from experiments.pages.boxes import MASK_SOURCES, boxes_section
+from experiments.pages.fine_tuning import error_rows
 from experiments.pages.markdown import Pictures, mean_std, plural, points, read_result, render, table
 from experiments.pages.origin import origins
 from experiments.pages.summary import summary_table
@@ -64,9 +67,9 @@ BOXES = {
 PRESETS = "rooms: labels of each preset, and detectors fine-tuned on them, in 40 unseen interiors"
 FEW_INSTANCES = 10
 """Figures of a category with fewer instances say little. Source: thesis 5.1."""
-ROUND_COLUMNS = (
-    ("labels", "detector", "mask_ap50"),
-    ("labels", "pseudo_labels", "mask_ap50"),
+LABEL_COLUMNS = (("labels", "detector", "mask_ap50"), ("labels", "pseudo_labels", "mask_ap50"))
+"""Where the figures of the views and labels of a round stand in its record."""
+DETECTOR_COLUMNS = (
     ("test", "mask_ap50"),
     ("test", "box_ap50"),
     ("test", "own_box_ap50"),
@@ -75,7 +78,7 @@ ROUND_COLUMNS = (
     ("ceiling", "own_box_ap50"),
     ("test", "photographs_ap50"),
 )
-"""Where the columns of a loop's table stand in the record of a round."""
+"""Where those of the detectors after it stand."""
 OTHER_SHARES = {
     "ap30": "AP30 of masks",
     "ap": "COCO's AP of masks",
@@ -321,14 +324,20 @@ def _categories_table(name: str, content: Mapping[str, Any], figure: str) -> str
 def loop_section(name: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """The never-ending loop, round by round."""
     before = content["before"]
-    rows = [["0 (pre-trained)", "-", "-", *(_points(before.get(place[-1])) for place in ROUND_COLUMNS[2:]), "-"]]
+    pretrained = (_points(before.get(place[-1])) for place in DETECTOR_COLUMNS)
+    rows = [["0 (pre-trained)", *["-"] * (len(LABEL_COLUMNS) + 2), *pretrained, "-"]]
     for number in range(1, content["size"]["rounds"] + 1):
-        cells = [mean_std(loop_values(content, number, *place)) for place in ROUND_COLUMNS]
-        if any(cell != "-" for cell in cells):
-            rows.append([str(number), *cells, _shares_of(loop_table(content, number))])
+        labels, detectors = (
+            [mean_std(loop_values(content, number, *place)) for place in places]
+            for places in (LABEL_COLUMNS, DETECTOR_COLUMNS)
+        )
+        if any(cell != "-" for cell in (*labels, *detectors)):
+            errors = map(mean_std, loop_errors(content, number))
+            rows.append([str(number), *labels, *errors, *detectors, _shares_of(loop_table(content, number))])
     last = loop_table(content)
     gap = None if last is None else _gap(name, last, LOOP_GAP)
-    return {"rounds": rows, "trend": loop_trend(content), "gap": gap}
+    errors = error_rows(loop_error_counts(content))
+    return {"rounds": rows, "errors": errors, "trend": loop_trend(content), "gap": gap}
 
 
 def _shares_of(of_round: Mapping[str, Any] | None) -> str:

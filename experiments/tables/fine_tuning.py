@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES
+from experiments.tables.label_errors import count_errors, file_in_dataset, objects_of, of_ignored
 from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
 from labeling.detectors.finetuning.config import FinetuneConfig
 
 if TYPE_CHECKING:
     from experiments.cache.detector_stages import TrainJob
-    from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
+    from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
 LABELS, WITHOUT_FALSE, TRUE_MASKS = "shared", "without false labels", "with true masks"
 TEACHERS = (LABELS, WITHOUT_FALSE, TRUE_MASKS, TRUTH)
@@ -29,8 +28,6 @@ INTERPOLATED = {LABELS: "shared, no photographs, interpolated", TRUTH: "truth, n
 """The same, where the network that is kept lies between the one before and the one that is learnt, as by default in
 ``labeling.finetune``."""
 SUBSETS: tuple[Subset, ...] = ("learn", "choose", "dev")
-SAME_OBJECT = 0.5
-"""A label stands for an object of its category whose mask has at least this IoU with it."""
 
 
 @experiment(
@@ -101,72 +98,12 @@ def mended(
         truths: the same pictures, in any order, with ground truth.
         true_masks: give labels the masks of the objects that they stand for. Their weights stay.
     """
-    known, found = {_name(picture): picture for picture in truths}, []
+    known, found = {file_in_dataset(picture): picture for picture in truths}, []
     for picture in labels:
-        pairs = objects_of(picture, known[_name(picture)])
+        pairs = objects_of(picture, known[file_in_dataset(picture)])
         kept = [one for one in picture.annotations if one.ignore]
-        kept += [replace(one, ignore=True) for one in of_ignored(picture, known[_name(picture)], pairs)]
+        kept += [replace(one, ignore=True) for one in of_ignored(picture, known[file_in_dataset(picture)], pairs)]
         for label, truth in pairs:
             kept.append(replace(label, rle=truth.rle) if true_masks else label)
         found.append(replace(picture, annotations=tuple(kept)))
     return found
-
-
-def count_errors(labels: "Sequence[AnnotatedPicture]", truths: "Sequence[AnnotatedPicture]") -> dict[str, Any]:
-    """How many labels there are by category, how many of them are false, and how many objects have none.
-
-    Only categories that are labelled count. A label of an object that is to be ignored counts as nothing.
-    ``false_weight`` is the share of false labels in the weight of all.
-    """
-    known = {_name(picture): picture for picture in truths}
-    names = sorted({one.category for picture in labels for one in picture.annotations if not one.ignore})
-    counts = {name: {"labels": 0, "false": 0, "objects": 0, "missing": 0} for name in names}
-    weights = {"right": 0.0, "all": 0.0}
-    for picture in labels:
-        truth = known[_name(picture)]
-        pairs = objects_of(picture, truth)
-        neither = of_ignored(picture, truth, pairs)
-        labels_of = [one for one in picture.annotations if not any(one is other for other in neither)]
-        weights["right"] += sum(label.weight for label, _ in pairs)
-        weights["all"] += sum(one.weight for one in labels_of if not one.ignore)
-        for all_of, errors, annotations, right in (
-            ("labels", "false", labels_of, [label.category for label, _ in pairs]),
-            ("objects", "missing", truth.annotations, [one.category for _, one in pairs]),
-        ):
-            for name in names:
-                count = sum(one.category == name and not one.ignore for one in annotations)
-                counts[name][all_of] += count
-                counts[name][errors] += count - right.count(name)
-    return {"categories": counts, "false_weight": 1 - weights["right"] / max(weights["all"], 1e-9)}
-
-
-def objects_of(picture: "AnnotatedPicture", truth: "AnnotatedPicture") -> "list[tuple[Annotation, Annotation]]":
-    """Labels of a picture with the objects that they stand for, one to one; false labels are left out."""
-    from labeling.metrics.matching import MaskInstance, assign, pairwise_iou
-
-    labels, objects = ([one for one in both.annotations if not one.ignore] for both in (picture, truth))
-    ours, theirs = ([MaskInstance(0, one.category, one.rle) for one in some] for some in (labels, objects))
-    iou = pairwise_iou(ours, theirs)
-    same = np.array([[a.category == b.category for b in objects] for a in labels], bool).reshape(iou.shape)
-    return [(labels[p], objects[g]) for p, g in assign(np.where(same & (iou >= SAME_OBJECT), iou, 0.0))]
-
-
-def of_ignored(
-    picture: "AnnotatedPicture", truth: "AnnotatedPicture", pairs: "Sequence[tuple[Annotation, Annotation]]"
-) -> "list[Annotation]":
-    """Labels of a picture that stand for an object that is to be ignored, such as a sliver, and for none of ``pairs``
-    (``objects_of``).
-    """
-    from labeling.metrics.matching import MaskInstance, pairwise_iou
-
-    left = [one for one in picture.annotations if not one.ignore and not any(one is label for label, _ in pairs)]
-    ignored = [one for one in truth.annotations if one.ignore]
-    ours, theirs = ([MaskInstance(0, one.category, one.rle) for one in some] for some in (left, ignored))
-    near = pairwise_iou(ours, theirs) >= SAME_OBJECT
-    same = np.array([[a.category == b.category for b in ignored] for a in left], bool).reshape(near.shape)
-    return [left[place] for place in np.flatnonzero(np.any(near & same, axis=1))]
-
-
-def _name(picture: "AnnotatedPicture") -> tuple[str, ...]:
-    """Of a picture within its dataset: folder of the episode, and file."""
-    return picture.file.parts[-3:]

@@ -14,7 +14,7 @@ from experiments.cache.origin import MACHINE, machine_of, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.tables import table_5_5
-from experiments.tables.training_sets import Subset, TrainingSets
+from experiments.tables.training_sets import Subset, TrainingSets, known_categories
 from labeling.memory.settings.box_settings import TrainBoxesConfig
 from labeling.memory.settings.memory_spec import MemorySize
 
@@ -70,7 +70,7 @@ def run(context: RunContext) -> dict[str, Any]:
     size, sets = SIZES[context.scale], TrainingSets(WORLD, context)
     subsets: tuple[Subset, ...] = ("learn", "choose", table_5_5.TEST_SUBSET)
     episodes = {subset: sets.episodes(subset) for subset in subsets}
-    categories = table_5_5.known_categories()
+    categories = known_categories()
     frustum_train = table_5_5.TRAIN[context.scale]
     learners = [(labels, row, seed) for labels, row in LABELS.items() for seed in context.seeds]
     frustum_jobs = [table_5_5.train_job(row, sets, seed, categories, frustum_train) for _, row, seed in learners]

@@ -10,7 +10,7 @@ from typing import Any
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
-from experiments.tables.fine_tuning import count_errors
+from experiments.tables.label_errors import count_errors
 from experiments.tables.policy_evaluation import available_policies, training_of
 from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
 

@@ -17,7 +17,7 @@ from experiments.cache.origin import MACHINES, machines
 from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import DETECTOR
-from experiments.tables.training_sets import Subset, TrainingSets
+from experiments.tables.training_sets import Subset, TrainingSets, known_categories
 from labeling.detectors3d.config import Augment3dConfig, Train3dConfig
 
 LDLS, TUNED, CEILING = "LDLS", "LDLS, tuned", "supervised F-PointNet"
@@ -147,16 +147,6 @@ def sbm_network(world: str, seed: int, context: RunContext) -> tuple[str, tuple[
     categories = known_categories()
     job = train_job(SHARED, TrainingSets(world, context), seed, categories, TRAIN[context.scale])
     return train_detectors_3d([job], context)[0], categories
-
-
-def known_categories() -> tuple[str, ...]:
-    """Those that the 2-D detector has a name for."""
-    from labeling.detectors.registry import load_detector
-
-    names = load_detector(DETECTOR).categories
-    if names is None:
-        raise ValueError(f"{DETECTOR} does not say what it knows")
-    return tuple(sorted(names))
 
 
 def histories(networks: Sequence[str], jobs: Sequence[TrainJob3d]) -> list[dict[str, Any]]:

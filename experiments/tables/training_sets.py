@@ -304,6 +304,16 @@ class TrainingSets:
         return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
 
 
+def known_categories() -> tuple[str, ...]:
+    """Those that the 2-D detector has a name for."""
+    from labeling.detectors.registry import load_detector
+
+    names = load_detector(DETECTOR).categories
+    if names is None:
+        raise ValueError(f"{DETECTOR} does not say what it knows")
+    return tuple(sorted(names))
+
+
 def annotated_views(episodes: Sequence[Path], seed: int) -> "list[AnnotatedPicture]":
     """Only what a person has drawn for weak labels: one true mask of each object.
 

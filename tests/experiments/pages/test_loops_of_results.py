@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from experiments.figures.result_values import loop_errors
 from experiments.pages.results import loop_section, loop_trend, page
 from experiments.pages.summary import summary_table
 
@@ -53,7 +54,7 @@ def test_a_loop_tells_what_it_gains_of_what_ground_truth_teaches() -> None:
     assert section["gap"]["share"] == pytest.approx(0.7)  # (8 + 6) / 2 of 10 points
     assert section["gap"]["by_seed"] == ["0.80", "0.60"]
     assert section["gap"]["others"]["AP50 of boxes"] == "0.75"
-    of_truth = section["rounds"][2][6]
+    of_truth = section["rounds"][2][8]
     assert of_truth.startswith("50.0")
     assert [row[-1] for row in section["rounds"]] == ["-", "0.50 / - / -", "0.70 / 0.75 / -"]
     told = summary_table({"never_ending": content})
@@ -64,3 +65,23 @@ def test_a_loop_tells_what_it_gains_of_what_ground_truth_teaches() -> None:
         for one in loop["rounds"]:
             one.pop("ceiling", None)
     assert loop_section("never_ending", content)["gap"] is None
+
+
+def test_a_loop_tells_what_is_wrong_with_its_labels() -> None:
+    def errors(chairs: tuple[int, int, int, int], false_weight: float) -> dict[str, Any]:
+        chair = dict(zip(("labels", "false", "objects", "missing"), chairs, strict=True))
+        bed, car = {**chair, "labels": 0, "false": 0, "objects": 10, "missing": 10}, dict.fromkeys(chair, 0)
+        return {"errors": {"categories": {"bed": bed, "car": car, "chair": chair}, "false_weight": false_weight}}
+
+    first = [errors((36, 6, 40, 10), 0.1), errors((40, 0, 40, 0), 0.0)]
+    second = [errors((20, 0, 40, 20), 0.0), {}]  # of a version that did not count
+    content = {
+        "size": {"rounds": 2},
+        "before": {"mask_ap50": 0.4},
+        "loops": [{"stopped": None, "rounds": list(one)} for one in zip(first, second, strict=True)],
+    }
+    assert loop_errors(content, 1) == (pytest.approx([40.0, 20.0]), pytest.approx([10.0, 0.0]))  # 20 and 10 of 50
+    assert loop_errors(content, 2) == (pytest.approx([60.0]), pytest.approx([0.0]))
+    assert loop_errors({**content, "loops": []}, 1) == ([], [])
+    rows = loop_section("never_ending", content)["errors"]
+    assert rows == [["bed", "0", "0", "15", "15"], ["chair", "48", "3", "60", "15"]]  # sums over rounds, means of seeds

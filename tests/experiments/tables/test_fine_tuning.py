@@ -12,7 +12,8 @@ from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
-from experiments.tables.fine_tuning import ALONE, INTERPOLATED, LABELS, TEACHERS, count_errors, mended
+from experiments.tables.fine_tuning import ALONE, INTERPOLATED, LABELS, TEACHERS, mended
+from experiments.tables.label_errors import count_errors
 from experiments.tables.training_sets import TRUTH
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
@@ -72,6 +73,8 @@ def test_labels_are_mended_in_one_respect_after_the_other() -> None:
     errors = count_errors([labels], [truth])
     assert errors["categories"] == {"chair": {"labels": 3, "false": 2, "objects": 2, "missing": 1}}
     assert errors["false_weight"] == pytest.approx(0.8 / 1.6)
+    table = {"labels": 0, "false": 0, "objects": 1, "missing": 1}  # never labelled, but asked for
+    assert count_errors([labels], [truth], ["table"]) == {**errors, "categories": {"table": table}}
 
 
 def test_a_label_of_what_is_to_be_ignored_is_neither_right_nor_false() -> None:

@@ -193,7 +193,8 @@ def boxed_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setitem(SIZES, "smoke", Size(dict.fromkeys(WORLDS, (1, 1, 1)), (1, 1), FinetuneConfig()))
     monkeypatch.setattr(experiments.cache.episode_pool, "record", record)
-    monkeypatch.setattr(table_5_5, "known_categories", lambda: tuple(SIDES))
+    for module in (memory_boxes, table_5_5):
+        monkeypatch.setattr(module, "known_categories", lambda: tuple(SIDES))
 
 
 @pytest.mark.nightly
