@@ -34,8 +34,10 @@ if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 # C's allocator keeps what threads of tests have freed in pools of their own; two of them hold less than one for each
-# thread. Read when a process starts, and so by workers and programs.
+# thread. What has a megabyte or more is given back when it is freed: by default the bound rises with what is freed, so
+# that a worker keeps what its largest test has used. Read when a process starts, and so by workers and programs.
 os.environ.setdefault("MALLOC_ARENA_MAX", "2")
+os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", "1048576")
 # Compiled scenes go to a folder of this session, which all its processes share; converted furniture is the user's.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     from sbm_gym.store.cache_folder import cache_folder
