@@ -11,6 +11,7 @@ from experiments.loops import loop_parts, rounds
 from experiments.loops.rounds import SIZES
 from experiments.loops.signs import LabelStatistics
 from experiments.run import main
+from experiments.tables.training_sets import known_categories
 from labeling.io.episodes import read_episode
 from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
@@ -146,6 +147,7 @@ def test_parts_of_a_loop_are_taught_in_as_many_batches(
 ) -> None:
     content = run(tmp_path, "never_ending_parts", 1)
     assert [row["name"] for row in content["rows"]] == [
+        loop_parts.BEFORE,
         loop_parts.THE_LOOP,
         loop_parts.AT_ONCE,
         loop_parts.FIRST_HOMES,
@@ -166,7 +168,11 @@ def test_a_collapse_ends_the_loop_before_anything_is_learnt_from_it(
     monkeypatch.setattr(training_loop, "train_one_epoch", None)
     (loop,) = run(tmp_path, "never_ending", 1)["loops"]
     assert loop["stopped"] == "there are no labels"
-    assert [set(one) for one in loop["rounds"]] == [{"round", "labels", "signs"}]
+    assert [set(one) for one in loop["rounds"]] == [{"round", "labels", "errors", "signs"}]
+    counts = loop["rounds"][0]["errors"]["categories"]
+    assert set(counts) == set(known_categories())  # also those that no label is of
+    assert all(one["false"] <= one["labels"] and one["missing"] <= one["objects"] for one in counts.values())
+    assert any(one["objects"] for one in counts.values())
     assert "there are no labels" in (tmp_path / "docs" / "results.md").read_text()
     capsys.readouterr()
 
