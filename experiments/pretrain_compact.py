@@ -102,6 +102,7 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     from dataclasses import asdict, replace
 
     from experiments.pretraining.world_views import figures, summary, world_views
+    from labeling.core.masks import MASK_THRESHOLD
     from labeling.detectors.networks.calibration import fit_calibration, outcomes
     from labeling.detectors.networks.network_detector import NetworkDetector
     from labeling.detectors.networks.weights import load_network, save_network
@@ -109,7 +110,8 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     from labeling.formats.atomic import write_json
     from labeling.training.config import HISTORY_FILE
 
-    raw = NetworkDetector(network, "compact")
+    # As labels are made of what it finds: confidences are calibrated for these masks.
+    raw = NetworkDetector(network, "compact", mask_threshold=MASK_THRESHOLD)
     splits: tuple[Literal["train", "val"], ...] = ("train", "val")
     parts = {f"{world}_{split}": world_views(config.views, world, split) for world in WORLDS for split in splits}
     truths, found = detect_all(raw, val)
@@ -134,7 +136,7 @@ def _finish(config: CompactConfig, network: Any, val: list) -> None:
     if config.weights.stat().st_size > MAX_BYTES:
         raise UsageError(f"{config.weights} has more than {MAX_BYTES} bytes; the network is too large to ship")
     # Measured as shipped: in half precision and calibrated.
-    shipped = NetworkDetector(load_network(config.weights), "compact")
+    shipped = NetworkDetector(load_network(config.weights), "compact", mask_threshold=MASK_THRESHOLD)
     content = {
         "bytes": config.weights.stat().st_size,
         "config": json.loads(json.dumps(asdict(config), default=str)),

@@ -68,9 +68,10 @@ def run(command: DetectCommand) -> None:
 
 def _detecting(command: DetectCommand) -> "Callable[[Path], tuple[int, int] | None]":
     """What detects in one episode."""
+    from labeling.core.masks import MASK_THRESHOLD
     from labeling.detectors.registry import load_detector
 
-    detector = load_detector(command.detector, command.device, command.batch_size)
+    detector = load_detector(command.detector, command.device, command.batch_size, MASK_THRESHOLD)
     return partial(detect_episode, detector=detector, recording=command.recording, replace=command.replace)
 
 

@@ -8,11 +8,14 @@ from experiments.cache.stages import RunContext, Scale, digest
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.presets import PRESETS
+from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
 if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
 DETECTOR = "compact"
+CUT = "mask_threshold"
+"""What the record of results calls the probability from which on pixels are part of a predicted mask."""
 WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
 COMMAND = FinetuneConfig(replay_share=0.0)
 """How ``labeling.finetune`` fine-tunes without options: it has no photographs to replay."""
@@ -54,7 +57,8 @@ class Size:
     def settings(self, *worlds: str) -> dict[str, Any]:
         """What the record of results says about training in these worlds."""
         augment = {world: asdict(self.augment[world]) for world in worlds}
-        return {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
+        about = {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
+        return {**about, CUT: PREDICTED_MASK_THRESHOLD}
 
 
 QUICK_TRAIN = FinetuneConfig(iterations=240, validate_every=120, repeat_threshold=0.0, interpolate=1.0)

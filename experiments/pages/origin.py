@@ -1,14 +1,19 @@
-"""When and where results were made, and which are of an earlier label generator than others."""
+"""When and where results were made, and which are of an earlier label generator, or of masks cut otherwise."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON
+from experiments.cache.worlds import CUT
+from labeling.core.masks import MASK_THRESHOLD
+from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
 COMMIT_DIGITS = 7
 DAY = len("2026-11-26")
 """Characters of a time that say the day."""
 EARLIER = "**An earlier label generator than that of the latest results; made anew, these figures may differ.**"
+
+CUT_OTHERWISE = "Masks of detectors were cut at {was:g}, now they are at {now:g}."
 
 
 def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | None = None) -> dict[str, str]:
@@ -28,7 +33,7 @@ def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | No
         sentence = f"Made {when}at commit {commit}{changed}."
         if content.get(MACHINES):
             sentence += f" Trained on {', '.join(content[MACHINES])}."
-        found[name] = sentence + (f" {EARLIER}" if name in earlier else "")
+        found[name] = sentence + _cut_otherwise(content) + (f" {EARLIER}" if name in earlier else "")
     return found
 
 
@@ -50,6 +55,16 @@ def of_earlier_generator(contents: Mapping[str, Mapping[str, Any]]) -> set[str]:
     if newest is None:
         return set()
     return {name for name, content in contents.items() if content.get(GENERATOR) != contents[newest][GENERATOR]}
+
+
+def _cut_otherwise(content: Mapping[str, Any]) -> str:
+    """Says so where masks that detectors predict were cut at another probability than today."""
+    settings = content.get("settings")
+    has_predictions = any(row.get("labels") is None for row in content.get("rows", [{}]))
+    if not isinstance(settings, Mapping) or "photographs" not in settings or not has_predictions:
+        return ""
+    was = settings.get(CUT, MASK_THRESHOLD)  # results say it since it has changed
+    return "" if was == PREDICTED_MASK_THRESHOLD else " " + CUT_OTHERWISE.format(was=was, now=PREDICTED_MASK_THRESHOLD)
 
 
 def _newest(contents: Mapping[str, Mapping[str, Any]]) -> str | None:

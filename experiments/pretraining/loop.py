@@ -11,6 +11,7 @@ import torch
 
 from experiments.pretraining.augmentation import PretrainAugmentConfig, stream
 from labeling.core.errors import UsageError
+from labeling.core.masks import MASK_THRESHOLD
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.finetuning.dataset import Batch
 from labeling.detectors.finetuning.training import MaskRcnnTask
@@ -163,7 +164,8 @@ class PretrainTask(MaskRcnnTask):
         is_due = progress.iteration - scored >= self.config.validate_every or self.is_finished(progress)
         if not (self.validation and is_due):
             return {}
-        return {"ap50": evaluate(NetworkDetector(self.candidate, "pretraining"), self.validation).mask_ap50 or 0.0}
+        detector = NetworkDetector(self.candidate, "pretraining", mask_threshold=MASK_THRESHOLD)
+        return {"ap50": evaluate(detector, self.validation).mask_ap50 or 0.0}
 
     def save(self, path: Path, progress: Progress) -> None:
         """Writes the averaged weights."""

@@ -13,8 +13,9 @@ import numpy as np
 
 from experiments.cache import worlds
 from experiments.cache.stages import RunContext
-from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
+from experiments.cache.worlds import CUT, DETECTOR, SIZES, WORLDS
 from labeling.detectors.data.doubtful_labels import LEAST_CONFIDENCE
+from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 from labeling.generator.settings.label_config import LabelConfig
 from labeling.generator.settings.presets import PRESETS
 from labeling.generator.settings.source_config import SourceConfig
@@ -146,7 +147,13 @@ class TrainingSets:
         """Of training, with or without categories that no photograph has shown."""
         size = self._size
         train, augment = size.train_new() if new_categories else size.train, asdict(size.augment[self.world])
-        return {"detector": DETECTOR, "train": asdict(train), "augment": augment, "photographs": size.photographs}
+        return {
+            "detector": DETECTOR,
+            "train": asdict(train),
+            "augment": augment,
+            "photographs": size.photographs,
+            CUT: PREDICTED_MASK_THRESHOLD,
+        }
 
     def labels(self, subset: Subset, recipe: str, seed: int, detector: str | None = None) -> Path:
         """A label set, made or brought up to date when it is first asked for.

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from labeling.core.detector import Detector, DetectorError
 from labeling.core.errors import UsageError
+from labeling.core.masks import MASK_THRESHOLD
+from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
 COMPACT_FILE = Path(__file__).with_name("weights") / "compact.safetensors"
 DEFAULT = "compact"
@@ -30,13 +32,19 @@ def check_name(name: str) -> None:
     raise UsageError(f"unknown detector {name!r}{hint}; known: {', '.join(KINDS)}")
 
 
-def load_detector(name: str, device: str | None = None, batch_size: int = 8) -> Detector:
+def load_detector(
+    name: str,
+    device: str | None = None,
+    batch_size: int = 8,
+    mask_threshold: float = PREDICTED_MASK_THRESHOLD,
+) -> Detector:
     """Makes a detector from its name.
 
     Args:
         name: one of ``KINDS``.
         device: of networks: "cpu", "cuda", ...; by default a GPU if there is one.
         batch_size: pictures at a time, for detectors that can take several.
+        mask_threshold: from which probability on a pixel is part of the mask of a network, in [0, 1].
 
     Raises:
         UsageError: if there is no such detector.
@@ -56,7 +64,7 @@ package.module:function, the folder of a labeling.finetune run
         from labeling.detectors.networks.network_detector import NetworkDetector
 
         network, digest = load_named_network(name)
-        return NetworkDetector(network, name, digest, choose_device(device), batch_size)
+        return NetworkDetector(network, name, digest, choose_device(device), batch_size, mask_threshold)
     if name.startswith(ONNX_PREFIX):
         from labeling.detectors.adapters.onnx import OnnxDetector
 
@@ -70,7 +78,9 @@ package.module:function, the folder of a labeling.finetune run
 
 
 def detector_by_name(name: str) -> Detector:
-    """The detector of this name; loaded once, and again when its weights have changed.
+    """The detector of this name, for recordings and labels; loaded once, and again when its weights have changed.
+
+    Its masks are cut at .5, as when the label generator was calibrated; larger ones label no better.
 
     Raises:
         SbmError: if there is none, or its files are missing or damaged.
@@ -82,7 +92,7 @@ def detector_by_name(name: str) -> Detector:
 
 @lru_cache(maxsize=2)
 def _loaded(name: str, stamp: tuple[int, int] | None) -> Detector:
-    return load_detector(name)
+    return load_detector(name, mask_threshold=MASK_THRESHOLD)
 
 
 def load_named_network(name: str):

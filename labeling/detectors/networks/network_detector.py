@@ -5,10 +5,11 @@ import torch
 from jaxtyping import Float32, UInt8
 
 from labeling.core.detector import PictureDetections
-from labeling.core.masks import paste_mask
+from labeling.core.masks import MASK_THRESHOLD, paste_mask
 from labeling.detectors.data.augment import resize_picture
 from labeling.detectors.networks.calibration import calibrated
 from labeling.detectors.networks.mask_rcnn import STRIDE, Network, fused
+from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 from labeling.runtime.threads import settle_network_threads
 
 
@@ -16,12 +17,28 @@ class NetworkDetector:
     """Runs a network."""
 
     def __init__(
-        self, network: Network, name: str, digest: str = "", device: str | torch.device = "cpu", batch_size: int = 8
+        self,
+        network: Network,
+        name: str,
+        digest: str = "",
+        device: str | torch.device = "cpu",
+        batch_size: int = 8,
+        mask_threshold: float = PREDICTED_MASK_THRESHOLD,
     ) -> None:
+        """Takes a network, and moves a copy of it to a device.
+
+        Args:
+            network: any.
+            name: of the detector.
+            digest: of its weights.
+            device: where it runs.
+            batch_size: pictures at a time.
+            mask_threshold: from which probability on a pixel is part of a mask, in [0, 1].
+        """
         settle_network_threads()
         self.name, self.digest, self.batch_size = name, digest, batch_size
         self.spec, self.categories = network.spec, network.spec.names
-        self._device = torch.device(device)
+        self._device, self._mask_threshold = torch.device(device), mask_threshold
         self.network = fused(network).to(self._device)
 
     def detect(
@@ -51,7 +68,8 @@ class NetworkDetector:
     def _as_detections(self, output: dict, grow: np.ndarray, size: tuple[int, int]) -> PictureDetections:
         names = [self.spec.categories[label - 1] for label in output["labels"].tolist()]
         boxes = output["boxes"].float().numpy() * grow
-        probability = output["masks"][:, 0].float().numpy()
+        # Pasting cuts at MASK_THRESHOLD. What is added to all cells alike moves the cut: it interpolates linearly.
+        probability = output["masks"][:, 0].float().numpy() + np.float32(MASK_THRESHOLD - self._mask_threshold)
         scores = calibrated(output["scores"].float().numpy(), self.spec.calibration)
         kept, masks = [], []
         for index, name in enumerate(names):

@@ -25,6 +25,7 @@ from experiments.pages.markdown import write_page
 from experiments.pages.origin import EARLIER, origins, section_of_origins
 from experiments.pages.results import PAGE, compare_categories, page, read_results
 from labeling.core.errors import SbmError
+from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
 ROOT = Path(__file__).resolve().parents[3]
 RESULTS = ROOT / "experiments" / "results"
@@ -312,6 +313,20 @@ def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> Non
     text = page({"table_5_3": {**table(), "made_on": "2026-11-20", "label_generator": "old"}})
     assert "Made on 2026-11-20" in text
     assert EARLIER not in text  # there is none to compare it with
+
+
+def test_results_say_whether_masks_of_detectors_were_cut_where_they_are_now() -> None:
+    said = f"Masks of detectors were cut at 0.5, now they are at {PREDICTED_MASK_THRESHOLD:g}."
+    settings = {"photographs": [1200, 600]}
+    contents = {
+        "before": {"settings": settings, "rows": [{"labels": "sbm"}, {"labels": None}]},
+        "loop": {"settings": settings},
+        "now": {"settings": {**settings, "mask_threshold": PREDICTED_MASK_THRESHOLD}, "rows": [{"labels": None}]},
+        "of labels alone": {"settings": settings, "rows": [{"labels": "sbm"}]},
+        "of boxes": {"settings": {"train": {}}, "rows": [{"labels": None}]},
+        "of neither": {},
+    }
+    assert {name for name, sentence in origins(contents).items() if said in sentence} == {"before", "loop"}
 
 
 def test_a_page_ends_with_where_its_figures_come_from() -> None:

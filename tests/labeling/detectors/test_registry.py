@@ -19,7 +19,7 @@ from labeling.detectors.networks.coco_weights import category_names_of_coco
 from labeling.detectors.networks.mask_rcnn import build_network
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.weights import save_network
-from labeling.detectors.registry import check_name, load_detector, load_named_network
+from labeling.detectors.registry import check_name, detector_by_name, load_detector, load_named_network
 from labeling.training.config import WEIGHTS_FILE
 
 from ..synthetic_room import make_episode
@@ -45,6 +45,16 @@ def test_unknown_names_are_told_what_is_known(name):
 def test_a_folder_without_a_network_is_said_to_be_one(tmp_path):
     with pytest.raises(UsageError, match=r"holds no detector\.safetensors"):
         load_detector(str(tmp_path))
+
+
+def test_predicted_masks_have_pixels_that_those_of_recordings_and_labels_have_not(run_folder, monkeypatch):
+    box = torch.tensor([[4.0, 4.0, 20.0, 24.0]])
+    output = {"boxes": box, "labels": torch.tensor([1]), "scores": torch.tensor([0.9])}
+    pictures = np.zeros((1, 128, 128, 3), np.uint8)
+    for make, pixels in ((load_detector, 16 * 20), (detector_by_name, 0)):
+        detector = make(str(run_folder))
+        monkeypatch.setattr(detector, "network", lambda *_: [{**output, "masks": torch.full((1, 1, 28, 28), 0.45)}])
+        assert detector.detect(pictures)[0].masks.sum() == pixels
 
 
 @pytest.mark.slow

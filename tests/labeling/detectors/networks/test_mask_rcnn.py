@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from scipy.ndimage import map_coordinates
 
 from labeling.core.detector import DetectorError
 from labeling.core.masks import paste_mask
@@ -254,6 +255,32 @@ def test_outputs_without_a_name_are_not_reported(network, pictures):
 
 def test_no_pictures_no_findings(network):
     assert NetworkDetector(network, "toy").detect(np.zeros((0, 64, 64, 3), np.uint8)) == []
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.25, 0.4, 0.5, 0.8])
+def test_masks_are_the_pixels_whose_interpolated_probability_is_above_the_threshold(network, threshold):
+    rng = np.random.default_rng(0)
+    size, count = (64, 96), 6
+    corners = rng.uniform((0, 0), (60, 30), (count, 2))
+    boxes = np.hstack([corners, corners + rng.uniform(10, 36, (count, 2))]).astype(np.float32)
+    cells = rng.uniform(size=(count, 28, 28)).astype(np.float32)
+    output = {
+        "boxes": torch.from_numpy(boxes),
+        "labels": torch.ones(count, dtype=torch.int64),
+        "scores": torch.linspace(0.9, 0.1, count),
+        "masks": torch.from_numpy(cells)[:, None],
+    }
+    detector = NetworkDetector(network, "toy", mask_threshold=threshold)
+    detector.network = lambda pictures, sizes: [output]
+    found = detector.detect(np.zeros((1, *size, 3), np.uint8))[0]
+    np.testing.assert_array_equal(found.boxes_xyxy, boxes)
+    y, x = np.mgrid[: size[0], : size[1]] + 0.5
+    for mask, (left, top, right, bottom), probability in zip(found.masks, boxes, cells, strict=True):
+        places = [(y - top) * 28 / (bottom - top) - 0.5, (x - left) * 28 / (right - left) - 0.5]
+        expected = map_coordinates(probability, places, order=1, mode="nearest")
+        inside = (x > np.floor(left)) & (x < np.ceil(right)) & (y > np.floor(top)) & (y < np.ceil(bottom))
+        near = np.abs(expected - threshold) < 0.03  # cv2 interpolates at 1/32 of a cell
+        np.testing.assert_array_equal(mask[~near], ((expected > threshold) & inside)[~near])
 
 
 def test_pasted_masks_agree_with_torchvisions():
