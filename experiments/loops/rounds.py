@@ -149,14 +149,15 @@ class SeedRounds:
         """The fine-tuning that goes on with the network of the round before, on the views of all rounds so far."""
         return self._job(self._detectors[teacher], teacher, None, 1, f"{teacher} of {len(self.records)} rounds")
 
-    def anew(self, episodes: Iterable[str] | None, title: str) -> "TrainJob":
-        """The fine-tuning of the pre-trained network on labels, in as many batches as all rounds so far have together.
+    def anew(self, episodes: Iterable[str] | None, title: str, teacher: str = LABELS) -> "TrainJob":
+        """The fine-tuning of the pre-trained network, in as many batches as all rounds so far have together.
 
         Args:
             episodes: names of those to learn from and to choose by; None takes all so far.
             title: for the records.
+            teacher: one of ``SCORES``.
         """
-        return self._job(DETECTOR, LABELS, episodes, len(self.records), title)
+        return self._job(DETECTOR, teacher, episodes, len(self.records), title)
 
     def episodes_of(self, number: int) -> list[str]:
         """Names of the episodes of a round, from 1."""
