@@ -151,9 +151,12 @@ def test_parts_of_a_loop_are_taught_in_as_many_batches(
         loop_parts.THE_LOOP,
         loop_parts.AT_ONCE,
         loop_parts.FIRST_HOMES,
+        loop_parts.TRUE_AT_ONCE,
+        loop_parts.TRUE_LOOP,
     ]
     assert all(0 <= run["mask_ap50"] <= 1 for row in content["rows"] for run in row["runs"])
-    of_round, once = TRAIN_SIZES["smoke"].train.iterations, {loop_parts.AT_ONCE, loop_parts.FIRST_HOMES}
+    of_round = TRAIN_SIZES["smoke"].train.iterations
+    once = {loop_parts.AT_ONCE, loop_parts.FIRST_HOMES, loop_parts.TRUE_AT_ONCE}
     found = {one["about"]["labels"]: one for one in trained(tmp_path)}
     assert {found[name]["about"]["started_from"] for name in once} == {"compact"}
     assert {found[name]["train"]["iterations"] for name in once} == {SIZES["smoke"].rounds * of_round}
