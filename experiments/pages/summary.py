@@ -95,7 +95,8 @@ def _gap_of(row: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[Mapping
         return None if last is None else (last, LOOP_GAP)
     if row["kind"] != "share":
         return None
-    return (content, GAP) if set(GAP) <= {one["name"] for one in content["rows"]} else None
+    gap: Gap = row.get("gap", GAP)
+    return (content, gap) if set(gap) <= {one["name"] for one in content["rows"]} else None
 
 
 def _less(after: list[float], before: float | None) -> float | None:

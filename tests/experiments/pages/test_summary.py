@@ -40,6 +40,14 @@ def test_shares_stand_beside_the_thesis_the_release_before_and_the_goal() -> Non
     assert cells(text, "streets: one test town")[2] == NOT_RUN
 
 
+def test_a_row_may_be_of_another_gap_than_that_of_shared_labels() -> None:
+    (row,) = (one for one in ROWS if "gap" in one)
+    content = detectors((0.4, 0.5, 0.6), (0.5, 0.59, 0.6))
+    for run, name in zip(content["rows"], row["gap"], strict=True):
+        run["name"] = name
+    assert cells(summary_table({row["table"]: content}), row["what"])[2] == "0.50 / 0.90"
+
+
 def test_figures_of_an_earlier_generator_are_marked() -> None:
     old = {**detectors((0.4, 0.5, 0.6), (0.5, 0.55, 0.6)), "made_on": "2026-01-01", "label_generator": "a"}
     text = summary_table({"table_5_3": old, "table_5_1": {**old, "made_on": "2026-02-01", "label_generator": "b"}})
@@ -70,4 +78,4 @@ def test_every_row_is_of_an_experiment_that_there_is_and_says_what_its_file_says
     if row["kind"] == "share" and file.is_file():
         content = json.loads(file.read_text())
         told = cells(summary_table({row["table"]: content}), row["what"])[2]
-        assert told.startswith(f"{gap_share(content, GAP):.2f}")
+        assert told.startswith(f"{gap_share(content, row.get('gap', GAP)):.2f}")
