@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from experiments.cache.origin import MASKS_FROM
 from experiments.cache.stages import RunContext, Scale, digest
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
     from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 
 DETECTOR = "compact"
-CUT = "mask_threshold"
-"""What the record of results calls the probability from which on pixels are part of a predicted mask."""
 WORLDS = {"rooms": "sbm_gym/Indoor-v0", "streets": "sbm_gym/Outdoor-v0"}
 COMMAND = FinetuneConfig(replay_share=0.0)
 """How ``labeling.finetune`` fine-tunes without options: it has no photographs to replay."""
@@ -58,7 +57,7 @@ class Size:
         """What the record of results says about training in these worlds."""
         augment = {world: asdict(self.augment[world]) for world in worlds}
         about = {"train": asdict(self.train), "augment": augment, "photographs": self.photographs}
-        return {**about, CUT: PREDICTED_MASK_THRESHOLD}
+        return {**about, MASKS_FROM: PREDICTED_MASK_THRESHOLD}
 
 
 QUICK_TRAIN = FinetuneConfig(iterations=240, validate_every=120, repeat_threshold=0.0, interpolate=1.0)

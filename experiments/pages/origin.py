@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON
-from experiments.cache.worlds import CUT
+from experiments.cache.origin import GENERATOR, MACHINES, MADE_ON, MASKS_FROM
 from labeling.core.masks import MASK_THRESHOLD
 from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
@@ -12,7 +11,6 @@ COMMIT_DIGITS = 7
 DAY = len("2026-11-26")
 """Characters of a time that say the day."""
 EARLIER = "**An earlier label generator than that of the latest results; made anew, these figures may differ.**"
-
 CUT_OTHERWISE = "Masks of detectors were cut at {was:g}, now they are at {now:g}."
 
 
@@ -63,7 +61,7 @@ def _cut_otherwise(content: Mapping[str, Any]) -> str:
     has_predictions = any(row.get("labels") is None for row in content.get("rows", [{}]))
     if not isinstance(settings, Mapping) or "photographs" not in settings or not has_predictions:
         return ""
-    was = settings.get(CUT, MASK_THRESHOLD)  # results say it since it has changed
+    was = settings.get(MASKS_FROM, MASK_THRESHOLD)
     return "" if was == PREDICTED_MASK_THRESHOLD else " " + CUT_OTHERWISE.format(was=was, now=PREDICTED_MASK_THRESHOLD)
 
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from experiments.cache import worlds
+from experiments.cache.origin import MASKS_FROM
 from experiments.cache.stages import RunContext
-from experiments.cache.worlds import CUT, DETECTOR, SIZES, WORLDS
+from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
 from labeling.detectors.data.doubtful_labels import LEAST_CONFIDENCE
 from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 from labeling.generator.settings.label_config import LabelConfig
@@ -152,7 +153,7 @@ class TrainingSets:
             "train": asdict(train),
             "augment": augment,
             "photographs": size.photographs,
-            CUT: PREDICTED_MASK_THRESHOLD,
+            MASKS_FROM: PREDICTED_MASK_THRESHOLD,
         }
 
     def labels(self, subset: Subset, recipe: str, seed: int, detector: str | None = None) -> Path:

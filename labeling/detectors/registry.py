@@ -44,10 +44,11 @@ def load_detector(
         name: one of ``KINDS``.
         device: of networks: "cpu", "cuda", ...; by default a GPU if there is one.
         batch_size: pictures at a time, for detectors that can take several.
-        mask_threshold: from which probability on a pixel is part of the mask of a network, in [0, 1].
+        mask_threshold: from which probability on a pixel is part of the mask of a network, in [0, 1]; by default what is best for predictions.
+            Other detectors have thresholds of their own.
 
     Raises:
-        UsageError: if there is no such detector.
+        UsageError: if there is no such detector, or a number makes no sense.
         DetectorError: if its files are missing or damaged.
 
     Example:
@@ -60,6 +61,8 @@ package.module:function, the folder of a labeling.finetune run
     check_name(name)
     if batch_size < 1:
         raise UsageError(f"--batch-size must be at least 1, not {batch_size}")
+    if not 0 <= mask_threshold <= 1:
+        raise UsageError(f"mask_threshold is a probability, from 0 to 1, not {mask_threshold:g}")
     if name in NAMES or is_run(name):
         from labeling.detectors.networks.network_detector import NetworkDetector
 
@@ -80,7 +83,7 @@ package.module:function, the folder of a labeling.finetune run
 def detector_by_name(name: str) -> Detector:
     """The detector of this name, for recordings and labels; loaded once, and again when its weights have changed.
 
-    Its masks are cut at .5, as when the label generator was calibrated; larger ones label no better.
+    Its masks are cut at .5, for which the label generator is calibrated.
 
     Raises:
         SbmError: if there is none, or its files are missing or damaged.

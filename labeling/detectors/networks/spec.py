@@ -14,7 +14,8 @@ ARCHITECTURES = ("compact", "maskrcnn_resnet50_fpn")
 PREDICTED_MASK_THRESHOLD = 0.4
 """From this probability on a pixel is part of a predicted mask. At .5 masks are as large as things are, but lack their
 ends, of which no pixel is likely enough: boxes around masks are too small. Chosen on homes and towns of the endless
-split (docs/design-notes.md). Source: Lipton et al. 2014, "Optimal Thresholding of Classifiers to Maximize F1"."""
+split (docs/design-notes.md). Source: Lipton et al. 2014, "Optimal Thresholding of Classifiers to Maximize F1
+Measure"."""
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,12 @@ def test_predicted_masks_have_pixels_that_those_of_recordings_and_labels_have_no
         assert detector.detect(pictures)[0].masks.sum() == pixels
 
 
+@pytest.mark.parametrize("threshold", [-0.1, 1.5, float("nan")])
+def test_a_mask_threshold_is_a_probability(threshold):
+    with pytest.raises(UsageError, match="mask_threshold is a probability, from 0 to 1, not"):
+        load_detector("compact", mask_threshold=threshold)
+
+
 @pytest.mark.slow
 def test_a_run_is_a_detector_by_its_folder_and_by_its_file(run_folder):
     picture = draw(0)[0][None]
