@@ -19,8 +19,8 @@ networks were trained on (earlier results do not say it of detectors).
 MACHINE = "machine"
 """What rows of memories call what their network was trained on; earlier rows have none."""
 MASKS_FROM = "mask_threshold"
-"""What their settings call the probability from which on a pixel is part of a predicted mask; earlier ones, which cut at
-.5, do not say it."""
+"""What their settings call the probability from which on a pixel is part of a predicted mask; earlier ones, which cut
+at .5, do not say it."""
 FURNITURE = "furniture"
 """What they call the digests of the installed furniture libraries, by file name."""
 DIGITS = 16

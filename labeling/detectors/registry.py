@@ -44,8 +44,8 @@ def load_detector(
         name: one of ``KINDS``.
         device: of networks: "cpu", "cuda", ...; by default a GPU if there is one.
         batch_size: pictures at a time, for detectors that can take several.
-        mask_threshold: from which probability on a pixel is part of the mask of a network, in [0, 1]; by default what is best for predictions.
-            Other detectors have thresholds of their own.
+        mask_threshold: from which probability on a pixel is part of the mask of a network, in [0, 1]; by default what
+            is best for predictions. Other detectors have thresholds of their own.
 
     Raises:
         UsageError: if there is no such detector, or a number makes no sense.
