@@ -13,6 +13,7 @@ from experiments.benchmarks.rows import Row, log, median_seconds, timed
 
 if TYPE_CHECKING:
     from labeling.core.detector import Detector
+    from labeling.detectors.networks.losses import Target
     from labeling.detectors.networks.mask_rcnn import Network
     from labeling.detectors.networks.network_detector import NetworkDetector
 
@@ -62,6 +63,58 @@ def measure(quick: bool) -> Iterator[Row]:
         seconds, found = _per_frame(detector, _views(size), repeats)
         what = f"compact {size}x{size}, batch {BATCH}, views of a room: {found:g} detections a frame"
         yield Row(what, "limit", seconds, None, f"< {1e3 * limit:g} ms", seconds < limit)
+    yield from _one_thread(repeats)
+
+
+def _one_thread(repeats: int) -> Iterator[Row]:
+    """What ``PointwiseConv2d`` saves where networks compute in one thread, as in a recording or training of several."""
+    import torch
+
+    from labeling.detectors.networks.pointwise import PointwiseConv2d
+    from labeling.detectors.registry import load_detector, load_named_network
+    from labeling.runtime.threads import one_network_thread
+
+    size = max(LIMITS_S)
+    pictures, network = _views(size), load_named_network("compact")[0]
+    with one_network_thread():
+        detector = load_detector("compact", "cpu", BATCH)
+        targets = _targets(detector, pictures)
+        batch = torch.from_numpy(pictures).permute(0, 3, 1, 2)
+
+        def step() -> None:
+            network.zero_grad()
+            sum(network(batch, [(size, size)] * BATCH, targets).values()).backward()
+
+        network.train()
+        for what, work, share in (
+            (
+                f"compact {size}x{size}, batch {BATCH}, views of a room, one thread",
+                lambda: detector.detect(pictures),
+                BATCH,
+            ),
+            (f"gradient of compact's losses, {BATCH} pictures of {size}x{size}, one thread", step, 1),
+        ):
+            ours = median_seconds(work, repeats) / share
+            with mock.patch.object(PointwiseConv2d, "forward", torch.nn.Conv2d.forward):
+                theirs = median_seconds(work, repeats) / share
+            yield Row(what, "1x1 convolutions as PyTorch chooses", ours, theirs)
+
+
+def _targets(detector: "Detector", pictures: UInt8[np.ndarray, "b h w 3"]) -> "list[Target]":
+    """What the detector finds, to be learnt."""
+    import torch
+
+    return [
+        {
+            "boxes": torch.from_numpy(one.boxes_xyxy),
+            "labels": torch.ones(len(one.scores), dtype=torch.int64),
+            "masks": torch.from_numpy(one.masks).to(torch.uint8),
+            "weights": torch.ones(len(one.scores)),
+            "ignored": torch.zeros(0, 4),
+            "unannotated": torch.zeros(0, dtype=torch.int64),
+        }
+        for one in detector.detect(pictures)
+    ]
 
 
 def _views(size: int) -> UInt8[np.ndarray, "b h w 3"]:

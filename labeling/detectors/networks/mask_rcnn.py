@@ -14,6 +14,7 @@ from labeling.core.detector import DetectorError
 from labeling.detectors.networks.compact import compact_parts
 from labeling.detectors.networks.efficientnet_lite import load_imagenet_weights
 from labeling.detectors.networks.losses import Target, WeightedHeads, WeightedProposals
+from labeling.detectors.networks.pointwise import use_pointwise
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.torchvision_operators import torchvision
 
@@ -35,6 +36,7 @@ class Network(nn.Module):
         self.backbone = parts.backbone
         self.rpn = WeightedProposals.from_torchvision(parts.rpn)
         self.roi_heads = WeightedHeads.from_torchvision(parts.roi_heads)
+        use_pointwise(self)
         self.frozen_statistics = True
         """Whether batch normalisation keeps its statistics while training, as small batches want it."""
         self.mean: torch.Tensor
