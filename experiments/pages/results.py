@@ -52,6 +52,7 @@ TITLES = {
     "table_a_1": "Table A.1: the consistency filter",
     "table_a_2": "Table A.2: labels of novel categories",
     "table_a_3": "Table A.3: detectors of novel categories",
+    "table_a_3_homes": "Table A.3, every episode in a home of its own",
     "label_modes": "Presets of the label generator, and what they teach",
     "never_ending_parts": "What the loop gains by going round, and by new homes",
 }

@@ -52,6 +52,8 @@ class Table:
     """Whether training scenes do without the models that final scenes show."""
     as_command: bool = False
     """Whether detectors are fine-tuned as ``labeling.finetune`` does without options, not as the scale has it."""
+    endless: bool = False
+    """Whether each episode to learn from is of an endless scene of its own, and none of a training scene."""
 
     def run(self, context: RunContext) -> dict[str, Any]:
         """Makes what is missing and scores every row with every seed.
@@ -69,6 +71,7 @@ class Table:
             unseen_models=self.unseen_models,
             new_categories=new,
             as_command=self.as_command,
+            endless=self.endless,
         )
         detectors = self._detectors(sets, context.seeds)
         rows: dict[str, list[dict[str, Any]]] = {row.name: [] for row in self.rows}
@@ -165,7 +168,7 @@ def read_table(content: Mapping[str, Any]) -> Table:
     rows = [{**row, "new_categories": tuple(row.get("new_categories", ()))} for row in content["rows"]]
     lists = {name: tuple(map(tuple, content.get(name, ()))) for name in ("gaps", "above")}
     categories = tuple(content["categories"]) if "categories" in content else None
-    flags = {name: content.get(name, False) for name in ("unseen_models", "as_command")}
+    flags = {name: content.get(name, False) for name in ("unseen_models", "as_command", "endless")}
     made = tuple(Row(**row) for row in rows)
     return Table(content["description"], content["world"], made, categories, **lists, **flags)
 

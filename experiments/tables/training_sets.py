@@ -46,6 +46,8 @@ SEEDS: dict[Subset, int] = {"choose": 1, "dev": 20}
 """Of the order of scenes, where it is not 0; that of ``dev`` differs from those of what learns in endless scenes."""
 RECORDING_SEEDS = 100
 """So far apart are the seeds of two recordings of the same training scenes."""
+ENDLESS_SEED = 40
+"""Of the order of endless scenes, where these are learnt from."""
 STREETS = {"erosions": 3, "outlier_spread": 2.0, "crop_m": 6.0, "max_crop_m": 6.0}
 """The thesis' own label settings for streets. Source: field notes."""
 PER_CLASS = {"mask_ap50": "ap50", "mask_ap30": "ap30", "box_ap50": "box_ap50", "box_ap30": "box_ap30"}
@@ -113,6 +115,7 @@ class TrainingSets:
         new_categories: bool = False,
         as_command: bool = False,
         recording: int = 0,
+        endless: bool = False,
     ) -> None:
         """Makes nothing yet.
 
@@ -125,8 +128,11 @@ class TrainingSets:
             as_command: fine-tune as ``labeling.finetune`` does without options, not as the scale has it.
             recording: another number, other episodes of the same training scenes; the same number, the same starts,
                 whoever moves. What is reported on does not change.
+            endless: learn from one episode in each of as many scenes of the endless split, not from several in each of
+                the few training scenes.
         """
         self.world, self._context, self._policy, self._unseen_models = world, context, policy, unseen_models
+        self._endless = endless
         self._new_categories, self._recording = new_categories, recording
         size = SIZES[context.scale]
         self._size = size.as_command() if as_command else size
@@ -308,6 +314,8 @@ class TrainingSets:
         name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
         if split == "train":
             seed += RECORDING_SEEDS * self._recording
+            if self._endless:
+                split, seed = "endless", seed + ENDLESS_SEED
         env, unseen = WORLDS[self.world], self._unseen_models
         return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
 
