@@ -142,13 +142,31 @@ class TrainingSets:
         """Folders of recorded episodes."""
         from experiments.cache.episode_pool import record
 
-        return record(self._pool(subset), self._context)
+        return record(self.pool(subset), self._context)
+
+    def pool(self, subset: Subset) -> "EpisodePool":
+        """What is recorded to have its episodes."""
+        from experiments.cache.episode_pool import EpisodePool
+
+        learn, choose, report = self._size.episodes[self.world]
+        if self._new_categories and self._size.new_episodes:
+            learn = self._size.new_episodes
+        wide, dev = self._size.wide[self.world], self._size.dev[self.world]
+        counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report}
+        counts |= {"wide": wide, "final": wide}
+        name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
+        if split == "train":
+            seed += RECORDING_SEEDS * self._recording
+            if self._endless:
+                split, seed = "endless", seed + ENDLESS_SEED
+        env, unseen = WORLDS[self.world], self._unseen_models
+        return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
 
     def pool_record(self, subset: Subset) -> dict[str, Any]:
         """What the record of results says about them."""
         from experiments.cache.episode_pool import pool_record
 
-        return pool_record(self._pool(subset), self.episodes(subset))
+        return pool_record(self.pool(subset), self.episodes(subset))
 
     def settings(self, new_categories: bool = False) -> dict[str, Any]:
         """Of training, with or without categories that no photograph has shown."""
@@ -301,23 +319,6 @@ class TrainingSets:
         if made.weak:
             sources = SourceConfig(weak="one-view")
         return make_labels(self.episodes(subset), seed, self._context, settings, sources, made.shared)
-
-    def _pool(self, subset: Subset) -> "EpisodePool":
-        from experiments.cache.episode_pool import EpisodePool
-
-        learn, choose, report = self._size.episodes[self.world]
-        if self._new_categories and self._size.new_episodes:
-            learn = self._size.new_episodes
-        wide, dev = self._size.wide[self.world], self._size.dev[self.world]
-        counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report}
-        counts |= {"wide": wide, "final": wide}
-        name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
-        if split == "train":
-            seed += RECORDING_SEEDS * self._recording
-            if self._endless:
-                split, seed = "endless", seed + ENDLESS_SEED
-        env, unseen = WORLDS[self.world], self._unseen_models
-        return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
 
 
 def known_categories() -> tuple[str, ...]:

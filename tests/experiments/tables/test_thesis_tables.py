@@ -9,7 +9,7 @@ import pytest
 
 from experiments.ablations import label_modes
 from experiments.cache.registry import experiments
-from experiments.cache.stages import RunContext
+from experiments.cache.stages import RunContext, Scale
 from experiments.cache.worlds import SIZES, WORLDS
 from experiments.figures.result_values import MEANS
 from experiments.run import main
@@ -32,6 +32,7 @@ from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
 from labeling.training.config import CONFIG_FILE
 from sbm_gym.assets.models.classes import NOVEL_CATEGORIES
+from sbm_gym.worlds.splits import INTERIORS
 
 from ...labeling.synthetic_room import make_episode
 
@@ -86,6 +87,23 @@ def test_some_tables_fine_tune_as_the_command_does_without_options(
     assert not alone.replay, "the command has no photographs"
     assert replaying.replay
     assert sets[0].photographs()[1], "forgetting is measured"
+
+
+@pytest.mark.parametrize("scale", SIZES)
+def test_a_table_may_learn_in_homes_of_the_endless_split_none_of_which_it_is_told_in(
+    scale: Scale, tmp_path: Path
+) -> None:
+    assert {name for name, table in TABLES.items() if table.endless} == {"table_a_3_homes"}
+    sets = TrainingSets("rooms", RunContext(scale, (0,), 1, tmp_path), new_categories=True, endless=True)
+    pools = {subset: sets.pool(subset) for subset in SPLITS}
+    assert {subset for subset, pool in pools.items() if pool.split == "endless"} == {"learn", "choose", "dev"}
+    endless, begun = INTERIORS.of_split("endless"), {}
+    for subset in ("learn", "choose", "dev"):
+        order = np.random.default_rng([pools[subset].seed, 0]).permutation(len(endless))
+        begun[subset] = {endless[int(number)] for number in order[: pools[subset].episodes]}
+        assert len(begun[subset]) == pools[subset].episodes, "each in a home of its own"
+    assert begun["learn"].isdisjoint(begun["dev"])
+    assert begun["choose"].isdisjoint(begun["learn"] | begun["dev"])
 
 
 @pytest.mark.parametrize("name", TABLES)
