@@ -31,6 +31,7 @@ from experiments.pages.markdown import Pictures, mean_std, plural, points, read_
 from experiments.pages.origin import origins
 from experiments.pages.summary import summary_table
 from labeling.core.errors import SbmError
+from sbm_gym.worlds.splits import ENDLESS
 
 PAGE = "results.md"
 TITLES = {
@@ -212,7 +213,7 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for row in content["rows"]:
         thesis = MEANS.get(name, {}).get(row["name"], {})
-        cells = [row["name"], SUBSETS[row["part"]][0]]
+        cells = [row["name"], _where(content, row["part"])]
         for figure in ("ap50", "ap30"):
             cells += [mean_std(values(row, figure)), f"{thesis[figure]:.1f}" if figure in thesis else "-"]
         if _has_boxes(content):
@@ -223,6 +224,12 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
             cells += [mean_std(values(row, figure)) for figure in ("own_box_ap50", "own_box_ap")]
         rows.append(cells)
     return rows
+
+
+def _where(content: Mapping[str, Any], part: str) -> str:
+    """Where the views of a row are."""
+    is_endless = content["pools"].get(part, {}).get("split") == ENDLESS
+    return "endless scenes, one for each episode" if is_endless and part != "dev" else SUBSETS[part][0]
 
 
 def _on_photographs(content: Mapping[str, Any]) -> list[str]:
