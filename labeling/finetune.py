@@ -49,8 +49,8 @@ class FinetuneCommand(TrainingCommand):
     new_categories: bool = False
     """Learn categories that the detector has no name for yet; otherwise they are background."""
     preset: FinetunePreset = "default"
-    """Where the settings of training start from: the best known, or the thesis' ("paper"). Other flags change single
-    settings of it."""
+    """Where the settings of training start from: the best known, those for ``--new-categories``, or the thesis'
+    ("paper"). Other flags change single settings of it."""
     train: tyro.conf.OmitArgPrefixes[FinetuneConfig] = field(default_factory=FinetuneConfig)
     augment: tyro.conf.OmitArgPrefixes[AugmentConfig] = field(default_factory=AugmentConfig)
 

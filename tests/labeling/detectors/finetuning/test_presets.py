@@ -12,6 +12,7 @@ from labeling.detectors.finetuning.presets import PRESETS
 def test_defaults_are_those_of_the_tables_but_for_interpolation() -> None:
     assert FinetuneConfig() == PRESETS["default"] == replace(SIZES["standard"].train, interpolate=0.7)
     assert PRESETS["paper"] == SIZES["full"].train
+    assert PRESETS["new-categories"] == replace(SIZES["standard"].train_new(), interpolate=0.7)
 
 
 @pytest.mark.parametrize("form", [("--preset", "paper"), ("--preset=paper",)])
