@@ -119,6 +119,21 @@ def loop_table(content: Mapping[str, Any], number: int | None = None) -> dict[st
     return {"rows": rows, "pools": {"loop": content["test"]}}
 
 
+def row_interval(content: Mapping[str, Any], row: str, figure: str = "ap50") -> tuple[float, float] | None:
+    """95 % interval of a row's figure, over scenes and seeds drawn again, points; None where results tell of no draws.
+
+    Args:
+        content: of a table's result.
+        row: its name.
+        figure: as of ``values``.
+    """
+    draws = _row_draws(content, (row,), figure)
+    if draws is None:
+        return None
+    (told,) = (statistics.fmean(values(one, figure)) for one in content["rows"] if one["name"] == row)
+    return interval_of_draws(draws[0], told, _num_scenes(content, (row,)))
+
+
 def gap_share(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> float | None:
     """Share of the way from before to the ceiling, of the means over seeds: a seed whose ceiling is low would outweigh
     all others in a mean of shares. None where the ceiling is none, or within
@@ -139,7 +154,7 @@ def gap_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> 
     """95 % interval, over scenes and seeds drawn again, of the ceiling's lead over before, points; None where results
     tell of no draws: those of before, and of few scenes.
     """
-    draws = _gap_draws(content, gap, figure)
+    draws = _row_draws(content, gap, figure)
     if draws is None:
         return None
     before, _, ceiling = (statistics.fmean(row) for row in _gap_rows(content, gap, figure))
@@ -148,7 +163,7 @@ def gap_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> 
 
 def share_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -> tuple[float, float] | None:
     """95 % interval of ``gap_share`` over scenes and seeds drawn again; None where there are no draws or no gap."""
-    draws, share = _gap_draws(content, gap, figure), gap_share(content, gap, figure)
+    draws, share = _row_draws(content, gap, figure), gap_share(content, gap, figure)
     if draws is None or share is None:
         return None
     before, ours, ceiling = draws
@@ -156,14 +171,14 @@ def share_interval(content: Mapping[str, Any], gap: Gap, figure: str = "ap50") -
     return interval_of_draws((ours - before)[some] / (ceiling - before)[some], share, _num_scenes(content, gap))
 
 
-def _gap_draws(content: Mapping[str, Any], gap: Gap, figure: str) -> Float[np.ndarray, "3 draws"] | None:
-    """Figures of before, after and ceiling in points, means over seeds that are drawn again, by draw of scenes."""
+def _row_draws(content: Mapping[str, Any], names: Sequence[str], figure: str) -> Float[np.ndarray, "rows draws"] | None:
+    """Figures of some rows in points, means over seeds drawn again, by draw of scenes; None if one has none."""
     name = _name_of_mean(figure)
     rows: dict[str, list[list[float] | None]] = {
         one["name"]: [(run.get("resampled") or {}).get(name) for run in one["runs"]] for one in content["rows"]
     }
     means = []
-    for row in gap:
+    for row in names:
         draws = [one for one in rows[row] if one is not None]
         if len(draws) < len(rows[row]):
             return None
@@ -171,9 +186,9 @@ def _gap_draws(content: Mapping[str, Any], gap: Gap, figure: str) -> Float[np.nd
     return 100.0 * np.array(means)
 
 
-def _num_scenes(content: Mapping[str, Any], gap: Gap) -> int:
-    """In how many scenes the rows of a gap are scored."""
-    (part,) = {row["part"] for row in content["rows"] if row["name"] in gap}
+def _num_scenes(content: Mapping[str, Any], names: Sequence[str]) -> int:
+    """In how many scenes some rows are scored, all in the same."""
+    (part,) = {row["part"] for row in content["rows"] if row["name"] in names}
     return len({scene for name in PARTS.get(part, (part,)) for scene in content["pools"][name].get("scenes", ())})
 
 

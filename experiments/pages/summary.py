@@ -15,6 +15,7 @@ from experiments.figures.result_values import (
     loop_table,
     loop_values,
     ratio_to_ceiling,
+    row_interval,
     share_interval,
     values,
 )
@@ -137,6 +138,8 @@ def _intervals(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[tuple
     """Of today's figures, where results tell of draws."""
     if row["kind"] == "boxes":
         return [_of_ceiling(row, content, figure)[1] for figure in BOX_FIGURES]
+    if row["kind"] == "ap50":
+        return [row_interval(content, row["row"], figure) for figure in FIGURES]
     table_and_gap = _gap_of(row, content)
     if table_and_gap is not None:
         return [share_interval(*table_and_gap, figure) for figure in FIGURES]
@@ -144,7 +147,7 @@ def _intervals(row: Mapping[str, Any], content: Mapping[str, Any]) -> list[tuple
 
 
 def _within(row: Mapping[str, Any], value: float | None, between: tuple[float, float] | None) -> str:
-    return _written(row, value) + ("" if between is None else " [{:.2f}, {:.2f}]".format(*between))
+    return _written(row, value) + ("" if between is None else f" [{', '.join(_written(row, one) for one in between)}]")
 
 
 def _short(row: Mapping[str, Any], content: Mapping[str, Any] | None, now: list[float | None] | None) -> str:

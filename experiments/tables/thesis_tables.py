@@ -103,14 +103,13 @@ class Table:
             if row.labels is None:
                 scored.setdefault(row.subset, {}).update({names[row.student(seed)]: None for seed in seeds})
         for subset, some in scored.items():
-            sets.detector_scores(subset, list(some))
+            sets.detector_scores(subset, list(some), self.categories)
         return names
 
     def _scores(self, sets: TrainingSets, row: Row, seed: int, detector: str) -> dict[str, Any]:
         if row.labels is None:
-            found = sets.detector_scores(row.subset, [detector])[0]
-        else:
-            found = sets.label_scores(row.subset, row.labels, seed, detector if row.teacher else None)
+            return sets.detector_scores(row.subset, [detector], self.categories)[0]
+        found = sets.label_scores(row.subset, row.labels, seed, detector if row.teacher else None)
         return found if self.categories is None else only(self.categories, found)
 
 

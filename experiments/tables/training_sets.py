@@ -291,11 +291,22 @@ class TrainingSets:
             "instances": {name: found["ground_truth_instances"] for name, found in of_each.items()},
         }
 
-    def detector_scores(self, subset: Subset, detectors: Sequence[str]) -> list[dict[str, Any]]:
-        """How good each detector is on the views of episodes, and on the photographs held out."""
+    def detector_scores(
+        self, subset: Subset, detectors: Sequence[str], categories: Sequence[str] | None = None
+    ) -> list[dict[str, Any]]:
+        """How good each detector is on the views of episodes, and on the photographs held out.
+
+        Args:
+            subset: of the episodes.
+            detectors: names.
+            categories: those that count in the views; None are all.
+        """
         from experiments.cache.detector_stages import score_detectors
+        from labeling.detectors.data.annotated_pictures import with_annotations
 
         pictures = self.pictures(subset)
+        if categories is not None:  # what is annotated nowhere is not looked for
+            pictures = with_annotations(pictures, lambda one: one if one.category in categories else None)
         counts = Counter(one.category for picture in pictures for one in picture.annotations if not one.ignore)
         sets = {"views": pictures, "photographs": self.photographs()[1]}
         return [

@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from agents.evaluation.statistics import small_sample_factor
 from experiments.cache.registry import experiments
 from experiments.figures.result_values import gap_share
 from experiments.pages.summary import GAP, NOT_RUN, ROWS, summary_table
@@ -69,6 +71,22 @@ def test_points_and_ratios_are_told_as_such() -> None:
     assert cells(text, "the loop in rooms: points gained")[2] == "12.0 / 5.0"
     boxes = cells(text, "3-D boxes in rooms taught by labels, of those taught by ground truth")
     assert boxes[2:] == ["1.05 / 0.90", "- / 0.90", "- / reached"]
+
+
+def test_points_of_a_row_have_an_interval_where_draws_of_scenes_are_told() -> None:
+    (row,) = (one for one in ROWS if one["table"] == "table_a_3_homes")
+    assert row["goal"] == [60, None]
+    scenes = {"wide": {"scenes": [f"home {number}" for number in range(40)]}}
+
+    def told(mean: float) -> list[str]:
+        draws = np.linspace(mean - 0.1, mean + 0.1, 200)  # of which the middle 95 % are 9.5 points to either side
+        run = {"mask_ap50": mean, "box_ap50": 0.7, "resampled": {"mask_ap50": draws.tolist()}}
+        content = {"rows": [{"name": row["row"], "part": "wide", "runs": [run]}], "pools": scenes}
+        return cells(summary_table({row["table"]: content}), row["what"])
+
+    factor = small_sample_factor(40)
+    assert told(0.65)[2] == f"65.0 [{65 - 9.5 * factor:.1f}, {65 + 9.5 * factor:.1f}] / 70.0"
+    assert [told(mean)[4] for mean in (0.55, 0.65, 0.75)] == ["5.0 / -", "above, within chance / -", "reached / -"]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row["what"])

@@ -208,6 +208,28 @@ def test_a_perfect_detector_scores_one_and_a_random_one_does_not(pictures):
     assert guess.mask_ap50 < 0.3
 
 
+def test_a_category_scores_the_same_where_others_are_not_annotated(pictures):
+    class Forgetful(Oracle):
+        """Takes all things for balls in every second picture."""
+
+        def detect(self, rgb, depth_m=None):
+            found = super().detect(rgb)
+            return [
+                replace(one, categories=("ball",) * len(one.scores)) if i % 2 == 0 else one
+                for i, one in enumerate(found)
+            ]
+
+    in_scenes = [replace(picture, scene=f"home {number % 4}") for number, picture in enumerate(pictures)]
+    balls = with_annotations(in_scenes, lambda one: one if one.category == "ball" else None)
+    every, alone = (evaluate(Forgetful(in_scenes), some, resample=True) for some in (in_scenes, balls))
+    assert set(alone.per_class_ap50) == {"ball"}
+    assert 0.0 < (alone.mask_ap50 or 0.0) < 1.0
+    for figure in ("per_class_ap50", "per_class_ap30", "per_class_box_ap50", "per_class_own_box_ap50"):
+        assert getattr(alone, figure)["ball"] == pytest.approx(getattr(every, figure)["ball"])
+    assert alone.mask_ap50 == pytest.approx(alone.per_class_ap50["ball"])
+    assert alone.resampled is not None
+
+
 def test_boxes_of_a_detector_are_scored_as_it_gives_them_and_as_its_masks_have_them(pictures):
     class WideBoxes(Oracle):
         def detect(self, rgb, depth_m=None):
